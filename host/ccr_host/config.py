@@ -1,0 +1,249 @@
+"""Robot description: load, validate, override.
+
+One TOML file describes a robot: what the controller believes (``robot``, ``control``), the
+servos and their limits (``servo``, ``link``), and how the twin and its camera differ from that
+belief (``twin``, ``tracker``). Every key has a unit in its name and a range; unknown keys are
+refused. ``--set section.key=value`` overrides one key.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from ccr_host.errors import ConfigError
+
+Pair = tuple[float, float]
+PositivePair = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
+Vector3 = tuple[float, float, float]
+
+
+def _both_axes(value: object) -> object:
+    """Let one number stand for both axes."""
+    return (value, value) if isinstance(value, int | float) else value
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Robot(_Section):
+    """Geometry as the controller believes it (the paper's Table I)."""
+
+    segment_lengths_mm: PositivePair = (58.5, 43.5)
+    tendon_radius_mm: float = Field(4.5, gt=0)
+    """r_c, from the cable hole to the centre of the disk."""
+    marker_offset_mm: float = Field(15.0, ge=0)
+    """d_m, from the centre of the disk to the marker."""
+    pulley_radius_mm: float = Field(12.5, gt=0)
+    """r_p of the pulley on the servo."""
+
+
+class Servo(_Section):
+    """The two servos as the board drives them; index 0 bends segment 1."""
+
+    angle_min_deg: Annotated[Pair, BeforeValidator(_both_axes)] = (-85.0, -85.0)
+    angle_max_deg: Annotated[Pair, BeforeValidator(_both_axes)] = (85.0, 85.0)
+    rest_deg: Annotated[Pair, BeforeValidator(_both_axes)] = (0.0, 0.0)
+    slew_deg_s: Annotated[PositivePair, BeforeValidator(_both_axes)] = (300.0, 300.0)
+    """The board's own limit on the commanded rate."""
+    neutral_pulse_us: Annotated[PositivePair, BeforeValidator(_both_axes)] = (1500.0, 1500.0)
+    pulse_per_90_deg_us: Annotated[Pair, BeforeValidator(_both_axes)] = (1000.0, 1000.0)
+    """Pulse change for +90 deg; negative for a servo that turns the other way."""
+    pulse_min_us: Annotated[PositivePair, BeforeValidator(_both_axes)] = (500.0, 500.0)
+    pulse_max_us: Annotated[PositivePair, BeforeValidator(_both_axes)] = (2500.0, 2500.0)
+
+    @model_validator(mode="after")
+    def _limits_are_ordered(self) -> Servo:
+        for axis in (0, 1):
+            if not self.angle_min_deg[axis] < self.angle_max_deg[axis]:
+                raise ValueError(f"angle_min_deg must lie below angle_max_deg (axis {axis + 1})")
+            if not self.angle_min_deg[axis] <= self.rest_deg[axis] <= self.angle_max_deg[axis]:
+                raise ValueError(f"rest_deg must lie between the angle limits (axis {axis + 1})")
+            if not self.pulse_min_us[axis] < self.pulse_max_us[axis]:
+                raise ValueError(f"pulse_min_us must lie below pulse_max_us (axis {axis + 1})")
+            if self.pulse_per_90_deg_us[axis] == 0:
+                raise ValueError(f"pulse_per_90_deg_us must not be 0 (axis {axis + 1})")
+        return self
+
+
+class Link(_Section):
+    """Staged reaction of the board to a silent host."""
+
+    baud: int = Field(250_000, gt=0)
+    target_validity_periods: float = Field(2.5, gt=1)
+    """A target stays fresh for this many control periods; then the board holds its pose."""
+    relax_after_ms: int = Field(2000, ge=20, le=60_000)
+    """From hold to the slow return to the rest pose."""
+    relax_slew_deg_s: float = Field(30.0, ge=5)
+    arm_axis_ms: int = Field(300, ge=20, le=5000)
+    """Between enabling one servo and the next."""
+
+
+class Control(_Section):
+    """The paper's controller (Section IV-A); angles read as radians, see docs."""
+
+    horizon: int = Field(4, ge=2, le=100)
+    position_weight: float = Field(1.0, gt=0)
+    """Q of (15), per mm^2."""
+    effort_weight: float = Field(0.5, ge=0)
+    """R of (15), per rad^2."""
+    step_bound_rad: float = Field(2.0, gt=0)
+    """|u| of (15), per control step."""
+    settle_s: float = Field(2.0, ge=0)
+    """From the first command to the start of the path's clock."""
+
+
+class Push(_Section):
+    """A force on the tip over a span of the run's time."""
+
+    force_n: Vector3
+    start_s: float = Field(ge=0)
+    end_s: float = Field(ge=0)
+
+
+class Twin(_Section):
+    """The simulated robot; defaults reproduce the paper's open loop."""
+
+    flexures: tuple[Annotated[int, Field(ge=1, le=40)], Annotated[int, Field(ge=1, le=40)]] = (6, 5)
+    segment_lengths_mm: PositivePair = (58.5, 43.5)
+    tendon_radius_mm: float = Field(4.5, gt=0)
+    marker_offset_mm: float = Field(15.0, ge=0)
+    pulley_radius_mm: float = Field(12.5, gt=0)
+    bending_stiffness_nm_rad: Annotated[PositivePair, BeforeValidator(_both_axes)] = (0.02, 0.02)
+    """Of a whole segment: its moment over its total bending angle."""
+    joint_damping: float = Field(2e-4, ge=0)
+    """Of each flexure, N m s/rad."""
+    friction: float = Field(0.0, ge=0)
+    """Dry friction of each tendon, N."""
+    disk_mass_g: float = Field(0.8, gt=0)
+    marker_mass_g: float = Field(3.0, gt=0)
+    payload_g: float = Field(0.0, ge=0)
+    payload_start_s: float = Field(0.0, ge=0)
+    slack_mm: float = Field(1.2, ge=0)
+    """Each tendon's excess length at rest."""
+    tendon_stiffness_n_m: float = Field(4000.0, gt=0)
+    tendon_force_max_n: float = Field(60.0, gt=0)
+    servo_rate_deg_s: float = Field(300.0, gt=0)
+    servo_deadband_deg: float = Field(0.0, ge=0)
+    gravity_m_s2: float = 9.81
+    push: Push | None = None
+    time_step_ms: float = Field(0.5, gt=0, le=2)
+
+
+def _rotation(value: object) -> object:
+    """One number turns about the axis (1, 1, 1); three are a rotation vector."""
+    return (float(value) / 3**0.5,) * 3 if isinstance(value, int | float) else value
+
+
+class Tracker(_Section):
+    """The camera, as the twin simulates it."""
+
+    noise_mm: float = Field(0.25, ge=0)
+    """RMS length of the error of the measured vector M3 - M1."""
+    rate_hz: float = Field(20.0, gt=0, le=1000)
+    latency_ms: float = Field(40.0, ge=0)
+    dropout: float = Field(0.0, ge=0, lt=1)
+    """Share of exposures without a sample."""
+    rotation_deg: Annotated[Vector3, BeforeValidator(_rotation)] = (0.0, 0.0, 0.0)
+    """Rotation vector of the camera's frame against the robot's that nobody has corrected."""
+
+
+class Description(_Section):
+    """A whole robot description."""
+
+    name: str = "paper"
+    robot: Robot = Robot()
+    servo: Servo = Servo()
+    link: Link = Link()
+    control: Control = Control()
+    twin: Twin = Twin()
+    tracker: Tracker = Tracker()
+
+
+def shipped_descriptions() -> list[str]:
+    """Names of the descriptions that come with the package."""
+    folder = resources.files("ccr_host") / "descriptions"
+    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml"))
+
+
+def load(source: str | None = None, overrides: Iterable[str] = ()) -> Description:
+    """Read a description and apply overrides.
+
+    Args:
+        source: a TOML file, or the name of a shipped description; None for the default.
+        overrides: ``section.key=value``, value in TOML notation.
+
+    Raises:
+        ConfigError: names the file or key, what is wrong with it, and what is allowed.
+    """
+    tree = _read(source)
+    for override in overrides:
+        _apply(tree, override)
+    try:
+        return Description.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(*_explain(error, source)) from None
+
+
+def _read(source: str | None) -> dict[str, Any]:
+    name = source or "default"
+    shipped = shipped_descriptions()
+    try:
+        if name in shipped:
+            text = (resources.files("ccr_host") / "descriptions" / f"{name}.toml").read_text()
+        else:
+            text = Path(name).read_text(encoding="utf-8")
+        return tomllib.loads(text)
+    except OSError as error:
+        raise ConfigError(
+            f"robot description {name}: {error.strerror}",
+            f"give a TOML file or one of {', '.join(shipped)}",
+        ) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"robot description {name}: {error}", "mend the TOML") from None
+
+
+def _apply(tree: dict[str, Any], override: str) -> None:
+    path, equals, text = override.partition("=")
+    keys = path.strip().split(".")
+    if not equals or not all(keys):
+        raise ConfigError(f"--set {override}: not KEY=VALUE", "write e.g. --set twin.slack_mm=0.8")
+    *sections, last = keys
+    node = tree
+    for key in sections:
+        node = node.setdefault(key, {})
+        if not isinstance(node, dict):
+            raise ConfigError(f"--set {override}: {key} has no keys below it", "see docs/robot-description.md")
+    node[last] = _parse_value(text.strip())
+
+
+def _parse_value(text: str) -> Any:  # noqa: ANN401 - any TOML value
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _explain(error: ValidationError, source: str | None) -> tuple[str, str]:
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"]) or "description"
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    where = f" in {source}" if source else ""
+    if first["type"] == "extra_forbidden":
+        return f"unknown key {key}{where}{more}", f"known: {', '.join(_siblings(first['loc']))}"
+    shown = first["input"] if not isinstance(first["input"], Mapping) else "these values"
+    message = first["msg"].removeprefix("Value error, ")
+    return f"{key} = {shown}{where}: {message}{more}", "see docs/robot-description.md for ranges"
+
+
+def _siblings(location: tuple[int | str, ...]) -> list[str]:
+    model: Any = Description
+    for part in location[:-1]:
+        model = model.model_fields[part].annotation
+    return sorted(model.model_fields)
