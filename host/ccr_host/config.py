@@ -29,13 +29,16 @@ def _both_axes(value: object) -> object:
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 class Robot(_Section):
     """Geometry as the controller believes it (the paper's Table I)."""
 
     segment_lengths_mm: PositivePair = (58.5, 43.5)
+    """L_1 and L_2."""
     tendon_radius_mm: float = Field(4.5, gt=0)
     """r_c, from the cable hole to the centre of the disk."""
     marker_offset_mm: float = Field(15.0, ge=0)
@@ -48,15 +51,21 @@ class Servo(_Section):
     """The two servos as the board drives them; index 0 bends segment 1."""
 
     angle_min_deg: Annotated[Pair, BeforeValidator(_both_axes)] = (-85.0, -85.0)
+    """Lower limit of the commanded angle."""
     angle_max_deg: Annotated[Pair, BeforeValidator(_both_axes)] = (85.0, 85.0)
+    """Upper limit of the commanded angle."""
     rest_deg: Annotated[Pair, BeforeValidator(_both_axes)] = (0.0, 0.0)
+    """Where the board brings the servo when the host stays silent."""
     slew_deg_s: Annotated[PositivePair, BeforeValidator(_both_axes)] = (300.0, 300.0)
     """The board's own limit on the commanded rate."""
     neutral_pulse_us: Annotated[PositivePair, BeforeValidator(_both_axes)] = (1500.0, 1500.0)
+    """Pulse width at 0 deg."""
     pulse_per_90_deg_us: Annotated[Pair, BeforeValidator(_both_axes)] = (1000.0, 1000.0)
     """Pulse change for +90 deg; negative for a servo that turns the other way."""
     pulse_min_us: Annotated[PositivePair, BeforeValidator(_both_axes)] = (500.0, 500.0)
+    """Shortest pulse that may leave the board, whatever the angle."""
     pulse_max_us: Annotated[PositivePair, BeforeValidator(_both_axes)] = (2500.0, 2500.0)
+    """Longest pulse that may leave the board, whatever the angle."""
 
     @model_validator(mode="after")
     def _limits_are_ordered(self) -> Servo:
@@ -76,11 +85,13 @@ class Link(_Section):
     """Staged reaction of the board to a silent host."""
 
     baud: int = Field(250_000, gt=0)
+    """Bit rate of the serial port."""
     target_validity_periods: float = Field(2.5, gt=1)
     """A target stays fresh for this many control periods; then the board holds its pose."""
     relax_after_ms: int = Field(2000, ge=20, le=60_000)
     """From hold to the slow return to the rest pose."""
     relax_slew_deg_s: float = Field(30.0, ge=5)
+    """Rate of that return."""
     arm_axis_ms: int = Field(300, ge=20, le=5000)
     """Between enabling one servo and the next."""
 
@@ -89,6 +100,7 @@ class Control(_Section):
     """The paper's controller (Section IV-A); angles read as radians, see docs."""
 
     horizon: int = Field(4, ge=2, le=100)
+    """N of (14)."""
     position_weight: float = Field(1.0, gt=0)
     """Q of (15), per mm^2."""
     effort_weight: float = Field(0.5, ge=0)
@@ -97,24 +109,44 @@ class Control(_Section):
     """|u| of (15), per control step."""
     settle_s: float = Field(2.0, ge=0)
     """From the first command to the start of the path's clock."""
+    stale_after_ms: int = Field(250, ge=1)
+    """A sample older than this counts as lost."""
+    coast_s: float = Field(2.0, ge=0)
+    """For so long without markers the controller goes on with its model alone."""
+    hold_s: float = Field(3.0, ge=0)
+    """For so long after that the pose is held; then the run ends and the robot is disarmed."""
 
 
 class Push(_Section):
     """A force on the tip over a span of the run's time."""
 
     force_n: Vector3
+    """Along x, y, z of (10), on the centre of the last disk."""
     start_s: float = Field(ge=0)
+    """Of the path's clock."""
     end_s: float = Field(ge=0)
+    """Of the path's clock."""
+
+    @model_validator(mode="after")
+    def _ends_after_its_start(self) -> Push:
+        if not self.start_s < self.end_s:
+            raise ValueError("start_s must lie below end_s")
+        return self
 
 
 class Twin(_Section):
-    """The simulated robot; defaults reproduce the paper's open loop."""
+    """The simulated robot; docs/twin.md tells how each default was chosen."""
 
     flexures: tuple[Annotated[int, Field(ge=1, le=40)], Annotated[int, Field(ge=1, le=40)]] = (6, 5)
+    """Hinges of each segment, evenly spaced."""
     segment_lengths_mm: PositivePair = (58.5, 43.5)
+    """True L_1 and L_2."""
     tendon_radius_mm: float = Field(4.5, gt=0)
+    """True r_c."""
     marker_offset_mm: float = Field(15.0, ge=0)
+    """True d_m."""
     pulley_radius_mm: float = Field(12.5, gt=0)
+    """True r_p."""
     bending_stiffness_nm_rad: Annotated[PositivePair, BeforeValidator(_both_axes)] = (0.02, 0.02)
     """Of a whole segment: its moment over its total bending angle."""
     joint_damping: float = Field(2e-4, ge=0)
@@ -122,18 +154,29 @@ class Twin(_Section):
     friction: float = Field(0.0, ge=0)
     """Dry friction of each tendon, N."""
     disk_mass_g: float = Field(0.8, gt=0)
+    """Of each disk; there are as many as flexures."""
     marker_mass_g: float = Field(3.0, gt=0)
+    """Of each of the two moving markers."""
     payload_g: float = Field(0.0, ge=0)
+    """Mass on the centre of the last disk."""
     payload_start_s: float = Field(0.0, ge=0)
+    """When the payload is hung on, on the path's clock; 0: it is there from power-up."""
     slack_mm: float = Field(1.2, ge=0)
-    """Each tendon's excess length at rest."""
+    """Excess length of each tendon at rest."""
     tendon_stiffness_n_m: float = Field(4000.0, gt=0)
+    """Pull of a taut tendon over its stretch."""
     tendon_force_max_n: float = Field(60.0, gt=0)
+    """A tendon never pulls harder."""
     servo_rate_deg_s: float = Field(300.0, gt=0)
+    """Speed at which the shaft turns towards its goal."""
     servo_deadband_deg: float = Field(0.0, ge=0)
+    """The shaft rests while its goal is no further away."""
     gravity_m_s2: float = 9.81
+    """Along -z; negative hangs the robot upside down."""
     push: Push | None = None
+    """A force on the tip, as a table: {force_n = [0, 0, 0.1], start_s = 10, end_s = 12}."""
     time_step_ms: float = Field(0.5, gt=0, le=2)
+    """Longest step of the physics; stiff or light robots take a shorter one by themselves."""
 
 
 def _rotation(value: object) -> object:
@@ -147,17 +190,23 @@ class Tracker(_Section):
     noise_mm: float = Field(0.25, ge=0)
     """RMS length of the error of the measured vector M3 - M1."""
     rate_hz: float = Field(20.0, gt=0, le=1000)
+    """Exposures a second."""
     latency_ms: float = Field(40.0, ge=0)
+    """From an exposure to its sample."""
     dropout: float = Field(0.0, ge=0, lt=1)
     """Share of exposures without a sample."""
     rotation_deg: Annotated[Vector3, BeforeValidator(_rotation)] = (0.0, 0.0, 0.0)
-    """Rotation vector of the camera's frame against the robot's that nobody has corrected."""
+    """Rotation vector of the camera's frame against the robot's that nobody has corrected.
+
+    One number turns it about the axis (1, 1, 1).
+    """
 
 
 class Description(_Section):
     """A whole robot description."""
 
     name: str = "paper"
+    """Free text that names the robot in run folders."""
     robot: Robot = Robot()
     servo: Servo = Servo()
     link: Link = Link()
@@ -169,7 +218,9 @@ class Description(_Section):
 def shipped_descriptions() -> list[str]:
     """Names of the descriptions that come with the package."""
     folder = resources.files("ccr_host") / "descriptions"
-    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml"))
+    return sorted(
+        f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")
+    )
 
 
 def load(source: str | None = None, overrides: Iterable[str] = ()) -> Description:
@@ -219,7 +270,9 @@ def _apply(tree: dict[str, Any], override: str) -> None:
     for key in sections:
         node = node.setdefault(key, {})
         if not isinstance(node, dict):
-            raise ConfigError(f"--set {override}: {key} has no keys below it", "see docs/robot-description.md")
+            raise ConfigError(
+                f"--set {override}: {key} has no keys below it", "see docs/robot-description.md"
+            )
     node[last] = _parse_value(text.strip())
 
 

@@ -1,0 +1,113 @@
+"""The table of all keys of a robot description, made from ``config.Description``.
+
+``python -m ccr_host.config_reference > docs/robot-description.md`` renews the committed copy.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from ccr_host.config import Description, Push, shipped_descriptions
+
+Schema = dict[str, Any]
+
+_UNITS_BY_SUFFIX = {
+    "_nm_rad": "N m/rad",
+    "_n_m": "N/m",
+    "_m_s2": "m/s²",
+    "_deg_s": "deg/s",
+    "_mm": "mm",
+    "_deg": "deg",
+    "_rad": "rad",
+    "_us": "µs",
+    "_ms": "ms",
+    "_hz": "Hz",
+    "_s": "s",
+    "_g": "g",
+    "_n": "N",
+}
+_UNITS_BY_KEY = {
+    "baud": "Bd",
+    "position_weight": "1/mm²",
+    "effort_weight": "1/rad²",
+    "joint_damping": "N m s/rad",
+    "friction": "N",
+}
+
+_INTRODUCTION = """\
+# Robot description
+
+<!-- Made by `python -m ccr_host.config_reference`; edit host/ccr_host/config.py instead. -->
+
+One TOML file describes a robot: what the controller believes about it (`robot`, `control`), the
+servos and the link (`servo`, `link`), and how the twin and its camera are in truth (`twin`,
+`tracker`). `--robot FILE.toml` reads it, `--set section.key=value` overrides one key. Keys that
+are left out have the default below; unknown keys and values out of range are refused. A key with
+two values has one per segment or servo; where one number is given, it stands for both, except for
+lengths and flexures.
+"""
+
+
+def reference() -> str:
+    """Return the reference as Markdown."""
+    sections = [
+        _section(name, field.annotation)
+        for name, field in Description.model_fields.items()
+        if name != "name"
+    ]
+    push = _section("twin.push", Push)
+    shipped = ", ".join(f"`{name}`" for name in shipped_descriptions())
+    names = f"\nShipped with the package, by name instead of a file: {shipped}.\n"
+    return "\n".join([_INTRODUCTION + names, *sections, push])
+
+
+def _section(name: str, model: Any) -> str:  # noqa: ANN401 - pydantic's annotations
+    schema = model.model_json_schema()
+    lines = [
+        f"## {name}",
+        "",
+        str(schema["description"]).partition("\n\n")[0],
+        "",
+        "| key | unit | default | range | meaning |",
+        "|---|---|---|---|---|",
+    ]
+    lines += [_row(key, field) for key, field in schema["properties"].items()]
+    return "\n".join(lines) + "\n"
+
+
+def _row(key: str, field: Schema) -> str:
+    meaning = " ".join(str(field.get("description", "")).split()).replace("|", "\\|")
+    return f"| `{key}` | {_unit(key)} | {_default(field)} | {_range(field)} | {meaning} |"
+
+
+def _unit(key: str) -> str:
+    if key in _UNITS_BY_KEY:
+        return _UNITS_BY_KEY[key]
+    return next((unit for end, unit in _UNITS_BY_SUFFIX.items() if key.endswith(end)), "")
+
+
+def _default(field: Schema) -> str:
+    if "default" not in field:
+        return "required"
+    default = field["default"]
+    if default is None:
+        return "none"
+    if isinstance(default, list):
+        return "[" + ", ".join(f"{value:g}" for value in default) + "]"
+    return f"{default:g}"
+
+
+def _range(field: Schema) -> str:
+    numbers = field["prefixItems"][0] if "prefixItems" in field else field
+    bounds = (
+        ("exclusiveMinimum", "> {}"),
+        ("minimum", "≥ {}"),
+        ("exclusiveMaximum", "< {}"),
+        ("maximum", "≤ {}"),
+    )
+    return ", ".join(text.format(numbers[key]) for key, text in bounds if key in numbers)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(reference())

@@ -1,0 +1,16 @@
+"""The small interface of every tracker."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from ccr_host.tracking.sample import Sample
+
+
+class Tracker(Protocol):
+    """Source of marker positions; samples never go back in time."""
+
+    name: str
+
+    def newest(self) -> Sample | None:
+        """Newest sample that has arrived, whatever its age; None before the first."""

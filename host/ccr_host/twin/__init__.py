@@ -1,0 +1,1 @@
+"""The simulated robot, its servos and its camera."""

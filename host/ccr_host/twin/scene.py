@@ -1,0 +1,41 @@
+"""The simulated robot under its simulated camera."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.tracking.sample import Sample
+from ccr_host.twin.camera import Camera
+from ccr_host.twin.robot import TwinRobot
+
+
+class TwinScene:
+    """Moves the robot in time and lets the camera see it at each exposure."""
+
+    def __init__(self, robot: TwinRobot, camera: Camera) -> None:
+        self._robot = robot
+        self._camera = camera
+
+    def set_pulses_half_us(self, pulses_half_us: tuple[int, int]) -> None:
+        """Servo pulses from now on, half microseconds; 0 means no pulse."""
+        self._robot.set_pulses_half_us(pulses_half_us)
+
+    def advance_to(self, time_us: int) -> None:
+        """Bring robot and camera to ``time_us``."""
+        while (exposure_us := self._camera.next_exposure_us) <= time_us:
+            self._robot.advance_to(exposure_us)
+            self._camera.expose(exposure_us, self._robot.markers_mm())
+        self._robot.advance_to(time_us)
+
+    def start_path_clock(self, time_us: int) -> None:
+        """Zero of the disturbances that the description times."""
+        self._robot.start_path_clock(time_us)
+
+    def newest_sample(self, time_us: int) -> Sample | None:
+        """Newest sample that has left the camera at ``time_us``."""
+        return self._camera.newest(time_us)
+
+    def true_tip_mm(self) -> NDArray[np.float64]:
+        """f of (10) as it really is, (3,): M3 - M1 without noise and latency."""
+        return self._robot.tip_mm()

@@ -1,0 +1,36 @@
+"""docs/robot-description.md is what the code says."""
+
+from pathlib import Path
+
+import pytest
+
+from ccr_host import config
+from ccr_host.config_reference import reference
+
+COMMITTED = Path(__file__).parents[3] / "docs" / "robot-description.md"
+
+SECTIONS = [
+    config.Robot,
+    config.Servo,
+    config.Link,
+    config.Control,
+    config.Twin,
+    config.Tracker,
+    config.Push,
+]
+
+
+def test_committed_reference_is_current():
+    assert COMMITTED.read_text(encoding="utf-8") == reference(), (
+        "renew it: python -m ccr_host.config_reference > docs/robot-description.md"
+    )
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_every_key_tells_its_meaning(section):
+    assert [key for key, field in section.model_fields.items() if not field.description] == []
+
+
+@pytest.mark.parametrize("name", config.shipped_descriptions())
+def test_shipped_description_loads_and_carries_its_name(name):
+    assert config.load(name).name == ("paper" if name == "default" else name)
