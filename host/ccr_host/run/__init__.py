@@ -1,0 +1,1 @@
+"""A run: clock, control loop, recording, metrics and report."""

@@ -1,0 +1,96 @@
+"""The only source of time: virtual and stepped, or real.
+
+Whoever waits calls :meth:`Clock.sleep_until_us`. While it waits, the clock lets the rest of the
+world go on: in virtual time it *is* the world's time and moves the emulated board, the wire and the
+twin forward; in real time it lets them catch up with the wall clock in short slices.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Steppable(Protocol):
+    """Part of the world that moves with the clock."""
+
+    def advance_to(self, time_us: int) -> None:
+        """Bring this part to ``time_us``, which never goes back."""
+
+
+class Clock(Protocol):
+    """Time in whole microseconds since the clock was made."""
+
+    realtime: bool
+
+    def now_us(self) -> int:
+        """Current time."""
+
+    def sleep_until_us(self, time_us: int) -> None:
+        """Return at ``time_us`` or at once if that has passed; the world goes on meanwhile."""
+
+    def attach(self, part: Steppable) -> None:
+        """Move ``part`` along from now on, after the parts attached before it."""
+
+
+_SLICE_US = 1000
+"""The parts are moved along at least so often, so that none runs far ahead of the others."""
+
+
+class VirtualClock:
+    """Simulated time: moves only when somebody waits, then as fast as the world can be computed."""
+
+    realtime = False
+
+    def __init__(self) -> None:
+        self._now_us = 0
+        self._parts: list[Steppable] = []
+
+    def now_us(self) -> int:
+        return self._now_us
+
+    def sleep_until_us(self, time_us: int) -> None:
+        while self._now_us < time_us:
+            self._now_us = min(self._now_us + _SLICE_US, time_us)
+            for part in self._parts:
+                part.advance_to(self._now_us)
+
+    def attach(self, part: Steppable) -> None:
+        self._parts.append(part)
+
+
+class RealClock:
+    """Wall-clock time, monotonic."""
+
+    realtime = True
+
+    def __init__(self) -> None:
+        self._start_ns = time.monotonic_ns()
+        self._parts: list[Steppable] = []
+
+    def now_us(self) -> int:
+        return (time.monotonic_ns() - self._start_ns) // 1000
+
+    def sleep_until_us(self, time_us: int) -> None:
+        while True:
+            now_us = self.now_us()
+            for part in self._parts:
+                part.advance_to(now_us)
+            left_us = time_us - self.now_us()
+            if left_us <= 0:
+                return
+            time.sleep(min(left_us, _SLICE_US) * 1e-6)
+
+    def attach(self, part: Steppable) -> None:
+        self._parts.append(part)
+
+
+class Stopwatch:
+    """Measures computing time; never used for control, which knows only the :class:`Clock`."""
+
+    def __init__(self) -> None:
+        self._start_ns = time.perf_counter_ns()
+
+    def elapsed_us(self) -> float:
+        """Since this stopwatch was made."""
+        return (time.perf_counter_ns() - self._start_ns) / 1000

@@ -1,0 +1,95 @@
+"""One run from its options to its result, in this process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TextIO
+
+from ccr_host.control.registry import make_controller
+from ccr_host.errors import DeviceError, TrackerError
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.paths import load_path
+from ccr_host.robot.reference import Reference
+from ccr_host.robot.workspace import MotorLimits, Workspace
+from ccr_host.run.clock import Stopwatch
+from ccr_host.run.loop import Progress, follow_path
+from ccr_host.run.options import RunOptions
+from ccr_host.run.recorder import Recorder
+from ccr_host.run.rig import Rig, open_rig
+from ccr_host.run.step_record import StepRecord
+from ccr_host.run.summary import RunResult
+
+
+def reference_of(options: RunOptions) -> Reference:
+    """The desired path as the controller's model sees it.
+
+    Raises:
+        ConfigError: unknown path, unusable file or description.
+    """
+    description = options.description()
+    model = ConstantCurvature(description.robot)
+    return load_path(options.path, options.rate_hz, model, MotorLimits.of(description.servo))
+
+
+def workspace_of(options: RunOptions) -> Workspace:
+    """The reachable surface of the robot as the controller's model sees it."""
+    description = options.description()
+    return Workspace(ConstantCurvature(description.robot), MotorLimits.of(description.servo))
+
+
+def execute(options: RunOptions, log: TextIO | None, on_step: Progress) -> RunResult:
+    """Run, and come back with whatever was reached.
+
+    A device or tracker fault and Ctrl-C end the run early: the robot is made safe, the steps done
+    so far are in the result, and ``failure`` says why.
+
+    Raises:
+        ConfigError: the options make no run; nothing was started.
+    """
+    stopwatch = Stopwatch()
+    description = options.description()
+    reference = reference_of(options)
+    controller = make_controller(options.controller, description)
+    recorder = Recorder(log)
+    recorder.header({"options": _loggable(options), "description": description.model_dump()})
+    records: list[StepRecord] = []
+
+    def keep(step: int, steps: int, record: StepRecord) -> None:
+        records.append(record)
+        on_step(step, steps, record)
+
+    failure: BaseException | None = None
+    rig: Rig | None = None
+    try:
+        with open_rig(options, description, recorder) as rig:
+            follow_path(rig, controller, reference, description, recorder, keep)
+    except (DeviceError, TrackerError, KeyboardInterrupt) as error:
+        failure = error
+        recorder.event(rig.clock.now_us() if rig else 0, _describe(error))
+    return RunResult(
+        options=options,
+        reference=reference,
+        records=records,
+        link=rig.client.statistics if rig else None,
+        failure=failure,
+        wall_s=stopwatch.elapsed_us() * 1e-6,
+    )
+
+
+def execute_quietly(options: RunOptions) -> RunResult:
+    """Run without a log; for worker processes."""
+    return execute(options, None, lambda *_: None)
+
+
+def execute_logged(options: RunOptions, folder: Path, on_step: Progress) -> RunResult:
+    """Run with the log in its folder."""
+    with (folder / "log.jsonl").open("w", encoding="utf-8") as log:
+        return execute(options, log, on_step)
+
+
+def _loggable(options: RunOptions) -> dict[str, object]:
+    return {**vars(options), "overrides": list(options.overrides)}
+
+
+def _describe(error: BaseException) -> str:
+    return "interrupted" if isinstance(error, KeyboardInterrupt) else str(error)

@@ -1,0 +1,38 @@
+"""Turns the result of a run into its folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ccr_host.run.figure import write_run_figure
+from ccr_host.run.folder import write_json
+from ccr_host.run.summary import TIMING_KEYS, RunResult, summarise
+from ccr_host.run.versions import versions
+
+
+def keep_result(folder: Path, result: RunResult, open_loop: RunResult | None) -> dict[str, Any]:
+    """Write run.json, timing.json and figure.png.
+
+    ``run.json`` repeats with the seed in virtual time; what measures the machine is apart.
+
+    Returns:
+        The JSON summary.
+    """
+    summary = summarise(result, open_loop)
+    write_json(
+        folder / "run.json",
+        {
+            "versions": versions(),
+            "options": vars(result.options),
+            "description": result.options.description().model_dump(),
+            "metrics": {key: summary[key] for key in summary if key not in TIMING_KEYS},
+        },
+    )
+    write_json(folder / "timing.json", {key: summary[key] for key in TIMING_KEYS})
+    if result.records:
+        runs = [(result.options.controller, result.records)]
+        if open_loop is not None:
+            runs.append(("open loop", open_loop.records))
+        write_run_figure(folder / "figure.png", result.reference, runs)
+    return summary

@@ -1,0 +1,220 @@
+"""The control loop: one path, one controller, one robot.
+
+Timing, the same for every controller: the command of step i is given at the start of period i and
+aims at f_i; the error of step i is taken at the end of that period, before the next command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccr_host.config import Control, Description
+from ccr_host.control.base import Command, Controller, Observation, Outcome
+from ccr_host.errors import TrackerError
+from ccr_host.robot.reference import Reference
+from ccr_host.run.clock import Stopwatch
+from ccr_host.run.recorder import Recorder
+from ccr_host.run.rig import Rig
+from ccr_host.run.step_record import StepRecord, Vector
+from ccr_host.tracking.sample import Sample
+
+_SOLVE_SHARE_OF_PERIOD = 0.5
+"""A command later than this share of its period is dropped; the last one stays."""
+_VALIDITY_LIMITS_MS = (200, 10_000)
+"""The lower one rides out a busy host, the upper one is the protocol's."""
+
+_FIRST_SAMPLE_TIMEOUT_US = 5_000_000
+_SAMPLE_POLL_US = 10_000
+
+Progress = Callable[[int, int, StepRecord], None]
+
+
+def follow_path(
+    rig: Rig,
+    controller: Controller,
+    reference: Reference,
+    description: Description,
+    recorder: Recorder,
+    on_step: Progress,
+) -> list[StepRecord]:
+    """Arm the robot, approach the first point, follow the path, disarm.
+
+    Returns:
+        One record for each step of the reference.
+
+    Raises:
+        DeviceError: the board refused, was lost or latched a fault.
+        TrackerError: the markers were lost for longer than coasting and holding allow.
+    """
+    return _PathRun(rig, controller, reference, description, recorder).execute(on_step)
+
+
+class _PathRun:
+    def __init__(
+        self,
+        rig: Rig,
+        controller: Controller,
+        reference: Reference,
+        description: Description,
+        recorder: Recorder,
+    ) -> None:
+        self._rig = rig
+        self._controller = controller
+        self._reference = reference
+        self._recorder = recorder
+        self._settle_s = description.control.settle_s
+        self._period_us = round(reference.period_s * 1e6)
+        self._validity_ms = int(
+            np.clip(
+                description.link.target_validity_periods * reference.period_s * 1e3,
+                *_VALIDITY_LIMITS_MS,
+            )
+        )
+        self._watch = _MarkerWatch(rig, description.control, recorder)
+
+    def execute(self, on_step: Progress) -> list[StepRecord]:
+        rig, clock = self._rig, self._rig.clock
+        self._note("looking for the markers")
+        self._watch.wait_for_markers()
+        self._note("arming")
+        rig.client.arm()
+        self._note("approaching the first point")
+        command = self._controller.start(self._reference)
+        self._hold_command(command, round(self._settle_s * 1e6))
+        start_us = clock.now_us()
+        rig.start_path_clock(start_us)
+        self._watch.start()
+        self._note("following the path")
+        records: list[StepRecord] = []
+        steps = len(self._reference.time_s)
+        timing = _Timing(solve_us=0.0, late=False)
+        for step in range(steps):
+            if step > 0:
+                command, timing = self._next_command(step, command)
+            self._send(command)
+            clock.sleep_until_us(start_us + (step + 1) * self._period_us)
+            record = self._judge(step, command, timing)
+            self._recorder.step(record)
+            on_step(step, steps, record)
+            records.append(record)
+        self._note("disarming")
+        rig.client.disarm()
+        return records
+
+    def _hold_command(self, command: Command, duration_us: int) -> None:
+        """Repeat a command often enough to keep the board's watchdog fed."""
+        clock = self._rig.clock
+        end_us = clock.now_us() + duration_us
+        while clock.now_us() < end_us:
+            self._send(command)
+            clock.sleep_until_us(min(end_us, clock.now_us() + self._validity_ms * 1000 // 2))
+
+    def _next_command(self, step: int, last: Command) -> tuple[Command, _Timing]:
+        clock = self._rig.clock
+        due_us = clock.now_us()
+        tip_mm, age_us, must_hold = self._watch.look()
+        if must_hold:
+            return _repeat(last, "markers lost"), _Timing(solve_us=0.0, late=False)
+        observation = Observation(
+            step=step,
+            time_us=due_us,
+            tip_mm=tip_mm,
+            tip_age_us=age_us,
+            q_rad=self._rig.client.accepted_rad,
+        )
+        stopwatch = Stopwatch()
+        command = self._controller.step(observation)
+        timing = _Timing(stopwatch.elapsed_us(), late=False)
+        if clock.now_us() - due_us > _SOLVE_SHARE_OF_PERIOD * self._period_us:
+            return _repeat(last, "solver late"), _Timing(timing.solve_us, late=True)
+        return command, timing
+
+    def _send(self, command: Command) -> None:
+        self._rig.client.set_target(command.q_rad, ramp_ms=0, validity_ms=self._validity_ms)
+
+    def _judge(self, step: int, command: Command, timing: _Timing) -> StepRecord:
+        sample = self._watch.fresh_sample()
+        now_us = self._rig.clock.now_us()
+        return StepRecord(
+            step=step,
+            time_s=float(self._reference.time_s[step]),
+            target_mm=self._reference.target_mm[step],
+            q_rad=command.q_rad,
+            outcome=command.outcome,
+            detail=command.detail,
+            predicted_mm=command.predicted_mm,
+            solve_us=timing.solve_us,
+            late=timing.late,
+            measured_mm=None if sample is None else sample.tip_mm,
+            measured_age_us=None if sample is None else now_us - sample.exposed_us,
+            true_mm=self._rig.true_tip_mm(),
+        )
+
+    def _note(self, text: str) -> None:
+        self._recorder.event(self._rig.clock.now_us(), text)
+
+
+@dataclass(frozen=True)
+class _Timing:
+    solve_us: float
+    late: bool
+
+
+def _repeat(last: Command, why: str) -> Command:
+    return Command(
+        q_rad=last.q_rad, predicted_mm=last.predicted_mm, outcome=Outcome.HELD, detail=why
+    )
+
+
+class _MarkerWatch:
+    """Decides what a missing sample means: coast on the model, hold the pose, give up."""
+
+    def __init__(self, rig: Rig, control: Control, recorder: Recorder) -> None:
+        self._rig = rig
+        self._recorder = recorder
+        self._stale_us = control.stale_after_ms * 1000
+        self._coast_us = control.coast_s * 1e6
+        self._hold_us = control.hold_s * 1e6
+        self._last_exposed_us: int | None = None
+        self._last_seen_us = 0
+
+    def wait_for_markers(self) -> None:
+        clock = self._rig.clock
+        deadline_us = clock.now_us() + _FIRST_SAMPLE_TIMEOUT_US
+        while self.fresh_sample() is None:
+            if clock.now_us() >= deadline_us:
+                raise self._lost(_FIRST_SAMPLE_TIMEOUT_US)
+            clock.sleep_until_us(clock.now_us() + _SAMPLE_POLL_US)
+
+    def start(self) -> None:
+        """Count from now on how long the markers are lost."""
+        self._last_seen_us = self._rig.clock.now_us()
+
+    def fresh_sample(self) -> Sample | None:
+        sample = self._rig.tracker.newest()
+        if sample is None or self._rig.clock.now_us() - sample.exposed_us > self._stale_us:
+            return None
+        if sample.exposed_us != self._last_exposed_us:
+            self._last_exposed_us = self._last_seen_us = sample.exposed_us
+            self._recorder.sample(sample)
+        return sample
+
+    def look(self) -> tuple[Vector | None, int, bool]:
+        """Newest measurement or None, its age in us (0 without one), whether the pose must be held."""
+        sample = self.fresh_sample()
+        now_us = self._rig.clock.now_us()
+        if sample is not None:
+            return sample.tip_mm, now_us - sample.exposed_us, False
+        lost_us = now_us - self._last_seen_us
+        if lost_us > self._coast_us + self._hold_us:
+            raise self._lost(lost_us)
+        return None, 0, lost_us > self._coast_us
+
+    def _lost(self, lost_us: int) -> TrackerError:
+        return TrackerError(
+            f"no markers from {self._rig.tracker.name} for {lost_us / 1e6:.1f} s",
+            "check line of sight and the camera's volume, then start again",
+        )

@@ -1,0 +1,48 @@
+"""What every run can be told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ccr_host import config
+from ccr_host.config import Description
+from ccr_host.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """One run, fully determined; small and picklable, so that other processes can execute it.
+
+    Raises:
+        ConfigError: a seed below 0.
+    """
+
+    path: str
+    controller: str = "mpc"
+    robot: str | None = None
+    overrides: tuple[str, ...] = ()
+    device: str = "emulator:"
+    tracker: str = "twin:"
+    rate_hz: float = 1.0
+    seed: int = 1
+    realtime: bool = False
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ConfigError(f"seed {self.seed}: negative", "give 0 or more")
+
+    def description(self) -> Description:
+        """Robot description with the overrides applied.
+
+        Raises:
+            ConfigError: see :func:`ccr_host.config.load`.
+        """
+        return config.load(self.robot, self.overrides)
+
+    def with_controller(self, controller: str) -> RunOptions:
+        """The same run under another controller."""
+        return replace(self, controller=controller)
+
+    def on_the_twin(self) -> RunOptions:
+        """The same run on the emulated board and the twin, in virtual time."""
+        return replace(self, device="emulator:", tracker="twin:", realtime=False)

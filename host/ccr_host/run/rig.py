@@ -1,0 +1,124 @@
+"""Composition root of a run: turns device and tracker URIs into a board and a tracker.
+
+This is the only place that knows what is real and what is simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.config import Description
+from ccr_host.emulator.board import UnoEmulator
+from ccr_host.emulator.pty_port import PtyPort
+from ccr_host.emulator.serial_line import SerialLine
+from ccr_host.emulator.server import BackgroundServer, BoardServer
+from ccr_host.errors import ConfigError
+from ccr_host.link.board_config import board_config
+from ccr_host.link.client import Client, TelemetryObserver
+from ccr_host.link.messages import StateReport
+from ccr_host.link.transport import Transport, open_transport
+from ccr_host.link.uri import DeviceKind, DeviceUri, parse_device_uri
+from ccr_host.run.clock import Clock, RealClock, VirtualClock
+from ccr_host.run.options import RunOptions
+from ccr_host.run.recorder import Recorder
+from ccr_host.tracking.tracker import Tracker
+from ccr_host.tracking.twin_tracker import TwinTracker
+from ccr_host.twin.camera import Camera
+from ccr_host.twin.cosim import CoSimulation
+from ccr_host.twin.robot import TwinRobot
+from ccr_host.twin.scene import TwinScene
+
+KNOWN_TRACKERS = "twin:"
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What the control loop works with."""
+
+    clock: Clock
+    client: Client
+    tracker: Tracker
+    scene: TwinScene | None
+    """The simulated robot; None where the robot is real."""
+
+    def start_path_clock(self, time_us: int) -> None:
+        """Zero of the disturbances that the description times."""
+        if self.scene is not None:
+            self.scene.start_path_clock(time_us)
+
+    def true_tip_mm(self) -> NDArray[np.float64] | None:
+        """True f, (3,), for the metrics only; None where the robot is real."""
+        return None if self.scene is None else self.scene.true_tip_mm()
+
+
+def is_simulated(options: RunOptions) -> bool:
+    """Whether a run needs nothing outside this process and no real time.
+
+    Raises:
+        ConfigError: the device URI is not one.
+    """
+    in_process = parse_device_uri(options.device).kind is DeviceKind.EMULATOR
+    return in_process and not options.realtime
+
+
+@contextmanager
+def open_rig(options: RunOptions, description: Description, recorder: Recorder) -> Iterator[Rig]:
+    """Connect, configure the board, and make the robot safe on the way out, whatever happens.
+
+    Raises:
+        ConfigError: unknown URI, or a description that the board cannot take.
+        DeviceError: no board, or not one of ours.
+    """
+    device = parse_device_uri(options.device)
+    if options.tracker != KNOWN_TRACKERS:
+        raise ConfigError(f"tracker {options.tracker}: unknown form", f"use {KNOWN_TRACKERS}")
+    session_seed, camera_seed = np.random.SeedSequence(options.seed).spawn(2)
+    clock: Clock = VirtualClock() if is_simulated(options) else RealClock()
+    robot = TwinRobot(description.twin)
+    camera = Camera(description.tracker, np.random.default_rng(camera_seed))
+    scene = TwinScene(robot, camera)
+    with ExitStack() as stack:
+        on_telemetry: TelemetryObserver | None = None
+        transport: Transport
+        if device.kind is DeviceKind.EMULATOR:
+            line = SerialLine(UnoEmulator())
+            clock.attach(CoSimulation(line, scene))
+            transport = line
+        else:
+            clock.attach(scene)
+            on_telemetry = _pulses_from_telemetry(scene)
+            transport = _open_port(device, description.link.baud, stack)
+        client = stack.enter_context(
+            Client(
+                transport,
+                clock,
+                np.random.default_rng(session_seed),
+                on_frame=recorder.frame,
+                on_telemetry=on_telemetry,
+            )
+        )
+        clock.attach(client)
+        client.connect()
+        client.configure(board_config(description))
+        yield Rig(clock, client, TwinTracker(scene, clock), scene)
+
+
+def _open_port(device: DeviceUri, baud: int, stack: ExitStack) -> Transport:
+    if device.kind is DeviceKind.EMULATOR_PTY:
+        server = BoardServer(SerialLine(UnoEmulator()), PtyPort(), RealClock())
+        device = parse_device_uri(stack.enter_context(BackgroundServer(server)).uri)
+    return open_transport(device, baud)
+
+
+def _pulses_from_telemetry(scene: TwinScene) -> TelemetryObserver:
+    """Let a board elsewhere move the twin: real board, simulated robot."""
+
+    def follow(report: StateReport, _time_us: int) -> None:
+        scene.set_pulses_half_us(report.pulse_half_us)
+
+    return follow

@@ -1,0 +1,90 @@
+"""The JSON summary of a run; others script against its keys (see docs/command-line.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ccr_host.errors import CcrError
+from ccr_host.link.statistics import LinkStatistics
+from ccr_host.robot.reference import Reference
+from ccr_host.run.metrics import ErrorFigures, quantiles_us
+from ccr_host.run.options import RunOptions
+from ccr_host.run.step_record import StepRecord, measured_errors_mm, true_errors_mm
+
+TIMING_KEYS = ("solve_us", "wall_s")
+"""What measures this machine; everything else repeats with the seed in virtual time."""
+
+_ERROR_KEYS = tuple(ErrorFigures(0, 0, 0, 0, 0).as_summary())
+_TRUE_ERROR_KEYS = tuple(ErrorFigures(0, 0, 0, 0, 0).as_summary("true_"))
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A run that has ended, well or not."""
+
+    options: RunOptions
+    reference: Reference
+    records: Sequence[StepRecord]
+    link: LinkStatistics | None
+    """None if the board was never reached."""
+    failure: BaseException | None
+    """What ended the run early: a DeviceError, a TrackerError or a KeyboardInterrupt."""
+    wall_s: float
+
+
+def summarise(result: RunResult, open_loop: RunResult | None = None) -> dict[str, Any]:
+    """One flat object for a run, with the open loop's error figures where it was run too."""
+    reference, records = result.reference, result.records
+    solved_us = [record.solve_us for record in records if record.solve_us > 0]
+    return {
+        "path": reference.name,
+        "controller": result.options.controller,
+        "rate_hz": result.options.rate_hz,
+        "steps": len(records),
+        "seed": result.options.seed,
+        "device": result.options.device,
+        "tracker": result.options.tracker,
+        **_error_figures(records),
+        "floor_mean_error_mm": reference.floor_mean_mm,
+        "twin_floor_mean_error_mm": None,
+        "unreachable_steps": reference.unreachable_steps,
+        "open": None if open_loop is None else _error_figures(open_loop.records),
+        "solve_us": quantiles_us(np.array(solved_us)),
+        "missed_deadlines": sum(record.late for record in records),
+        "tracker_lost_steps": sum(record.measured_mm is None for record in records),
+        "link": _link_figures(result.link),
+        "wall_s": result.wall_s,
+        "faults": [str(result.failure)] if isinstance(result.failure, CcrError) else [],
+    }
+
+
+def _link_figures(link: LinkStatistics | None) -> dict[str, float | None] | None:
+    if link is None:
+        return None
+    return {
+        "sent": link.sent,
+        "received": link.received,
+        "crc_errors": link.crc_errors,
+        "retries": link.retries,
+        "rtt_us_median": link.rtt_us_median,
+        "rtt_us_p99": link.rtt_us_p99,
+    }
+
+
+def _error_figures(records: Sequence[StepRecord]) -> dict[str, float | None]:
+    measured = ErrorFigures.of(measured_errors_mm(records))
+    figures = _or_nulls(measured, "", _ERROR_KEYS)
+    truth = true_errors_mm(records)
+    if truth is not None:
+        figures |= _or_nulls(ErrorFigures.of(truth), "true_", _TRUE_ERROR_KEYS)
+    return figures
+
+
+def _or_nulls(
+    figures: ErrorFigures | None, prefix: str, keys: Sequence[str]
+) -> dict[str, float | None]:
+    return dict.fromkeys(keys) if figures is None else {**figures.as_summary(prefix)}

@@ -1,0 +1,49 @@
+import signal
+import subprocess
+import sys
+
+import pytest
+from tests.system.conftest import CcrHost
+
+
+def served_uri(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    return process.stdout.readline().split()[3].rstrip(";")
+
+
+@pytest.mark.parametrize("words", [["--tcp", "127.0.0.1:0"], ["--pty"]])
+def test_a_run_over_a_served_board_in_real_time_loses_nothing(
+    ccr_host: CcrHost, short_path: str, words: list[str]
+) -> None:
+    server = ccr_host.start("emulate", *words)
+    try:
+        uri = served_uri(server)
+        summary = ccr_host("track", short_path, "--device", uri, "--json").summary
+    finally:
+        server.send_signal(signal.SIGINT)
+        server.communicate(timeout=10)
+    assert server.returncode == 0
+    assert summary["device"] == uri
+    assert summary["steps"] == 6
+    assert summary["link"]["crc_errors"] == 0
+    assert summary["missed_deadlines"] == 0
+    assert summary["faults"] == []
+    assert summary["mean_error_mm"] < 15, "the twin follows the board's pulses"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals as on Linux")
+def test_the_board_behind_a_pty_of_its_own(ccr_host: CcrHost, short_path: str) -> None:
+    summary = ccr_host("track", short_path, "--device", "emulator+pty:", "--json").summary
+    assert summary["link"]["crc_errors"] == summary["missed_deadlines"] == 0
+
+
+def test_eeprom_file_survives_the_emulator(ccr_host: CcrHost, short_path: str) -> None:
+    for boots in (1, 2):
+        server = ccr_host.start("emulate", "--tcp", "127.0.0.1:0", "--eeprom", "board.eeprom")
+        try:
+            served_uri(server)
+        finally:
+            server.send_signal(signal.SIGTERM)
+            server.communicate(timeout=10)
+        content = (ccr_host.folder / "board.eeprom").read_bytes()
+        assert int.from_bytes(content[256:258], "little") == boots, "counted at each start"

@@ -1,0 +1,110 @@
+import json
+from pathlib import Path
+
+import pytest
+from tests.system.conftest import CcrHost, log_lines
+
+SUMMARY_KEYS = {
+    "path", "controller", "rate_hz", "steps", "seed", "device", "tracker",
+    "mean_error_mm", "rmse_mm", "p95_error_mm", "max_error_mm", "mean_lateral_error_mm",
+    "true_mean_error_mm", "true_rmse_mm", "true_p95_error_mm", "true_max_error_mm",
+    "true_mean_lateral_error_mm", "floor_mean_error_mm", "twin_floor_mean_error_mm",
+    "unreachable_steps", "open", "solve_us", "missed_deadlines", "tracker_lost_steps", "link",
+    "wall_s", "faults",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("path", "steps", "limit_mm", "paper_mm"),
+    [("ellipse", 80, 4.0, 7.5), ("8shape", 80, 4.0, 7.5), ("star", 100, 5.5, 7.0)],
+)
+def test_the_papers_controller_follows_the_papers_paths_better_than_in_the_paper(
+    ccr_host: CcrHost, path: str, steps: int, limit_mm: float, paper_mm: float
+) -> None:
+    ended = ccr_host("track", path, "--controller", "mpc", "--json")
+    assert ended.status == 0, ended.err
+    summary = ended.summary
+    assert summary["steps"] == steps
+    assert summary["mean_error_mm"] <= limit_mm < paper_mm
+    assert summary["mean_error_mm"] < summary["open"]["mean_error_mm"] / 3
+    assert summary["link"]["crc_errors"] == 0
+    assert summary["missed_deadlines"] == summary["tracker_lost_steps"] == 0
+    assert summary["faults"] == []
+
+
+@pytest.mark.parametrize(
+    ("path", "paper_mm"), [("ellipse", 22.4), ("8shape", 21.3), ("star", 18.5)]
+)
+def test_the_open_loop_comes_out_as_in_the_paper(
+    ccr_host: CcrHost, path: str, paper_mm: float
+) -> None:
+    summary = ccr_host("track", path, "--controller", "open-loop", "--json").summary
+    assert summary["mean_error_mm"] == pytest.approx(paper_mm, rel=0.05)
+
+
+def test_the_summary_has_the_keys_that_others_script_against(
+    ccr_host: CcrHost, short_path: str
+) -> None:
+    summary = ccr_host("track", short_path, "--json").summary
+    assert set(summary) == SUMMARY_KEYS
+    assert set(summary["solve_us"]) == {"median", "p99", "max"}
+    assert set(summary["link"]) == {
+        "sent", "received", "crc_errors", "retries", "rtt_us_median", "rtt_us_p99",
+    }  # fmt: skip
+    assert set(summary["open"]) == {k for k in SUMMARY_KEYS if k.endswith("_mm")} - {
+        "floor_mean_error_mm",
+        "twin_floor_mean_error_mm",
+    }
+
+
+def test_equal_seeds_give_equal_results_and_logs(ccr_host: CcrHost, short_path: str) -> None:
+    def run(seed: int, folder: str) -> tuple[dict, bytes, bytes]:
+        words = ("track", short_path, "--seed", str(seed), "--out", folder, "--json")
+        summary = ccr_host(*words).summary
+        for timing in ("solve_us", "wall_s"):
+            del summary[timing]
+        out = ccr_host.folder / folder
+        return summary, (out / "run.json").read_bytes(), (out / "log.jsonl").read_bytes()
+
+    first, again, other = run(7, "a"), run(7, "b"), run(8, "c")
+    assert first == again
+    assert first[0]["mean_error_mm"] != other[0]["mean_error_mm"]
+
+
+def test_a_run_leaves_configuration_log_and_figure(ccr_host: CcrHost, short_path: str) -> None:
+    ended = ccr_host("track", short_path, "--out", "kept", "--set", "twin.payload_g=2")
+    assert ended.status == 0
+    assert "kept in kept/" in ended.out
+    folder = ccr_host.folder / "kept"
+    run = json.loads((folder / "run.json").read_text())
+    assert run["description"]["twin"]["payload_g"] == 2
+    assert run["versions"]["ccr_host"]
+    assert run["metrics"]["steps"] == 6
+    assert len([line for line in log_lines(folder) if line["kind"] == "step"]) == 6
+    assert (folder / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_json_is_alone_on_standard_output(ccr_host: CcrHost, short_path: str) -> None:
+    ended = ccr_host("track", short_path, "--json")
+    assert json.loads(ended.out)
+    assert "paper" in ended.err, "the table goes to standard error"
+
+
+def test_every_step_records_what_the_board_was_sent(ccr_host: CcrHost, short_path: str) -> None:
+    ccr_host("track", short_path, "--out", "kept")
+    steps = [line for line in log_lines(ccr_host.folder / "kept") if line["kind"] == "step"]
+    assert all(line["outcome"] == "solved" for line in steps)
+    assert all(len(line["q_rad"]) == 2 for line in steps)
+
+
+def test_a_weaker_camera_shows_in_the_summary(ccr_host: CcrHost, short_path: str) -> None:
+    words = ("track", short_path, "--rate", "10", "--json", "--no-open")
+    summary = ccr_host(*words, "--set", "tracker.dropout=0.9").summary
+    assert summary["tracker_lost_steps"] > 0
+
+
+def test_runs_folder_is_named_for_the_run(ccr_host: CcrHost, short_path: str) -> None:
+    ccr_host("track", short_path)
+    (folder,) = (ccr_host.folder / "runs").iterdir()
+    assert folder.name.endswith("-short-mpc")
+    assert (Path(folder) / "run.json").exists()

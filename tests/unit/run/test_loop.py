@@ -1,0 +1,167 @@
+"""The control loop on emulated board and twin, with controllers and trackers that misbehave."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ccr_host.control.base import Command, Outcome
+from ccr_host.errors import TrackerError
+from ccr_host.link.messages import State
+from ccr_host.robot.reference import Reference
+from ccr_host.run.loop import follow_path
+from ccr_host.run.options import RunOptions
+from ccr_host.run.recorder import Recorder
+from ccr_host.run.rig import Rig, open_rig
+from ccr_host.run.step_record import StepRecord
+from ccr_host.tracking.sample import Sample
+
+STEPS = 8
+SILENT = Recorder(None)
+OPTIONS = RunOptions(path="8shape", overrides=("control.coast_s=2", "control.hold_s=3"))
+
+
+def reference(steps: int = STEPS, period_s: float = 1.0) -> Reference:
+    return Reference(
+        name="still",
+        period_s=period_s,
+        time_s=np.arange(steps) * period_s,
+        target_mm=np.tile([0.0, -100.0, 20.0], (steps, 1)),
+        q_rad=np.zeros((steps, 2)),
+        unavoidable_mm=np.zeros(steps),
+    )
+
+
+class Counting:
+    """Asks for another angle at each step, so that a held command can be told."""
+
+    name = "counting"
+
+    def __init__(self, before_answer=lambda step: None) -> None:
+        self.before_answer = before_answer
+        self.observations = []
+
+    def start(self, reference: Reference) -> Command:
+        return self.command(0)
+
+    def step(self, observation) -> Command:
+        self.observations.append(observation)
+        self.before_answer(observation.step)
+        return self.command(observation.step)
+
+    @staticmethod
+    def command(step: int) -> Command:
+        return Command(np.array([0.01, 0.02]) * step, np.zeros((0, 3)), Outcome.SOLVED)
+
+
+class LostAfter:
+    """A tracker whose markers vanish."""
+
+    name = "lost:"
+
+    def __init__(self, rig: Rig, last_us: int) -> None:
+        self.rig = rig
+        self.last_us = last_us
+
+    def newest(self) -> Sample | None:
+        exposed_us = min(self.rig.clock.now_us(), self.last_us)
+        return Sample(exposed_us, np.zeros((3, 3)))
+
+
+@pytest.fixture
+def rig():
+    with open_rig(OPTIONS, OPTIONS.description(), SILENT) as opened:
+        yield opened
+
+
+def follow(rig: Rig, controller, path: Reference, on_step=lambda *_: None) -> list[StepRecord]:
+    return follow_path(rig, controller, path, OPTIONS.description(), SILENT, on_step)
+
+
+def test_the_command_of_a_step_is_on_the_servos_at_its_end(rig: Rig) -> None:
+    reported = []
+
+    def look(step: int, steps: int, record: StepRecord) -> None:
+        reported.append(rig.client.telemetry.report.setpoint_cdeg)
+
+    records = follow(rig, Counting(), reference(), look)
+    wanted = [tuple(np.round(np.degrees(record.q_rad) * 100)) for record in records]
+    assert reported == wanted
+    assert len(records) == STEPS
+
+
+def test_a_controller_sees_the_measurement_made_at_the_end_of_the_step_before(rig: Rig) -> None:
+    controller = Counting()
+    records = follow(rig, controller, reference())
+    for observation, before in zip(controller.observations, records, strict=False):
+        assert observation.step == before.step + 1
+        assert np.array_equal(observation.tip_mm, before.measured_mm)
+        assert 40_000 <= observation.tip_age_us <= 90_000, "latency plus at most a camera period"
+        assert observation.q_rad == pytest.approx(before.q_rad, abs=1e-4)
+
+
+def test_a_late_command_is_replaced_by_the_last_one_and_counted(rig: Rig) -> None:
+    def dawdle(step: int) -> None:
+        if step == 3:
+            rig.clock.sleep_until_us(rig.clock.now_us() + 600_000)
+
+    records = follow(rig, Counting(dawdle), reference())
+    assert [record.step for record in records if record.late] == [3]
+    assert np.array_equal(records[3].q_rad, records[2].q_rad)
+    assert records[3].outcome is Outcome.HELD
+    assert records[4].q_rad == pytest.approx([0.04, 0.08]), "the run goes on"
+
+
+def test_without_markers_the_controller_coasts_then_the_pose_is_held_then_the_run_ends(
+    rig: Rig,
+) -> None:
+    controller = Counting()
+    seen: list[StepRecord] = []
+    blind = replace(rig, tracker=LostAfter(rig, rig.clock.now_us() + 6_000_000))
+    with pytest.raises(TrackerError, match="no markers"):
+        follow(blind, controller, reference(20), lambda *words: seen.append(words[2]))
+    outcomes = [record.outcome for record in seen if record.measured_mm is None]
+    assert Outcome.HELD in outcomes
+    held = [record.q_rad for record in seen if record.outcome is Outcome.HELD]
+    assert all(np.array_equal(q, held[0]) for q in held)
+    coasting = [
+        observation for observation in controller.observations if observation.tip_mm is None
+    ]
+    assert 1 <= len(coasting) <= 3
+
+
+def test_a_robot_whose_markers_were_never_seen_is_not_armed(rig: Rig) -> None:
+    class Blind:
+        name = "blind:"
+
+        def newest(self) -> Sample | None:
+            return None
+
+    with pytest.raises(TrackerError, match="no markers from blind:"):
+        follow(replace(rig, tracker=Blind()), Counting(), reference())
+    assert rig.client.telemetry.report.state is State.DISARMED
+
+
+def test_whatever_ends_a_run_the_robot_is_disarmed_at_the_pins() -> None:
+    with (
+        pytest.raises(RuntimeError, match="boom"),
+        open_rig(OPTIONS, OPTIONS.description(), SILENT) as rig,
+    ):
+
+        def explode(step: int) -> None:
+            raise RuntimeError("boom")
+
+        follow(rig, Counting(explode), reference())
+    report = rig.client.telemetry.report
+    assert report.state is State.DISARMED
+    assert report.pulse_half_us == (0, 0)
+
+
+def test_targets_stay_fresh_between_slow_steps(rig: Rig) -> None:
+    states = set()
+
+    def look(step: int, steps: int, record: StepRecord) -> None:
+        states.add(rig.client.telemetry.report.state)
+
+    follow(rig, Counting(), reference(4, period_s=3.0), look)
+    assert states == {State.ACTIVE}
