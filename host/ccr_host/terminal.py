@@ -82,7 +82,8 @@ def health_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         f"{link['crc_errors']} CRC errors, {link['retries']} retries{round_trip}"
     )
     if solve["median"] is not None:
-        yield f"controller: median {solve['median']:.0f} us a step, 99 % below {solve['p99']:.0f} us"
+        median, p99 = solve["median"], solve["p99"]
+        yield f"controller: median {median:.0f} us a step, 99 % below {p99:.0f} us"
     if summary["missed_deadlines"]:
         yield f"missed deadlines: {summary['missed_deadlines']}"
     if summary["tracker_lost_steps"]:
@@ -91,10 +92,15 @@ def health_lines(summary: Mapping[str, Any]) -> Iterator[str]:
 
 def comparison_table(summaries: Sequence[Mapping[str, Any]]) -> Table:
     """The paper's results, path by path, beside ours."""
-    table = Table(title="mean of |f_m - f| (mm)", title_justify="left")
-    table.add_column("path")
-    table.add_column("controller")
-    for heading in ("here", "paper", "true position", "95 % below", "greatest", "unavoidable"):
+    table = Table(
+        title="|f_m - f| (mm)",
+        title_justify="left",
+        caption="here, paper, true (position): means; floor: unavoidable, by the model",
+        caption_justify="left",
+    )
+    for heading in ("path", "controller"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("here", "paper", "true", "p95", "max", "floor"):
         table.add_column(heading, justify="right")
     previous = None
     for summary in summaries:

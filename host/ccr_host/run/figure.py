@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ccr_host.control.open_loop import OpenLoop
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import Workspace
 from ccr_host.run.paper_results import PAPER_RESULTS
@@ -20,7 +22,8 @@ if TYPE_CHECKING:
 
 _PATH = "#999999"
 _UNREACHABLE = "#d95f02"
-_COLOURS = ("#1b7837", "#2166ac", "#762a83", "#b35806", "#c51b7d", "#4d9221")
+_OPEN_LOOP = "#2166ac"
+_CLOSED_LOOP = ("#1b7837", "#762a83", "#b35806", "#c51b7d", "#4d9221", "#01665e")
 X, Y, Z = 1, 0, 2
 """Components of f that the trajectories call x (along the robot), y and z."""
 
@@ -88,7 +91,7 @@ def write_workspace_figure(file: Path, reference: Reference, workspace: Workspac
             axes.fill(rim[:, across], rim[:, Z], color="#dddddd", label="within reach")
         _draw_plane(axes, reference, [], across, label)
         axes.plot(
-            nearest[:, across], nearest[:, Z], ".", color=_COLOURS[0], label="nearest reachable"
+            nearest[:, across], nearest[:, Z], ".", color=_CLOSED_LOOP[0], label="nearest reachable"
         )
     _draw_legend(figure)
     figure.suptitle(f"{reference.name}: reach of two motors")
@@ -110,7 +113,7 @@ def _draw_plane(
             markersize=5,
             label="desired, out of reach",
         )
-    for (name, records), colour in zip(runs, _COLOURS, strict=False):
+    for (name, records), colour in zip(runs, _colours(runs), strict=True):
         path = _measured(records)
         axes.plot(path[:, across], path[:, Z], ".-", color=colour, lw=1, ms=4, label=name)
     axes.set_xlabel(label)
@@ -121,7 +124,7 @@ def _draw_plane(
 
 def _draw_error(axes: Axes, reference: Reference, runs: Sequence[LabelledRun]) -> None:
     time_s = reference.time_s
-    for (_, records), colour in zip(runs, _COLOURS, strict=False):
+    for (_, records), colour in zip(runs, _colours(runs), strict=True):
         norms = np.linalg.norm(measured_errors_mm(records), axis=1)
         axes.plot(time_s[: len(norms)], norms, color=colour)
     if not reference.reachable.all():
@@ -154,6 +157,11 @@ def _draw_legend(figure: Figure) -> None:
     figure.legend(
         list(entries.values()), list(entries), loc="outside lower center", ncols=4, frameon=False
     )
+
+
+def _colours(runs: Sequence[LabelledRun]) -> list[str]:
+    closed = cycle(_CLOSED_LOOP)
+    return [_OPEN_LOOP if name == OpenLoop.name else next(closed) for name, _ in runs]
 
 
 def _measured(records: Sequence[StepRecord]) -> Vector:

@@ -33,6 +33,6 @@ def keep_result(folder: Path, result: RunResult, open_loop: RunResult | None) ->
     if result.records:
         runs = [(result.options.controller, result.records)]
         if open_loop is not None:
-            runs.append(("open loop", open_loop.records))
+            runs.append((open_loop.options.controller, open_loop.records))
         write_run_figure(folder / "figure.png", result.reference, runs)
     return summary

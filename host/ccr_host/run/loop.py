@@ -203,7 +203,7 @@ class _MarkerWatch:
         return sample
 
     def look(self) -> tuple[Vector | None, int, bool]:
-        """Newest measurement or None, its age in us (0 without one), whether the pose must be held."""
+        """Newest measurement or None, its age in us or 0, and whether the pose must be held."""
         sample = self.fresh_sample()
         now_us = self._rig.clock.now_us()
         if sample is not None:

@@ -1,0 +1,1 @@
+"""Controllers behind one small interface (``base``), made by name (``registry``)."""

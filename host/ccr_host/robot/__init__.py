@@ -1,0 +1,1 @@
+"""What the controller believes about the robot: kinematics, reach, desired paths."""
