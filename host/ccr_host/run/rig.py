@@ -97,7 +97,7 @@ def open_rig(options: RunOptions, description: Description, recorder: Recorder) 
             Client(
                 transport,
                 clock,
-                np.random.default_rng(session_seed),
+                _session_generator(device, session_seed),
                 on_frame=recorder.frame,
                 on_telemetry=on_telemetry,
             )
@@ -106,6 +106,12 @@ def open_rig(options: RunOptions, description: Description, recorder: Recorder) 
         client.connect()
         client.configure(board_config(description))
         yield Rig(clock, client, TwinTracker(scene, clock), scene)
+
+
+def _session_generator(device: DeviceUri, seed: np.random.SeedSequence) -> np.random.Generator:
+    """Two hosts on one board must not share a session number, whatever their seeds."""
+    in_process = device.kind is DeviceKind.EMULATOR
+    return np.random.default_rng(seed) if in_process else np.random.default_rng()
 
 
 def _open_port(device: DeviceUri, baud: int, stack: ExitStack) -> Transport:

@@ -1,0 +1,148 @@
+"""The emulated UNO: bytes in, bytes and servo pulses out, on one microsecond clock."""
+
+from __future__ import annotations
+
+from ccr_host.emulator.core import BoardCore
+from ccr_host.emulator.dispatch import Dispatcher
+from ccr_host.emulator.eeprom import Eeprom, EepromImage
+from ccr_host.emulator.send_buffer import SendBuffer
+from ccr_host.emulator.setpoint import Axes
+from ccr_host.link.framing import FrameDecoder, FramingError, encode_frame
+from ccr_host.link.messages import (
+    BAUD,
+    SPEC_HASH,
+    TICK_PHASE_US,
+    TICK_US,
+    Fault,
+    ResetCause,
+    State,
+    StateReport,
+    Telemetry,
+)
+
+_NO_PULSES: Axes = (0, 0)
+_U32 = 1 << 32
+
+
+class UnoEmulator:
+    """The whole board; nothing happens but in :meth:`advance_to` and :meth:`receive`.
+
+    Args:
+        eeprom: kept across resets; erased memory where it is left out.
+        reset_cause: of the first start.
+        start_us: when it starts for the first time, on the caller's clock.
+        baud: at which its answers leave.
+        spec_hash: of the spec it claims to be built from.
+        board_time_at_reset_us: what its own 32-bit clock shows at a reset, to see it wrap.
+        tick_offset: what its tick counter shows at a reset, to see it wrap.
+    """
+
+    def __init__(
+        self,
+        eeprom: Eeprom | None = None,
+        *,
+        reset_cause: ResetCause = ResetCause.POWER_ON,
+        start_us: int = 0,
+        baud: int = BAUD,
+        spec_hash: int = SPEC_HASH,
+        board_time_at_reset_us: int = 0,
+        tick_offset: int = 0,
+    ) -> None:
+        self._eeprom = eeprom if eeprom is not None else EepromImage()
+        self._baud = baud
+        self._spec_hash = spec_hash
+        self._board_time_at_reset_us = board_time_at_reset_us
+        self._tick_offset = tick_offset
+        self._now_us = start_us
+        self.reset(reset_cause)
+
+    def reset(self, cause: ResetCause, boot_loader_us: int = 0) -> None:
+        """Start anew, `boot_loader_us` from now; bytes that come before that are lost."""
+        self._start_us = self._now_us + boot_loader_us
+        self._core = BoardCore(self._eeprom, cause, self._tick_offset)
+        self._dispatcher = Dispatcher(self._core, self.board_time_us, self._spec_hash)
+        self._decoder = FrameDecoder()
+        self._sending = SendBuffer(self._baud)
+        self._next_tick_us = self._start_us + TICK_PHASE_US
+        self._pulses_on_pins = _NO_PULSES
+        self._pulses_prepared = _NO_PULSES
+        self._latch_us = self._start_us
+
+    def advance_to(self, time_us: int) -> None:
+        """Run all control ticks up to and including `time_us`."""
+        while self._next_tick_us <= time_us:
+            self._now_us = self._next_tick_us
+            self._next_tick_us += TICK_US
+            self._run_tick()
+        self._now_us = max(time_us, self._now_us)
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes that arrive now, and dispatch the requests that they complete."""
+        if self._now_us < self._start_us:
+            return
+        for item in self._decoder.feed(data):
+            if isinstance(item, FramingError):
+                self._core.counters.count_framing_error(item)
+                continue
+            self._core.counters.count("frames_accepted")
+            self._send(self._dispatcher.answer(item))
+
+    def take_output(self) -> bytes:
+        """Bytes that have left the board and were not taken yet."""
+        return self._sending.take(self._now_us)
+
+    def inject_fault(self, fault: Fault) -> None:
+        """Let the board detect a fault now."""
+        self._core.safety.raise_fault(fault)
+
+    @property
+    def pulses_half_us(self) -> Axes:
+        """Pulses on the pins in the current frame, 0.5 us; 0 is none."""
+        latched = self._now_us >= self._latch_us
+        return self._pulses_prepared if latched else self._pulses_on_pins
+
+    @property
+    def state(self) -> State:
+        """State of the safety machine."""
+        return self._core.state
+
+    def report(self) -> StateReport:
+        """What `get_state` would tell now."""
+        return self._core.report()
+
+    @property
+    def now_us(self) -> int:
+        """How far the board has been advanced."""
+        return self._now_us
+
+    @property
+    def next_frame_us(self) -> int:
+        """Start of the next pulse frame: until then the pulses stay as they are."""
+        since_start_us = self._now_us - self._start_us
+        if since_start_us < 0:
+            return self._start_us
+        return self._start_us + (since_start_us // TICK_US + 1) * TICK_US
+
+    @property
+    def next_event_us(self) -> int:
+        """When something happens next if no byte arrives."""
+        done_us = self._sending.frame_done_us()
+        return self._next_tick_us if done_us is None else min(done_us, self._next_tick_us)
+
+    def board_time_us(self) -> int:
+        """The board's own clock, 32 bits."""
+        return (self._now_us - self._start_us + self._board_time_at_reset_us) % _U32
+
+    def _run_tick(self) -> None:
+        core = self._core
+        core.tick()
+        self._pulses_on_pins = self._pulses_prepared
+        self._pulses_prepared = core.pulses_half_us
+        self._latch_us = self._now_us + TICK_US - TICK_PHASE_US
+        sequence = core.session.telemetry.tick()
+        if sequence is not None:
+            self._send(encode_frame(Telemetry.ID, sequence, core.report().pack()))
+
+    def _send(self, frame: bytes) -> None:
+        if not self._sending.offer(frame, self._now_us):
+            self._core.counters.count("replies_dropped")

@@ -1,0 +1,140 @@
+"""Two slots in EEPROM of which one always holds a whole configuration, and the boot counter."""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc32
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Final
+
+from ccr_host.emulator.configuration import Configuration
+from ccr_host.emulator.eeprom import ERASED, Eeprom
+from ccr_host.link.messages import (
+    EEPROM_BOOT_COUNTER,
+    EEPROM_LAYOUT,
+    EEPROM_MAGIC,
+    EEPROM_SLOT_A,
+    EEPROM_SLOT_B,
+    EEPROM_SLOT_SIZE,
+    EepromStatus,
+)
+
+_HEADER = struct.Struct("<HBH")
+_CRC = struct.Struct("<I")
+_COUNTER = struct.Struct("<H")
+_COUNTER_ERASED = 0xFFFF
+_U16 = 1 << 16
+_HALF_U16 = 1 << 15
+_FIRST_GENERATION = 0
+
+_SLOTS: Final = (EEPROM_SLOT_A, EEPROM_SLOT_B)
+
+
+@dataclass(frozen=True, slots=True)
+class _Slot:
+    address: int
+    generation: int
+    configuration: Configuration
+
+
+class _SlotContent(Enum):
+    BLANK = auto()
+    CORRUPT = auto()
+
+
+class SaveStep(Enum):
+    """What came of writing one byte."""
+
+    IDLE = auto()
+    WRITING = auto()
+    FINISHED = auto()
+    FAILED = auto()
+
+
+class ConfigStore:
+    """Loads the newest whole configuration, and saves over the other one byte by byte."""
+
+    def __init__(self, eeprom: Eeprom) -> None:
+        self._eeprom = eeprom
+        self._unwritten = b""
+        self._write_address = 0
+        self._saving: _Slot | None = None
+        contents = [_read_slot(eeprom, address) for address in _SLOTS]
+        self._newest = _newest([slot for slot in contents if isinstance(slot, _Slot)])
+        self.status = _status(contents)
+
+    @property
+    def configuration(self) -> Configuration | None:
+        """What was loaded or last saved."""
+        return self._newest.configuration if self._newest else None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a save is being written."""
+        return bool(self._unwritten)
+
+    def count_boot(self) -> int:
+        """Count up the boot counter and give its new value."""
+        (counter,) = _COUNTER.unpack(self._eeprom.read(EEPROM_BOOT_COUNTER, _COUNTER.size))
+        boot_id: int = ((0 if counter == _COUNTER_ERASED else counter) + 1) % _U16
+        for offset, byte in enumerate(_COUNTER.pack(boot_id)):
+            self._eeprom.write(EEPROM_BOOT_COUNTER + offset, byte)
+        return boot_id
+
+    def begin_save(self, configuration: Configuration) -> None:
+        """Start to write the older slot."""
+        newest = self._newest
+        generation = (newest.generation + 1) % _U16 if newest else _FIRST_GENERATION
+        address = EEPROM_SLOT_B if newest and newest.address == EEPROM_SLOT_A else EEPROM_SLOT_A
+        body = _HEADER.pack(EEPROM_MAGIC, EEPROM_LAYOUT, generation) + configuration.pack()
+        self._unwritten = body + _CRC.pack(crc32(body))
+        self._write_address = address
+        self._saving = _Slot(address, generation, configuration)
+
+    def write_one_byte(self) -> SaveStep:
+        """Write the next byte of the save and read it back."""
+        if not self._unwritten:
+            return SaveStep.IDLE
+        byte = self._unwritten[0]
+        self._eeprom.write(self._write_address, byte)
+        if self._eeprom.read(self._write_address, 1)[0] != byte:
+            self._unwritten = b""
+            return SaveStep.FAILED
+        self._unwritten = self._unwritten[1:]
+        self._write_address += 1
+        if self._unwritten:
+            return SaveStep.WRITING
+        self._newest = self._saving
+        return SaveStep.FINISHED
+
+
+def _read_slot(eeprom: Eeprom, address: int) -> _Slot | _SlotContent:
+    content = eeprom.read(address, EEPROM_SLOT_SIZE)
+    if content == bytes([ERASED]) * EEPROM_SLOT_SIZE:
+        return _SlotContent.BLANK
+    body, stored_crc = content[: -_CRC.size], content[-_CRC.size :]
+    magic, layout, generation = _HEADER.unpack_from(body)
+    if (magic, layout) != (EEPROM_MAGIC, EEPROM_LAYOUT) or _CRC.pack(crc32(body)) != stored_crc:
+        return _SlotContent.CORRUPT
+    configuration = Configuration.unpack(body[_HEADER.size :])
+    if configuration is None:
+        return _SlotContent.CORRUPT
+    return _Slot(address, generation, configuration)
+
+
+def _newest(good: list[_Slot]) -> _Slot | None:
+    if len(good) < len(_SLOTS):
+        return good[0] if good else None
+    first, second = good
+    second_is_newer = 0 < (second.generation - first.generation) % _U16 < _HALF_U16
+    return second if second_is_newer else first
+
+
+def _status(contents: list[_Slot | _SlotContent]) -> EepromStatus:
+    if all(content is _SlotContent.BLANK for content in contents):
+        return EepromStatus.BLANK
+    any_good = any(isinstance(content, _Slot) for content in contents)
+    if _SlotContent.CORRUPT not in contents:
+        return EepromStatus.LOADED
+    return EepromStatus.ONE_SLOT_BAD if any_good else EepromStatus.BOTH_BAD

@@ -1,0 +1,184 @@
+"""What the board does in a control tick and on a request, without bytes and microseconds."""
+
+from __future__ import annotations
+
+from ccr_host.emulator.config_store import ConfigStore, SaveStep
+from ccr_host.emulator.configuration import Configuration
+from ccr_host.emulator.counters import Counters
+from ccr_host.emulator.eeprom import Eeprom
+from ccr_host.emulator.pulses import pulse_half_us
+from ccr_host.emulator.safety import SafetyMachine
+from ccr_host.emulator.session import Session
+from ccr_host.emulator.setpoint import Axes, Setpoint, clamped
+from ccr_host.link.messages import (
+    TICK_US,
+    Calibration,
+    Event,
+    Fault,
+    Limits,
+    ResetCause,
+    Slew,
+    State,
+    StateReport,
+    StatusFlags,
+    Watchdog,
+)
+
+_NO_PULSES: Axes = (0, 0)
+_MS_PER_TICK = TICK_US // 1000
+_NEVER_MS = 65535
+_STACK_NOT_MEASURED = 65535
+_U32 = 1 << 32
+
+_EVENT_COUNTERS = {Event.TARGET_EXPIRED: "holds", Event.HOLD_EXPIRED: "relaxes"}
+
+
+def ticks_of_ms(duration_ms: int) -> int:
+    """Ticks that a duration takes (TIM-3)."""
+    return -(-duration_ms // _MS_PER_TICK)
+
+
+class BoardCore:
+    """The board from one reset to the next.
+
+    Args:
+        eeprom: survives the reset.
+        reset_cause: why it started.
+        tick_offset: added to the tick counter, to see it wrap.
+    """
+
+    def __init__(self, eeprom: Eeprom, reset_cause: ResetCause, tick_offset: int = 0) -> None:
+        self.reset_cause = reset_cause
+        self.store = ConfigStore(eeprom)
+        self.boot_id = self.store.count_boot()
+        self.eeprom_status = self.store.status
+        self.configuration = self.store.configuration or Configuration()
+        self.unsaved = False
+        self.safety = SafetyMachine(reset_cause)
+        self.session = Session()
+        self.counters = Counters()
+        self.next_tick = 0
+        self.pulses_half_us = _NO_PULSES
+        self._tick_offset = tick_offset
+        self._setpoint = Setpoint(self.configuration.limits.rest_cdeg)
+        self._reported_setpoint_cdeg = self._setpoint.cdeg
+        self._moving = False
+        self._target_cdeg: Axes = (0, 0)
+        self._target_clamped = False
+        self._target_sequence = 0
+        self._target_tick: int | None = None
+
+    @property
+    def state(self) -> State:
+        """State, current."""
+        return self.safety.state
+
+    def tick(self) -> None:
+        """One control tick, in the order of TIM-4; reporting is left to the caller."""
+        tick = self.next_tick
+        self.next_tick += 1
+        config = self.configuration
+        event = self.safety.tick(
+            tick,
+            at_rest=self._setpoint.cdeg == config.limits.rest_cdeg,
+            relax_after_ticks=ticks_of_ms(config.watchdog.relax_after_ms),
+        )
+        if event in _EVENT_COUNTERS:
+            self.counters.count(_EVENT_COUNTERS[event])
+        self._move_setpoint(tick)
+        self.pulses_half_us = self._compute_pulses(tick)
+        self._write_eeprom()
+
+    def arm(self) -> None:
+        """Enable the axes one after the other, from the next tick on."""
+        self.safety.arm(self.next_tick, ticks_of_ms(self.configuration.watchdog.arm_axis_ms))
+
+    def accept_target(
+        self, target_cdeg: Axes, ramp_ms: int, validity_ms: int, sequence: int
+    ) -> Axes:
+        """Follow a target; gives it back as it was clamped."""
+        limits = self.configuration.limits
+        accepted = clamped(target_cdeg, limits.angle_min_cdeg, limits.angle_max_cdeg)
+        self._target_clamped = accepted != target_cdeg
+        self._target_cdeg = accepted
+        self._target_sequence = sequence
+        self._target_tick = self.next_tick
+        self._setpoint.aim_at(accepted, ticks_of_ms(ramp_ms))
+        self.safety.accept_target(self.next_tick + ticks_of_ms(validity_ms))
+        self.counters.count("targets_accepted")
+        if self._target_clamped:
+            self.counters.count("targets_clamped")
+        return accepted
+
+    def set_group(self, group: Limits | Slew | Watchdog | Calibration) -> None:
+        """Use a new configuration group."""
+        self.configuration = self.configuration.with_group(group)
+        self.unsaved = True
+        if isinstance(group, Limits):
+            self._setpoint.clamp(group.angle_min_cdeg, group.angle_max_cdeg)
+
+    def flags(self) -> StatusFlags:
+        """Pulses and motion as of the last tick, all else current."""
+        flags = (
+            (StatusFlags.AXIS_1_PULSES.value if self.pulses_half_us[0] else 0)
+            | (StatusFlags.AXIS_2_PULSES.value if self.pulses_half_us[1] else 0)
+            | (StatusFlags.MOVING.value if self._moving else 0)
+            | (StatusFlags.CLAMPED.value if self._target_clamped else 0)
+            | (StatusFlags.EEPROM_BUSY.value if self.store.busy else 0)
+            | (0 if self.configuration.missing else StatusFlags.CONFIGURED.value)
+            | (0 if self.session.number is None else StatusFlags.SESSION_OPEN.value)
+            | (StatusFlags.UNSAVED.value if self.unsaved else 0)
+        )
+        return StatusFlags(flags)
+
+    def report(self) -> StateReport:
+        """The state report."""
+        return StateReport(
+            tick=(self._tick_offset + self.next_tick) % _U32,
+            state=self.safety.state,
+            fault=self.safety.fault,
+            flags=self.flags(),
+            target_sequence=self._target_sequence,
+            target_age_ms=self._target_age_ms(),
+            target_cdeg=self._target_cdeg,
+            setpoint_cdeg=self._reported_setpoint_cdeg,
+            pulse_half_us=self.pulses_half_us,
+            link_errors=self.counters.link_errors,
+            free_stack_bytes=_STACK_NOT_MEASURED,
+        )
+
+    def _move_setpoint(self, tick: int) -> None:
+        config = self.configuration
+        goal = self._setpoint.cdeg
+        if self.safety.state is State.ACTIVE:
+            goal = self._target_cdeg
+            self._setpoint.step_along_ramp(config.slew.slew_cdeg_tick)
+        elif self.safety.rest_wanted(tick):
+            goal = config.limits.rest_cdeg
+            relax = config.watchdog.relax_slew_cdeg_tick
+            slew = config.slew.slew_cdeg_tick
+            self._setpoint.step_towards(goal, (min(relax, slew[0]), min(relax, slew[1])))
+        self._moving = self._setpoint.cdeg != goal
+        self._reported_setpoint_cdeg = self._setpoint.cdeg
+
+    def _compute_pulses(self, tick: int) -> Axes:
+        enabled = self.safety.axes_with_pulses(tick)
+        calibration = self.configuration.calibration
+        setpoint = self._setpoint.cdeg
+        return (
+            pulse_half_us(calibration, 0, setpoint[0]) if enabled[0] else 0,
+            pulse_half_us(calibration, 1, setpoint[1]) if enabled[1] else 0,
+        )
+
+    def _write_eeprom(self) -> None:
+        match self.store.write_one_byte():
+            case SaveStep.FINISHED:
+                self.unsaved = False
+                self.counters.count("saves")
+            case SaveStep.FAILED:
+                self.safety.raise_fault(Fault.EEPROM_FAILED)
+
+    def _target_age_ms(self) -> int:
+        if self._target_tick is None:
+            return _NEVER_MS
+        return min((self.next_tick - self._target_tick) * _MS_PER_TICK, _NEVER_MS)

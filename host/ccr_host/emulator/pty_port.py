@@ -1,0 +1,75 @@
+"""The emulated board's port as a pseudo-terminal."""
+
+from __future__ import annotations
+
+import errno
+import os
+import pty
+import select
+import selectors
+import termios
+import tty
+
+from ccr_host.emulator.server import PortListener
+
+_READ_BYTES = 4096
+_LFLAG = 3
+
+
+class PtyPort:
+    """A pseudo-terminal whose other end is opened like a serial port."""
+
+    def __init__(self) -> None:
+        self._master, slave = pty.openpty()
+        self._path = os.ttyname(slave)
+        self.uri = f"serial:{self._path}"
+        tty.setraw(slave)
+        os.set_blocking(self._master, False)
+        os.close(slave)  # only with no end open here can it be told whether a client has one
+        self._hang_up = select.poll()
+        self._hang_up.register(self._master, 0)
+        self._client = False
+
+    def register(self, selector: selectors.BaseSelector, listener: PortListener) -> None:
+        self._selector = selector
+        self._listener = listener
+
+    def look_for_client(self) -> None:
+        """The kernel tells only by polling that an end was opened again after a hang-up."""
+        present = not self._hang_up.poll(0)
+        if present == self._client:
+            return
+        self._client = present
+        if present:
+            self._make_raw()
+            self._selector.register(self._master, selectors.EVENT_READ, self._read)
+            self._listener.opened()
+        else:
+            self._selector.unregister(self._master)
+
+    def send(self, data: bytes) -> None:
+        if not (self._client and data):
+            return
+        try:
+            os.write(self._master, data)
+        except OSError as error:
+            if error.errno not in (errno.EAGAIN, errno.EIO):
+                raise
+
+    def close(self) -> None:
+        os.close(self._master)
+
+    def _read(self) -> None:
+        try:
+            data = os.read(self._master, _READ_BYTES)
+        except OSError as error:
+            if error.errno not in (errno.EAGAIN, errno.EIO):
+                raise
+            self.look_for_client()
+            return
+        self._listener.received(data)
+
+    def _make_raw(self) -> None:
+        """The kernel restores a cooked terminal on the last close; a client may not care."""
+        if termios.tcgetattr(self._master)[_LFLAG] & (termios.ECHO | termios.ICANON):
+            tty.setraw(self._master)

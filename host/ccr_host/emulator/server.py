@@ -1,0 +1,172 @@
+"""Serves an emulated board to other programs, in real time: on a pseudo-terminal or on TCP.
+
+Opening the port resets the board as the DTR line resets an UNO. Without a client the board goes on.
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Thread
+from types import TracebackType
+from typing import Protocol, Self
+
+from ccr_host.emulator.serial_line import SerialLine
+from ccr_host.run.clock import Clock
+
+BOOT_LOADER_US = 1_000_000
+"""For so long the UNO's boot loader waits for an upload after a reset (optiboot's time-out)."""
+
+AdvanceObserver = Callable[[int], None]
+"""Called with the time in us up to which the board has been advanced."""
+
+
+class PortListener(Protocol):
+    """What a port tells of its client."""
+
+    def opened(self) -> None:
+        """A client is there."""
+
+    def received(self, data: bytes) -> None:
+        """Bytes from the client."""
+
+
+class Port(Protocol):
+    """Where at most one client at a time finds the board."""
+
+    uri: str
+    """How `--device` reaches it."""
+
+    def register(self, selector: selectors.BaseSelector, listener: PortListener) -> None:
+        """Watch for clients; the selector's keys carry the function to call when ready."""
+
+    def look_for_client(self) -> None:
+        """Find out what cannot be waited for; called at least once a control tick."""
+
+    def send(self, data: bytes) -> None:
+        """Give bytes to the client; dropped where there is none or it does not read."""
+
+    def close(self) -> None:
+        """Send the client away and close."""
+
+
+class BoardServer:
+    """One emulated board behind one port.
+
+    Args:
+        line: to the board.
+        port: for the client.
+        clock: real.
+        boot_loader_us: how long the board is deaf after its port was opened.
+        on_advance: lets a twin ride along.
+    """
+
+    def __init__(
+        self,
+        line: SerialLine,
+        port: Port,
+        clock: Clock,
+        *,
+        boot_loader_us: int = BOOT_LOADER_US,
+        on_advance: AdvanceObserver | None = None,
+    ) -> None:
+        self._line = line
+        self._port = port
+        self._clock = clock
+        self._boot_loader_us = boot_loader_us
+        self._on_advance = on_advance
+        self._stopping = False
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_write, False)
+
+    @property
+    def uri(self) -> str:
+        """Device URI of the board."""
+        return self._port.uri
+
+    def run(self) -> None:
+        """Serve until :meth:`stop`; then close the port."""
+        with selectors.SelectSelector() as selector:  # epoll rounds time-outs up to 1 ms
+            selector.register(self._wake_read, selectors.EVENT_READ, lambda: None)
+            self._port.register(selector, self)
+            try:
+                while not self._stopping:
+                    self._advance()
+                    self._wait(selector)
+            finally:
+                self._port.close()
+                os.close(self._wake_read)
+                os.close(self._wake_write)
+
+    def run_until_signal(self) -> None:
+        """Serve until SIGINT or SIGTERM; in the main thread only."""
+        with _signals_call(self.stop, signal.SIGINT, signal.SIGTERM):
+            self.run()
+
+    def stop(self) -> None:
+        """End :meth:`run`, from a signal handler or another thread."""
+        self._stopping = True
+        os.write(self._wake_write, b"\0")
+
+    def opened(self) -> None:
+        """A client has opened the port: the board is reset."""
+        self._line.open_port(self._boot_loader_us)
+
+    def received(self, data: bytes) -> None:
+        """Bytes from the client go onto the wire."""
+        self._line.write(data)
+
+    def _advance(self) -> None:
+        now_us = self._clock.now_us()
+        self._line.advance_to(now_us)
+        if self._on_advance:
+            self._on_advance(now_us)
+        self._port.send(self._line.read())
+        self._port.look_for_client()
+
+    def _wait(self, selector: selectors.BaseSelector) -> None:
+        wait_us = self._line.next_event_us - self._clock.now_us()
+        ready = selector.select(max(wait_us, 0) * 1e-6)
+        self._line.advance_to(self._clock.now_us())  # what was received now is on the wire from now
+        for key, _ in ready:
+            key.data()
+
+
+class BackgroundServer:
+    """Runs a server in a thread for as long as a `with` block lasts."""
+
+    def __init__(self, server: BoardServer) -> None:
+        self._server = server
+        self._thread = Thread(target=server.run, name="emulated board", daemon=True)
+
+    @property
+    def uri(self) -> str:
+        """Device URI of the board."""
+        return self._server.uri
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._thread.is_alive():
+            self._server.stop()
+        self._thread.join()
+
+
+@contextmanager
+def _signals_call(function: Callable[[], None], *signals: signal.Signals) -> Iterator[None]:
+    before = [signal.signal(number, lambda *_: function()) for number in signals]
+    try:
+        yield
+    finally:
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)

@@ -1,0 +1,1 @@
+"""From the host to a board: frames, messages, transports, and the client that keeps it safe."""

@@ -1,0 +1,113 @@
+"""From the robot description to the board's configuration groups."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import floor
+from typing import Final
+
+from ccr_host.config import Description, Pair
+from ccr_host.errors import ConfigError
+from ccr_host.link.messages import TICK_US, Calibration, Limits, Slew, Watchdog
+from ccr_host.link.units import CDEG_PER_DEG, deg_to_cdeg
+
+_TICK_S = TICK_US * 1e-6
+_HALF_US_PER_US = 2
+_ROUNDING_SLACK = 1e-9
+
+_KEYS: Final[dict[type, tuple[str, ...]]] = {
+    Limits: ("servo.angle_min_deg", "servo.angle_max_deg", "servo.rest_deg"),
+    Slew: ("servo.slew_deg_s",),
+    Watchdog: ("link.relax_after_ms", "link.relax_slew_deg_s", "link.arm_axis_ms"),
+    Calibration: (
+        "servo.neutral_pulse_us",
+        "servo.pulse_per_90_deg_us",
+        "servo.pulse_min_us",
+        "servo.pulse_max_us",
+    ),
+}
+"""Of each field on the wire, in its order."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoardConfig:
+    """All that a board must know before it may be armed."""
+
+    limits: Limits
+    slew: Slew
+    watchdog: Watchdog
+    calibration: Calibration
+
+
+def board_config(description: Description) -> BoardConfig:
+    """Round a description to the wire's integers; rates are rounded down.
+
+    Raises:
+        ConfigError: names the key whose value the board cannot take.
+    """
+    servo, link = description.servo, description.link
+    config = BoardConfig(
+        limits=Limits(
+            angle_min_cdeg=_cdeg(servo.angle_min_deg),
+            angle_max_cdeg=_cdeg(servo.angle_max_deg),
+            rest_cdeg=_cdeg(servo.rest_deg),
+        ),
+        slew=Slew((_cdeg_per_tick(servo.slew_deg_s[0]), _cdeg_per_tick(servo.slew_deg_s[1]))),
+        watchdog=Watchdog(
+            relax_after_ms=link.relax_after_ms,
+            relax_slew_cdeg_tick=_cdeg_per_tick(link.relax_slew_deg_s),
+            arm_axis_ms=link.arm_axis_ms,
+        ),
+        calibration=Calibration(
+            neutral_half_us=_half_us(servo.neutral_pulse_us),
+            per_90_deg_half_us=_half_us(servo.pulse_per_90_deg_us),
+            pulse_min_half_us=_half_us(servo.pulse_min_us),
+            pulse_max_half_us=_half_us(servo.pulse_max_us),
+        ),
+    )
+    for group in (config.limits, config.slew, config.watchdog, config.calibration):
+        _require_in_range(group)
+    _require_consistent(config)
+    return config
+
+
+def _cdeg(angles_deg: Pair) -> tuple[int, int]:
+    return deg_to_cdeg(angles_deg[0]), deg_to_cdeg(angles_deg[1])
+
+
+def _cdeg_per_tick(rate_deg_s: float) -> int:
+    return floor(rate_deg_s * _TICK_S * CDEG_PER_DEG + _ROUNDING_SLACK)
+
+
+def _half_us(pulses_us: Pair) -> tuple[int, int]:
+    return round(pulses_us[0] * _HALF_US_PER_US), round(pulses_us[1] * _HALF_US_PER_US)
+
+
+def _require_in_range(group: Limits | Slew | Watchdog | Calibration) -> None:
+    index = group.first_out_of_range()
+    if index is None:
+        return
+    field = group.FIELDS[index]
+    raw = getattr(group, field.name)
+    shown = ", ".join(f"{value * field.scale:g}" for value in (raw if field.count > 1 else (raw,)))
+    least, greatest = field.minimum * field.scale, field.maximum * field.scale
+    raise ConfigError(
+        f"{_KEYS[type(group)][index]}: the board cannot take {shown} {field.unit}",
+        f"it takes {least:g} to {greatest:g} {field.unit}",
+    )
+
+
+def _require_consistent(config: BoardConfig) -> None:
+    axis = config.limits.inconsistent_axis()
+    if axis is not None:
+        raise ConfigError(
+            f"servo.angle_min_deg and angle_max_deg of axis {axis + 1} do not enclose an angle",
+            "let angle_min_deg <= rest_deg <= angle_max_deg, at least 0.01 deg apart",
+        )
+    axis = config.calibration.inconsistent_axis()
+    if axis is not None:
+        raise ConfigError(
+            f"servo.neutral_pulse_us and its neighbours contradict each other (axis {axis + 1})",
+            "let pulse_min_us <= neutral_pulse_us <= pulse_max_us and"
+            " |pulse_per_90_deg_us| be at least 50",
+        )

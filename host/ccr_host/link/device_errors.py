@@ -1,0 +1,172 @@
+"""What a board can do to its host: each with its cause and its cure."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ccr_host.errors import DeviceError
+from ccr_host.link.messages import (
+    PROTOCOL_VERSION,
+    SPEC_HASH,
+    ConfigGroups,
+    Fault,
+    HelloReply,
+    NackCode,
+    Request,
+    ResetCause,
+    State,
+)
+
+_FAULTS: Final = {
+    Fault.NONE: ("the board is in fault without a reason", "clear it; report this as a defect"),
+    Fault.LINK_LOSS: (
+        "link loss: the board got no target in time and has led the robot to rest",
+        "find out why the host stalled or the cable failed, then clear the fault",
+    ),
+    Fault.WATCHDOG_RESET: (
+        "watchdog reset: the firmware was stuck",
+        "clear the fault; report this as a defect",
+    ),
+    Fault.BROWN_OUT_RESET: (
+        "brown-out: the board's supply was too low",
+        "give the servos a supply of their own, then clear the fault",
+    ),
+    Fault.TICK_OVERRUN: (
+        "tick overrun: a control tick took too long",
+        "clear the fault; report this as a defect",
+    ),
+    Fault.STACK_LOW: ("stack low: the firmware is short of memory", "report this as a defect"),
+    Fault.EEPROM_FAILED: (
+        "EEPROM failed: a byte did not keep its value",
+        "clear the fault and do not save; replace the board if it comes again",
+    ),
+    Fault.INTERNAL: (
+        "internal: the firmware found itself in a state that must not be",
+        "reset the board; report this as a defect",
+    ),
+}
+
+_REFUSALS: Final = {
+    NackCode.UNKNOWN_ID: ("it does not know this request", "flash the board: ccr-host flash"),
+    NackCode.BAD_LENGTH: (
+        "the request has a length that it does not expect",
+        "flash the board: ccr-host flash",
+    ),
+    NackCode.BAD_SESSION: (
+        "the session is not the open one: another host took over, or the board was reset",
+        "let only one host use the board",
+    ),
+    NackCode.BAD_STATE: ("not allowed in its state", "disarm it, or clear its fault, first"),
+    NackCode.OUT_OF_RANGE: ("a value is out of range", "correct the robot description"),
+    NackCode.INCONSISTENT: ("values contradict each other", "correct the robot description"),
+    NackCode.SPEC_MISMATCH: (
+        "host and board were built from different specs",
+        "flash the board: ccr-host flash, or upgrade the host",
+    ),
+    NackCode.NOT_CONFIGURED: ("its configuration is incomplete", "configure it first"),
+    NackCode.BUSY: ("it is still saving its configuration", "wait a second and try again"),
+}
+
+_RESETS: Final = {
+    ResetCause.UNKNOWN: ("for an unknown reason", "look at its cable and its supply"),
+    ResetCause.POWER_ON: ("because its supply failed", "look at its supply"),
+    ResetCause.EXTERNAL: (
+        "through its reset pin",
+        "let no other program open the port, nobody press the button",
+    ),
+    ResetCause.BROWN_OUT: (
+        "because its supply fell too low",
+        "give the servos a supply of their own",
+    ),
+    ResetCause.WATCHDOG: ("by its watchdog", "report this as a defect of the firmware"),
+}
+
+
+class BoardSilentError(DeviceError):
+    """No answer came, however often the host asked."""
+
+    def __init__(self, port: str, request: str) -> None:
+        super().__init__(
+            f"{port}: no answer to {request}",
+            "check that the port is the right one, the cable, and that the firmware is flashed",
+        )
+
+
+class SpecMismatchError(DeviceError):
+    """Host and board were built from different specs: only reading and stopping is possible."""
+
+    def __init__(self, identity: HelloReply) -> None:
+        version = ".".join(str(part) for part in identity.firmware_version)
+        super().__init__(
+            f"the board (firmware {version}) speaks protocol {identity.protocol_version}, "
+            f"spec {identity.spec_hash:08x}; this host protocol {PROTOCOL_VERSION}, "
+            f"spec {SPEC_HASH:08x}",
+            "flash the board: ccr-host flash, or upgrade the host to the board's version",
+        )
+        self.identity = identity
+
+
+class RequestRefusedError(DeviceError):
+    """The board has answered `nack`."""
+
+    def __init__(self, request: type[Request], code: NackCode, detail: int) -> None:
+        cause, cure = _REFUSALS[code]
+        super().__init__(f"the board refuses {request.NAME}: {cause}{_detail(code, detail)}", cure)
+        self.request = request
+        self.code = code
+        self.detail = detail
+
+
+class SessionTakenError(DeviceError):
+    """Another host has opened a session."""
+
+    def __init__(self) -> None:
+        super().__init__("another host has taken over the board", "let only one host use the board")
+
+
+class BoardResetError(DeviceError):
+    """The board has restarted while it was in use."""
+
+    def __init__(self, cause: ResetCause) -> None:
+        reason, cure = _RESETS[cause]
+        super().__init__(f"the board has been reset {reason}", f"{cure}, then start again")
+        self.reset_cause = cause
+
+
+class BoardFaultError(DeviceError):
+    """The board has latched a fault and taken the pulses away."""
+
+    def __init__(self, fault: Fault) -> None:
+        cause, cure = _FAULTS[fault]
+        super().__init__(f"the board is in fault: {cause}", cure)
+        self.fault = fault
+
+
+class BoardStoppedError(DeviceError):
+    """Somebody has sent an emergency stop."""
+
+    def __init__(self) -> None:
+        super().__init__("the board is stopped", "see why it was stopped, then clear the stop")
+
+
+class WrongStateError(DeviceError):
+    """The board does not reach, or has left, the state that the host needs."""
+
+    def __init__(self, wanted: State, actual: State) -> None:
+        super().__init__(
+            f"the board is {actual.name.lower()} instead of {wanted.name.lower()}",
+            "reset the board; report this as a defect if it comes again",
+        )
+
+
+def _detail(code: NackCode, detail: int) -> str:
+    if code is NackCode.BAD_STATE and detail in list(State):
+        return f" ({State(detail).name.lower()})"
+    if code is NackCode.OUT_OF_RANGE:
+        return f" (field {detail})"
+    if code is NackCode.INCONSISTENT:
+        return f" (axis {detail + 1})"
+    if code is NackCode.NOT_CONFIGURED:
+        missing = [str(group.name).lower() for group in ConfigGroups if group & detail]
+        return f" ({', '.join(missing)} missing)"
+    return ""

@@ -1,0 +1,88 @@
+"""Frames on the wire: `id u8, sequence u8, payload, crc u16`, COBS-encoded, closed by a zero."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from cobs import cobs
+
+from ccr_host.link.crc import crc16_x25
+from ccr_host.link.messages import FRAME_DELIMITER, MAX_DECODED_FRAME, MAX_ENCODED_FRAME
+
+_DELIMITER = bytes([FRAME_DELIMITER])
+_HEADER_BYTES = 2
+_CRC_BYTES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame that arrived whole."""
+
+    id: int
+    sequence: int
+    payload: bytes
+
+
+class FramingError(Enum):
+    """Why what stood between two zeros is no frame."""
+
+    BAD_CRC = "bad_crc"
+    BAD_ENCODING = "bad_encoding"
+    BAD_SIZE = "bad_size"
+
+
+def encode_frame(message_id: int, sequence: int, payload: bytes) -> bytes:
+    """Bytes to send, the closing zero included."""
+    body = bytes((message_id, sequence)) + payload
+    encoded: bytes = cobs.encode(body + crc16_x25(body).to_bytes(_CRC_BYTES, "little"))
+    return encoded + _DELIMITER
+
+
+class FrameDecoder:
+    """Finds the frames in a byte stream; keeps at most one unfinished frame."""
+
+    def __init__(self) -> None:
+        self._unfinished = bytearray()
+        self._too_long = False
+
+    def feed(self, data: bytes) -> list[Frame | FramingError]:
+        """Take bytes as they come; give back what they complete, in order."""
+        found: list[Frame | FramingError] = []
+        *completed, rest = data.split(_DELIMITER)
+        for part in completed:
+            self._append(part)
+            if self._too_long:
+                found.append(FramingError.BAD_SIZE)
+            elif self._unfinished:
+                found.append(_decode(bytes(self._unfinished)))
+            self.reset()
+        self._append(rest)
+        return found
+
+    def reset(self) -> None:
+        """Forget the unfinished frame."""
+        self._unfinished.clear()
+        self._too_long = False
+
+    def _append(self, part: bytes) -> None:
+        if self._too_long:
+            return
+        if len(self._unfinished) + len(part) > MAX_ENCODED_FRAME:
+            self._unfinished.clear()
+            self._too_long = True
+        else:
+            self._unfinished += part
+
+
+def _decode(encoded: bytes) -> Frame | FramingError:
+    try:
+        decoded = cobs.decode(encoded)
+    except cobs.DecodeError:
+        return FramingError.BAD_ENCODING
+    if not _HEADER_BYTES + _CRC_BYTES <= len(decoded) <= MAX_DECODED_FRAME:
+        return FramingError.BAD_SIZE
+    body, crc = decoded[:-_CRC_BYTES], decoded[-_CRC_BYTES:]
+    if crc16_x25(body) != int.from_bytes(crc, "little"):
+        return FramingError.BAD_CRC
+    return Frame(body[0], body[1], body[_HEADER_BYTES:])

@@ -1,0 +1,32 @@
+"""Angles in rad in the host, in 0.01 deg on the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import degrees, isfinite, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+CDEG_PER_DEG = 100
+
+
+def deg_to_cdeg(angle_deg: float) -> int:
+    """Nearest 0.01 deg."""
+    return round(angle_deg * CDEG_PER_DEG)
+
+
+def rad_to_cdeg(angle_rad: float) -> int:
+    """Nearest 0.01 deg.
+
+    Raises:
+        ValueError: not a finite number.
+    """
+    if not isfinite(angle_rad):
+        raise ValueError(f"an angle of {angle_rad} rad cannot be sent")
+    return deg_to_cdeg(degrees(angle_rad))
+
+
+def cdeg_to_rad(angles_cdeg: Iterable[int]) -> NDArray[np.float64]:
+    """Angles of all axes in rad, shape (axes,)."""
+    return np.array([radians(angle / CDEG_PER_DEG) for angle in angles_cdeg])

@@ -1,0 +1,259 @@
+"""The board under test, seen from outside only: bytes, time, pins, reset.
+
+The tests that carry a requirement id use nothing else, so that they can be run against any
+implementation that offers :class:`Device`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+import pytest
+
+from ccr_host.emulator.board import UnoEmulator
+from ccr_host.emulator.eeprom import EepromImage
+from ccr_host.emulator.serial_line import SerialLine
+from ccr_host.link import messages as m
+from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
+
+SESSION = 0x5E55
+_STEP_US = 100
+_ANSWER_TIMEOUT_US = 15_000
+_AFTER_TICK_US = 500
+R = TypeVar("R", bound=m.Message)
+
+LIMITS = m.Limits((-8500, -6000), (8500, 6000), (0, 0))
+SLEW = m.Slew((600, 500))
+WATCHDOG = m.Watchdog(relax_after_ms=200, relax_slew_cdeg_tick=100, arm_axis_ms=60)
+CALIBRATION = m.Calibration((3000, 3100), (2000, -1900), (1000, 1200), (5000, 4800))
+
+
+class Device(Protocol):
+    """A board and its wire."""
+
+    eeprom: EepromImage
+
+    def send(self, data: bytes) -> None: ...
+    def advance_to(self, since_reset_us: int) -> None: ...
+    def since_reset_us(self) -> int: ...
+    def read(self) -> bytes: ...
+    def pulses_half_us(self) -> tuple[int, int]: ...
+    def reset(self, cause: m.ResetCause) -> None: ...
+    def inject_fault(self, fault: m.Fault) -> None: ...
+
+
+class EmulatedDevice:
+    """The emulator as a device."""
+
+    def __init__(self, eeprom: EepromImage, **board_options: int) -> None:
+        self.eeprom = eeprom
+        self._board = UnoEmulator(eeprom, **board_options)
+        self._line = SerialLine(self._board)
+        self._reset_us = 0
+
+    def send(self, data: bytes) -> None:
+        self._line.write(data)
+
+    def advance_to(self, since_reset_us: int) -> None:
+        self._line.advance_to(self._reset_us + since_reset_us)
+
+    def since_reset_us(self) -> int:
+        return self._board.now_us - self._reset_us
+
+    def read(self) -> bytes:
+        return self._line.read()
+
+    def pulses_half_us(self) -> tuple[int, int]:
+        return self._board.pulses_half_us
+
+    def reset(self, cause: m.ResetCause) -> None:
+        self._board.reset(cause)
+        self._reset_us = self._board.now_us
+
+    def inject_fault(self, fault: m.Fault) -> None:
+        self._board.inject_fault(fault)
+
+
+class Host:
+    """Speaks to a device and looks at its pins, tick by tick."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.telemetry: list[tuple[int, m.StateReport]] = []
+        self._decoder = FrameDecoder()
+        self._sequence = 100
+
+    # Bytes
+
+    def exchange(self, data: bytes, wait_us: int = _ANSWER_TIMEOUT_US) -> list[Frame]:
+        """Everything but telemetry that the board answers to raw bytes."""
+        self.device.send(data)
+        return self.listen(wait_us)
+
+    def listen(self, wait_us: int) -> list[Frame]:
+        self.device.advance_to(self.device.since_reset_us() + wait_us)
+        return self._answers()
+
+    def ask_frame(self, message_id: int, sequence: int, payload: bytes) -> Frame:
+        """The one answer to a frame, as soon as it is there."""
+        self.device.send(encode_frame(message_id, sequence, payload))
+        deadline_us = self.device.since_reset_us() + _ANSWER_TIMEOUT_US
+        while self.device.since_reset_us() < deadline_us:
+            self.device.advance_to(self.device.since_reset_us() + _STEP_US)
+            answers = self._answers()
+            if answers:
+                (answer,) = answers
+                return answer
+        raise AssertionError(f"no answer to {message_id:#x}")
+
+    def ask(self, request: m.Request, sequence: int | None = None) -> m.Message:
+        if sequence is None:
+            self._sequence = sequence = (self._sequence + 1) % 256
+        answer = self.ask_frame(request.ID, sequence, request.pack())
+        assert answer.sequence == sequence
+        return m.MESSAGES[answer.id].unpack(answer.payload)
+
+    def done(self, request: m.Request, sequence: int | None = None) -> m.Message:
+        """The answer, which must not be a refusal."""
+        answer = self.ask(request, sequence)
+        assert not isinstance(answer, m.Nack), answer
+        return answer
+
+    def refusal(self, request: m.Request, sequence: int | None = None) -> tuple[m.NackCode, int]:
+        """Code and detail of the refusal that the request must get."""
+        answer = self.ask(request, sequence)
+        assert isinstance(answer, m.Nack), answer
+        assert answer.request == request.ID
+        return answer.code, answer.detail
+
+    # Time
+
+    def next_tick(self) -> int:
+        """Index of the control tick that comes next."""
+        return max(0, -(-(self.device.since_reset_us() + 1 - m.TICK_PHASE_US) // m.TICK_US))
+
+    def to_after_tick(self, tick: int) -> None:
+        """Go to shortly after a control tick."""
+        self.device.advance_to(m.TICK_PHASE_US + tick * m.TICK_US + _AFTER_TICK_US)
+
+    def pulses_of_tick(self, tick: int) -> tuple[int, int]:
+        """What is on the pins in the frame for which the tick has computed."""
+        self.device.advance_to((tick + 1) * m.TICK_US)
+        return self.device.pulses_half_us()
+
+    def report_of_tick(self, tick: int) -> m.StateReport:
+        """The state shortly after a tick."""
+        self.to_after_tick(tick)
+        report = self.report()
+        assert report.tick == tick + 1
+        return report
+
+    # Shorthands
+
+    def report(self) -> m.StateReport:
+        return self.told(m.GetState(), m.StateReply).report
+
+    def counters(self) -> m.CountersReply:
+        return self.told(m.GetCounters(), m.CountersReply)
+
+    def told(self, request: m.Request, reply: type[R]) -> R:
+        answer = self.ask(request)
+        assert isinstance(answer, reply), answer
+        return answer
+
+    def state(self) -> m.State:
+        return self.report().state
+
+    def boot(self) -> None:
+        self.to_after_tick(m.BOOT_TICKS)
+
+    def open_session(self, session: int = SESSION) -> None:
+        self.told(m.OpenSession(m.SPEC_HASH, session), m.SessionReply)
+
+    def configure(
+        self,
+        limits: m.Limits = LIMITS,
+        slew: m.Slew = SLEW,
+        watchdog: m.Watchdog = WATCHDOG,
+        calibration: m.Calibration = CALIBRATION,
+    ) -> None:
+        self.done(m.SetLimits(SESSION, limits))
+        self.done(m.SetSlew(SESSION, slew))
+        self.done(m.SetWatchdog(SESSION, watchdog))
+        self.done(m.SetCalibration(SESSION, calibration))
+
+    def arm(self) -> int:
+        """Arm and wait for `hold`; gives the tick that made it."""
+        self.done(m.Arm(SESSION))
+        return self.wait_for(m.State.HOLD)
+
+    def target(
+        self, first_cdeg: int, second_cdeg: int = 0, *, ramp_ms: int = 0, validity_ms: int = 1000
+    ) -> m.TargetReply:
+        request = m.SetTarget(SESSION, (first_cdeg, second_cdeg), ramp_ms, validity_ms)
+        return self.told(request, m.TargetReply)
+
+    def wait_for(self, state: m.State, ticks: int = 1000) -> int:
+        """Go on tick by tick until the state is reached; gives the tick that made it."""
+        for tick in range(self.next_tick(), self.next_tick() + ticks):
+            if self.report_of_tick(tick).state is state:
+                return tick
+        raise AssertionError(f"{state.name} was not reached in {ticks} ticks")
+
+    def save(self) -> None:
+        """Save and wait until it is done."""
+        self.done(m.SaveConfig(SESSION))
+        self.to_after_tick(self.next_tick() + m.EEPROM_SLOT_SIZE)
+        assert not self.report().flags & m.StatusFlags.EEPROM_BUSY
+
+    def _answers(self) -> list[Frame]:
+        answers = []
+        for frame in self._decoder.feed(self.device.read()):
+            assert isinstance(frame, Frame), "the board has sent what is no frame"
+            if frame.id == m.Telemetry.ID:
+                report = m.Telemetry.unpack(frame.payload).report
+                self.telemetry.append((frame.sequence, report))
+            else:
+                answers.append(frame)
+        return answers
+
+
+MakeHost = Callable[..., Host]
+
+
+@pytest.fixture
+def make_host() -> MakeHost:
+    """A host of a board that has just been started; give it an EEPROM to start from."""
+
+    def make(eeprom: EepromImage | None = None, **board_options: int) -> Host:
+        return Host(EmulatedDevice(eeprom if eeprom else EepromImage(), **board_options))
+
+    return make
+
+
+@pytest.fixture
+def blank(make_host: MakeHost) -> Host:
+    """Started, in `disarmed`, with a session, not configured."""
+    host = make_host()
+    host.boot()
+    host.open_session()
+    return host
+
+
+@pytest.fixture
+def host(blank: Host) -> Host:
+    """Ready to be armed."""
+    blank.configure()
+    return blank
+
+
+@pytest.fixture
+def armed(host: Host) -> Host:
+    """In `hold`, at rest."""
+    host.arm()
+    return host
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "requirement(*ids): of protocol/spec.toml")

@@ -1,0 +1,198 @@
+"""FRM and REQ: what the board makes of bytes."""
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ccr_host.link import messages as m
+from ccr_host.link.framing import Frame, encode_frame
+
+SESSION = 0x5E55
+HELLO = encode_frame(m.Hello.ID, 7, m.Hello(m.PROTOCOL_VERSION, m.SPEC_HASH).pack())
+
+
+PULSE_MIN_BELOW_THE_FLOOR = m.Calibration((3000, 3000), (900, 900), (999, 1000), (5000, 5000))
+REQUESTS = set(m.REQUESTS)
+
+
+def damaged(frame: bytes) -> bytes:
+    return frame[:3] + bytes([frame[3] ^ 0x10]) + frame[4:]
+
+
+@pytest.mark.requirement("FRM-1")
+@pytest.mark.parametrize(
+    ("counter", "data"),
+    [
+        ("bad_crc", damaged(HELLO)),
+        ("bad_encoding", b"\x09\x01\x02\x00"),
+        ("bad_size", b"\x01\x00"),
+        ("bad_size", b"\x04\x01\x02\x03\x00"),
+        ("bad_size", encode_frame(m.Hello.ID, 1, bytes(m.MAX_PAYLOAD + 1))),
+    ],
+)
+def test_what_is_no_frame_is_counted_and_not_answered(make_host, counter, data):
+    host = make_host()
+    assert host.exchange(data) == []
+    counters = host.counters()
+    assert getattr(counters, counter) == 1
+    assert counters.bad_crc + counters.bad_encoding + counters.bad_size == 1
+    assert counters.frames_accepted == 1  # get_counters itself
+    assert host.report().link_errors == 1
+
+
+@pytest.mark.requirement("FRM-1")
+def test_longest_payload_is_taken_as_a_frame(make_host):
+    host = make_host()
+    (answer,) = host.exchange(encode_frame(m.Hello.ID, 1, bytes(m.MAX_PAYLOAD)))
+    assert m.Nack.unpack(answer.payload).code is m.NackCode.BAD_LENGTH
+
+
+@pytest.mark.requirement("FRM-2")
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(noise=st.binary(max_size=300))
+def test_next_frame_after_any_bytes_and_a_zero_is_understood(make_host, noise):
+    host = make_host()
+    host.exchange(noise + b"\0")
+    (answer,) = host.exchange(HELLO)
+    assert (answer.id, answer.sequence) == (m.HelloReply.ID, 7)
+
+
+@pytest.mark.requirement("FRM-3")
+def test_zeros_between_frames_are_ignored(make_host):
+    host = make_host()
+    answers = host.exchange(bytes(20) + HELLO + bytes(20) + HELLO)
+    assert len(answers) == 2
+    assert host.report().link_errors == 0
+
+
+@pytest.mark.requirement("FRM-4")
+def test_frame_that_grows_too_long_is_counted_once(make_host):
+    host = make_host()
+    host.exchange(b"\x55" * 1000)
+    assert host.exchange(b"\x55" * 1000 + b"\0" + HELLO, wait_us=200_000)[0].id == m.HelloReply.ID
+    counters = host.counters()
+    assert (counters.bad_size, counters.bad_encoding, counters.bad_crc) == (1, 0, 0)
+
+
+@pytest.mark.requirement("REQ-1")
+def test_requests_are_answered_in_order_with_their_sequence_numbers(make_host):
+    host = make_host()
+    requests = [(m.GetState, 9), (m.Stop, 9), (m.GetLimits, 0), (m.GetCounters, 255)]
+    data = b"".join(encode_frame(kind.ID, sequence, kind().pack()) for kind, sequence in requests)
+    answers = host.exchange(data)
+    assert [(a.id, a.sequence) for a in answers] == [
+        (kind.REPLY_ID, sequence) for kind, sequence in requests
+    ]
+
+
+def test_answers_that_do_not_fit_the_send_buffer_are_dropped_and_counted(make_host):
+    host = make_host()
+    burst = b"".join(encode_frame(m.GetState.ID, n, b"") for n in range(60))
+    answers = host.exchange(burst, wait_us=100_000)
+    counters = host.counters()
+    assert 8 <= len(answers) < 60
+    assert counters.replies_dropped == 60 - len(answers)
+    assert counters.frames_accepted == 61
+
+
+@pytest.mark.requirement("REQ-2")
+def test_checks_come_in_their_order_and_change_nothing(host):
+    host.done(m.Arm(SESSION))
+    limits = host.told(m.GetLimits(), m.LimitsReply).limits
+    wrong = m.Limits((0, 20000), (0, 0), (0, 0))
+    inconsistent = m.Limits((0, 100), (100, 100), (0, 100))
+    too_short = host.ask_frame(m.SetLimits.ID, 1, m.SetLimits(SESSION + 1, wrong).pack()[:-1])
+    assert m.Nack.unpack(too_short.payload).code is m.NackCode.BAD_LENGTH
+    assert host.refusal(m.SetLimits(SESSION + 1, wrong))[0] is m.NackCode.BAD_SESSION
+    assert host.refusal(m.SetLimits(SESSION, wrong)) == (m.NackCode.BAD_STATE, m.State.ARMING)
+    host.done(m.Stop())
+    assert host.refusal(m.SetLimits(SESSION, wrong)) == (m.NackCode.OUT_OF_RANGE, 1)
+    assert host.refusal(m.SetLimits(SESSION, inconsistent)) == (m.NackCode.INCONSISTENT, 1)
+    assert host.told(m.GetLimits(), m.LimitsReply).limits == limits
+    assert host.counters().nacks == 5
+
+
+@pytest.mark.requirement("REQ-2")
+@pytest.mark.parametrize(
+    ("request_", "index"),
+    [
+        (m.OpenSession(m.SPEC_HASH, 0), 1),
+        (m.SetWatchdog(SESSION, m.Watchdog(19, 100, 100)), 1),
+        (m.SetWatchdog(SESSION, m.Watchdog(100, 501, 100)), 2),
+        (m.SetWatchdog(SESSION, m.Watchdog(100, 100, 5001)), 3),
+        (m.SetSlew(SESSION, m.Slew((1, 0))), 1),
+        (m.SetCalibration(SESSION, PULSE_MIN_BELOW_THE_FLOOR), 3),
+    ],
+)
+def test_out_of_range_names_the_field(host, request_, index):
+    assert host.refusal(request_) == (m.NackCode.OUT_OF_RANGE, index)
+
+
+@pytest.mark.requirement("REQ-2")
+@pytest.mark.parametrize("ramp_and_validity", [(10_001, 100), (0, 19), (0, 10_001)])
+def test_target_out_of_range_is_refused_and_does_not_feed_the_watchdog(armed, ramp_and_validity):
+    answer = armed.refusal(m.SetTarget(SESSION, (0, 0), *ramp_and_validity))
+    assert answer == (m.NackCode.OUT_OF_RANGE, 2 if ramp_and_validity[0] else 3)
+    assert armed.report().target_age_ms == 65535
+
+
+@pytest.mark.requirement("REQ-2")
+@pytest.mark.parametrize("per_90_deg", [-99, 0, 99])
+def test_calibration_without_a_slope_is_inconsistent(host, per_90_deg):
+    calibration = m.Calibration((3000, 3000), (900, per_90_deg), (1000, 1000), (5000, 5000))
+    answer = host.refusal(m.SetCalibration(SESSION, calibration))
+    assert answer == (m.NackCode.INCONSISTENT, 1)
+
+
+@pytest.mark.requirement("REQ-3")
+def test_repeated_request_is_answered_from_memory_and_not_executed_again(host):
+    first = host.ask_frame(m.Arm.ID, 5, m.Arm(SESSION).pack())
+    host.wait_for(m.State.HOLD)
+    assert host.ask_frame(m.Arm.ID, 5, m.Arm(SESSION).pack()) == first
+    assert m.Ack.unpack(first.payload).state is m.State.ARMING
+    assert host.counters().repeats_answered == 1
+    assert host.state() is m.State.HOLD
+
+
+@pytest.mark.requirement("REQ-3")
+def test_memory_lasts_for_the_retry_window_and_no_longer(host):
+    arm = m.SetTelemetry(SESSION, 0)
+    host.done(arm, sequence=5)
+    tick = host.next_tick()
+    host.to_after_tick(tick + m.RETRY_WINDOW_TICKS - 1)
+    host.done(arm, sequence=5)
+    assert host.counters().repeats_answered == 1
+    host.to_after_tick(tick + m.RETRY_WINDOW_TICKS)
+    host.done(arm, sequence=5)
+    assert host.counters().repeats_answered == 1
+
+
+@pytest.mark.requirement("REQ-3")
+def test_only_the_same_id_sequence_and_payload_is_a_repetition(host):
+    host.done(m.SetTelemetry(SESSION, 0), sequence=5)
+    host.done(m.SetTelemetry(SESSION, 0), sequence=6)
+    host.done(m.SetTelemetry(SESSION, 9), sequence=6)
+    host.done(m.Disarm(SESSION), sequence=6)
+    assert host.counters().repeats_answered == 0
+
+
+@pytest.mark.requirement("REQ-3")
+def test_refused_request_is_checked_again_when_repeated(blank):
+    assert blank.refusal(m.Arm(SESSION), sequence=5)[0] is m.NackCode.NOT_CONFIGURED
+    blank.configure()
+    blank.done(m.Arm(SESSION), sequence=5)
+
+
+@pytest.mark.requirement("REQ-3", "SES-1")
+def test_new_session_forgets_answered_requests(host):
+    host.done(m.SetTelemetry(SESSION, 0), sequence=5)
+    host.open_session()
+    host.done(m.SetTelemetry(SESSION, 0), sequence=5)
+    assert host.counters().repeats_answered == 0
+
+
+@pytest.mark.requirement("REQ-4")
+@pytest.mark.parametrize("message_id", [*sorted({*range(256)} - REQUESTS)[::7], 0x70, 0xC0])
+def test_ids_that_are_no_requests_are_refused(make_host, message_id):
+    answer = make_host().ask_frame(message_id, 3, b"\1\2\3")
+    assert answer == Frame(m.Nack.ID, 3, m.Nack(message_id, m.NackCode.UNKNOWN_ID, 0).pack())

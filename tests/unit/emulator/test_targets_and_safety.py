@@ -1,0 +1,269 @@
+"""TGT, PUL, WDG, STP and FLT."""
+
+import pytest
+
+from ccr_host.link import messages as m
+
+SESSION = 0x5E55
+PULSING = (
+    m.State.ARMING,
+    m.State.ACTIVE,
+    m.State.HOLD,
+    m.State.RELAXING,
+    m.State.DISARMING,
+)
+
+
+def bring_to(host, state):
+    """From armed, in hold, at rest."""
+    match state:
+        case m.State.DISARMED:
+            host.done(m.Disarm(SESSION))
+            host.wait_for(state)
+        case m.State.ARMING:
+            host.done(m.Stop())
+            host.done(m.ClearFault(SESSION))
+            host.done(m.Arm(SESSION))
+        case m.State.ACTIVE:
+            host.target(1000, 500)
+        case m.State.RELAXING:
+            host.target(3000, 500, validity_ms=100)
+            host.wait_for(state)
+        case m.State.DISARMING:
+            host.target(3000, 500)
+            host.to_after_tick(host.next_tick() + 6)
+            host.done(m.Disarm(SESSION))
+        case m.State.FAULT:
+            host.device.inject_fault(m.Fault.INTERNAL)
+        case m.State.STOPPED:
+            host.done(m.Stop())
+    assert host.state() is state
+
+
+@pytest.mark.requirement("TGT-1")
+def test_target_outside_the_limits_is_clamped_and_reported(armed):
+    reply = armed.target(9000, -7000)
+    assert reply.target_cdeg == (8500, -6000)
+    assert reply.flags & m.StatusFlags.CLAMPED
+    assert armed.report().target_cdeg == (8500, -6000)
+    assert not armed.target(8500, -6000).flags & m.StatusFlags.CLAMPED
+    counters = armed.counters()
+    assert (counters.targets_accepted, counters.targets_clamped) == (2, 1)
+
+
+@pytest.mark.requirement("TGT-2")
+def test_ramp_is_a_straight_line_rounded_toward_zero(armed):
+    armed.target(1000, -1000, ramp_ms=121)  # 7 ticks
+    tick = armed.next_tick()
+    setpoints = [armed.report_of_tick(tick + n).setpoint_cdeg for n in range(9)]
+    first = [142, 285, 428, 571, 714, 857, 1000, 1000, 1000]
+    assert setpoints == [(angle, -angle) for angle in first]
+
+
+@pytest.mark.requirement("TGT-2", "TGT-3")
+def test_without_a_ramp_the_slew_limit_leads(armed):
+    armed.target(1300, 1300)
+    tick = armed.next_tick()
+    setpoints = [armed.report_of_tick(tick + n).setpoint_cdeg for n in range(4)]
+    assert setpoints == [(600, 500), (1200, 1000), (1300, 1300), (1300, 1300)]
+
+
+@pytest.mark.requirement("TGT-3")
+def test_ramp_faster_than_the_slew_limit_is_slowed(armed):
+    armed.target(4000, 0, ramp_ms=40)
+    tick = armed.next_tick()
+    setpoints = [armed.report_of_tick(tick + n).setpoint_cdeg[0] for n in range(8)]
+    assert setpoints == [600, 1200, 1800, 2400, 3000, 3600, 4000, 4000]
+
+
+@pytest.mark.requirement("TGT-4")
+def test_latest_target_replaces_the_one_before_from_where_it_stands(armed):
+    armed.target(4000, 4000)
+    armed.target(-200, 100, ramp_ms=40)
+    tick = armed.next_tick()
+    assert armed.report_of_tick(tick).setpoint_cdeg == (-100, 50)
+    armed.target(300, 100, ramp_ms=40)
+    assert armed.report_of_tick(tick + 1).setpoint_cdeg == (100, 75)
+    assert armed.report_of_tick(tick + 2).setpoint_cdeg == (300, 100)
+
+
+def test_report_names_the_last_accepted_target_and_its_age(armed):
+    assert armed.report().target_age_ms == 65535
+    armed.done(m.SetTarget(SESSION, (5, 6), 0, 10_000), sequence=77)
+    tick = armed.next_tick()
+    report = armed.report_of_tick(tick + 9)
+    assert (report.target_sequence, report.target_cdeg, report.target_age_ms) == (77, (5, 6), 200)
+
+
+@pytest.mark.requirement("PUL-1")
+@pytest.mark.parametrize(
+    ("angle_cdeg", "pulse"),
+    [
+        (0, 3000),
+        (1, 3000),  # 0.22
+        (2, 3000),  # 0.44
+        (3, 3001),  # 0.67
+        (-3, 2999),
+        (9, 3002),
+        (8500, 4889),  # 1888.9
+        (-8500, 1111),
+    ],
+)
+def test_pulse_follows_the_calibration(armed, angle_cdeg, pulse):
+    armed.target(angle_cdeg)
+    armed.to_after_tick(armed.next_tick() + 20)
+    assert armed.pulses_of_tick(armed.next_tick())[0] == pulse
+
+
+@pytest.mark.requirement("PUL-1")
+def test_halves_are_rounded_away_from_zero(blank):
+    calibration = m.Calibration((3000, 3000), (100, -100), (1000, 1000), (5000, 5000))
+    blank.configure(calibration=calibration)
+    blank.arm()
+    blank.target(45, 45)  # 0.5 and -0.5
+    assert blank.pulses_of_tick(blank.next_tick()) == (3001, 2999)
+    blank.target(-135, -135)  # -1.5 and 1.5
+    assert blank.pulses_of_tick(blank.next_tick()) == (2998, 3002)
+
+
+@pytest.mark.requirement("PUL-1")
+def test_pulses_stay_between_floor_and_ceiling_and_the_calibrated_ends(blank):
+    limits = m.Limits((-13500, -13500), (13500, 13500), (0, 0))
+    calibration = m.Calibration((3000, 3000), (4000, 4000), (1000, 2000), (5000, 4000))
+    blank.configure(limits=limits, slew=m.Slew((2000, 2000)), calibration=calibration)
+    blank.arm()
+    blank.target(13500, 13500)
+    assert blank.pulses_of_tick(blank.next_tick() + 10) == (5000, 4000)
+    blank.target(-13500, -13500)
+    assert blank.pulses_of_tick(blank.next_tick() + 20) == (1000, 2000)
+
+
+@pytest.mark.requirement("PUL-2")
+@pytest.mark.parametrize("state", [s for s in m.State if s is not m.State.BOOT])
+def test_pulses_are_only_present_in_pulsing_states(armed, state):
+    bring_to(armed, state)
+    pulses = armed.pulses_of_tick(armed.next_tick())
+    assert (pulses[0] > 0) == (state in PULSING)
+    report = armed.report()
+    assert bool(report.flags & m.StatusFlags.AXIS_1_PULSES) == (report.state in PULSING)
+
+
+@pytest.mark.requirement("WDG-1", "WDG-3", "WDG-5")
+def test_silent_host_gets_hold_then_relaxing_then_link_loss(armed):
+    armed.target(2050, validity_ms=100)
+    tick = armed.next_tick()
+    expired = tick + 5
+    for later in range(expired, expired + 10):
+        report = armed.report_of_tick(later)
+        assert (report.state, report.setpoint_cdeg[0]) == (m.State.HOLD, 2050)
+    relaxing = expired + 10  # 200 ms
+    for n in range(21):
+        report = armed.report_of_tick(relaxing + n)
+        assert (report.state, report.setpoint_cdeg[0]) == (
+            m.State.RELAXING,
+            max(2050 - 100 * (n + 1), 0),
+        )
+    report = armed.report_of_tick(relaxing + 21)
+    assert (report.state, report.fault) == (m.State.FAULT, m.Fault.LINK_LOSS)
+    assert armed.pulses_of_tick(relaxing + 21) == (0, 0)
+    counters = armed.counters()
+    assert (counters.holds, counters.relaxes) == (1, 1)
+
+
+@pytest.mark.requirement("WDG-2")
+def test_only_accepted_targets_feed_the_watchdog(armed):
+    armed.target(100, validity_ms=100)
+    tick = armed.next_tick()
+    for later in range(tick, tick + 5):
+        armed.to_after_tick(later)
+        armed.ask(m.Hello(1, m.SPEC_HASH))
+        armed.ask(m.SetTelemetry(SESSION, 0))
+        armed.ask(m.SetTarget(SESSION, (0, 0), 0, 0))
+        armed.ask(m.SetTarget(SESSION + 1, (0, 0), 0, 100))
+    assert armed.report_of_tick(tick + 5).state is m.State.HOLD
+
+
+@pytest.mark.requirement("WDG-4")
+@pytest.mark.parametrize("state", [m.State.HOLD, m.State.RELAXING])
+def test_fresh_target_ends_hold_and_relaxing(armed, state):
+    bring_to(armed, state)
+    setpoint = armed.report().setpoint_cdeg[0]
+    assert armed.target(setpoint + 100).state is m.State.ACTIVE
+    assert armed.report_of_tick(armed.next_tick()).setpoint_cdeg[0] == setpoint + 100
+
+
+@pytest.mark.requirement("STP-1")
+@pytest.mark.parametrize("state", list(m.State))
+@pytest.mark.parametrize("with_session", [True, False])
+def test_stop_takes_the_pulses_away_from_every_state(armed, state, with_session):
+    if state is m.State.BOOT:
+        armed.device.reset(m.ResetCause.EXTERNAL)
+    else:
+        bring_to(armed, state)
+    if not with_session and state is not m.State.BOOT:
+        armed.open_session(SESSION + 1)
+    before = armed.device.pulses_half_us()
+    ack = armed.told(m.Stop(), m.Ack)
+    assert ack.state is m.State.STOPPED
+    tick = armed.next_tick()
+    armed.device.advance_to((tick + 1) * m.TICK_US - 1)
+    if state in PULSING and state is not m.State.ARMING:
+        assert before[0] > 0
+        assert armed.device.pulses_half_us()[0] > 0  # the frame is not cut
+    for later in range(tick, tick + 5):
+        assert armed.pulses_of_tick(later) == (0, 0)
+
+
+@pytest.mark.requirement("FLT-1")
+def test_first_fault_is_kept(armed):
+    armed.device.inject_fault(m.Fault.TICK_OVERRUN)
+    armed.device.inject_fault(m.Fault.INTERNAL)
+    armed.done(m.Stop())
+    assert armed.report().fault is m.Fault.TICK_OVERRUN
+    armed.done(m.ClearFault(SESSION))
+    assert armed.report().fault is m.Fault.NONE
+
+
+@pytest.mark.requirement("FLT-2")
+@pytest.mark.parametrize("state", [m.State.FAULT, m.State.STOPPED])
+def test_only_clear_fault_leads_out_of_a_latch(armed, state):
+    bring_to(armed, state)
+    for request in (m.Arm(SESSION), m.Disarm(SESSION), m.SetTarget(SESSION, (0, 0), 0, 100)):
+        assert armed.refusal(request) == (m.NackCode.BAD_STATE, state)
+    armed.to_after_tick(armed.next_tick() + 200)
+    assert armed.state() is state
+    ack = armed.told(m.ClearFault(SESSION), m.Ack)
+    assert ack.state is m.State.DISARMED
+    armed.arm()
+
+
+@pytest.mark.requirement("FLT-3")
+@pytest.mark.parametrize(
+    ("cause", "fault"),
+    [
+        (m.ResetCause.WATCHDOG, m.Fault.WATCHDOG_RESET),
+        (m.ResetCause.BROWN_OUT, m.Fault.BROWN_OUT_RESET),
+    ],
+)
+def test_reset_by_watchdog_or_brown_out_ends_boot_in_fault(armed, cause, fault):
+    armed.device.reset(cause)
+    assert armed.report_of_tick(m.BOOT_TICKS - 1).state is m.State.BOOT
+    report = armed.report_of_tick(m.BOOT_TICKS)
+    assert (report.state, report.fault) == (m.State.FAULT, fault)
+    armed.open_session()
+    armed.done(m.ClearFault(SESSION))
+    assert armed.state() is m.State.DISARMED
+
+
+def test_disarm_leads_slowly_to_rest_and_then_takes_the_pulses_away(armed):
+    armed.target(450, 100)
+    armed.to_after_tick(armed.next_tick() + 5)
+    armed.done(m.Disarm(SESSION))
+    tick = armed.next_tick()
+    setpoints = [armed.report_of_tick(tick + n).setpoint_cdeg for n in range(5)]
+    assert setpoints == [(350, 0), (250, 0), (150, 0), (50, 0), (0, 0)]
+    assert armed.device.pulses_half_us()[0] > 0
+    assert armed.report_of_tick(tick + 5).state is m.State.DISARMED
+    assert armed.pulses_of_tick(tick + 5) == (0, 0)
+    armed.done(m.Disarm(SESSION))
+    assert armed.state() is m.State.DISARMED

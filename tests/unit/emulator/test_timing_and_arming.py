@@ -1,0 +1,200 @@
+"""TIM and ARM."""
+
+import pytest
+
+from ccr_host.link import messages as m
+
+SESSION = 0x5E55
+AXIS_TICKS = 3  # 60 ms
+NEUTRAL = (3000, 3100)
+
+
+@pytest.mark.requirement("TIM-1")
+@pytest.mark.parametrize("tick", [0, 1, 49])
+def test_tick_runs_at_its_phase(make_host, tick):
+    host = make_host()
+    request_us = 2_000  # longer than a get_state needs to its dispatch
+    host.device.advance_to(m.TICK_PHASE_US + tick * m.TICK_US - request_us)
+    assert host.report().tick == tick
+    host.device.advance_to(m.TICK_PHASE_US + tick * m.TICK_US)
+    assert host.report().tick == tick + 1
+
+
+@pytest.mark.requirement("TIM-2")
+def test_pulses_change_at_the_start_of_the_frame_and_stay_for_all_of_it(armed):
+    armed.target(600)
+    tick = armed.next_tick()
+    frame_us = (tick + 1) * m.TICK_US
+    armed.device.advance_to(frame_us - 1)
+    assert armed.device.pulses_half_us() == NEUTRAL
+    for time_us in (frame_us, frame_us + m.TICK_PHASE_US, frame_us + m.TICK_US - 1):
+        armed.device.advance_to(time_us)
+        assert armed.device.pulses_half_us() == (3000 + 133, 3100)
+
+
+@pytest.mark.requirement("TIM-3")
+def test_boot_lasts_its_ticks(make_host):
+    host = make_host()
+    assert host.report_of_tick(m.BOOT_TICKS - 1).state is m.State.BOOT
+    assert host.report_of_tick(m.BOOT_TICKS).state is m.State.DISARMED
+
+
+@pytest.mark.requirement("TIM-3", "WDG-1")
+@pytest.mark.parametrize(("validity_ms", "ticks"), [(20, 1), (21, 2), (40, 2), (41, 3), (1000, 50)])
+def test_target_runs_out_after_its_ticks_and_not_before(armed, validity_ms, ticks):
+    armed.target(100, validity_ms=validity_ms)
+    tick = armed.next_tick()
+    if ticks > 1:
+        assert armed.report_of_tick(tick + ticks - 1).state is m.State.ACTIVE
+    assert armed.report_of_tick(tick + ticks).state is m.State.HOLD
+
+
+@pytest.mark.requirement("TIM-4")
+def test_transition_comes_before_the_move_of_the_same_tick(armed):
+    armed.target(5000, validity_ms=20)
+    tick = armed.next_tick()
+    moved = armed.report_of_tick(tick).setpoint_cdeg
+    held = armed.report_of_tick(tick + 1)
+    assert moved == (600, 0)
+    assert (held.state, held.setpoint_cdeg) == (m.State.HOLD, moved)
+
+
+@pytest.mark.requirement("TIM-4")
+def test_one_tick_makes_one_transition(armed):
+    tick = armed.wait_for(m.State.RELAXING)  # already at rest
+    assert armed.report_of_tick(tick + 1).state is m.State.FAULT
+
+
+@pytest.mark.requirement("ARM-1")
+def test_axes_are_enabled_one_after_the_other(host):
+    host.to_after_tick(host.next_tick())
+    host.done(m.Arm(SESSION))
+    tick = host.next_tick()
+    assert host.pulses_of_tick(tick - 1) == (0, 0)
+    assert host.pulses_of_tick(tick) == (NEUTRAL[0], 0)
+    assert host.pulses_of_tick(tick + AXIS_TICKS - 1) == (NEUTRAL[0], 0)
+    assert host.pulses_of_tick(tick + AXIS_TICKS) == NEUTRAL
+    assert host.report_of_tick(tick + 2 * AXIS_TICKS - 1).state is m.State.ARMING
+    assert host.report_of_tick(tick + 2 * AXIS_TICKS).state is m.State.HOLD
+
+
+@pytest.mark.requirement("ARM-1", "ARM-3")
+def test_arming_begins_where_the_robot_was_left_and_leads_it_to_rest(armed):
+    armed.target(1000, -250)
+    armed.to_after_tick(armed.next_tick() + 10)
+    armed.done(m.Stop())
+    armed.to_after_tick(armed.next_tick())
+    armed.done(m.ClearFault(SESSION))
+    armed.done(m.Arm(SESSION))
+    tick = armed.next_tick()
+    start = (3000 + 222, 3100 + 53)
+    assert armed.pulses_of_tick(tick) == (start[0], 0)
+    assert armed.pulses_of_tick(tick + 2 * AXIS_TICKS - 1) == start
+    setpoints = [armed.report_of_tick(tick + 2 * AXIS_TICKS + n).setpoint_cdeg for n in range(11)]
+    assert setpoints[:4] == [(900, -150), (800, -50), (700, 0), (600, 0)]
+    assert setpoints[9:] == [(0, 0), (0, 0)]
+    assert armed.report_of_tick(tick + 2 * AXIS_TICKS + 9 + 2).state is m.State.HOLD
+
+
+@pytest.mark.requirement("ARM-1")
+def test_hold_is_made_by_the_first_tick_that_finds_the_setpoint_at_rest(armed):
+    armed.target(100)
+    armed.to_after_tick(armed.next_tick() + 1)
+    armed.done(m.Stop())
+    armed.done(m.ClearFault(SESSION))
+    armed.done(m.Arm(SESSION))
+    moving = armed.next_tick() + 2 * AXIS_TICKS
+    assert armed.report_of_tick(moving).state is m.State.ARMING
+    assert armed.report_of_tick(moving + 1).state is m.State.HOLD
+
+
+@pytest.mark.requirement("ARM-1")
+def test_lesser_of_relax_slew_and_slew_limit_counts(blank):
+    blank.configure(slew=m.Slew((30, 500)))
+    blank.arm()
+    blank.target(90, 250)
+    blank.to_after_tick(blank.next_tick() + 5)
+    blank.done(m.Disarm(SESSION))
+    assert blank.report_of_tick(blank.next_tick()).setpoint_cdeg == (60, 150)
+
+
+@pytest.mark.requirement("ARM-2")
+def test_incomplete_configuration_is_refused_and_named(blank):
+    missing = m.ConfigGroups(0xF)
+    assert blank.refusal(m.Arm(SESSION)) == (m.NackCode.NOT_CONFIGURED, missing)
+    blank.done(m.SetSlew(SESSION, m.Slew((600, 600))))
+    missing &= ~m.ConfigGroups.SLEW
+    assert blank.refusal(m.Arm(SESSION)) == (m.NackCode.NOT_CONFIGURED, missing)
+    assert blank.refusal(m.SaveConfig(SESSION)) == (m.NackCode.NOT_CONFIGURED, missing)
+    assert not blank.report().flags & m.StatusFlags.CONFIGURED
+    blank.configure()
+    assert blank.report().flags & m.StatusFlags.CONFIGURED
+    blank.done(m.Arm(SESSION))
+
+
+@pytest.mark.requirement("ARM-3")
+def test_setpoint_after_a_reset_is_the_rest_pose(blank):
+    blank.configure(limits=m.Limits((-8500, -6000), (8500, 6000), (500, -700)))
+    blank.save()
+    blank.device.reset(m.ResetCause.POWER_ON)
+    assert blank.report().setpoint_cdeg == (500, -700)
+
+
+@pytest.mark.requirement("ARM-4")
+@pytest.mark.parametrize("cause", list(m.ResetCause))
+def test_board_never_arms_by_itself(armed, cause):
+    armed.done(m.Stop())
+    armed.done(m.ClearFault(SESSION))
+    armed.save()
+    armed.arm()
+    armed.target(100)
+    armed.device.reset(cause)
+    for tick in range(100):
+        assert armed.pulses_of_tick(tick) == (0, 0)
+    assert armed.state() in (m.State.DISARMED, m.State.FAULT)
+
+
+def test_disarm_while_arming_enables_no_further_axis(host):
+    host.done(m.Arm(SESSION))
+    tick = host.next_tick()
+    host.to_after_tick(tick)
+    host.done(m.Disarm(SESSION))
+    for later in range(tick + 1, tick + 10):
+        assert host.pulses_of_tick(later)[1] == 0
+    assert host.state() is m.State.DISARMED
+
+
+@pytest.mark.requirement("TIM-1", "TIM-3")
+def test_nothing_changes_when_the_clocks_of_the_board_wrap(make_host):
+    before_wrap_us = 200_000
+    plain = make_host()
+    wrapping = make_host(board_time_at_reset_us=2**32 - before_wrap_us, tick_offset=2**32 - 12)
+    histories = []
+    for host in (plain, wrapping):
+        offset = host.report().tick
+        host.boot()
+        history = []
+        host.device.advance_to(m.TICK_PHASE_US + 6 * m.TICK_US)
+        host.open_session()
+        host.configure()
+        host.done(m.Arm(SESSION))
+        for tick in range(8, 60):
+            if tick == 18:
+                host.target(3000, 500, ramp_ms=200, validity_ms=100)
+            host.to_after_tick(tick)
+            report = host.report()
+            ticks = (report.tick - offset) % 2**32
+            history.append((ticks, report.state, report.setpoint_cdeg, report.target_age_ms))
+        histories.append(history)
+    assert histories[0] == histories[1]
+    assert wrapping.report().tick < 100
+    board_us = wrapping.told(m.ClockSync(0), m.ClockReply).board_time_us
+    assert board_us == pytest.approx(wrapping.device.since_reset_us() - before_wrap_us, abs=2_000)
+
+
+def test_clock_sync_tells_when_it_was_dispatched(make_host):
+    host = make_host()
+    host.device.advance_to(1_000_000)
+    reply = host.told(m.ClockSync(0xDEADBEEF), m.ClockReply)
+    assert reply.host_time_us == 0xDEADBEEF
+    assert 1_000_000 < reply.board_time_us < host.device.since_reset_us()

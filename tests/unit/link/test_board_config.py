@@ -1,0 +1,93 @@
+from math import pi
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ccr_host.config import load
+from ccr_host.errors import ConfigError
+from ccr_host.link import messages as m
+from ccr_host.link.board_clock import BoardClock
+from ccr_host.link.board_config import board_config
+from ccr_host.link.units import cdeg_to_rad, rad_to_cdeg
+
+
+def test_default_description_in_the_units_of_the_wire():
+    config = board_config(load())
+    assert config.limits == m.Limits((-8500, -8500), (8500, 8500), (0, 0))
+    assert config.slew == m.Slew((600, 600))  # 300 deg/s in 20 ms
+    assert config.watchdog == m.Watchdog(2000, 60, 300)
+    assert config.calibration == m.Calibration((3000,) * 2, (2000,) * 2, (1000,) * 2, (5000,) * 2)
+
+
+def test_rates_are_rounded_down():
+    config = board_config(load(None, ["servo.slew_deg_s=299.9", "link.relax_slew_deg_s=5.4"]))
+    assert config.slew.slew_cdeg_tick == (599, 599)
+    assert config.watchdog.relax_slew_cdeg_tick == 10
+
+
+@pytest.mark.parametrize(
+    ("override", "key"),
+    [
+        ("servo.angle_max_deg=136", "servo.angle_max_deg"),
+        ("servo.slew_deg_s=0.1", "servo.slew_deg_s"),
+        ("servo.slew_deg_s=1001", "servo.slew_deg_s"),
+        ("link.relax_slew_deg_s=300", "link.relax_slew_deg_s"),
+        ("servo.pulse_max_us=2501", "servo.pulse_max_us"),
+        ("servo.pulse_max_us=1e9", "servo.pulse_max_us"),
+        ("servo.pulse_min_us=499", "servo.pulse_min_us"),
+        ("servo.pulse_per_90_deg_us=2001", "servo.pulse_per_90_deg_us"),
+        ("servo.pulse_per_90_deg_us=40", "servo.neutral_pulse_us"),
+        ("servo.angle_max_deg=[85, -84.999]", "servo.angle_min_deg"),
+    ],
+)
+def test_what_the_board_cannot_take_names_its_key(override, key):
+    overrides = [override]
+    if "-84.999" in override:
+        overrides.append("servo.rest_deg=[0, -84.9995]")
+    with pytest.raises(ConfigError) as refusal:
+        board_config(load(None, overrides))
+    assert key in refusal.value.cause
+    assert refusal.value.cure
+
+
+@given(st.integers(-18000, 18000))
+def test_angles_survive_the_way_to_rad_and_back(angle_cdeg):
+    (angle_rad,) = cdeg_to_rad([angle_cdeg])
+    assert rad_to_cdeg(angle_rad) == angle_cdeg
+
+
+def test_right_angle_in_both_units():
+    assert rad_to_cdeg(pi / 2) == 9000
+    assert cdeg_to_rad([9000, -4500]).tolist() == [pi / 2, -pi / 4]
+
+
+@pytest.mark.parametrize("angle", [float("nan"), float("inf")])
+def test_what_is_no_angle_is_never_sent(angle):
+    with pytest.raises(ValueError, match="cannot be sent"):
+        rad_to_cdeg(angle)
+
+
+@given(
+    offset_us=st.integers(-(2**31), 2**34),
+    exchanges=st.lists(
+        st.tuples(st.integers(0, 2**31), st.integers(0, 20_000), st.floats(0, 1)),
+        min_size=1,
+        max_size=20,
+    ),
+)
+def test_clock_offset_is_right_to_half_the_fastest_round_trip(offset_us, exchanges):
+    clock = BoardClock()
+    now_us = 10**6
+    first_board_us = None
+    for gap_us, round_trip_us, share in exchanges:
+        now_us += gap_us
+        board_us = now_us + int(share * round_trip_us) + offset_us
+        clock.add(now_us, now_us + round_trip_us, board_us % 2**32)
+        if first_board_us is None:
+            first_board_us = board_us
+        now_us += round_trip_us
+    wraps_before_us = first_board_us - first_board_us % 2**32
+    error_us = clock.offset_us - (offset_us - wraps_before_us)
+    assert abs(error_us) <= clock.uncertainty_us + 1
+    assert clock.uncertainty_us == (min(trip for _, trip, _ in exchanges) + 1) // 2
