@@ -418,3 +418,12 @@ def _frames(seen, way):
     return [
         frame for seen_way, data in seen if seen_way == way for frame in FrameDecoder().feed(data)
     ]
+
+
+def test_polling_a_board_that_still_starts_is_no_retry(rig):
+    rig.line.open_port(boot_loader_us=1_000_000)
+    with rig.client() as client:
+        client.connect()
+        assert rig.clock.now_us() > 1_000_000
+        assert client.statistics.retries == 0
+        assert client.statistics.crc_errors == 0
