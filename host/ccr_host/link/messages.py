@@ -34,7 +34,7 @@ tick the pins are low and a pulse can be enabled or disabled without cutting it;
 computes is latched 2 ms later, at the start of the next frame. [us]
 """
 BOOT_TICKS: Final = 5
-"""Length of the self-test after a reset. [tick]"""
+"""Length of the self-test after a reset: control tick 5, the sixth, ends it. [tick]"""
 RETRY_WINDOW_TICKS: Final = 50
 """For so long a repeated request is answered from memory instead of being executed again. [tick]"""
 PULSE_FLOOR_HALF_US: Final = 1000
@@ -192,7 +192,9 @@ class StatusFlags(IntFlag):
     AXIS_2_PULSES = 0x02
     """The last tick commanded a pulse for axis 2."""
     MOVING = 0x04
-    """The setpoint has not reached its goal."""
+    """The setpoint has not reached its goal: the target in `active`, the rest pose while it is led
+    there.
+    """
     CLAMPED = 0x08
     """The last accepted target was outside the angle limits and was clamped."""
     EEPROM_BUSY = 0x10
@@ -380,8 +382,8 @@ class Calibration(Payload):
 class StateReport(Payload):
     """Payload of `state_report`.
 
-    The board at its last control tick, except `state`, `fault` and the session and target fields,
-    which are current.
+    Tick, setpoint, pulses and the flags `axis_1_pulses`, `axis_2_pulses` and `moving` are those of
+    the last control tick; all else is current.
     """
 
     tick: int
@@ -395,19 +397,21 @@ class StateReport(Payload):
     target_sequence: int
     """Sequence number of the last accepted target; 0 before the first."""
     target_age_ms: int
-    """Since the last accepted target, in whole ticks; 65535 before the first and when it is older.
-    [ms]
+    """Control ticks since the last accepted target, as a time: 20 in the report of the first tick
+    after it; 65535 before the first target and when it is older. [ms]
     """
     target_cdeg: tuple[int, int]
-    """Last accepted target, after clamping. [0.01 deg]"""
+    """Last accepted target, after clamping; 0 before the first. [0.01 deg]"""
     setpoint_cdeg: tuple[int, int]
-    """Where the ramp and the slew limit stand. [0.01 deg]"""
+    """Where ramp and slew limit stand. A setpoint that `set_limits` has clamped shows from the next
+    tick on. [0.01 deg]
+    """
     pulse_half_us: tuple[int, int]
     """Pulses that the last tick computed, latched at the start of the next frame; 0 is no pulse.
     [0.5 us]
     """
     link_errors: int
-    """Sum of the link error counters, wrapping."""
+    """bad_crc + bad_encoding + bad_size + overruns, wrapping."""
     free_stack_bytes: int
     """Least free stack so far; 65535 where it is not measured. [byte]"""
 
@@ -1564,7 +1568,8 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "FRM-3": "Zeros between frames are ignored and not counted.",
         "FRM-4": (
             "A frame that grows too long is dropped up to the next zero and counted once, as "
-            "bad_size."
+            "bad_size; of a frame with several faults the first of too long, bad encoding, too "
+            "short, bad CRC is counted."
         ),
         "REQ-1": (
             "Each request with a good CRC is answered once, in the order of arrival, with its "
@@ -1576,8 +1581,8 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         ),
         "REQ-3": (
             "A `once` request with the id, sequence number and payload of the last `once` request "
-            "that was acknowledged no more than retry_window_ticks ago is answered with the same "
-            "frame and not executed again."
+            "that was acknowledged, no more than retry_window_ticks ago, is answered with the same "
+            "frame before any check and not executed again; the window counts from the execution."
         ),
         "REQ-4": "Ids that are not requests, replies among them, get unknown_id.",
         "SES-1": (
@@ -1631,8 +1636,9 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
             "to pulse_min and pulse_max and to pulse_floor and pulse_ceiling."
         ),
         "PUL-2": (
-            "Pulses are only present in arming (enabled axes), active, hold, relaxing and "
-            "disarming."
+            "Pulses are only present in arming, active, hold, relaxing and disarming, and there "
+            "only of axes that arming has enabled: disarming that interrupts arming enables no "
+            "further one."
         ),
         "WDG-1": (
             "When the validity of a target has run out the state is `hold` and the setpoint stands "
@@ -1649,11 +1655,14 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
             "`stop` takes the pulses away at the next frame that a tick has prepared, from every "
             "state, with and without a session."
         ),
-        "FLT-1": "The first fault is kept until clear_fault; later ones do not replace it.",
+        "FLT-1": (
+            "The first fault is kept until clear_fault; later ones do not replace it. One that is "
+            "raised in `stopped` is recorded, the state stays."
+        ),
         "FLT-2": "From `fault` and `stopped` only clear_fault leads on, to `disarmed`.",
         "FLT-3": (
             "A reset by the hardware watchdog or a brown-out ends `boot` in `fault` with that "
-            "reason."
+            "reason, unless `stop` came before."
         ),
         "CFG-1": "A configuration group is taken whole or not at all.",
         "CFG-2": "A saved configuration is in use after a reset.",

@@ -1,0 +1,1814 @@
+// Messages of the wire protocol. Generated from protocol/spec.toml: do not edit.
+#ifndef CCR_MESSAGES_H
+#define CCR_MESSAGES_H
+
+#include <stdint.h>
+
+#include "little_endian.h"
+
+namespace ccr {
+
+constexpr uint8_t kProtocolVersion = 1;
+constexpr uint32_t kSpecHash = 0x5990D50CUL;
+constexpr uint8_t kFirmwareVersion[3] = {0, 1, 0};
+
+constexpr uint32_t kBaud = 250000UL;
+constexpr uint32_t kBaudFallback = 115200UL;
+constexpr uint8_t kFrameDelimiter = 0;
+constexpr uint8_t kMaxPayload = 48;
+constexpr uint8_t kMaxDecodedFrame = 52;
+constexpr uint8_t kMaxEncodedFrame = 53;  ///< Without the delimiter.
+
+/// Period of the control tick and of the servo pulses. [us]
+constexpr uint16_t kTickUs = 20000U;
+/// From the start of a pulse frame to its control tick. No pulse lasts longer than 2.5 ms, so at
+/// the tick the pins are low and a pulse can be enabled or disabled without cutting it; what the
+/// tick computes is latched 2 ms later, at the start of the next frame. [us]
+constexpr uint16_t kTickPhaseUs = 18000U;
+/// Length of the self-test after a reset: control tick 5, the sixth, ends it. [tick]
+constexpr uint8_t kBootTicks = 5U;
+/// For so long a repeated request is answered from memory instead of being executed again. [tick]
+constexpr uint8_t kRetryWindowTicks = 50U;
+/// No pulse is ever shorter, whatever the calibration says. [0.5 us]
+constexpr uint16_t kPulseFloorHalfUs = 1000U;
+/// No pulse is ever longer, whatever the calibration says. [0.5 us]
+constexpr uint16_t kPulseCeilingHalfUs = 5000U;
+
+constexpr uint16_t kEepromSize = 1024;
+constexpr uint16_t kEepromSlotA = 0;
+constexpr uint16_t kEepromSlotB = 128;
+constexpr uint16_t kEepromSlotSize = 47;
+constexpr uint16_t kEepromBootCounter = 256;
+constexpr uint16_t kEepromMagic = 0xCC52U;
+constexpr uint8_t kEepromLayout = 1;
+
+/// State of the board. Only `arming`, `active`, `hold`, `relaxing` and `disarming` put pulses on
+/// the pins.
+enum class State : uint8_t {
+  /// Self-test after a reset. No pulses.
+  kBoot = 0,
+  /// Ready. No pulses.
+  kDisarmed = 1,
+  /// Servos are enabled one after the other at the last setpoint, then led slowly to rest.
+  kArming = 2,
+  /// Follows fresh targets.
+  kActive = 3,
+  /// Armed without a fresh target: the setpoint stands still.
+  kHold = 4,
+  /// The host stayed silent: slow return to the rest pose. A fresh target ends it.
+  kRelaxing = 5,
+  /// The host asked to disarm: slow return to the rest pose, then no pulses.
+  kDisarming = 6,
+  /// Latched. No pulses. The first fault is kept until it is cleared.
+  kFault = 7,
+  /// Emergency stop, latched. No pulses until it is cleared.
+  kStopped = 8,
+};
+
+constexpr bool is_state(uint8_t value) {
+  return value <= 8U;
+}
+
+/// What moves the board from state to state; never on the wire.
+enum class Event : uint8_t {
+  /// `boot_ticks` after a reset, nothing wrong.
+  kSelfTestPassed = 0,
+  /// `arm` accepted.
+  kArmRequested = 1,
+  /// Both servos have pulses and the setpoint is at rest.
+  kAxesEnabled = 2,
+  /// `set_target` accepted.
+  kTargetAccepted = 3,
+  /// The validity of the last target has run out.
+  kTargetExpired = 4,
+  /// `hold` has lasted `relax_after_ms`.
+  kHoldExpired = 5,
+  /// The setpoint is at rest.
+  kRestReached = 6,
+  /// `disarm` accepted.
+  kDisarmRequested = 7,
+  /// `stop` received.
+  kStopRequested = 8,
+  /// A fault was detected.
+  kFaultRaised = 9,
+  /// `clear_fault` accepted.
+  kClearRequested = 10,
+};
+
+/// Why the board is in `fault`.
+enum class Fault : uint8_t {
+  /// No fault.
+  kNone = 0,
+  /// No fresh target through `hold` and `relaxing`; the robot is at rest.
+  kLinkLoss = 1,
+  /// The hardware watchdog has reset the board.
+  kWatchdogReset = 2,
+  /// The supply fell below the brown-out level.
+  kBrownOutReset = 3,
+  /// A control tick was not finished before the next one was due.
+  kTickOverrun = 4,
+  /// Less than the minimum of free stack was left.
+  kStackLow = 5,
+  /// A byte read back from EEPROM was not the one written.
+  kEepromFailed = 6,
+  /// An invariant of the firmware did not hold.
+  kInternal = 7,
+};
+
+constexpr bool is_fault(uint8_t value) {
+  return value <= 7U;
+}
+
+/// Why the board last started.
+enum class ResetCause : uint8_t {
+  /// The boot loader has hidden it.
+  kUnknown = 0,
+  /// Supply switched on.
+  kPowerOn = 1,
+  /// Reset pin, as when a serial port is opened (DTR).
+  kExternal = 2,
+  /// Supply too low.
+  kBrownOut = 3,
+  /// Hardware watchdog.
+  kWatchdog = 4,
+};
+
+constexpr bool is_reset_cause(uint8_t value) {
+  return value <= 4U;
+}
+
+/// Why a request was refused. Checks are made in this order; the first that fails is reported.
+enum class NackCode : uint8_t {
+  /// No request has this id.
+  kUnknownId = 1,
+  /// The payload is not of the length this id has.
+  kBadLength = 2,
+  /// The session is not the open one. Detail: 0.
+  kBadSession = 3,
+  /// Not allowed in this state. Detail: the state.
+  kBadState = 4,
+  /// A field is out of its range. Detail: index of the field in the payload, from 0.
+  kOutOfRange = 5,
+  /// Each field is in range but they contradict each other. Detail: the axis.
+  kInconsistent = 6,
+  /// The host was built from another spec: it may identify, read and stop.
+  kSpecMismatch = 7,
+  /// Some configuration group was neither loaded from EEPROM nor set. Detail: the missing groups.
+  kNotConfigured = 8,
+  /// A save is being written to EEPROM: `arm`, `save_config` and whatever sets a configuration
+  /// group have to wait.
+  kBusy = 9,
+};
+
+constexpr bool is_nack_code(uint8_t value) {
+  return value >= 1U && value <= 9U;
+}
+
+/// What was found in EEPROM at boot.
+enum class EepromStatus : uint8_t {
+  /// Neither slot was ever written.
+  kBlank = 0,
+  /// The newest slot was good, or one was good and the other blank.
+  kLoaded = 1,
+  /// One slot is corrupt; the other one was loaded.
+  kOneSlotBad = 2,
+  /// Nothing could be loaded and at least one slot is corrupt: arming is refused until the host
+  /// configures the board.
+  kBothBad = 3,
+};
+
+constexpr bool is_eeprom_status(uint8_t value) {
+  return value <= 3U;
+}
+
+/// Details of the state.
+namespace status_flags {
+/// The last tick commanded a pulse for axis 1.
+constexpr uint8_t kAxis1Pulses = 0x01;
+/// The last tick commanded a pulse for axis 2.
+constexpr uint8_t kAxis2Pulses = 0x02;
+/// The setpoint has not reached its goal: the target in `active`, the rest pose while it is led
+/// there.
+constexpr uint8_t kMoving = 0x04;
+/// The last accepted target was outside the angle limits and was clamped.
+constexpr uint8_t kClamped = 0x08;
+/// A save is being written.
+constexpr uint8_t kEepromBusy = 0x10;
+/// All configuration groups are present.
+constexpr uint8_t kConfigured = 0x20;
+/// A session is open.
+constexpr uint8_t kSessionOpen = 0x40;
+/// A configuration group was set since the last save or load.
+constexpr uint8_t kUnsaved = 0x80;
+}  // namespace status_flags
+
+/// What this board can do.
+namespace capabilities {
+/// Keeps its configuration.
+constexpr uint16_t kEeprom = 0x01;
+/// Pulses come from a timer, not from software.
+constexpr uint16_t kHardwarePulses = 0x02;
+/// Reports the minimum of free stack.
+constexpr uint16_t kStackMonitor = 0x04;
+}  // namespace capabilities
+
+/// Groups of the configuration.
+namespace config_groups {
+/// `set_limits`
+constexpr uint8_t kLimits = 0x01;
+/// `set_slew`
+constexpr uint8_t kSlew = 0x02;
+/// `set_watchdog`
+constexpr uint8_t kWatchdog = 0x04;
+/// `set_calibration`
+constexpr uint8_t kCalibration = 0x08;
+}  // namespace config_groups
+
+/// What became of a payload.
+enum class Reading : uint8_t {
+  kOk,
+  kBadLength,
+  kUndefinedValue,  ///< An enumeration does not have the value.
+};
+
+/// Answer of `first_out_of_range` and `inconsistent_axis` where there is nothing to report.
+constexpr int8_t kNone = -1;
+
+/// Angle limits and rest pose of both axes.
+struct Limits {
+  enum : uint8_t { kSize = 12 };
+
+  /// Least angle of the servo. [0.01 deg] -13500 to 13500.
+  int16_t angle_min_cdeg[2];
+  /// Greatest angle of the servo. [0.01 deg] -13500 to 13500.
+  int16_t angle_max_cdeg[2];
+  /// Pose to which the robot is led when it is armed, relaxed or disarmed. [0.01 deg] -13500 to
+  /// 13500.
+  int16_t rest_cdeg[2];
+};
+static_assert(Limits::kSize == sizeof(Limits::angle_min_cdeg) + sizeof(Limits::angle_max_cdeg) +
+              sizeof(Limits::rest_cdeg) && Limits::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const Limits& value, uint8_t* bytes) {
+  put_i16(bytes, value.angle_min_cdeg[0]);
+  put_i16(bytes + 2, value.angle_min_cdeg[1]);
+  put_i16(bytes + 4, value.angle_max_cdeg[0]);
+  put_i16(bytes + 6, value.angle_max_cdeg[1]);
+  put_i16(bytes + 8, value.rest_cdeg[0]);
+  put_i16(bytes + 10, value.rest_cdeg[1]);
+}
+
+inline Reading decode(const uint8_t* bytes, Limits& value) {
+  value.angle_min_cdeg[0] = get_i16(bytes);
+  value.angle_min_cdeg[1] = get_i16(bytes + 2);
+  value.angle_max_cdeg[0] = get_i16(bytes + 4);
+  value.angle_max_cdeg[1] = get_i16(bytes + 6);
+  value.rest_cdeg[0] = get_i16(bytes + 8);
+  value.rest_cdeg[1] = get_i16(bytes + 10);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Limits& value) {
+  if (value.angle_min_cdeg[0] < -13500 || value.angle_min_cdeg[0] > 13500 || value.angle_min_cdeg[1]
+      < -13500 || value.angle_min_cdeg[1] > 13500) {
+    return 0;
+  }
+  if (value.angle_max_cdeg[0] < -13500 || value.angle_max_cdeg[0] > 13500 || value.angle_max_cdeg[1]
+      < -13500 || value.angle_max_cdeg[1] > 13500) {
+    return 1;
+  }
+  if (value.rest_cdeg[0] < -13500 || value.rest_cdeg[0] > 13500 || value.rest_cdeg[1] < -13500 ||
+      value.rest_cdeg[1] > 13500) {
+    return 2;
+  }
+  return kNone;
+}
+
+/// First axis whose fields, each in range, contradict each other.
+inline int8_t inconsistent_axis(const Limits& value) {
+  for (int8_t axis = 0; axis < 2; ++axis) {
+    const bool consistent =
+        value.angle_min_cdeg[axis] < value.angle_max_cdeg[axis] &&
+        value.angle_min_cdeg[axis] <= value.rest_cdeg[axis] &&
+        value.rest_cdeg[axis] <= value.angle_max_cdeg[axis];
+    if (!consistent) {
+      return axis;
+    }
+  }
+  return kNone;
+}
+
+/// How fast the setpoint may move.
+struct Slew {
+  enum : uint8_t { kSize = 4 };
+
+  /// Greatest change of the setpoint in one 20 ms tick. [0.01 deg/tick] 1 to 2000.
+  uint16_t slew_cdeg_tick[2];
+};
+static_assert(Slew::kSize == sizeof(Slew::slew_cdeg_tick) && Slew::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const Slew& value, uint8_t* bytes) {
+  put_u16(bytes, value.slew_cdeg_tick[0]);
+  put_u16(bytes + 2, value.slew_cdeg_tick[1]);
+}
+
+inline Reading decode(const uint8_t* bytes, Slew& value) {
+  value.slew_cdeg_tick[0] = get_u16(bytes);
+  value.slew_cdeg_tick[1] = get_u16(bytes + 2);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Slew& value) {
+  if (value.slew_cdeg_tick[0] < 1U || value.slew_cdeg_tick[0] > 2000U || value.slew_cdeg_tick[1] <
+      1U || value.slew_cdeg_tick[1] > 2000U) {
+    return 0;
+  }
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Slew&) {
+  return kNone;
+}
+
+/// Staged reaction to a silent host. None of it can be switched off.
+struct Watchdog {
+  enum : uint8_t { kSize = 6 };
+
+  /// Length of `hold` before `relaxing`. [ms] 20 to 60000.
+  uint16_t relax_after_ms;
+  /// Speed of the slow return to rest, also while arming and disarming. The lesser of this and the
+  /// slew limit counts. [0.01 deg/tick] 10 to 500.
+  uint16_t relax_slew_cdeg_tick;
+  /// Wait after each servo is enabled. [ms] 20 to 5000.
+  uint16_t arm_axis_ms;
+};
+static_assert(Watchdog::kSize == sizeof(Watchdog::relax_after_ms) +
+              sizeof(Watchdog::relax_slew_cdeg_tick) + sizeof(Watchdog::arm_axis_ms) &&
+              Watchdog::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const Watchdog& value, uint8_t* bytes) {
+  put_u16(bytes, value.relax_after_ms);
+  put_u16(bytes + 2, value.relax_slew_cdeg_tick);
+  put_u16(bytes + 4, value.arm_axis_ms);
+}
+
+inline Reading decode(const uint8_t* bytes, Watchdog& value) {
+  value.relax_after_ms = get_u16(bytes);
+  value.relax_slew_cdeg_tick = get_u16(bytes + 2);
+  value.arm_axis_ms = get_u16(bytes + 4);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Watchdog& value) {
+  if (value.relax_after_ms < 20U || value.relax_after_ms > 60000U) {
+    return 0;
+  }
+  if (value.relax_slew_cdeg_tick < 10U || value.relax_slew_cdeg_tick > 500U) {
+    return 1;
+  }
+  if (value.arm_axis_ms < 20U || value.arm_axis_ms > 5000U) {
+    return 2;
+  }
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Watchdog&) {
+  return kNone;
+}
+
+/// From angle to pulse: pulse = neutral + round(angle_cdeg * per_90_deg / 9000), halves away from
+/// zero, then clamped to min and max.
+struct Calibration {
+  enum : uint8_t { kSize = 16 };
+
+  /// Pulse at 0 deg. [0.5 us] 1000 to 5000.
+  uint16_t neutral_half_us[2];
+  /// Change of the pulse for +90 deg; negative where the servo turns the other way. [0.5 us] -4000
+  /// to 4000.
+  int16_t per_90_deg_half_us[2];
+  /// Least pulse this servo may get. [0.5 us] 1000 to 5000.
+  uint16_t pulse_min_half_us[2];
+  /// Greatest pulse this servo may get. [0.5 us] 1000 to 5000.
+  uint16_t pulse_max_half_us[2];
+};
+static_assert(Calibration::kSize == sizeof(Calibration::neutral_half_us) +
+              sizeof(Calibration::per_90_deg_half_us) + sizeof(Calibration::pulse_min_half_us) +
+              sizeof(Calibration::pulse_max_half_us) && Calibration::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const Calibration& value, uint8_t* bytes) {
+  put_u16(bytes, value.neutral_half_us[0]);
+  put_u16(bytes + 2, value.neutral_half_us[1]);
+  put_i16(bytes + 4, value.per_90_deg_half_us[0]);
+  put_i16(bytes + 6, value.per_90_deg_half_us[1]);
+  put_u16(bytes + 8, value.pulse_min_half_us[0]);
+  put_u16(bytes + 10, value.pulse_min_half_us[1]);
+  put_u16(bytes + 12, value.pulse_max_half_us[0]);
+  put_u16(bytes + 14, value.pulse_max_half_us[1]);
+}
+
+inline Reading decode(const uint8_t* bytes, Calibration& value) {
+  value.neutral_half_us[0] = get_u16(bytes);
+  value.neutral_half_us[1] = get_u16(bytes + 2);
+  value.per_90_deg_half_us[0] = get_i16(bytes + 4);
+  value.per_90_deg_half_us[1] = get_i16(bytes + 6);
+  value.pulse_min_half_us[0] = get_u16(bytes + 8);
+  value.pulse_min_half_us[1] = get_u16(bytes + 10);
+  value.pulse_max_half_us[0] = get_u16(bytes + 12);
+  value.pulse_max_half_us[1] = get_u16(bytes + 14);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Calibration& value) {
+  if (value.neutral_half_us[0] < 1000U || value.neutral_half_us[0] > 5000U ||
+      value.neutral_half_us[1] < 1000U || value.neutral_half_us[1] > 5000U) {
+    return 0;
+  }
+  if (value.per_90_deg_half_us[0] < -4000 || value.per_90_deg_half_us[0] > 4000 ||
+      value.per_90_deg_half_us[1] < -4000 || value.per_90_deg_half_us[1] > 4000) {
+    return 1;
+  }
+  if (value.pulse_min_half_us[0] < 1000U || value.pulse_min_half_us[0] > 5000U ||
+      value.pulse_min_half_us[1] < 1000U || value.pulse_min_half_us[1] > 5000U) {
+    return 2;
+  }
+  if (value.pulse_max_half_us[0] < 1000U || value.pulse_max_half_us[0] > 5000U ||
+      value.pulse_max_half_us[1] < 1000U || value.pulse_max_half_us[1] > 5000U) {
+    return 3;
+  }
+  return kNone;
+}
+
+/// First axis whose fields, each in range, contradict each other.
+inline int8_t inconsistent_axis(const Calibration& value) {
+  for (int8_t axis = 0; axis < 2; ++axis) {
+    const bool consistent =
+        value.pulse_min_half_us[axis] < value.pulse_max_half_us[axis] &&
+        value.pulse_min_half_us[axis] <= value.neutral_half_us[axis] &&
+        value.neutral_half_us[axis] <= value.pulse_max_half_us[axis] &&
+        (value.per_90_deg_half_us[axis] < -99 || value.per_90_deg_half_us[axis] > 99);
+    if (!consistent) {
+      return axis;
+    }
+  }
+  return kNone;
+}
+
+/// Tick, setpoint, pulses and the flags `axis_1_pulses`, `axis_2_pulses` and `moving` are those of
+/// the last control tick; all else is current.
+struct StateReport {
+  enum : uint8_t { kSize = 26 };
+
+  /// Control ticks since the reset. [tick]
+  uint32_t tick;
+  /// State.
+  State state;
+  /// First fault since the last clear.
+  Fault fault;
+  /// Details. Bits of `status_flags`.
+  uint8_t flags;
+  /// Sequence number of the last accepted target; 0 before the first.
+  uint8_t target_sequence;
+  /// Control ticks since the last accepted target, as a time: 20 in the report of the first tick
+  /// after it; 65535 before the first target and when it is older. [ms]
+  uint16_t target_age_ms;
+  /// Last accepted target, after clamping; 0 before the first. [0.01 deg]
+  int16_t target_cdeg[2];
+  /// Where ramp and slew limit stand. A setpoint that `set_limits` has clamped shows from the next
+  /// tick on. [0.01 deg]
+  int16_t setpoint_cdeg[2];
+  /// Pulses that the last tick computed, latched at the start of the next frame; 0 is no pulse.
+  /// [0.5 us]
+  uint16_t pulse_half_us[2];
+  /// bad_crc + bad_encoding + bad_size + overruns, wrapping.
+  uint16_t link_errors;
+  /// Least free stack so far; 65535 where it is not measured. [byte]
+  uint16_t free_stack_bytes;
+};
+static_assert(StateReport::kSize == sizeof(StateReport::tick) + sizeof(StateReport::state) +
+              sizeof(StateReport::fault) + sizeof(StateReport::flags) +
+              sizeof(StateReport::target_sequence) + sizeof(StateReport::target_age_ms) +
+              sizeof(StateReport::target_cdeg) + sizeof(StateReport::setpoint_cdeg) +
+              sizeof(StateReport::pulse_half_us) + sizeof(StateReport::link_errors) +
+              sizeof(StateReport::free_stack_bytes) && StateReport::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const StateReport& value, uint8_t* bytes) {
+  put_u32(bytes, value.tick);
+  put_u8(bytes + 4, static_cast<uint8_t>(value.state));
+  put_u8(bytes + 5, static_cast<uint8_t>(value.fault));
+  put_u8(bytes + 6, value.flags);
+  put_u8(bytes + 7, value.target_sequence);
+  put_u16(bytes + 8, value.target_age_ms);
+  put_i16(bytes + 10, value.target_cdeg[0]);
+  put_i16(bytes + 12, value.target_cdeg[1]);
+  put_i16(bytes + 14, value.setpoint_cdeg[0]);
+  put_i16(bytes + 16, value.setpoint_cdeg[1]);
+  put_u16(bytes + 18, value.pulse_half_us[0]);
+  put_u16(bytes + 20, value.pulse_half_us[1]);
+  put_u16(bytes + 22, value.link_errors);
+  put_u16(bytes + 24, value.free_stack_bytes);
+}
+
+inline Reading decode(const uint8_t* bytes, StateReport& value) {
+  value.tick = get_u32(bytes);
+  if (!is_state(get_u8(bytes + 4))) {
+    return Reading::kUndefinedValue;
+  }
+  value.state = static_cast<State>(get_u8(bytes + 4));
+  if (!is_fault(get_u8(bytes + 5))) {
+    return Reading::kUndefinedValue;
+  }
+  value.fault = static_cast<Fault>(get_u8(bytes + 5));
+  value.flags = get_u8(bytes + 6);
+  value.target_sequence = get_u8(bytes + 7);
+  value.target_age_ms = get_u16(bytes + 8);
+  value.target_cdeg[0] = get_i16(bytes + 10);
+  value.target_cdeg[1] = get_i16(bytes + 12);
+  value.setpoint_cdeg[0] = get_i16(bytes + 14);
+  value.setpoint_cdeg[1] = get_i16(bytes + 16);
+  value.pulse_half_us[0] = get_u16(bytes + 18);
+  value.pulse_half_us[1] = get_u16(bytes + 20);
+  value.link_errors = get_u16(bytes + 22);
+  value.free_stack_bytes = get_u16(bytes + 24);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const StateReport&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const StateReport&) {
+  return kNone;
+}
+
+/// Asks who is there. The layout of `hello` and `hello_reply` is the same in all protocol versions.
+struct Hello {
+  enum : uint8_t { kId = 0x01, kSize = 5 };
+
+  /// Version the host speaks.
+  uint8_t protocol_version;
+  /// Hash of the spec the host was built from.
+  uint32_t spec_hash;
+};
+static_assert(Hello::kSize == sizeof(Hello::protocol_version) + sizeof(Hello::spec_hash) &&
+              Hello::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const Hello& value, uint8_t* payload) {
+  put_u8(payload, value.protocol_version);
+  put_u32(payload + 1, value.spec_hash);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, Hello& value) {
+  if (size != Hello::kSize) {
+    return Reading::kBadLength;
+  }
+  value.protocol_version = get_u8(payload);
+  value.spec_hash = get_u32(payload + 1);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Hello&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Hello&) {
+  return kNone;
+}
+
+/// Identity and limits of the board.
+struct HelloReply {
+  enum : uint8_t { kId = 0x81, kSize = 18 };
+
+  /// Version the board speaks.
+  uint8_t protocol_version;
+  /// Hash of the spec the board was built from.
+  uint32_t spec_hash;
+  /// Major, minor, patch.
+  uint8_t firmware_version[3];
+  /// Counts resets; a change tells the host that the board has restarted.
+  uint16_t boot_id;
+  /// Why it last started.
+  ResetCause reset_cause;
+  /// What was found in EEPROM.
+  EepromStatus eeprom_status;
+  /// What it can do. Bits of `capabilities`.
+  uint16_t capabilities;
+  /// Number of servos.
+  uint8_t axes;
+  /// Longest payload it takes. [byte]
+  uint8_t max_payload;
+  /// Period of the control tick. [us]
+  uint16_t tick_us;
+};
+static_assert(HelloReply::kSize == sizeof(HelloReply::protocol_version) +
+              sizeof(HelloReply::spec_hash) + sizeof(HelloReply::firmware_version) +
+              sizeof(HelloReply::boot_id) + sizeof(HelloReply::reset_cause) +
+              sizeof(HelloReply::eeprom_status) + sizeof(HelloReply::capabilities) +
+              sizeof(HelloReply::axes) + sizeof(HelloReply::max_payload) +
+              sizeof(HelloReply::tick_us) && HelloReply::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const HelloReply& value, uint8_t* payload) {
+  put_u8(payload, value.protocol_version);
+  put_u32(payload + 1, value.spec_hash);
+  put_u8(payload + 5, value.firmware_version[0]);
+  put_u8(payload + 6, value.firmware_version[1]);
+  put_u8(payload + 7, value.firmware_version[2]);
+  put_u16(payload + 8, value.boot_id);
+  put_u8(payload + 10, static_cast<uint8_t>(value.reset_cause));
+  put_u8(payload + 11, static_cast<uint8_t>(value.eeprom_status));
+  put_u16(payload + 12, value.capabilities);
+  put_u8(payload + 14, value.axes);
+  put_u8(payload + 15, value.max_payload);
+  put_u16(payload + 16, value.tick_us);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, HelloReply& value) {
+  if (size != HelloReply::kSize) {
+    return Reading::kBadLength;
+  }
+  value.protocol_version = get_u8(payload);
+  value.spec_hash = get_u32(payload + 1);
+  value.firmware_version[0] = get_u8(payload + 5);
+  value.firmware_version[1] = get_u8(payload + 6);
+  value.firmware_version[2] = get_u8(payload + 7);
+  value.boot_id = get_u16(payload + 8);
+  if (!is_reset_cause(get_u8(payload + 10))) {
+    return Reading::kUndefinedValue;
+  }
+  value.reset_cause = static_cast<ResetCause>(get_u8(payload + 10));
+  if (!is_eeprom_status(get_u8(payload + 11))) {
+    return Reading::kUndefinedValue;
+  }
+  value.eeprom_status = static_cast<EepromStatus>(get_u8(payload + 11));
+  value.capabilities = get_u16(payload + 12);
+  value.axes = get_u8(payload + 14);
+  value.max_payload = get_u8(payload + 15);
+  value.tick_us = get_u16(payload + 16);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const HelloReply&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const HelloReply&) {
+  return kNone;
+}
+
+/// Opens a session and ends any other: what the other host sends from then on is refused. The state
+/// stays as it is, the telemetry stream and the memory of answered requests are cleared.
+struct OpenSession {
+  enum : uint8_t { kId = 0x02, kSize = 6 };
+
+  /// Hash of the spec the host was built from; another one is refused.
+  uint32_t spec_hash;
+  /// Chosen at random by the host. Every request that changes something carries it, so that neither
+  /// noise nor a host that was superseded is obeyed. 1 to 65535.
+  uint16_t session;
+};
+static_assert(OpenSession::kSize == sizeof(OpenSession::spec_hash) + sizeof(OpenSession::session) &&
+              OpenSession::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const OpenSession& value, uint8_t* payload) {
+  put_u32(payload, value.spec_hash);
+  put_u16(payload + 4, value.session);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, OpenSession& value) {
+  if (size != OpenSession::kSize) {
+    return Reading::kBadLength;
+  }
+  value.spec_hash = get_u32(payload);
+  value.session = get_u16(payload + 4);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const OpenSession& value) {
+  if (value.session < 1U) {
+    return 1;
+  }
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const OpenSession&) {
+  return kNone;
+}
+
+/// The session is open.
+struct SessionReply {
+  enum : uint8_t { kId = 0x82, kSize = 5 };
+
+  /// The open session.
+  uint16_t session;
+  /// As in `hello_reply`.
+  uint16_t boot_id;
+  /// State.
+  State state;
+};
+static_assert(SessionReply::kSize == sizeof(SessionReply::session) + sizeof(SessionReply::boot_id) +
+              sizeof(SessionReply::state) && SessionReply::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const SessionReply& value, uint8_t* payload) {
+  put_u16(payload, value.session);
+  put_u16(payload + 2, value.boot_id);
+  put_u8(payload + 4, static_cast<uint8_t>(value.state));
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SessionReply& value) {
+  if (size != SessionReply::kSize) {
+    return Reading::kBadLength;
+  }
+  value.session = get_u16(payload);
+  value.boot_id = get_u16(payload + 2);
+  if (!is_state(get_u8(payload + 4))) {
+    return Reading::kUndefinedValue;
+  }
+  value.state = static_cast<State>(get_u8(payload + 4));
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SessionReply&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const SessionReply&) {
+  return kNone;
+}
+
+/// Reads the board's clock, to relate it to the host's.
+struct ClockSync {
+  enum : uint8_t { kId = 0x03, kSize = 4 };
+
+  /// Anything; comes back. [us]
+  uint32_t host_time_us;
+};
+static_assert(ClockSync::kSize == sizeof(ClockSync::host_time_us) && ClockSync::kSize <=
+              kMaxPayload, "payload layout");
+
+inline void encode(const ClockSync& value, uint8_t* payload) {
+  put_u32(payload, value.host_time_us);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, ClockSync& value) {
+  if (size != ClockSync::kSize) {
+    return Reading::kBadLength;
+  }
+  value.host_time_us = get_u32(payload);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const ClockSync&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const ClockSync&) {
+  return kNone;
+}
+
+/// The board's clock when the request was dispatched.
+struct ClockReply {
+  enum : uint8_t { kId = 0x83, kSize = 8 };
+
+  /// From the request. [us]
+  uint32_t host_time_us;
+  /// Since the reset; wraps after 71.6 minutes. [us]
+  uint32_t board_time_us;
+};
+static_assert(ClockReply::kSize == sizeof(ClockReply::host_time_us) +
+              sizeof(ClockReply::board_time_us) && ClockReply::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const ClockReply& value, uint8_t* payload) {
+  put_u32(payload, value.host_time_us);
+  put_u32(payload + 4, value.board_time_us);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, ClockReply& value) {
+  if (size != ClockReply::kSize) {
+    return Reading::kBadLength;
+  }
+  value.host_time_us = get_u32(payload);
+  value.board_time_us = get_u32(payload + 4);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const ClockReply&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const ClockReply&) {
+  return kNone;
+}
+
+/// Reads the state once.
+struct GetState {
+  enum : uint8_t { kId = 0x04, kSize = 0 };
+};
+static_assert(GetState::kSize == 0 && GetState::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const GetState&, uint8_t*) {}
+
+inline Reading decode(const uint8_t*, uint8_t size, GetState&) {
+  if (size != GetState::kSize) {
+    return Reading::kBadLength;
+  }
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const GetState&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const GetState&) {
+  return kNone;
+}
+
+/// The state.
+struct StateReply {
+  enum : uint8_t { kId = 0x84, kSize = 26 };
+
+  StateReport report;
+};
+static_assert(StateReply::kSize == 0 + StateReport::kSize && StateReply::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const StateReply& value, uint8_t* payload) {
+  encode(value.report, payload);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, StateReply& value) {
+  if (size != StateReply::kSize) {
+    return Reading::kBadLength;
+  }
+  return decode(payload, value.report);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const StateReply&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const StateReply&) {
+  return kNone;
+}
+
+/// Reads what has been counted since the reset. All counters wrap.
+struct GetCounters {
+  enum : uint8_t { kId = 0x05, kSize = 0 };
+};
+static_assert(GetCounters::kSize == 0 && GetCounters::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const GetCounters&, uint8_t*) {}
+
+inline Reading decode(const uint8_t*, uint8_t size, GetCounters&) {
+  if (size != GetCounters::kSize) {
+    return Reading::kBadLength;
+  }
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const GetCounters&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const GetCounters&) {
+  return kNone;
+}
+
+/// What has been counted since the reset.
+struct CountersReply {
+  enum : uint8_t { kId = 0x85, kSize = 30 };
+
+  /// Frames with a good CRC.
+  uint32_t frames_accepted;
+  /// Frames with a bad CRC. They are not answered.
+  uint16_t bad_crc;
+  /// Frames that are not COBS.
+  uint16_t bad_encoding;
+  /// Frames too short or too long to be one.
+  uint16_t bad_size;
+  /// Bytes lost because they were not read in time.
+  uint16_t overruns;
+  /// Frames not sent because the send buffer was full.
+  uint16_t replies_dropped;
+  /// Requests refused.
+  uint16_t nacks;
+  /// Requests answered from memory.
+  uint16_t repeats_answered;
+  /// Accepted targets.
+  uint32_t targets_accepted;
+  /// Accepted targets that had to be clamped.
+  uint16_t targets_clamped;
+  /// Entries into `hold` from `active`.
+  uint16_t holds;
+  /// Entries into `relaxing`.
+  uint16_t relaxes;
+  /// Saves finished.
+  uint16_t saves;
+};
+static_assert(CountersReply::kSize == sizeof(CountersReply::frames_accepted) +
+              sizeof(CountersReply::bad_crc) + sizeof(CountersReply::bad_encoding) +
+              sizeof(CountersReply::bad_size) + sizeof(CountersReply::overruns) +
+              sizeof(CountersReply::replies_dropped) + sizeof(CountersReply::nacks) +
+              sizeof(CountersReply::repeats_answered) + sizeof(CountersReply::targets_accepted) +
+              sizeof(CountersReply::targets_clamped) + sizeof(CountersReply::holds) +
+              sizeof(CountersReply::relaxes) + sizeof(CountersReply::saves) && CountersReply::kSize
+              <= kMaxPayload, "payload layout");
+
+inline void encode(const CountersReply& value, uint8_t* payload) {
+  put_u32(payload, value.frames_accepted);
+  put_u16(payload + 4, value.bad_crc);
+  put_u16(payload + 6, value.bad_encoding);
+  put_u16(payload + 8, value.bad_size);
+  put_u16(payload + 10, value.overruns);
+  put_u16(payload + 12, value.replies_dropped);
+  put_u16(payload + 14, value.nacks);
+  put_u16(payload + 16, value.repeats_answered);
+  put_u32(payload + 18, value.targets_accepted);
+  put_u16(payload + 22, value.targets_clamped);
+  put_u16(payload + 24, value.holds);
+  put_u16(payload + 26, value.relaxes);
+  put_u16(payload + 28, value.saves);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, CountersReply& value) {
+  if (size != CountersReply::kSize) {
+    return Reading::kBadLength;
+  }
+  value.frames_accepted = get_u32(payload);
+  value.bad_crc = get_u16(payload + 4);
+  value.bad_encoding = get_u16(payload + 6);
+  value.bad_size = get_u16(payload + 8);
+  value.overruns = get_u16(payload + 10);
+  value.replies_dropped = get_u16(payload + 12);
+  value.nacks = get_u16(payload + 14);
+  value.repeats_answered = get_u16(payload + 16);
+  value.targets_accepted = get_u32(payload + 18);
+  value.targets_clamped = get_u16(payload + 22);
+  value.holds = get_u16(payload + 24);
+  value.relaxes = get_u16(payload + 26);
+  value.saves = get_u16(payload + 28);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const CountersReply&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const CountersReply&) {
+  return kNone;
+}
+
+/// Starts or ends the stream of `telemetry`.
+struct SetTelemetry {
+  enum : uint8_t { kId = 0x06, kSize = 3 };
+
+  /// The open session.
+  uint16_t session;
+  /// One report in so many ticks; 0 ends the stream. [tick]
+  uint8_t period_ticks;
+};
+static_assert(SetTelemetry::kSize == sizeof(SetTelemetry::session) +
+              sizeof(SetTelemetry::period_ticks) && SetTelemetry::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const SetTelemetry& value, uint8_t* payload) {
+  put_u16(payload, value.session);
+  put_u8(payload + 2, value.period_ticks);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SetTelemetry& value) {
+  if (size != SetTelemetry::kSize) {
+    return Reading::kBadLength;
+  }
+  value.session = get_u16(payload);
+  value.period_ticks = get_u8(payload + 2);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SetTelemetry&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const SetTelemetry&) {
+  return kNone;
+}
+
+/// Enables the servos one after the other. Refused while the configuration is incomplete or being
+/// saved.
+struct Arm {
+  enum : uint8_t { kId = 0x10, kSize = 2 };
+
+  /// The open session.
+  uint16_t session;
+};
+static_assert(Arm::kSize == sizeof(Arm::session) && Arm::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const Arm& value, uint8_t* payload) {
+  put_u16(payload, value.session);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, Arm& value) {
+  if (size != Arm::kSize) {
+    return Reading::kBadLength;
+  }
+  value.session = get_u16(payload);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Arm&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Arm&) {
+  return kNone;
+}
+
+/// Leads the robot slowly to rest, then takes the pulses away. In `disarmed` and `disarming` it
+/// changes nothing.
+struct Disarm {
+  enum : uint8_t { kId = 0x11, kSize = 2 };
+
+  /// The open session.
+  uint16_t session;
+};
+static_assert(Disarm::kSize == sizeof(Disarm::session) && Disarm::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const Disarm& value, uint8_t* payload) {
+  put_u16(payload, value.session);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, Disarm& value) {
+  if (size != Disarm::kSize) {
+    return Reading::kBadLength;
+  }
+  value.session = get_u16(payload);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Disarm&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Disarm&) {
+  return kNone;
+}
+
+/// Emergency stop: takes the pulses away at the next frame. Needs no session.
+struct Stop {
+  enum : uint8_t { kId = 0x12, kSize = 0 };
+};
+static_assert(Stop::kSize == 0 && Stop::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const Stop&, uint8_t*) {}
+
+inline Reading decode(const uint8_t*, uint8_t size, Stop&) {
+  if (size != Stop::kSize) {
+    return Reading::kBadLength;
+  }
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Stop&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Stop&) {
+  return kNone;
+}
+
+/// Acknowledges a fault or a stop. The board is then disarmed; it never arms itself.
+struct ClearFault {
+  enum : uint8_t { kId = 0x13, kSize = 2 };
+
+  /// The open session.
+  uint16_t session;
+};
+static_assert(ClearFault::kSize == sizeof(ClearFault::session) && ClearFault::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const ClearFault& value, uint8_t* payload) {
+  put_u16(payload, value.session);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, ClearFault& value) {
+  if (size != ClearFault::kSize) {
+    return Reading::kBadLength;
+  }
+  value.session = get_u16(payload);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const ClearFault&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const ClearFault&) {
+  return kNone;
+}
+
+/// New target of both axes. The latest wins. Only this feeds the link watchdog.
+struct SetTarget {
+  enum : uint8_t { kId = 0x20, kSize = 10 };
+
+  /// The open session.
+  uint16_t session;
+  /// Servo angles; clamped to the angle limits. [0.01 deg] -18000 to 18000.
+  int16_t target_cdeg[2];
+  /// The setpoint goes there in a straight line over this time, or as fast as the slew limit lets
+  /// it. [ms] 0 to 10000.
+  uint16_t ramp_ms;
+  /// Unless another target follows within this time the board holds. [ms] 20 to 10000.
+  uint16_t validity_ms;
+};
+static_assert(SetTarget::kSize == sizeof(SetTarget::session) + sizeof(SetTarget::target_cdeg) +
+              sizeof(SetTarget::ramp_ms) + sizeof(SetTarget::validity_ms) && SetTarget::kSize <=
+              kMaxPayload, "payload layout");
+
+inline void encode(const SetTarget& value, uint8_t* payload) {
+  put_u16(payload, value.session);
+  put_i16(payload + 2, value.target_cdeg[0]);
+  put_i16(payload + 4, value.target_cdeg[1]);
+  put_u16(payload + 6, value.ramp_ms);
+  put_u16(payload + 8, value.validity_ms);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SetTarget& value) {
+  if (size != SetTarget::kSize) {
+    return Reading::kBadLength;
+  }
+  value.session = get_u16(payload);
+  value.target_cdeg[0] = get_i16(payload + 2);
+  value.target_cdeg[1] = get_i16(payload + 4);
+  value.ramp_ms = get_u16(payload + 6);
+  value.validity_ms = get_u16(payload + 8);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SetTarget& value) {
+  if (value.target_cdeg[0] < -18000 || value.target_cdeg[0] > 18000 || value.target_cdeg[1] < -18000
+      || value.target_cdeg[1] > 18000) {
+    return 1;
+  }
+  if (value.ramp_ms > 10000U) {
+    return 2;
+  }
+  if (value.validity_ms < 20U || value.validity_ms > 10000U) {
+    return 3;
+  }
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const SetTarget&) {
+  return kNone;
+}
+
+/// What was really accepted.
+struct TargetReply {
+  enum : uint8_t { kId = 0xA0, kSize = 6 };
+
+  /// State.
+  State state;
+  /// Details. Bits of `status_flags`.
+  uint8_t flags;
+  /// Accepted target, after clamping. [0.01 deg]
+  int16_t target_cdeg[2];
+};
+static_assert(TargetReply::kSize == sizeof(TargetReply::state) + sizeof(TargetReply::flags) +
+              sizeof(TargetReply::target_cdeg) && TargetReply::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const TargetReply& value, uint8_t* payload) {
+  put_u8(payload, static_cast<uint8_t>(value.state));
+  put_u8(payload + 1, value.flags);
+  put_i16(payload + 2, value.target_cdeg[0]);
+  put_i16(payload + 4, value.target_cdeg[1]);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, TargetReply& value) {
+  if (size != TargetReply::kSize) {
+    return Reading::kBadLength;
+  }
+  if (!is_state(get_u8(payload))) {
+    return Reading::kUndefinedValue;
+  }
+  value.state = static_cast<State>(get_u8(payload));
+  value.flags = get_u8(payload + 1);
+  value.target_cdeg[0] = get_i16(payload + 2);
+  value.target_cdeg[1] = get_i16(payload + 4);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const TargetReply&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const TargetReply&) {
+  return kNone;
+}
+
+/// Reads the angle limits.
+struct GetLimits {
+  enum : uint8_t { kId = 0x30, kSize = 0 };
+};
+static_assert(GetLimits::kSize == 0 && GetLimits::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const GetLimits&, uint8_t*) {}
+
+inline Reading decode(const uint8_t*, uint8_t size, GetLimits&) {
+  if (size != GetLimits::kSize) {
+    return Reading::kBadLength;
+  }
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const GetLimits&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const GetLimits&) {
+  return kNone;
+}
+
+/// The angle limits in use.
+struct LimitsReply {
+  enum : uint8_t { kId = 0xB0, kSize = 12 };
+
+  Limits limits;
+};
+static_assert(LimitsReply::kSize == 0 + Limits::kSize && LimitsReply::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const LimitsReply& value, uint8_t* payload) {
+  encode(value.limits, payload);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, LimitsReply& value) {
+  if (size != LimitsReply::kSize) {
+    return Reading::kBadLength;
+  }
+  return decode(payload, value.limits);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const LimitsReply& value) {
+  return first_out_of_range(value.limits);
+}
+
+inline int8_t inconsistent_axis(const LimitsReply& value) {
+  return inconsistent_axis(value.limits);
+}
+
+/// Sets the angle limits. The remembered setpoint is clamped to them.
+struct SetLimits {
+  enum : uint8_t { kId = 0x31, kSize = 14 };
+
+  /// The open session.
+  uint16_t session;
+  Limits limits;
+};
+static_assert(SetLimits::kSize == sizeof(SetLimits::session) + Limits::kSize && SetLimits::kSize <=
+              kMaxPayload, "payload layout");
+
+inline void encode(const SetLimits& value, uint8_t* payload) {
+  put_u16(payload, value.session);
+  encode(value.limits, payload + 2);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SetLimits& value) {
+  if (size != SetLimits::kSize) {
+    return Reading::kBadLength;
+  }
+  value.session = get_u16(payload);
+  return decode(payload + 2, value.limits);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SetLimits& value) {
+  const int8_t nested = first_out_of_range(value.limits);
+  return nested == kNone ? kNone : static_cast<int8_t>(nested + 1);
+}
+
+inline int8_t inconsistent_axis(const SetLimits& value) {
+  return inconsistent_axis(value.limits);
+}
+
+/// Reads the slew limits.
+struct GetSlew {
+  enum : uint8_t { kId = 0x32, kSize = 0 };
+};
+static_assert(GetSlew::kSize == 0 && GetSlew::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const GetSlew&, uint8_t*) {}
+
+inline Reading decode(const uint8_t*, uint8_t size, GetSlew&) {
+  if (size != GetSlew::kSize) {
+    return Reading::kBadLength;
+  }
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const GetSlew&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const GetSlew&) {
+  return kNone;
+}
+
+/// The slew limits in use.
+struct SlewReply {
+  enum : uint8_t { kId = 0xB2, kSize = 4 };
+
+  Slew slew;
+};
+static_assert(SlewReply::kSize == 0 + Slew::kSize && SlewReply::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const SlewReply& value, uint8_t* payload) {
+  encode(value.slew, payload);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SlewReply& value) {
+  if (size != SlewReply::kSize) {
+    return Reading::kBadLength;
+  }
+  return decode(payload, value.slew);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SlewReply& value) {
+  return first_out_of_range(value.slew);
+}
+
+inline int8_t inconsistent_axis(const SlewReply&) {
+  return kNone;
+}
+
+/// Sets the slew limits.
+struct SetSlew {
+  enum : uint8_t { kId = 0x33, kSize = 6 };
+
+  /// The open session.
+  uint16_t session;
+  Slew slew;
+};
+static_assert(SetSlew::kSize == sizeof(SetSlew::session) + Slew::kSize && SetSlew::kSize <=
+              kMaxPayload, "payload layout");
+
+inline void encode(const SetSlew& value, uint8_t* payload) {
+  put_u16(payload, value.session);
+  encode(value.slew, payload + 2);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SetSlew& value) {
+  if (size != SetSlew::kSize) {
+    return Reading::kBadLength;
+  }
+  value.session = get_u16(payload);
+  return decode(payload + 2, value.slew);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SetSlew& value) {
+  const int8_t nested = first_out_of_range(value.slew);
+  return nested == kNone ? kNone : static_cast<int8_t>(nested + 1);
+}
+
+inline int8_t inconsistent_axis(const SetSlew&) {
+  return kNone;
+}
+
+/// Reads the link watchdog.
+struct GetWatchdog {
+  enum : uint8_t { kId = 0x34, kSize = 0 };
+};
+static_assert(GetWatchdog::kSize == 0 && GetWatchdog::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const GetWatchdog&, uint8_t*) {}
+
+inline Reading decode(const uint8_t*, uint8_t size, GetWatchdog&) {
+  if (size != GetWatchdog::kSize) {
+    return Reading::kBadLength;
+  }
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const GetWatchdog&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const GetWatchdog&) {
+  return kNone;
+}
+
+/// The link watchdog in use.
+struct WatchdogReply {
+  enum : uint8_t { kId = 0xB4, kSize = 6 };
+
+  Watchdog watchdog;
+};
+static_assert(WatchdogReply::kSize == 0 + Watchdog::kSize && WatchdogReply::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const WatchdogReply& value, uint8_t* payload) {
+  encode(value.watchdog, payload);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, WatchdogReply& value) {
+  if (size != WatchdogReply::kSize) {
+    return Reading::kBadLength;
+  }
+  return decode(payload, value.watchdog);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const WatchdogReply& value) {
+  return first_out_of_range(value.watchdog);
+}
+
+inline int8_t inconsistent_axis(const WatchdogReply&) {
+  return kNone;
+}
+
+/// Sets the link watchdog.
+struct SetWatchdog {
+  enum : uint8_t { kId = 0x35, kSize = 8 };
+
+  /// The open session.
+  uint16_t session;
+  Watchdog watchdog;
+};
+static_assert(SetWatchdog::kSize == sizeof(SetWatchdog::session) + Watchdog::kSize &&
+              SetWatchdog::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const SetWatchdog& value, uint8_t* payload) {
+  put_u16(payload, value.session);
+  encode(value.watchdog, payload + 2);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SetWatchdog& value) {
+  if (size != SetWatchdog::kSize) {
+    return Reading::kBadLength;
+  }
+  value.session = get_u16(payload);
+  return decode(payload + 2, value.watchdog);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SetWatchdog& value) {
+  const int8_t nested = first_out_of_range(value.watchdog);
+  return nested == kNone ? kNone : static_cast<int8_t>(nested + 1);
+}
+
+inline int8_t inconsistent_axis(const SetWatchdog&) {
+  return kNone;
+}
+
+/// Reads the pulse calibration.
+struct GetCalibration {
+  enum : uint8_t { kId = 0x36, kSize = 0 };
+};
+static_assert(GetCalibration::kSize == 0 && GetCalibration::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const GetCalibration&, uint8_t*) {}
+
+inline Reading decode(const uint8_t*, uint8_t size, GetCalibration&) {
+  if (size != GetCalibration::kSize) {
+    return Reading::kBadLength;
+  }
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const GetCalibration&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const GetCalibration&) {
+  return kNone;
+}
+
+/// The pulse calibration in use.
+struct CalibrationReply {
+  enum : uint8_t { kId = 0xB6, kSize = 16 };
+
+  Calibration calibration;
+};
+static_assert(CalibrationReply::kSize == 0 + Calibration::kSize && CalibrationReply::kSize <=
+              kMaxPayload, "payload layout");
+
+inline void encode(const CalibrationReply& value, uint8_t* payload) {
+  encode(value.calibration, payload);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, CalibrationReply& value) {
+  if (size != CalibrationReply::kSize) {
+    return Reading::kBadLength;
+  }
+  return decode(payload, value.calibration);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const CalibrationReply& value) {
+  return first_out_of_range(value.calibration);
+}
+
+inline int8_t inconsistent_axis(const CalibrationReply& value) {
+  return inconsistent_axis(value.calibration);
+}
+
+/// Sets the pulse calibration.
+struct SetCalibration {
+  enum : uint8_t { kId = 0x37, kSize = 18 };
+
+  /// The open session.
+  uint16_t session;
+  Calibration calibration;
+};
+static_assert(SetCalibration::kSize == sizeof(SetCalibration::session) + Calibration::kSize &&
+              SetCalibration::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const SetCalibration& value, uint8_t* payload) {
+  put_u16(payload, value.session);
+  encode(value.calibration, payload + 2);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SetCalibration& value) {
+  if (size != SetCalibration::kSize) {
+    return Reading::kBadLength;
+  }
+  value.session = get_u16(payload);
+  return decode(payload + 2, value.calibration);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SetCalibration& value) {
+  const int8_t nested = first_out_of_range(value.calibration);
+  return nested == kNone ? kNone : static_cast<int8_t>(nested + 1);
+}
+
+inline int8_t inconsistent_axis(const SetCalibration& value) {
+  return inconsistent_axis(value.calibration);
+}
+
+/// Starts to write the configuration in use to the older EEPROM slot, one byte a control tick.
+/// `ack` tells that it has begun; `eeprom_busy` in the state falls when it is done. Refused while
+/// the configuration is incomplete.
+struct SaveConfig {
+  enum : uint8_t { kId = 0x38, kSize = 2 };
+
+  /// The open session.
+  uint16_t session;
+};
+static_assert(SaveConfig::kSize == sizeof(SaveConfig::session) && SaveConfig::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const SaveConfig& value, uint8_t* payload) {
+  put_u16(payload, value.session);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SaveConfig& value) {
+  if (size != SaveConfig::kSize) {
+    return Reading::kBadLength;
+  }
+  value.session = get_u16(payload);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SaveConfig&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const SaveConfig&) {
+  return kNone;
+}
+
+/// Done, or begun.
+struct Ack {
+  enum : uint8_t { kId = 0x70, kSize = 2 };
+
+  /// Id of the request.
+  uint8_t request;
+  /// State after it.
+  State state;
+};
+static_assert(Ack::kSize == sizeof(Ack::request) + sizeof(Ack::state) && Ack::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const Ack& value, uint8_t* payload) {
+  put_u8(payload, value.request);
+  put_u8(payload + 1, static_cast<uint8_t>(value.state));
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, Ack& value) {
+  if (size != Ack::kSize) {
+    return Reading::kBadLength;
+  }
+  value.request = get_u8(payload);
+  if (!is_state(get_u8(payload + 1))) {
+    return Reading::kUndefinedValue;
+  }
+  value.state = static_cast<State>(get_u8(payload + 1));
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Ack&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Ack&) {
+  return kNone;
+}
+
+/// Refused; nothing has changed.
+struct Nack {
+  enum : uint8_t { kId = 0x71, kSize = 3 };
+
+  /// Id of the request.
+  uint8_t request;
+  /// Why.
+  NackCode code;
+  /// See the code.
+  uint8_t detail;
+};
+static_assert(Nack::kSize == sizeof(Nack::request) + sizeof(Nack::code) + sizeof(Nack::detail) &&
+              Nack::kSize <= kMaxPayload, "payload layout");
+
+inline void encode(const Nack& value, uint8_t* payload) {
+  put_u8(payload, value.request);
+  put_u8(payload + 1, static_cast<uint8_t>(value.code));
+  put_u8(payload + 2, value.detail);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, Nack& value) {
+  if (size != Nack::kSize) {
+    return Reading::kBadLength;
+  }
+  value.request = get_u8(payload);
+  if (!is_nack_code(get_u8(payload + 1))) {
+    return Reading::kUndefinedValue;
+  }
+  value.code = static_cast<NackCode>(get_u8(payload + 1));
+  value.detail = get_u8(payload + 2);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Nack&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Nack&) {
+  return kNone;
+}
+
+/// The state, unasked. Its sequence number counts reports, so that the host sees lost ones.
+struct Telemetry {
+  enum : uint8_t { kId = 0xC0, kSize = 26 };
+
+  StateReport report;
+};
+static_assert(Telemetry::kSize == 0 + StateReport::kSize && Telemetry::kSize <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const Telemetry& value, uint8_t* payload) {
+  encode(value.report, payload);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, Telemetry& value) {
+  if (size != Telemetry::kSize) {
+    return Reading::kBadLength;
+  }
+  return decode(payload, value.report);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Telemetry&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Telemetry&) {
+  return kNone;
+}
+
+enum class Retry : uint8_t {
+  kRepeat,  ///< Executed again.
+  kOnce,    ///< Repeated with the same sequence number it is answered from memory.
+  kNever,   ///< Not repeated; the next one replaces it.
+};
+
+constexpr uint16_t state_bit(State state) {
+  return static_cast<uint16_t>(1U << static_cast<uint8_t>(state));
+}
+
+/// How the board treats a request.
+struct RequestRule {
+  uint8_t id;
+  uint8_t reply_id;
+  uint8_t size;
+  Retry retry;
+  bool needs_session;
+  uint16_t allowed_states;  ///< Bits of `state_bit`.
+};
+
+constexpr RequestRule kRequestRules[] = {
+    {Hello::kId, HelloReply::kId, Hello::kSize, Retry::kRepeat, false, 0x01FFU},
+    {OpenSession::kId, SessionReply::kId, OpenSession::kSize, Retry::kRepeat, false, 0x01FEU},
+    {ClockSync::kId, ClockReply::kId, ClockSync::kSize, Retry::kRepeat, false, 0x01FFU},
+    {GetState::kId, StateReply::kId, GetState::kSize, Retry::kRepeat, false, 0x01FFU},
+    {GetCounters::kId, CountersReply::kId, GetCounters::kSize, Retry::kRepeat, false, 0x01FFU},
+    {SetTelemetry::kId, Ack::kId, SetTelemetry::kSize, Retry::kOnce, true, 0x01FEU},
+    {Arm::kId, Ack::kId, Arm::kSize, Retry::kOnce, true, 0x0002U},
+    {Disarm::kId, Ack::kId, Disarm::kSize, Retry::kOnce, true, 0x007EU},
+    {Stop::kId, Ack::kId, Stop::kSize, Retry::kRepeat, false, 0x01FFU},
+    {ClearFault::kId, Ack::kId, ClearFault::kSize, Retry::kOnce, true, 0x0180U},
+    {SetTarget::kId, TargetReply::kId, SetTarget::kSize, Retry::kNever, true, 0x0038U},
+    {GetLimits::kId, LimitsReply::kId, GetLimits::kSize, Retry::kRepeat, false, 0x01FFU},
+    {SetLimits::kId, Ack::kId, SetLimits::kSize, Retry::kOnce, true, 0x0182U},
+    {GetSlew::kId, SlewReply::kId, GetSlew::kSize, Retry::kRepeat, false, 0x01FFU},
+    {SetSlew::kId, Ack::kId, SetSlew::kSize, Retry::kOnce, true, 0x0182U},
+    {GetWatchdog::kId, WatchdogReply::kId, GetWatchdog::kSize, Retry::kRepeat, false, 0x01FFU},
+    {SetWatchdog::kId, Ack::kId, SetWatchdog::kSize, Retry::kOnce, true, 0x0182U},
+    {GetCalibration::kId, CalibrationReply::kId, GetCalibration::kSize, Retry::kRepeat, false, 0x01FFU},
+    {SetCalibration::kId, Ack::kId, SetCalibration::kSize, Retry::kOnce, true, 0x0182U},
+    {SaveConfig::kId, Ack::kId, SaveConfig::kSize, Retry::kOnce, true, 0x0182U},
+};
+
+/// The rule of a request, or null where no request has this id.
+constexpr const RequestRule* find_request(uint8_t id) {
+  for (const RequestRule& rule : kRequestRules) {
+    if (rule.id == id) {
+      return &rule;
+    }
+  }
+  return nullptr;
+}
+
+constexpr bool is_allowed(const RequestRule& rule, State state) {
+  return (rule.allowed_states & state_bit(state)) != 0;
+}
+
+struct Transition {
+  uint16_t from;  ///< Bits of `state_bit`.
+  Event event;
+  State to;
+};
+
+constexpr Transition kTransitions[] = {
+    {0x0001U, Event::kSelfTestPassed, State::kDisarmed},
+    {0x0002U, Event::kArmRequested, State::kArming},
+    {0x0004U, Event::kAxesEnabled, State::kHold},
+    {0x0038U, Event::kTargetAccepted, State::kActive},
+    {0x0008U, Event::kTargetExpired, State::kHold},
+    {0x0010U, Event::kHoldExpired, State::kRelaxing},
+    {0x0020U, Event::kRestReached, State::kFault},
+    {0x003CU, Event::kDisarmRequested, State::kDisarming},
+    {0x0040U, Event::kRestReached, State::kDisarmed},
+    {0x007FU, Event::kFaultRaised, State::kFault},
+    {0x00FFU, Event::kStopRequested, State::kStopped},
+    {0x0180U, Event::kClearRequested, State::kDisarmed},
+};
+
+/// The state after an event; what is not listed changes nothing.
+constexpr State next_state(State state, Event event) {
+  for (const Transition& transition : kTransitions) {
+    if (transition.event == event && (transition.from & state_bit(state)) != 0) {
+      return transition.to;
+    }
+  }
+  return state;
+}
+
+}  // namespace ccr
+
+#endif

@@ -1,0 +1,175 @@
+"""What a spec may change against the released ones.
+
+Some things never change, so that a recorded byte stream keeps its meaning and hosts and boards of
+different versions can at least identify each other. Others need a new protocol version. The rest
+is free: prose, requirements, the firmware's version, new messages, enums, flag bits and
+constants, and ranges that become wider.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ccr_protocol.build import CONFIGURATION
+from ccr_protocol.spec import Eeprom, Enumeration, Field, FlagSet, Message, Spec
+
+_FIRST_CONTACT = ("hello", "hello_reply")
+"""Readable across all versions: the other end's version is only known after them."""
+
+
+def never_allowed(old: Spec, new: Spec) -> Iterator[str]:
+    """Changes that not even a new protocol version allows."""
+    if new.version < old.version:
+        yield f"protocol version {new.version} is below the released {old.version}"
+    yield from _first_contact(old, new)
+    now_by_id = {message.id: message for message in new.messages}
+    for message in old.messages:
+        if message.id in now_by_id:
+            yield from _id_keeps_meaning(message, now_by_id[message.id])
+    for enum in old.enums:
+        if enum.name in new.enum_by_name:
+            yield from _values_keep_meaning(enum, new.enum_by_name[enum.name])
+    flags_now = {flags.name: flags for flags in new.flag_sets}
+    for flags in old.flag_sets:
+        if flags.name in flags_now:
+            yield from _bits_keep_meaning(flags, flags_now[flags.name])
+    if old.eeprom.layout == new.eeprom.layout and _saved(old) != _saved(new):
+        yield "eeprom: the saved configuration differs, eeprom.layout must be another"
+
+
+def _first_contact(old: Spec, new: Spec) -> Iterator[str]:
+    for name in _FIRST_CONTACT:
+        message, now = old.message_by_name[name], new.message_by_name[name]
+        if message.id != now.id:
+            yield f"message {name}: must keep the id 0x{message.id:02X}"
+        for enum in sorted({field.enum for field in message.wire_fields if field.enum}):
+            known = old.enumerator_names(enum)
+            for added in new.enumerator_names(enum) if enum in new.enum_by_name else ():
+                if added not in known:
+                    yield f"enum {enum}, {added}: older hosts could not read {name}"
+
+
+def _id_keeps_meaning(old: Message, new: Message) -> Iterator[str]:
+    place = f"id 0x{old.id:02X}"
+    if old.name != new.name:
+        yield f"{place}: was {old.name}, must not become {new.name}"
+        return
+    place += f" {old.name}"
+    if (old.rules is None) != (new.rules is None):
+        yield f"{place}: goes in the other direction"
+    before, after = old.wire_fields, new.wire_fields
+    if len(before) != len(after):
+        yield f"{place}: has {len(after)} instead of {len(before)} fields; take a new id"
+    for index, (field, now) in enumerate(zip(before, after, strict=False)):
+        if _layout(field) != _layout(now):
+            yield f"{place}, field {index} {field.name}: differs in more than its range"
+
+
+def _layout(field: Field) -> tuple[object, ...]:
+    return (
+        field.name,
+        field.type,
+        field.count,
+        field.unit,
+        field.scale,
+        field.enum,
+        field.flags,
+    )
+
+
+def _saved(spec: Spec) -> list[tuple[object, ...]]:
+    structs = {struct.name: struct for struct in spec.structs}
+    return [_layout(field) for name in CONFIGURATION for field in structs[name].fields]
+
+
+def _values_keep_meaning(old: Enumeration, new: Enumeration) -> Iterator[str]:
+    if old.type != new.type:
+        yield f"enum {old.name}: {old.type.name} must not become {new.type.name}"
+    names = {value.value: value.name for value in new.values}
+    numbers = {value.name: value.value for value in new.values}
+    for value in old.values:
+        place = f"enum {old.name}, {value.name} = {value.value}"
+        if names.get(value.value, value.name) != value.name:
+            yield f"{place}: the value must not be given to {names[value.value]}"
+        if numbers.get(value.name, value.value) != value.value:
+            yield f"{place}: must not become {numbers[value.name]}"
+
+
+def _bits_keep_meaning(old: FlagSet, new: FlagSet) -> Iterator[str]:
+    if old.type != new.type:
+        yield f"flags {old.name}: {old.type.name} must not become {new.type.name}"
+    names = {bit.bit: bit.name for bit in new.bits}
+    numbers = {bit.name: bit.bit for bit in new.bits}
+    for bit in old.bits:
+        place = f"flags {old.name}, {bit.name} = bit {bit.bit}"
+        if names.get(bit.bit, bit.name) != bit.name:
+            yield f"{place}: the bit must not be given to {names[bit.bit]}"
+        if numbers.get(bit.name, bit.bit) != bit.bit:
+            yield f"{place}: must not become bit {numbers[bit.name]}"
+
+
+def needs_new_version(old: Spec, new: Spec) -> Iterator[str]:
+    """Changes that the protocol version must tell."""
+    for name in ("baud", "baud_fallback", "encoding", "delimiter", "crc", "max_payload"):
+        before, after = getattr(old.framing, name), getattr(new.framing, name)
+        if before != after:
+            yield f"framing, {name}: {before} has become {after}"
+    constants = {constant.name: (constant.value, constant.unit) for constant in new.constants}
+    for constant in old.constants:
+        if constants.get(constant.name) != (constant.value, constant.unit):
+            yield f"constant {constant.name}: has changed or gone"
+    yield from _enumerators(old, new)
+    for message in old.messages:
+        if message.name not in new.message_by_name:
+            yield f"message {message.name} is gone"
+        else:
+            yield from _message(message, new.message_by_name[message.name])
+    if set(old.transitions) != set(new.transitions):
+        yield "state machine: a transition has changed"
+    if _addresses(old.eeprom) != _addresses(new.eeprom):
+        yield "eeprom: the layout has changed"
+
+
+def _enumerators(old: Spec, new: Spec) -> Iterator[str]:
+    """Receivers are strict: a value that they do not know spoils the whole message."""
+    for enum in old.enums:
+        now = new.enum_by_name.get(enum.name)
+        before = {value.name for value in enum.values}
+        after = {value.name for value in now.values} if now else set()
+        for name in sorted(before - after):
+            yield f"enum {enum.name}, {name}: is gone"
+        if now:
+            for name in sorted(after - before):
+                yield f"enum {enum.name}, {name}: is new"
+    flags_now = {flags.name: {bit.name for bit in flags.bits} for flags in new.flag_sets}
+    for flags in old.flag_sets:
+        for bit in flags.bits:
+            if bit.name not in flags_now.get(flags.name, ()):
+                yield f"flags {flags.name}, {bit.name}: is gone"
+
+
+def _message(old: Message, new: Message) -> Iterator[str]:
+    place = f"message {old.name}"
+    if old.id != new.id:
+        yield f"{place}: its id has become 0x{new.id:02X}"
+    if old.rules != new.rules:
+        yield f"{place}: reply, retry, session or states have changed"
+    for field, now in zip(old.wire_fields, new.wire_fields, strict=False):
+        if now.lower > field.lower or now.upper < field.upper:
+            yield f"{place}, {field.name}: {now.lower} to {now.upper} is narrower than before"
+    rules_before = old.struct.consistency if old.struct else ()
+    rules_after = new.struct.consistency if new.struct else ()
+    if set(rules_before) != set(rules_after):
+        yield f"{place}: its consistency rule has changed"
+
+
+def _addresses(eeprom: Eeprom) -> tuple[int, ...]:
+    return (
+        eeprom.size,
+        eeprom.slot_a,
+        eeprom.slot_b,
+        eeprom.boot_counter,
+        eeprom.magic,
+        eeprom.layout,
+        eeprom.slot_size,
+    )

@@ -1,0 +1,97 @@
+"""Compiles the firmware's protocol library for this machine and runs its tests."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+LIBRARY = ROOT / "firmware" / "lib" / "protocol"
+NATIVE = Path(__file__).with_name("native")
+VECTORS = ROOT / "protocol" / "vectors.json"
+
+APT_LINE = "apt-get install -y g++ doctest-dev"
+STRICT = ["-std=c++14", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow", "-Wpedantic"]
+SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+
+
+def _run(*command: str | Path) -> str:
+    result = subprocess.run(
+        [str(part) for part in command], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, f"{' '.join(map(str, command))}\n{result.stdout}{result.stderr}"
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def compiler() -> str:
+    found = shutil.which("g++")
+    if found is None:
+        pytest.fail(f"there is no g++: {APT_LINE}")
+    probe = subprocess.run(
+        [found, "-E", "-x", "c++", "-include", "doctest/doctest.h", "/dev/null"],
+        capture_output=True,
+        check=False,
+    )
+    if probe.returncode != 0:
+        pytest.fail(f"there is no doctest/doctest.h: {APT_LINE}")
+    return found
+
+
+@pytest.fixture(scope="module")
+def report(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What the native tests print."""
+    build = tmp_path_factory.mktemp("native")
+    _run(sys.executable, NATIVE / "vectors_header.py", VECTORS, build / "vectors.h")
+    _run(compiler, "-std=c++14", "-c", NATIVE / "main.cpp", "-o", build / "main.o")
+    includes = [f"-I{folder}" for folder in (LIBRARY, NATIVE, build)]
+    # Without it doctest's assertions take most of the time to compile.
+    fast = "-DDOCTEST_CONFIG_SUPER_FAST_ASSERTS"
+    source, target = NATIVE / "test_protocol.cpp", build / "test_protocol.o"
+    _run(compiler, *STRICT, *SANITIZERS, fast, *includes, "-c", source, "-o", target)
+    program = build / "tests"
+    _run(compiler, *SANITIZERS, build / "main.o", target, "-o", program)
+    return _run(program, "--no-colors")
+
+
+def test_every_vector_and_property_passes(report: str) -> None:
+    vectors = len(json.loads(VECTORS.read_text(encoding="utf-8"))["vectors"])
+    source = (NATIVE / "test_protocol.cpp").read_text(encoding="utf-8")
+    properties = len(re.findall(r"^TEST_CASE\(", source, re.MULTILINE))
+    cases = re.search(r"test cases: +(\d+) \| +(\d+) passed \| 0 failed \| 0 skipped", report)
+    assert cases is not None, report
+    assert int(cases[1]) == int(cases[2]) == vectors + properties
+    assert vectors >= 200
+    assert properties >= 5
+
+
+@pytest.mark.parametrize("header", sorted(LIBRARY.glob("*.h")), ids=lambda header: str(header.name))
+def test_each_header_compiles_alone_without_the_standard_library(
+    compiler: str, header: Path, tmp_path: Path
+) -> None:
+    """As for the AVR, whose toolchain has no C++ standard library."""
+    source = tmp_path / "alone.cpp"
+    source.write_text(f'#include "{header.name}"\n#include "{header.name}"\n')
+    freestanding = [
+        "-Wsign-conversion",
+        "-nostdinc++",
+        "-ffreestanding",
+        "-fno-exceptions",
+        "-fno-rtti",
+    ]
+    _run(compiler, *STRICT, *freestanding, f"-I{LIBRARY}", "-fsyntax-only", source)
+
+
+def test_the_library_uses_no_heap_and_no_header_but_stdint() -> None:
+    for header in LIBRARY.glob("*.h"):
+        text = header.read_text(encoding="utf-8")
+        assert set(re.findall(r"#include <(.*)>", text)) <= {"stdint.h"}
+        assert not re.search(r"\b(new|malloc|free|delete)\b\s*[\w(]", _without_comments(text))
+
+
+def _without_comments(text: str) -> str:
+    return re.sub(r"//.*", "", text)
