@@ -34,7 +34,7 @@ def assert_one_clear_line(ended: Ended, status: int, *words: str) -> None:
         (["compare", "--controller", "pid9"], ["pid9"]),
         (["compare", "--path", "circle"], ["circle"]),
         (["workspace", "circle"], ["circle"]),
-        (["emulate", "--tcp", "5025"], ["HOST"]),
+        (["emulate", "--tcp", "5025"], ["5025", "host and a port"]),
         (["emulate", "--tcp", "127.0.0.1:99999"], ["99999"]),
     ],
 )

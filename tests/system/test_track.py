@@ -108,3 +108,16 @@ def test_runs_folder_is_named_for_the_run(ccr_host: CcrHost, short_path: str) ->
     (folder,) = (ccr_host.folder / "runs").iterdir()
     assert folder.name.endswith("-short-mpc")
     assert (Path(folder) / "run.json").exists()
+
+
+def test_a_tracker_too_slow_to_be_fresh_ends_the_run_with_a_fault_and_keeps_the_log(
+    ccr_host: CcrHost, short_path: str
+) -> None:
+    ended = ccr_host(
+        "track", short_path, "--no-open", "--json", "--out", "kept",
+        "--set", "tracker.latency_ms=1000",
+    )  # fmt: skip
+    assert ended.status == 3
+    assert ended.summary["steps"] == 0
+    assert "stale_after_ms" in ended.summary["faults"][0]
+    assert "no markers" in log_lines(ccr_host.folder / "kept")[-1]["text"]

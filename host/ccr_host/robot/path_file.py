@@ -63,8 +63,9 @@ def read_path_file(file: Path) -> SampledPath:
             "give two rows or more below the header",
         )
     table = dict(zip(columns, np.array(rows).T, strict=True))
-    for (line, _), step in zip(lines[2:], np.diff(table["t_s"]), strict=True):
-        if not step > 0.0:
+    later = table["t_s"][1:] > table["t_s"][:-1]
+    for (line, _), increases in zip(lines[2:], later, strict=True):
+        if not increases:
             raise _bad_line(file, line, "t_s does not increase", "sort the rows by time, once each")
     return SampledPath(table["t_s"], table["y_mm"], table["z_mm"], table.get("x_mm"))
 

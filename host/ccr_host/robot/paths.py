@@ -86,7 +86,7 @@ def load_path(
         y, z = shape.lateral_mm(time_s)
         return _reference(name_or_file, rate_hz, SampledPath(time_s, y, z, None), model, limits)
     rows = read_path_file(_existing_file(name_or_file))
-    duration_s = float(rows.time_s[-1] - rows.time_s[0])
+    duration_s = float(rows.time_s[-1]) - float(rows.time_s[0])
     # A file names both of its ends, so the last row is a sample too.
     time_s = _clock(name_or_file, duration_s * rate_hz + 1.0, rate_hz)
     name = Path(name_or_file).stem

@@ -87,11 +87,13 @@ class Workspace:
             Per point the configuration of least lateral distance, and that distance.
         """
         across, height = np.asarray(lateral_mm, dtype=np.float64).T
-        theta_1, theta_2 = self._sheet.project(across, height)
-        miss = np.hypot(
-            self._lateral.across_mm(theta_2) - across,
-            self._lateral.height_mm(theta_1, theta_2) - height,
-        )
+        # Points at the end of the number range are infinitely far, which is a fair answer.
+        with np.errstate(over="ignore"):
+            theta_1, theta_2 = self._sheet.project(across, height)
+            miss = np.hypot(
+                self._lateral.across_mm(theta_2) - across,
+                self._lateral.height_mm(theta_1, theta_2) - height,
+            )
         return Nearest(self._motor_rad(theta_1, theta_2), miss)
 
     def surface_mm(self, points: tuple[int, int] = (61, 61)) -> FloatArray:
@@ -278,8 +280,8 @@ def _first_turn(slope: Callable[[FloatArray], FloatArray], anchor: float, end: f
         keeps = slope(middle) * sign >= 0.0
         inside = np.where(keeps, middle, inside)
         outside = np.where(keeps, outside, middle)
-    end_keeps: NDArray[np.bool_] = slope(outside) * sign >= 0.0
-    return np.where(end_keeps, outside, inside)
+    piece_end: FloatArray = np.where(slope(outside) * sign >= 0.0, outside, inside)
+    return piece_end
 
 
 def _solve_monotone(

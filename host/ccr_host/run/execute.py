@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TextIO
 
 from ccr_host.control.registry import make_controller
-from ccr_host.errors import DeviceError, TrackerError
+from ccr_host.errors import CcrError, ConfigError
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
@@ -63,7 +63,9 @@ def execute(options: RunOptions, log: TextIO | None, on_step: Progress) -> RunRe
     try:
         with open_rig(options, description, recorder) as rig:
             follow_path(rig, controller, reference, description, recorder, keep)
-    except (DeviceError, TrackerError, KeyboardInterrupt) as error:
+    except ConfigError:
+        raise
+    except (CcrError, KeyboardInterrupt) as error:
         failure = error
         recorder.event(rig.clock.now_us() if rig else 0, _describe(error))
     return RunResult(

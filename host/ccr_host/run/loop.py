@@ -215,6 +215,8 @@ class _MarkerWatch:
 
     def _lost(self, lost_us: int) -> TrackerError:
         return TrackerError(
-            f"no markers from {self._rig.tracker.name} for {lost_us / 1e6:.1f} s",
-            "check line of sight and the camera's volume, then start again",
+            f"no markers from {self._rig.tracker.name} for {lost_us / 1e6:.1f} s that were "
+            f"younger than {self._stale_us // 1000} ms",
+            "check line of sight and the camera's volume; "
+            "for a slow tracker raise control.stale_after_ms",
         )

@@ -32,7 +32,7 @@ class RunResult:
     link: LinkStatistics | None
     """None if the board was never reached."""
     failure: BaseException | None
-    """What ended the run early: a DeviceError, a TrackerError or a KeyboardInterrupt."""
+    """What ended the run early: a CcrError or a KeyboardInterrupt."""
     wall_s: float
 
 

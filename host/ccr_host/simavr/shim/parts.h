@@ -1,0 +1,163 @@
+/* The parts of the rig among themselves. See rig.h for licence and purpose. */
+#pragma once
+
+#include "rig.h"
+
+#include <avr_eeprom.h>
+#include <avr_ioport.h>
+#include <avr_timer.h>
+#include <avr_uart.h>
+#include <avr_watchdog.h>
+#include <sim_avr.h>
+
+/* Registers of the ATmega328P, data addresses (datasheet, Register Summary). */
+enum {
+    REG_PINB = 0x23,
+    REG_DDRB = 0x24,
+    REG_PORTB = 0x25,
+    REG_TIFR0 = 0x35,
+    REG_TIFR1 = 0x36,
+    REG_TIFR2 = 0x37,
+    REG_EECR = 0x3F,
+    REG_EEARL = 0x41,
+    REG_EEARH = 0x42,
+    REG_MCUSR = 0x54,
+    REG_TIMSK0 = 0x6E,
+    REG_TIMSK1 = 0x6F,
+    REG_TIMSK2 = 0x70,
+    REG_TCCR1A = 0x80,
+    REG_TCCR1B = 0x81,
+    REG_TCCR1C = 0x82,
+    REG_TCNT1L = 0x84,
+    REG_TCNT1H = 0x85,
+    REG_ICR1L = 0x86,
+    REG_ICR1H = 0x87,
+    REG_OCR1AL = 0x88,
+    REG_OCR1AH = 0x89,
+    REG_OCR1BL = 0x8A,
+    REG_OCR1BH = 0x8B,
+    REG_UCSR0A = 0xC0,
+    REG_UCSR0B = 0xC1,
+    REG_UCSR0C = 0xC2,
+    REG_UBRR0L = 0xC4,
+    REG_UBRR0H = 0xC5,
+    REG_UDR0 = 0xC6,
+};
+
+/* Records that wait to be taken; grows as needed. */
+typedef struct {
+    void *records;
+    size_t record_size, count, room;
+} log_t;
+
+void log_add(log_t *log, const void *record);
+size_t log_take(log_t *log, void *out, size_t room);
+
+typedef struct {
+    avr_io_write_t call;
+    void *param;
+} write_handler_t;
+
+/* simavr refuses to replace a handler of its own, so its table is written directly. */
+write_handler_t replace_write(avr_t *avr, avr_io_addr_t address, avr_io_write_t call, void *param);
+void replace_read(avr_t *avr, avr_io_addr_t address, avr_io_read_t call, void *param);
+
+/* Call `again` whenever the service routine of `vector` has returned. */
+void on_return_from(avr_int_vector_t *vector, avr_irq_notify_t again, void *param);
+/* A flag that asks for its interrupt for as long as it is set. */
+void set_level_flag(avr_t *avr, avr_int_vector_t *vector, bool active);
+
+/* The wire to the board: one byte on it, the rest waiting. */
+typedef struct {
+    uint8_t *bytes;
+    uint32_t *bit_cycles;
+    size_t count, room;
+    uint64_t free_cycle;
+    bool busy;
+    uint8_t value;
+    uint64_t end_cycle;
+    bool garbled, heard;
+} wire_t;
+
+enum { RECEIVE_BUFFER = 2 };
+
+typedef struct {
+    uint8_t value;
+    bool frame_error;
+} received_t;
+
+typedef struct {
+    avr_uart_t *vectors;
+    wire_t wire;
+    received_t buffer[RECEIVE_BUFFER];
+    unsigned buffered;
+    received_t shift;
+    bool shift_full, overrun;
+    uint32_t peer_bit_cycles;
+    bool sending, send_buffer_full;
+    uint8_t sending_value, send_buffer;
+    uint64_t send_end_cycle;
+    log_t departures;
+} uart_t;
+
+typedef struct {
+    avr_timer_t *vectors;
+    uint32_t prescaler;          /* 0: stopped */
+    uint64_t base_cycle;         /* when the counter was 0 */
+    uint16_t held;               /* the counter while it is stopped */
+    uint16_t written[RIG_SERVO_PINS];
+    uint16_t compare[RIG_SERVO_PINS];
+    bool output[RIG_SERVO_PINS]; /* of the waveform generators, connected to a pin or not */
+} timer1_t;
+
+typedef struct {
+    bool level[RIG_SERVO_PINS];
+    write_handler_t port_write, direction_write, toggle_write;
+    log_t edges;
+} pins_t;
+
+typedef struct {
+    avr_eeprom_t *memory;
+    write_handler_t control_write;
+    bool busy;
+    uint8_t *worn_out;
+    log_t writes;
+} eeprom_t;
+
+typedef struct {
+    bool on, masked, stack_pointer_split;
+    uint64_t masked_since;
+    uint32_t masked_pc;
+} profile_t;
+
+struct rig {
+    avr_io_t module; /* first, so that simavr's call back leads here; hears of resets */
+    avr_t *avr;
+    uint64_t stop_cycle;
+    uart_t uart;
+    timer1_t timer1;
+    pins_t pins;
+    eeprom_t eeprom;
+    profile_t profile;
+    rig_statistics_t statistics;
+    char trouble[256];
+};
+
+rig_t *rig_of(avr_t *avr);
+avr_io_t *find_module(avr_t *avr, const char *kind);
+
+void uart_attach(rig_t *rig);
+void uart_reset(rig_t *rig);
+void uart_free(rig_t *rig);
+
+void timer1_attach(rig_t *rig);
+void timer1_reset(rig_t *rig);
+/* Whether a waveform generator has the pin, and not the port. */
+bool timer1_drives(const rig_t *rig, rig_servo_pin_t pin);
+
+void pins_attach(rig_t *rig);
+/* Find out what the pins show now. */
+void pins_update(rig_t *rig, uint64_t cycle);
+
+void eeprom_attach(rig_t *rig);
+void eeprom_reset(rig_t *rig);

@@ -1,0 +1,53 @@
+/* The two servo pins as an oscilloscope shows them. simavr's own pin signals report changes that
+ * do not happen, whenever a port is written. */
+#include "parts.h"
+
+static const uint8_t PORT_BIT[RIG_SERVO_PINS] = {[RIG_OC1A] = 1, [RIG_OC1B] = 2};
+
+static bool level_of(const rig_t *rig, rig_servo_pin_t pin) {
+    const uint8_t bit = 1 << PORT_BIT[pin];
+    const uint8_t *data = rig->avr->data;
+    if (!(data[REG_DDRB] & bit)) return false;
+    return timer1_drives(rig, pin) ? rig->timer1.output[pin] : (data[REG_PORTB] & bit) != 0;
+}
+
+void pins_update(rig_t *rig, uint64_t cycle) {
+    for (int pin = 0; pin < RIG_SERVO_PINS; pin++) {
+        const bool level = level_of(rig, pin);
+        if (level == rig->pins.level[pin]) continue;
+        rig->pins.level[pin] = level;
+        log_add(&rig->pins.edges, &(rig_edge_t){.cycle = cycle, .pin = pin, .level = level});
+    }
+}
+
+static void write_and_update(write_handler_t inner, avr_t *avr, avr_io_addr_t address, uint8_t value,
+                             rig_t *rig) {
+    inner.call(avr, address, value, inner.param);
+    pins_update(rig, avr->cycle);
+}
+
+static void port_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
+    rig_t *rig = param;
+    write_and_update(rig->pins.port_write, avr, address, value, rig);
+}
+
+static void direction_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
+    rig_t *rig = param;
+    write_and_update(rig->pins.direction_write, avr, address, value, rig);
+}
+
+static void toggle_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
+    rig_t *rig = param;
+    write_and_update(rig->pins.toggle_write, avr, address, value, rig);
+}
+
+void pins_attach(rig_t *rig) {
+    rig->pins.edges.record_size = sizeof(rig_edge_t);
+    rig->pins.port_write = replace_write(rig->avr, REG_PORTB, port_write, rig);
+    rig->pins.direction_write = replace_write(rig->avr, REG_DDRB, direction_write, rig);
+    rig->pins.toggle_write = replace_write(rig->avr, REG_PINB, toggle_write, rig);
+}
+
+size_t rig_take_edges(rig_t *rig, rig_edge_t *out, size_t room) {
+    return log_take(&rig->pins.edges, out, room);
+}

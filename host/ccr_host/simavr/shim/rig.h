@@ -1,0 +1,97 @@
+/* An Arduino UNO in libsimavr, moved cycle by cycle from outside: interface for ctypes.
+ *
+ * This source is under the project's MIT licence. libsimavr is GPL-3, so the shared object that
+ * comes of linking the two is GPL-3 as a whole: it is built on the user's machine, only when the
+ * simulator is asked for, and not distributed.
+ */
+#pragma once
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+typedef struct rig rig_t;
+
+/* Values are the bits of MCUSR. */
+typedef enum {
+    RESET_POWER_ON = 1 << 0,
+    RESET_EXTERNAL = 1 << 1,
+    RESET_BROWN_OUT = 1 << 2,
+    RESET_WATCHDOG = 1 << 3,
+} rig_reset_cause_t;
+
+typedef enum { RIG_OC1A, RIG_OC1B, RIG_SERVO_PINS } rig_servo_pin_t;
+
+/* What a servo pin did; released (high impedance) counts as low. */
+typedef struct {
+    uint64_t cycle;
+    uint8_t pin;
+    uint8_t level;
+} rig_edge_t;
+
+/* A byte that has left the board: from the falling edge of its start bit to the end of its stop bit. */
+typedef struct {
+    uint64_t start_cycle;
+    uint64_t end_cycle;
+    uint8_t value;
+} rig_departure_t;
+
+typedef struct {
+    uint16_t address;
+    uint8_t value;
+} rig_eeprom_write_t;
+
+enum { RIG_VECTORS = 26 }; /* ATmega328P */
+
+typedef struct {
+    uint64_t cycle;
+    uint64_t slept_cycles;
+    uint64_t resets;
+    uint64_t overruns;                    /* bytes that the receiver has lost */
+    uint64_t last_arrival_cycle;          /* end of the last stop bit sent to the board */
+    uint64_t interrupts[RIG_VECTORS];     /* served, per vector */
+    /* Only while profiling. */
+    uint64_t longest_masked_cycles;       /* longest time with the I bit of SREG clear */
+    uint32_t longest_masked_pc;           /* where that time began, byte address */
+    uint16_t least_stack_pointer;
+} rig_statistics_t;
+
+rig_t *rig_new(void);
+void rig_free(rig_t *rig);
+
+uint32_t rig_flash_size(const rig_t *rig);
+uint8_t *rig_flash(rig_t *rig);
+void rig_set_reset_vector(rig_t *rig, uint32_t address);
+void rig_set_profiling(rig_t *rig, bool on);
+
+void rig_reset(rig_t *rig, rig_reset_cause_t cause);
+/* Fill registers and SRAM as a power-up does, which leaves anything in them. */
+void rig_fill_sram(rig_t *rig, uint8_t value);
+
+/* Run to `cycle`; the instruction that is under way there is finished.
+ * False if the program has left flash or SRAM; rig_trouble() then tells more. */
+bool rig_run_until(rig_t *rig, uint64_t cycle);
+const char *rig_trouble(const rig_t *rig);
+
+/* Bytes on the wire to the board from `cycle` on, one after the other.
+ * `bit_cycles`: length of the sender's bits; 0 for what the board has set. */
+void rig_send(rig_t *rig, uint64_t cycle, const uint8_t *bytes, size_t count, uint32_t bit_cycles);
+void rig_forget_unsent(rig_t *rig);
+bool rig_line_is_busy(const rig_t *rig);
+
+/* Each takes up to `room` of the oldest records and returns their number. */
+size_t rig_take_departures(rig_t *rig, rig_departure_t *out, size_t room);
+size_t rig_take_edges(rig_t *rig, rig_edge_t *out, size_t room);
+size_t rig_take_eeprom_writes(rig_t *rig, rig_eeprom_write_t *out, size_t room);
+
+uint8_t *rig_eeprom(rig_t *rig);
+uint32_t rig_eeprom_size(const rig_t *rig);
+/* From now on writes to this address do not take. */
+void rig_wear_out_eeprom(rig_t *rig, uint16_t address);
+
+/* Registers, I/O and SRAM by their data address; I/O is read and written without side effects. */
+uint8_t *rig_memory(rig_t *rig);
+uint32_t rig_memory_size(const rig_t *rig);
+
+void rig_statistics(const rig_t *rig, rig_statistics_t *out);
+void rig_forget_statistics(rig_t *rig);
