@@ -54,10 +54,11 @@ class ModelPredictive:
         first, second = observation.q_rad.tolist()
         if not (math.isfinite(first) and math.isfinite(second)):
             return self._hold("the angles commanded last are not finite")
-        if observation.tip_mm is not None and not np.isfinite(observation.tip_mm).all():
+        tip_mm = observation.tip_mm
+        if tip_mm is not None and not all(map(math.isfinite, tip_mm.tolist())):
             return self._hold("the measured position is not finite")
         commanded = self._bounds.clip((first, second))
-        position_mm, outcome = self._position(observation.tip_mm, commanded)
+        position_mm, outcome = self._position(tip_mm, commanded)
         now = observation.step
         targets_mm = self._reference.target_mm[now : now + self._live_steps]
         if not len(targets_mm):

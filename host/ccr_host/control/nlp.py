@@ -166,13 +166,14 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
             + (error_sagittal * jet.sagittal_2).real
             + twice_r * moves[j][1]
         )
-        if second + 1 < len(gradient):
+        if j + 1 < steps:
             after = jets[j + 1]
             move_1, move_2 = moves[j + 1]
-            by_11, by_12, by_22 = after.sagittal_11, after.sagittal_12, after.sagittal_22
             stays_across = jet.across_2 - after.across_2 + after.across_22 * move_2
-            stays_1 = jet.sagittal_1 - after.sagittal_1 + by_11 * move_1 + by_12 * move_2
-            stays_2 = jet.sagittal_2 - after.sagittal_2 + by_12 * move_1 + by_22 * move_2
+            stays_1 = jet.sagittal_1 - after.sagittal_1
+            stays_1 += after.sagittal_11 * move_1 + after.sagittal_12 * move_2
+            stays_2 = jet.sagittal_2 - after.sagittal_2
+            stays_2 += after.sagittal_12 * move_1 + after.sagittal_22 * move_2
             lasting_x[second] = stays_across
             lasting_y[first], lasting_z[first] = stays_1.real, stays_1.imag
             lasting_y[second], lasting_z[second] = stays_2.real, stays_2.imag
@@ -180,22 +181,9 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
             slope_2 += (
                 price_across * stays_across + (price_sagittal * stays_2).real - twice_r * move_2
             )
-            bend_11 = (price_sagittal * by_11).real
-            bend_12 = (price_sagittal * by_12).real
-            bend_22 = (price_sagittal * by_22).real + price_across * after.across_22
-            twist_11 = after.sagittal_111 * move_1 + after.sagittal_112 * move_2
-            twist_12 = after.sagittal_112 * move_1 + after.sagittal_122 * move_2
-            twist_22 = after.sagittal_122 * move_1 + after.sagittal_222 * move_2
-            block_12 = (price_sagittal * twist_12).real - 2.0 * bend_12
-            blocks += (
-                (price_sagittal * twist_11).real - 2.0 * bend_11,
-                block_12,
-                block_12,
-                (price_sagittal * twist_22).real
-                + price_across * after.across_222 * move_2
-                - 2.0 * bend_22,
-            )
-            couplings += (bend_11, bend_12, bend_12, bend_22)
+            block, coupling = _priced_curvature(price_across, price_sagittal, after, moves[j + 1])
+            blocks += block
+            couplings += coupling
         gradient[first], gradient[second] = slope_1, slope_2
         price_across += error_across
         price_sagittal += error_sagittal
@@ -211,6 +199,27 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
         twice_q * (sensitivity.T @ sensitivity) + twice_r * layout.effort,
         curvature,
     )
+
+
+Block = tuple[float, float, float, float]
+
+
+def _priced_curvature(
+    price_across: float, price_sagittal: complex, jet: TipJet, move: tuple[float, float]
+) -> tuple[Block, Block]:
+    """Second derivatives of price * J(q) (q' - q), rows first: by q twice, by q and q'."""
+    move_1, move_2 = move
+    bend_11 = (price_sagittal * jet.sagittal_11).real
+    bend_12 = (price_sagittal * jet.sagittal_12).real
+    bend_22 = (price_sagittal * jet.sagittal_22).real + price_across * jet.across_22
+    twist_11 = jet.sagittal_111 * move_1 + jet.sagittal_112 * move_2
+    twist_12 = jet.sagittal_112 * move_1 + jet.sagittal_122 * move_2
+    twist_22 = jet.sagittal_122 * move_1 + jet.sagittal_222 * move_2
+    twice_11 = (price_sagittal * twist_11).real - 2.0 * bend_11
+    twice_12 = (price_sagittal * twist_12).real - 2.0 * bend_12
+    twice_22 = (price_sagittal * twist_22).real - 2.0 * bend_22
+    twice_22 += price_across * jet.across_222 * move_2
+    return (twice_11, twice_12, twice_12, twice_22), (bend_11, bend_12, bend_12, bend_22)
 
 
 def _zeros(steps: int) -> list[float]:

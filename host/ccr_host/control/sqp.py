@@ -7,8 +7,9 @@ Gauss-Newton stalls there; where it is not positive definite it is blended with 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,8 +85,7 @@ class Bounds:
         return inside
 
 
-@dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """The best rollout found, and how."""
 
     rollout: Rollout
@@ -108,7 +108,7 @@ def solve(problem: Tracking, bounds: Bounds, guess: Angles) -> Solution:
         SolverError: not even one step could be computed.
     """
     rollout = roll_out(problem, guess)
-    if not np.isfinite(rollout.cost):
+    if not math.isfinite(rollout.cost):
         raise SolverError("the cost is not finite")
     for iteration in range(1, MAX_ITERATIONS + 1):
         try:
@@ -150,7 +150,7 @@ def _newton_step(
 
 def _left_over(promised: float, step: FloatArray) -> float:
     """Decrease still to be had after a full Newton step: convergence is quadratic."""
-    return promised * float(step @ step) * _LEFT_OVER_PER_RAD2
+    return promised * float(step.dot(step)) * _LEFT_OVER_PER_RAD2
 
 
 def _backtrack(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from ccr_host.config import Robot
 from ccr_host.robot.arc import arc_derivatives, arc_derivatives_at
 from ccr_host.robot.kinematics import ConstantCurvature
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 PAPER = ConstantCurvature(Robot())
 angles = st.floats(-1.5, 1.5)

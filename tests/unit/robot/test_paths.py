@@ -1,0 +1,197 @@
+"""The paper's paths and files of points, sampled for a controller."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ccr_host.config import Robot, Servo
+from ccr_host.errors import ConfigError
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.paths import load_path, path_names
+from ccr_host.robot.workspace import MotorLimits
+
+MODEL = ConstantCurvature(Robot())
+LIMITS = MotorLimits.of(Servo())
+
+
+def load(name, rate_hz=1.0):
+    return load_path(str(name), rate_hz, MODEL, LIMITS)
+
+
+def write(folder, text):
+    file = folder / "p.csv"
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return file
+
+
+@pytest.mark.parametrize(
+    ("name", "steps", "unreachable", "worst_mm", "floor_mm"),
+    [
+        ("ellipse", 80, 22, 3.48, 0.663),
+        ("8shape", 80, 0, 0.0, 0.0),
+        ("star", 100, 8, 2.55, 0.139),
+    ],
+)
+def test_paths_of_the_paper_at_its_rate(name, steps, unreachable, worst_mm, floor_mm):
+    reference = load(name)
+    assert len(reference) == steps
+    assert reference.unreachable_steps == unreachable
+    assert reference.unavoidable_mm.max() == pytest.approx(worst_mm, abs=0.005)
+    assert reference.floor_mean_mm == pytest.approx(floor_mm, abs=0.001)
+
+
+def test_targets_follow_equations_16_to_18():
+    assert load("ellipse").target_mm[[0, 20], :][:, [0, 2]] == pytest.approx(
+        np.array([[35.0, 0.0], [0.0, 45.0]]), abs=1e-9
+    )
+    eight = load("8shape").target_mm
+    phase = np.pi * 50 / 40
+    assert eight[0, [0, 2]] == pytest.approx([0.0, 48.0])
+    assert eight[50, [0, 2]] == pytest.approx(
+        [-48 * np.sin(phase) * np.cos(phase) ** 2, -48 * np.cos(phase) ** 2]
+    )
+    star = load("star").target_mm
+    assert star[0, [0, 2]] == pytest.approx([0.0, 35.0])
+    assert star[5, [0, 2]] == pytest.approx(
+        [25 * (0.4 - np.sin(np.pi / 5)), 25 * np.cos(np.pi / 5)]
+    )
+
+
+@pytest.mark.parametrize("name", path_names())
+@pytest.mark.parametrize("rate_hz", [0.5, 3.0, 20.0])
+def test_rate_multiplies_the_samples_and_keeps_the_duration(name, rate_hz):
+    slow, fast = load(name), load(name, rate_hz)
+    assert len(fast) == round(len(slow) * rate_hz)
+    assert fast.period_s == pytest.approx(1 / rate_hz)
+    assert fast.time_s == pytest.approx(np.arange(len(fast)) / rate_hz)
+
+
+@pytest.mark.parametrize("name", path_names())
+def test_third_coordinate_comes_from_the_model_at_the_nearest_configuration(name):
+    reference = load(name, 5.0)
+    tip = MODEL.tip_mm(reference.q_rad)
+    assert reference.target_mm[:, 1] == pytest.approx(tip[:, 1])
+    assert np.hypot(*(tip - reference.target_mm)[:, [0, 2]].T) == pytest.approx(
+        reference.unavoidable_mm, abs=1e-9
+    )
+
+
+def test_file_is_resampled_linearly_from_its_first_row(tmp_path):
+    file = write(tmp_path, "t_s,y_mm,z_mm\n10,0,0\n12,4,-8\n13,4,0\n")
+    reference = load(file, 2.0)
+    assert reference.name == "p"
+    assert reference.time_s == pytest.approx([0, 0.5, 1, 1.5, 2, 2.5, 3])
+    assert reference.target_mm[:, 0] == pytest.approx([0, 1, 2, 3, 4, 4, 4])
+    assert reference.target_mm[:, 2] == pytest.approx([0, -2, -4, -6, -8, -4, 0])
+    assert reference.target_mm[:, 1] == pytest.approx(MODEL.tip_mm(reference.q_rad)[:, 1])
+
+
+def test_file_may_give_the_third_coordinate_and_any_column_order(tmp_path):
+    file = write(tmp_path, "\ufeff x_mm , z_mm,y_mm,t_s\r\n-90,1,2,0\r\n\r\n-100,3,4,1\r\n")
+    reference = load(file)
+    assert reference.target_mm == pytest.approx(np.array([[2, -90, 1], [4, -100, 3]]))
+
+
+def test_file_with_the_samples_of_a_built_in_path_gives_the_same_reference(tmp_path):
+    star = load("star")
+    rows = zip(star.time_s, star.target_mm[:, 0], star.target_mm[:, 2], strict=True)
+    text = "t_s,y_mm,z_mm\n" + "\n".join(f"{t!r},{y!r},{z!r}" for t, y, z in rows)
+    copy = load(write(tmp_path, text.replace("np.float64(", "").replace(")", "")))
+    assert copy.target_mm == pytest.approx(star.target_mm)
+    assert copy.q_rad == pytest.approx(star.q_rad)
+
+
+HEADER = "t_s,y_mm,z_mm\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("t_s,y_mm\n0,1\n1,2\n", 1, "z_mm"),
+        ("t_s,y_mm,z_mm,w\n0,1,2,3\n1,2,3,4\n", 1, "'w'"),
+        ("t_s,y_mm,z_mm,z_mm\n0,1,2,3\n1,2,3,4\n", 1, "repeated"),
+        ("t_s;y_mm;z_mm\n0;1;2\n", 1, "t_s"),
+        ("0,1,2\n1,2,3\n", 1, "t_s"),
+        (HEADER + "0,1,2\n1,nan,3\n", 3, "y_mm"),
+        (HEADER + "0,1,2\n1,2,-inf\n", 3, "z_mm"),
+        (HEADER + "0,1,2\n\n1,2,1e999\n", 4, "z_mm"),
+        (HEADER + "0,1,2\n1,two,3\n", 3, "'two'"),
+        (HEADER + "0,1,2\n1,,3\n", 3, "y_mm"),
+        (HEADER + "0,1,2\n1,2\n", 3, "2 values"),
+        (HEADER + "0,1,2\n1,2,3,4\n", 3, "4 values"),
+        (HEADER + "0,1,2\n0,2,3\n", 3, "increase"),
+        (HEADER + "0,1,2\n2,2,3\n1,2,3\n", 4, "increase"),
+        (HEADER + '0,1,2\n1,"2,3\n', 3, ""),
+        (HEADER + "0,1,2\n1," + "9" * 500 + "x,3\n", 3, "..."),
+    ],
+)
+def test_bad_line_is_named_with_file_line_and_cure(tmp_path, text, line, words):
+    file = write(tmp_path, text)
+    with pytest.raises(ConfigError) as caught:
+        load(file)
+    assert f"{file}, line {line}:" in caught.value.cause
+    assert words in caught.value.cause
+    assert caught.value.cure
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300 + len(str(file))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "\n\n",
+        HEADER,
+        HEADER + "0,1,2\n",
+        b"\xff\xfe\x00\x01",
+        b"\x00" * 64,
+        "t_s,y_mm,z_mm\n0,0,0\n0.5,1,1\n",
+        "t_s,y_mm,z_mm\n0,0,0\n1e300,1,1\n",
+        "t_s,y_mm,z_mm\n-1e308,0,0\n1e308,1,1\n",
+    ],
+    ids=[
+        "empty",
+        "blank",
+        "no row",
+        "one row",
+        "binary",
+        "zeros",
+        "too short",
+        "too long",
+        "range",
+    ],
+)
+def test_file_without_a_usable_path_is_refused(tmp_path, text):
+    file = write(tmp_path, text)
+    with pytest.raises(ConfigError) as caught:
+        load(file)
+    assert "p" in caught.value.cause
+    assert caught.value.cure
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_folder_and_impossible_name_are_refused(tmp_path):
+    for name in (tmp_path / "no.csv", tmp_path, "a\0b.csv"):
+        with pytest.raises(ConfigError, match="path file"):
+            load(name)
+
+
+def test_unknown_name_lists_the_known_ones():
+    with pytest.raises(ConfigError) as caught:
+        load("elipse")
+    assert all(name in caught.value.cure for name in path_names())
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -1.0, float("nan"), float("inf"), 1e9, 1e-3, 1e300])
+def test_rate_that_gives_no_sensible_path_is_refused(rate_hz):
+    with pytest.raises(ConfigError) as caught:
+        load("star", rate_hz)
+    assert caught.value.cure
+
+
+def test_far_targets_get_finite_references(tmp_path):
+    file = write(tmp_path, HEADER + "0,1e200,-1e200\n1,-1e150,3\n2,0,1e6\n")
+    reference = load(file)
+    assert np.all(np.isfinite(reference.q_rad))
+    assert reference.unreachable_steps == 3

@@ -1,0 +1,143 @@
+"""The nearest reachable configuration: least distance, limits, continuity."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccr_host.config import Robot, Servo
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.workspace import MotorLimits, Workspace
+
+PAPER = ConstantCurvature(Robot())
+LIMITS = MotorLimits.of(Servo())
+WORKSPACE = Workspace(PAPER, LIMITS)
+
+finite = st.floats(allow_nan=False, allow_infinity=False, width=64)
+near = st.floats(-90, 90)
+geometries = st.builds(
+    Robot,
+    segment_lengths_mm=st.tuples(st.floats(20, 120), st.floats(20, 120)),
+    tendon_radius_mm=st.floats(2, 10),
+    marker_offset_mm=st.floats(0, 40),
+    pulley_radius_mm=st.floats(5, 20),
+)
+
+
+def lateral(model: ConstantCurvature, q_rad: np.ndarray) -> np.ndarray:
+    return model.tip_mm(q_rad)[..., [0, 2]]
+
+
+def least_distance_on_grid(model, limits, points, per_axis=181):
+    axes = np.linspace(limits.lower_rad, limits.upper_rad, per_axis)
+    grid = np.stack(np.meshgrid(axes[:, 0], axes[:, 1]), axis=-1).reshape(-1, 2)
+    reached = lateral(model, grid)
+    return np.array([np.hypot(*(reached - point).T).min() for point in points])
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    geometry=geometries,
+    limit_deg=st.tuples(st.floats(5, 120), st.floats(5, 120)),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_no_configuration_within_the_limits_is_nearer(geometry, limit_deg, seed):
+    model = ConstantCurvature(geometry)
+    limits = MotorLimits(-np.radians(limit_deg), np.radians(limit_deg))
+    reach = sum(geometry.segment_lengths_mm)
+    points = np.random.default_rng(seed).uniform(-reach, reach, (8, 2))
+    found = Workspace(model, limits).nearest(points)
+    by_search = least_distance_on_grid(model, limits, points)
+    assert np.all(found.distance_mm <= by_search + 1e-6 * reach)
+    claimed = np.hypot(*(lateral(model, found.q_rad) - points).T)
+    assert found.distance_mm == pytest.approx(claimed, abs=1e-9 * reach)
+
+
+@settings(max_examples=60, deadline=None)
+@given(first=finite, second=finite)
+def test_any_finite_point_gets_a_configuration_within_the_limits(first, second):
+    found = WORKSPACE.nearest([[first, second]])
+    assert np.all(np.isfinite(found.q_rad))
+    assert np.all((found.q_rad >= LIMITS.lower_rad) & (found.q_rad <= LIMITS.upper_rad))
+    assert found.distance_mm[0] >= 0.0
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    geometry=geometries,
+    lower_deg=st.tuples(st.floats(-3000, 3000), st.floats(-3000, 3000)),
+    width_deg=st.tuples(st.floats(1e-3, 6000), st.floats(1e-3, 6000)),
+    point=st.tuples(near, near),
+)
+def test_any_limits_are_kept_even_those_that_exclude_the_straight_robot(
+    geometry, lower_deg, width_deg, point
+):
+    lower = np.radians(lower_deg)
+    limits = MotorLimits(lower, lower + np.radians(width_deg))
+    found = Workspace(ConstantCurvature(geometry), limits).nearest([point])
+    assert np.all((found.q_rad >= limits.lower_rad) & (found.q_rad <= limits.upper_rad))
+    assert np.isfinite(found.distance_mm[0])
+
+
+@settings(max_examples=60, deadline=None)
+@given(first=st.floats(-0.5, 0.5), second=st.floats(-0.8, 0.8))
+def test_inside_the_workspace_it_inverts_the_model(first, second):
+    q = np.array([[first, second]])
+    found = WORKSPACE.nearest(lateral(PAPER, q))
+    assert found.q_rad == pytest.approx(q, abs=1e-9)
+    assert found.distance_mm[0] < 1e-10
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    radii=st.tuples(st.floats(5, 60), st.floats(5, 80)),
+    middle=st.tuples(st.floats(-20, 20), st.floats(-30, 30)),
+    turns=st.tuples(st.integers(1, 3), st.integers(1, 3)),
+)
+def test_finer_sampling_of_a_smooth_path_stays_on_the_same_branch(radii, middle, turns):
+    """Also across the edge of the workspace, where the branches meet."""
+
+    def path(samples):
+        phase = 2 * np.pi * np.arange(samples + 1) / samples
+        return np.stack(
+            [
+                middle[0] + radii[0] * np.cos(turns[0] * phase),
+                middle[1] + radii[1] * np.sin(turns[1] * phase),
+            ],
+            axis=-1,
+        )
+
+    coarse = WORKSPACE.nearest(path(80)).q_rad
+    fine = WORKSPACE.nearest(path(1600)).q_rad
+    assert fine[::20] == pytest.approx(coarse, abs=1e-7)
+    assert fine[-1] == pytest.approx(fine[0], abs=1e-7)
+    # At one fold the angle goes with the square root of the distance, at a corner of two folds
+    # with the fourth; the other branch would be half a radian away.
+    spacing_mm = np.hypot(*np.diff(path(1600), axis=0).T)
+    steps_rad = np.abs(np.diff(fine, axis=0)).max(axis=1)
+    assert np.all(steps_rad <= 0.3 * spacing_mm**0.25)
+
+
+def test_sideways_reach_ends_at_31_52_mm():
+    found = WORKSPACE.nearest([[35.0, 0.0], [-1e6, 0.0]])
+    assert np.abs(lateral(PAPER, found.q_rad)[:, 0]) == pytest.approx([31.5206] * 2, abs=1e-4)
+    assert np.degrees(np.abs(found.q_rad[:, 1])) == pytest.approx([48.08] * 2, abs=0.01)
+    assert found.distance_mm[0] == pytest.approx(35.0 - 31.5206, abs=1e-4)
+
+
+def test_boundary_is_a_closed_line_that_touches_the_limits_of_reach():
+    rim = WORKSPACE.boundary_mm(41)
+    assert rim.shape == (4 * 41 - 3, 3)
+    assert rim[0] == pytest.approx(rim[-1])
+    assert np.abs(rim[:, 0]).max() == pytest.approx(31.5206, abs=1e-4)
+    outward = rim[:, [0, 2]] * 1.01
+    assert np.all(WORKSPACE.nearest(outward).distance_mm > 0.0)
+
+
+def test_mesh_covers_the_workspace_between_its_folds():
+    mesh = WORKSPACE.mesh_rad((11, 21))
+    assert WORKSPACE.surface_mm((11, 21)) == pytest.approx(PAPER.tip_mm(mesh))
+    inverted = WORKSPACE.nearest(lateral(PAPER, mesh[1:-1, 1:-1].reshape(-1, 2)))
+    assert inverted.q_rad == pytest.approx(mesh[1:-1, 1:-1].reshape(-1, 2), abs=1e-6)
