@@ -138,13 +138,16 @@ def compare(
         typer.Option(metavar="PATH", help="Only this path; may be repeated. Default: all three."),
     ] = None,
     robot: RobotOption = None,
+    device: DeviceOption = "emulator:",
+    tracker: TrackerOption = "twin:",
     rate: RateOption = 1.0,
     seed: SeedOption = 1,
     overrides: SetOption = None,
+    realtime: RealtimeOption = False,
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Open loop against every controller on the paper's paths, on the twin.
+    """Open loop against every controller on the paper's paths.
 
     Example: ccr-host compare --robot hard
     """
@@ -164,8 +167,11 @@ def compare(
                 controller=name,
                 robot=robot,
                 overrides=tuple(overrides or ()),
+                device=device,
+                tracker=tracker,
                 rate_hz=rate,
                 seed=seed,
+                realtime=realtime,
             )
             for one_path in path or PAPER_RESULTS
             for name in names

@@ -11,6 +11,7 @@ from multiprocessing.pool import Pool
 
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.options import RunOptions
+from ccr_host.run.rig import is_simulated
 from ccr_host.run.summary import RunResult
 
 
@@ -25,7 +26,10 @@ def in_background(options: RunOptions) -> Iterator[Callable[[], RunResult]]:
 
 
 def execute_all(runs: Sequence[RunOptions]) -> Iterator[tuple[int, RunResult]]:
-    """Execute runs on all cores; yields index and result of each as it ends."""
+    """Execute runs, on all cores where all is simulated; yields index and result as each ends."""
+    if not all(is_simulated(run) for run in runs):
+        yield from map(_execute_numbered, enumerate(runs))
+        return
     with _workers(min(len(runs), os.cpu_count() or 1)) as pool:
         yield from pool.imap_unordered(_execute_numbered, enumerate(runs))
 
