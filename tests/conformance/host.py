@@ -1,19 +1,11 @@
-"""The board under test, seen from outside only: bytes, time, pins, reset.
-
-The tests that carry a requirement id use nothing else, so that they can be run against any
-implementation that offers :class:`Device`.
-"""
+"""A host that speaks to a device and looks at its pins, tick by tick."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
-import pytest
+from tests.conformance.device import Device
 
-from ccr_host.emulator.board import UnoEmulator
-from ccr_host.emulator.eeprom import EepromImage
-from ccr_host.emulator.serial_line import SerialLine
 from ccr_host.link import messages as m
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
 
@@ -27,52 +19,6 @@ LIMITS = m.Limits((-8500, -6000), (8500, 6000), (0, 0))
 SLEW = m.Slew((600, 500))
 WATCHDOG = m.Watchdog(relax_after_ms=200, relax_slew_cdeg_tick=100, arm_axis_ms=60)
 CALIBRATION = m.Calibration((3000, 3100), (2000, -1900), (1000, 1200), (5000, 4800))
-
-
-class Device(Protocol):
-    """A board and its wire."""
-
-    eeprom: EepromImage
-
-    def send(self, data: bytes) -> None: ...
-    def advance_to(self, since_reset_us: int) -> None: ...
-    def since_reset_us(self) -> int: ...
-    def read(self) -> bytes: ...
-    def pulses_half_us(self) -> tuple[int, int]: ...
-    def reset(self, cause: m.ResetCause) -> None: ...
-    def inject_fault(self, fault: m.Fault) -> None: ...
-
-
-class EmulatedDevice:
-    """The emulator as a device."""
-
-    def __init__(self, eeprom: EepromImage, **board_options: int) -> None:
-        self.eeprom = eeprom
-        self._board = UnoEmulator(eeprom, **board_options)
-        self._line = SerialLine(self._board)
-        self._reset_us = 0
-
-    def send(self, data: bytes) -> None:
-        self._line.write(data)
-
-    def advance_to(self, since_reset_us: int) -> None:
-        self._line.advance_to(self._reset_us + since_reset_us)
-
-    def since_reset_us(self) -> int:
-        return self._board.now_us - self._reset_us
-
-    def read(self) -> bytes:
-        return self._line.read()
-
-    def pulses_half_us(self) -> tuple[int, int]:
-        return self._board.pulses_half_us
-
-    def reset(self, cause: m.ResetCause) -> None:
-        self._board.reset(cause)
-        self._reset_us = self._board.now_us
-
-    def inject_fault(self, fault: m.Fault) -> None:
-        self._board.inject_fault(fault)
 
 
 class Host:
@@ -217,43 +163,3 @@ class Host:
             else:
                 answers.append(frame)
         return answers
-
-
-MakeHost = Callable[..., Host]
-
-
-@pytest.fixture
-def make_host() -> MakeHost:
-    """A host of a board that has just been started; give it an EEPROM to start from."""
-
-    def make(eeprom: EepromImage | None = None, **board_options: int) -> Host:
-        return Host(EmulatedDevice(eeprom if eeprom else EepromImage(), **board_options))
-
-    return make
-
-
-@pytest.fixture
-def blank(make_host: MakeHost) -> Host:
-    """Started, in `disarmed`, with a session, not configured."""
-    host = make_host()
-    host.boot()
-    host.open_session()
-    return host
-
-
-@pytest.fixture
-def host(blank: Host) -> Host:
-    """Ready to be armed."""
-    blank.configure()
-    return blank
-
-
-@pytest.fixture
-def armed(host: Host) -> Host:
-    """In `hold`, at rest."""
-    host.arm()
-    return host
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "requirement(*ids): of protocol/spec.toml")

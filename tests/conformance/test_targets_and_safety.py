@@ -34,7 +34,7 @@ def bring_to(host, state):
             host.to_after_tick(host.next_tick() + 6)
             host.done(m.Disarm(SESSION))
         case m.State.FAULT:
-            host.device.inject_fault(m.Fault.INTERNAL)
+            host.wait_for(state)  # link loss
         case m.State.STOPPED:
             host.done(m.Stop())
     assert host.state() is state

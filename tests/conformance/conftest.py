@@ -1,0 +1,55 @@
+"""One suite for every implementation of the board.
+
+    pytest tests/conformance                       the emulator
+    pytest tests/conformance --device simavr:      another implementation
+
+Each test of a requirement names it; the suite prints which ones were covered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+
+import pytest
+from tests.conformance.device import make_device
+from tests.conformance.host import Host
+
+from ccr_host.emulator.eeprom import EepromImage
+
+MakeHost = Callable[..., Host]
+
+
+@pytest.fixture
+def make_host(device_uri: str) -> Iterator[MakeHost]:
+    """A host of a board that has just been started; give it an EEPROM to start from."""
+    with ExitStack() as stack:
+
+        def make(eeprom: EepromImage | None = None, **start_values: int) -> Host:
+            device = make_device(device_uri, eeprom or EepromImage(), **start_values)
+            return Host(stack.enter_context(closing(device)))
+
+        yield make
+
+
+@pytest.fixture
+def blank(make_host: MakeHost) -> Host:
+    """Started, in `disarmed`, with a session, not configured."""
+    host = make_host()
+    host.boot()
+    host.open_session()
+    return host
+
+
+@pytest.fixture
+def host(blank: Host) -> Host:
+    """Ready to be armed."""
+    blank.configure()
+    return blank
+
+
+@pytest.fixture
+def armed(host: Host) -> Host:
+    """In `hold`, at rest."""
+    host.arm()
+    return host
