@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 
 import pytest
-from tests.conformance.device import make_device
-from tests.conformance.host import Host
 
 from ccr_host.emulator.eeprom import EepromImage
+from tests.conformance.device import make_device
+from tests.conformance.host import Host
 
 MakeHost = Callable[..., Host]
 

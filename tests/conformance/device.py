@@ -8,31 +8,53 @@ from ccr_host.emulator.board import UnoEmulator
 from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.emulator.serial_line import SerialLine
 from ccr_host.link import messages as m
+from ccr_host.simavr.board import SimavrBoard
+from ccr_host.simavr.flash_image import read_flash_image
+from ccr_host.simavr.line import SimavrLine
+from ccr_host.simavr.pulse_meter import Pulse
+from tests.conformance.firmware_build import firmware_elf
+
+PULSES_OVER_US = 3_000
+"""Into a frame, when every pulse has ended."""
+
+
+LISTENS_AFTER_US = 2_000
+"""A board has to take bytes from then on after a reset (TIM-5)."""
 
 
 class Device(Protocol):
-    """A board and its wire."""
+    """A board and its wire; time counts from the start of its first frame after a reset.
+
+    It has been started, and listens.
+    """
 
     eeprom: EepromImage
 
     def send(self, data: bytes) -> None: ...
+
     def advance_to(self, since_reset_us: int) -> None: ...
+
     def since_reset_us(self) -> int: ...
+
     def read(self) -> bytes: ...
-    def pulses_half_us(self) -> tuple[int, int]: ...
+
+    def pulses_in_frame(self, frame: int) -> tuple[int, int]:
+        """Pulses on the pins in a frame since the reset, 0.5 us; goes on until they have ended."""
+
     def reset(self, cause: m.ResetCause) -> None: ...
-    def inject_fault(self, fault: m.Fault) -> None: ...
+
     def close(self) -> None: ...
 
 
 class EmulatedDevice:
     """The emulator as a device."""
 
-    def __init__(self, eeprom: EepromImage, **board_options: int) -> None:
+    def __init__(self, eeprom: EepromImage, **start_values: int) -> None:
         self.eeprom = eeprom
-        self._board = UnoEmulator(eeprom, **board_options)
-        self._line = SerialLine(self._board)
+        self.board = UnoEmulator(eeprom, **start_values)
+        self._line = SerialLine(self.board)
         self._reset_us = 0
+        self.advance_to(LISTENS_AFTER_US)
 
     def send(self, data: bytes) -> None:
         self._line.write(data)
@@ -41,33 +63,109 @@ class EmulatedDevice:
         self._line.advance_to(self._reset_us + since_reset_us)
 
     def since_reset_us(self) -> int:
-        return self._board.now_us - self._reset_us
+        return self.board.now_us - self._reset_us
 
     def read(self) -> bytes:
         return self._line.read()
 
-    def pulses_half_us(self) -> tuple[int, int]:
-        return self._board.pulses_half_us
+    def pulses_in_frame(self, frame: int) -> tuple[int, int]:
+        self.advance_to(frame * m.TICK_US + PULSES_OVER_US)
+        return self.board.pulses_half_us
 
     def reset(self, cause: m.ResetCause) -> None:
-        self._board.reset(cause)
-        self._reset_us = self._board.now_us
-
-    def inject_fault(self, fault: m.Fault) -> None:
-        self._board.inject_fault(fault)
+        self.board.reset(cause)
+        self._reset_us = self.board.now_us
+        self.advance_to(LISTENS_AFTER_US)
 
     def close(self) -> None:
         pass
+
+
+_GTCCR = 0x43
+_TIMERS_HELD = 0x80
+_TCCR1B = 0x81
+_CLOCK_SELECT = 0x07
+_PROBE_US = 1
+_START_UP_LIMIT_US = 20_000
+
+
+class SimavrDevice:
+    """The firmware's binary in simavr; pulses are measured between the edges on the pins."""
+
+    def __init__(self, eeprom: EepromImage, **start_values: int) -> None:
+        flags = {
+            "board_time_at_reset_us": "CCR_TIME_AT_RESET_US",
+            "tick_offset": "CCR_TICK_AT_RESET",
+        }
+        elf = firmware_elf(*(f"-D{flags[name]}={value}UL" for name, value in start_values.items()))
+        self.eeprom = eeprom
+        self.board = SimavrBoard(read_flash_image(elf), eeprom=eeprom)
+        self.board.wear_out_eeprom(*eeprom.worn_out)
+        self._line = SimavrLine(self.board)
+        self._pulses: dict[tuple[int, int], int] = {}
+        self._in_reset = False
+        self.board.observe_pulses(self._note)
+        self._wait_for_first_frame()
+
+    def send(self, data: bytes) -> None:
+        self._line.write(data)
+
+    def advance_to(self, since_reset_us: int) -> None:
+        self._line.advance_to(self._first_frame_us + since_reset_us)
+
+    def since_reset_us(self) -> int:
+        return self.board.now_us - self._first_frame_us
+
+    def read(self) -> bytes:
+        return self._line.read()
+
+    def pulses_in_frame(self, frame: int) -> tuple[int, int]:
+        self.advance_to(frame * m.TICK_US + PULSES_OVER_US)
+        return self._pulses.get((frame, 0), 0), self._pulses.get((frame, 1), 0)
+
+    def reset(self, cause: m.ResetCause) -> None:
+        self.board.load_eeprom()
+        self._in_reset = True  # which may cut a pulse
+        self.board.reset(cause)
+        self.board.advance_to(self.board.now_us + _PROBE_US)
+        self._in_reset = False
+        self._pulses.clear()
+        self._wait_for_first_frame()
+
+    def close(self) -> None:
+        self.board.close()
+
+    def _note(self, pulse: Pulse) -> None:
+        if pulse.width_cycles and not self._in_reset:
+            begin_us = self.board.time_us(pulse.end_cycle - pulse.width_cycles)
+            begin_us -= self._first_frame_us
+            frame = round(begin_us / m.TICK_US)
+            assert abs(begin_us - frame * m.TICK_US) <= _PROBE_US, "pulses begin with their frame"
+            assert pulse.width_cycles % 8 == 0, "pulses have no jitter"
+            self._pulses[frame, pulse.pin] = pulse.half_us
+
+    def _wait_for_first_frame(self) -> None:
+        """Frames begin when the firmware lets the timers go."""
+        begin_us = self.board.now_us
+        while not self._timers_run():
+            assert self.board.now_us < begin_us + _START_UP_LIMIT_US, "the firmware does not start"
+            self.board.advance_to(self.board.now_us + _PROBE_US)
+        self._first_frame_us = self.board.now_us - _PROBE_US
+        self.advance_to(LISTENS_AFTER_US)
+
+    def _timers_run(self) -> bool:
+        (hold,) = self.board.read_memory(_GTCCR, 1)
+        (control,) = self.board.read_memory(_TCCR1B, 1)
+        return not hold & _TIMERS_HELD and bool(control & _CLOCK_SELECT)
 
 
 def make_device(uri: str, eeprom: EepromImage, **start_values: int) -> Device:
     """A board that has just been started.
 
     Args:
-        uri: `emulator:`.
+        uri: `emulator:` or `simavr:`.
         eeprom: what it starts with, and writes to.
         start_values: `board_time_at_reset_us`, `tick_offset`: what its clocks show at a reset.
     """
-    if uri == "emulator:":
-        return EmulatedDevice(eeprom, **start_values)
-    raise ValueError(f"no such device for the conformance suite: {uri}")
+    makers = {"emulator:": EmulatedDevice, "simavr:": SimavrDevice}
+    return makers[uri](eeprom, **start_values)

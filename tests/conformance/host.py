@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from tests.conformance.device import Device
-
 from ccr_host.link import messages as m
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
+from tests.conformance.device import Device
 
 SESSION = 0x5E55
 _STEP_US = 100
@@ -85,8 +84,11 @@ class Host:
 
     def pulses_of_tick(self, tick: int) -> tuple[int, int]:
         """What is on the pins in the frame for which the tick has computed."""
-        self.device.advance_to((tick + 1) * m.TICK_US)
-        return self.device.pulses_half_us()
+        return self.device.pulses_in_frame(tick + 1)
+
+    def pulses_now(self) -> tuple[int, int]:
+        """What is on the pins in the current frame."""
+        return self.device.pulses_in_frame(self.device.since_reset_us() // m.TICK_US)
 
     def report_of_tick(self, tick: int) -> m.StateReport:
         """The state shortly after a tick."""

@@ -150,7 +150,7 @@ def test_corrupt_slots_are_told_and_not_used(host, corrupt, expected, loaded, of
     host.arm()
 
 
-@pytest.mark.requirement("CFG-5")
+@pytest.mark.requirement("CFG-5", "CFG-6")
 def test_while_saving_arm_and_configuring_have_to_wait(host):
     calibration = host.told(m.GetCalibration(), m.CalibrationReply).calibration
     limits = host.told(m.GetLimits(), m.LimitsReply).limits
@@ -166,13 +166,14 @@ def test_while_saving_arm_and_configuring_have_to_wait(host):
     ):
         assert host.refusal(request) == (m.NackCode.BUSY, 0)
     tick = host.next_tick()
-    host.to_after_tick(tick + m.EEPROM_SLOT_SIZE - 3)
-    assert host.report().flags & m.StatusFlags.EEPROM_BUSY
     host.to_after_tick(tick + m.EEPROM_SLOT_SIZE - 1)
+    assert host.report().flags & m.StatusFlags.EEPROM_BUSY
+    host.to_after_tick(tick + m.EEPROM_SLOT_SIZE)
     assert not host.report().flags & m.StatusFlags.EEPROM_BUSY
     host.arm()
 
 
+@pytest.mark.requirement("CFG-6")
 def test_byte_that_does_not_keep_its_value_is_a_fault(make_host):
     host = make_host(EepromImage(worn_out=frozenset({m.EEPROM_SLOT_A + 6})))
     host.boot()

@@ -2,6 +2,7 @@
 
 import pytest
 
+from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
 
 SESSION = 0x5E55
@@ -202,26 +203,31 @@ def test_stop_takes_the_pulses_away_from_every_state(armed, state, with_session)
         bring_to(armed, state)
     if not with_session and state is not m.State.BOOT:
         armed.open_session(SESSION + 1)
-    before = armed.device.pulses_half_us()
+    before = armed.pulses_now()
     ack = armed.told(m.Stop(), m.Ack)
     assert ack.state is m.State.STOPPED
     tick = armed.next_tick()
     armed.device.advance_to((tick + 1) * m.TICK_US - 1)
     if state in PULSING and state is not m.State.ARMING:
         assert before[0] > 0
-        assert armed.device.pulses_half_us()[0] > 0  # the frame is not cut
+        assert armed.pulses_now()[0] > 0  # the frame is not cut
     for later in range(tick, tick + 5):
         assert armed.pulses_of_tick(later) == (0, 0)
 
 
 @pytest.mark.requirement("FLT-1")
-def test_first_fault_is_kept(armed):
-    armed.device.inject_fault(m.Fault.TICK_OVERRUN)
-    armed.device.inject_fault(m.Fault.INTERNAL)
-    armed.done(m.Stop())
-    assert armed.report().fault is m.Fault.TICK_OVERRUN
-    armed.done(m.ClearFault(SESSION))
-    assert armed.report().fault is m.Fault.NONE
+def test_first_fault_is_kept(make_host):
+    host = make_host(EepromImage(worn_out=frozenset({m.EEPROM_SLOT_A})))
+    host.device.reset(m.ResetCause.WATCHDOG)
+    host.boot()
+    host.open_session()
+    host.configure()
+    host.done(m.SaveConfig(SESSION))
+    host.to_after_tick(host.next_tick() + 5)
+    assert not host.report().flags & m.StatusFlags.EEPROM_BUSY, "the save has failed by now"
+    assert host.report().fault is m.Fault.WATCHDOG_RESET
+    host.done(m.ClearFault(SESSION))
+    assert host.report().fault is m.Fault.NONE
 
 
 @pytest.mark.requirement("FLT-2")
@@ -262,7 +268,7 @@ def test_disarm_leads_slowly_to_rest_and_then_takes_the_pulses_away(armed):
     tick = armed.next_tick()
     setpoints = [armed.report_of_tick(tick + n).setpoint_cdeg for n in range(5)]
     assert setpoints == [(350, 0), (250, 0), (150, 0), (50, 0), (0, 0)]
-    assert armed.device.pulses_half_us()[0] > 0
+    assert armed.pulses_now()[0] > 0
     assert armed.report_of_tick(tick + 5).state is m.State.DISARMED
     assert armed.pulses_of_tick(tick + 5) == (0, 0)
     armed.done(m.Disarm(SESSION))

@@ -1,4 +1,5 @@
 import pytest
+
 from tests.system.conftest import CcrHost, Ended
 
 

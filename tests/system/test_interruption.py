@@ -4,9 +4,9 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.system.conftest import CcrHost, log_lines, messages_in
 
 from ccr_host.link.messages import Disarm, SetTarget, State, Stop, Telemetry
+from tests.system.conftest import CcrHost, log_lines, messages_in
 
 
 def wait_until_following(folder: Path, process: subprocess.Popen[str]) -> None:

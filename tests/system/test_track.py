@@ -2,6 +2,7 @@ import json
 from pathlib import Path
 
 import pytest
+
 from tests.system.conftest import CcrHost, log_lines
 
 SUMMARY_KEYS = {

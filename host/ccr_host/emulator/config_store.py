@@ -57,8 +57,8 @@ class ConfigStore:
 
     def __init__(self, eeprom: Eeprom) -> None:
         self._eeprom = eeprom
-        self._unwritten = b""
-        self._write_address = 0
+        self._image = b""
+        self._written = 0
         self._saving: _Slot | None = None
         contents = [_read_slot(eeprom, address) for address in _SLOTS]
         self._newest = _newest([slot for slot in contents if isinstance(slot, _Slot)])
@@ -72,7 +72,7 @@ class ConfigStore:
     @property
     def busy(self) -> bool:
         """Whether a save is being written."""
-        return bool(self._unwritten)
+        return self._saving is not None
 
     def count_boot(self) -> int:
         """Count up the boot counter and give its new value."""
@@ -88,25 +88,27 @@ class ConfigStore:
         generation = (newest.generation + 1) % _U16 if newest else _FIRST_GENERATION
         address = EEPROM_SLOT_B if newest and newest.address == EEPROM_SLOT_A else EEPROM_SLOT_A
         body = _HEADER.pack(EEPROM_MAGIC, EEPROM_LAYOUT, generation) + configuration.pack()
-        self._unwritten = body + _CRC.pack(crc32(body))
-        self._write_address = address
+        self._image = body + _CRC.pack(crc32(body))
+        self._written = 0
         self._saving = _Slot(address, generation, configuration)
 
-    def write_one_byte(self) -> SaveStep:
-        """Write the next byte of the save and read it back."""
-        if not self._unwritten:
+    def advance_save(self) -> SaveStep:
+        """In one tick: read back the byte written in the last one, write the next."""
+        slot = self._saving
+        if slot is None:
             return SaveStep.IDLE
-        byte = self._unwritten[0]
-        self._eeprom.write(self._write_address, byte)
-        if self._eeprom.read(self._write_address, 1)[0] != byte:
-            self._unwritten = b""
+        if self._written > 0 and not self._reads_back(slot.address, self._written - 1):
+            self._saving = None
             return SaveStep.FAILED
-        self._unwritten = self._unwritten[1:]
-        self._write_address += 1
-        if self._unwritten:
-            return SaveStep.WRITING
-        self._newest = self._saving
-        return SaveStep.FINISHED
+        if self._written == len(self._image):
+            self._newest, self._saving = slot, None
+            return SaveStep.FINISHED
+        self._eeprom.write(slot.address + self._written, self._image[self._written])
+        self._written += 1
+        return SaveStep.WRITING
+
+    def _reads_back(self, slot_address: int, offset: int) -> bool:
+        return self._eeprom.read(slot_address + offset, 1)[0] == self._image[offset]
 
 
 def _read_slot(eeprom: Eeprom, address: int) -> _Slot | _SlotContent:

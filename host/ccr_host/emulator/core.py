@@ -87,7 +87,7 @@ class BoardCore:
             self.counters.count(_EVENT_COUNTERS[event])
         self._move_setpoint(tick)
         self.pulses_half_us = self._compute_pulses(tick)
-        self._write_eeprom()
+        self._advance_save()
 
     def arm(self) -> None:
         """Enable the axes one after the other, from the next tick on."""
@@ -170,8 +170,8 @@ class BoardCore:
             pulse_half_us(calibration, 1, setpoint[1]) if enabled[1] else 0,
         )
 
-    def _write_eeprom(self) -> None:
-        match self.store.write_one_byte():
+    def _advance_save(self) -> None:
+        match self.store.advance_save():
             case SaveStep.FINISHED:
                 self.unsaved = False
                 self.counters.count("saves")

@@ -33,13 +33,13 @@ class EepromImage:
         self, content: bytes | None = None, worn_out: frozenset[int] = frozenset()
     ) -> None:
         self.content = bytearray(content or bytes([ERASED]) * EEPROM_SIZE)
-        self._worn_out = worn_out
+        self.worn_out = worn_out
 
     def read(self, address: int, count: int) -> bytes:
         return bytes(self.content[address : address + count])
 
     def write(self, address: int, value: int) -> None:
-        if address not in self._worn_out:
+        if address not in self.worn_out:
             self.content[address] = value
 
 

@@ -1611,6 +1611,10 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
             "position has brought about; move the setpoint as the state asks; compute the pulses; "
             "write one EEPROM byte; report."
         ),
+        "TIM-5": (
+            "From 2 ms after the reset on the board takes requests, and answers them during `boot` "
+            "too, at the latest 15 ms later."
+        ),
         "ARM-1": (
             "After `arm` the pulses of axis 1 begin at the next tick, those of axis 2 arm_axis_ms "
             "later; from another arm_axis_ms later on the setpoint goes to rest at the lesser of "
@@ -1678,6 +1682,11 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "CFG-5": (
             "While a save is being written, arm, save_config and whatever sets a configuration "
             "group get busy (after not_configured)."
+        ),
+        "CFG-6": (
+            "A save writes one byte in each tick and reads it back in the next; one tick after the "
+            "last byte it is finished. A byte that does not read back raises eeprom_failed and "
+            "ends it."
         ),
     }
 )

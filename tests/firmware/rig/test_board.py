@@ -47,6 +47,14 @@ def test_watchdog_bites_after_its_time(board, exchange, command):
     assert exchange(uno, b"", wait_us=3000)[0] == FLAGS[ResetCause.WATCHDOG]
 
 
+def test_time_of_a_running_watchdog_can_be_changed(board, exchange):
+    uno = board("resets")
+    uno.advance_to(1000)
+    uno.take_output()
+    assert exchange(uno, b"l", wait_us=120_000) == b""
+    assert exchange(uno, b"", wait_us=15_000)[0] == FLAGS[ResetCause.WATCHDOG]
+
+
 def test_write_beyond_the_sram_stops_the_board_with_one_clear_line(board, exchange):
     uno = board("resets")
     uno.advance_to(1000)

@@ -1,5 +1,6 @@
 // After each reset, and on '?', tells MCUSR and a count kept in SRAM. 'w' lets the watchdog bite, 's' sleeps
-// for good with interrupts off under the watchdog, 'c' jumps out of the flash's program.
+// for good with interrupts off under the watchdog, 'l' makes a running watchdog slower and waits for
+// it, 'c' writes where there is no SRAM.
 #include <avr/interrupt.h>
 #include <avr/sleep.h>
 #include <avr/wdt.h>
@@ -24,6 +25,11 @@ int main(void) {
                 break;
             case 'w':
                 wdt_enable(WDTO_15MS);
+                for (;;) {
+                }
+            case 'l':
+                wdt_enable(WDTO_15MS);
+                wdt_enable(WDTO_120MS);
                 for (;;) {
                 }
             case 's':
