@@ -44,7 +44,9 @@ RobotOption = Annotated[
 ]
 DeviceOption = Annotated[
     str,
-    typer.Option(metavar="URI", help="emulator:, emulator+pty:, serial:PORT or tcp://HOST:PORT."),
+    typer.Option(
+        metavar="URI", help="emulator:, emulator+pty:, simavr:, serial:PORT or tcp://HOST:PORT."
+    ),
 ]
 TrackerOption = Annotated[str, typer.Option(metavar="URI", help="twin:, the simulated camera.")]
 RateOption = Annotated[float, typer.Option(metavar="HZ", help="Control steps a second.")]

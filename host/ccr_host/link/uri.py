@@ -7,7 +7,7 @@ from enum import Enum
 
 from ccr_host.errors import ConfigError
 
-KNOWN_FORMS = "emulator:, emulator+pty:, serial:PORT, tcp://HOST:PORT"
+KNOWN_FORMS = "emulator:, emulator+pty:, simavr:[FILE.elf], serial:PORT, tcp://HOST:PORT"
 
 
 class DeviceKind(Enum):
@@ -15,6 +15,7 @@ class DeviceKind(Enum):
 
     EMULATOR = "emulator"
     EMULATOR_PTY = "emulator+pty"
+    SIMAVR = "simavr"
     SERIAL = "serial"
     TCP = "tcp"
 
@@ -25,7 +26,12 @@ class DeviceUri:
 
     kind: DeviceKind
     address: str = ""
-    """The port of `serial:`, HOST:PORT of `tcp:`; empty for the emulators."""
+    """Port of `serial:`, HOST:PORT of `tcp:`, firmware of `simavr:`; empty for the emulators."""
+
+    @property
+    def in_process(self) -> bool:
+        """Whether the board is simulated in this process, in step with its clock."""
+        return self.kind in (DeviceKind.EMULATOR, DeviceKind.SIMAVR)
 
     def __str__(self) -> str:
         separator = "://" if self.kind is DeviceKind.TCP else ":"
@@ -39,8 +45,6 @@ def parse_device_uri(text: str) -> DeviceUri:
         ConfigError: unknown form, or one that lacks its port.
     """
     scheme, colon, rest = text.partition(":")
-    if scheme == "simavr" and colon:
-        raise ConfigError(f"device {text}: not in this version", f"use one of {KNOWN_FORMS}")
     try:
         kind = DeviceKind(scheme)
     except ValueError:
@@ -50,6 +54,8 @@ def parse_device_uri(text: str) -> DeviceUri:
     match kind:
         case DeviceKind.EMULATOR | DeviceKind.EMULATOR_PTY:
             return _without_address(kind, text, rest)
+        case DeviceKind.SIMAVR:
+            return DeviceUri(kind, rest)
         case DeviceKind.SERIAL:
             return _serial(text, rest)
         case DeviceKind.TCP:

@@ -26,6 +26,8 @@ _SOLVE_SHARE_OF_PERIOD = 0.5
 _VALIDITY_LIMITS_MS = (200, 10_000)
 """The lower one rides out a busy host, the upper one is the protocol's."""
 
+_BEAT_US = 100_000
+"""A multiple of the board's tick and of the usual camera's period."""
 _FIRST_SAMPLE_TIMEOUT_US = 5_000_000
 _SAMPLE_POLL_US = 10_000
 
@@ -81,9 +83,11 @@ class _PathRun:
         self._watch.wait_for_markers()
         self._note("arming")
         rig.client.arm()
+        self._wait_for_whole_beat()
         self._note("approaching the first point")
         command = self._controller.start(self._reference)
         self._hold_command(command, round(self._settle_s * 1e6))
+        self._wait_for_whole_beat()
         start_us = clock.now_us()
         rig.start_path_clock(start_us)
         self._watch.start()
@@ -103,6 +107,11 @@ class _PathRun:
         self._note("disarming")
         rig.client.disarm()
         return records
+
+    def _wait_for_whole_beat(self) -> None:
+        """Boards take different times to start; from here on their runs can be compared."""
+        clock = self._rig.clock
+        clock.sleep_until_us(-(-clock.now_us() // _BEAT_US) * _BEAT_US)
 
     def _hold_command(self, command: Command, duration_us: int) -> None:
         """Repeat a command often enough to keep the board's watchdog fed."""

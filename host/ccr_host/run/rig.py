@@ -6,7 +6,7 @@ This is the only place that knows what is real and what is simulated.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +26,11 @@ from ccr_host.link.uri import DeviceKind, DeviceUri, parse_device_uri
 from ccr_host.run.clock import Clock, RealClock, VirtualClock
 from ccr_host.run.options import RunOptions
 from ccr_host.run.recorder import Recorder
+from ccr_host.simavr.board import SimavrBoard
+from ccr_host.simavr.cosim import SimavrCoSimulation
+from ccr_host.simavr.files import find_firmware
+from ccr_host.simavr.flash_image import read_flash_image
+from ccr_host.simavr.line import SimavrLine
 from ccr_host.tracking.tracker import Tracker
 from ccr_host.tracking.twin_tracker import TwinTracker
 from ccr_host.twin.camera import Camera
@@ -62,8 +67,7 @@ def is_simulated(options: RunOptions) -> bool:
     Raises:
         ConfigError: the device URI is not one.
     """
-    in_process = parse_device_uri(options.device).kind is DeviceKind.EMULATOR
-    return in_process and not options.realtime
+    return parse_device_uri(options.device).in_process and not options.realtime
 
 
 @contextmanager
@@ -89,6 +93,9 @@ def open_rig(options: RunOptions, description: Description, recorder: Recorder) 
             line = SerialLine(UnoEmulator())
             clock.attach(CoSimulation(line, scene))
             transport = line
+        elif device.kind is DeviceKind.SIMAVR:
+            transport = _simavr_line(device, stack)
+            clock.attach(SimavrCoSimulation(transport, scene))
         else:
             clock.attach(scene)
             on_telemetry = _pulses_from_telemetry(scene)
@@ -110,8 +117,13 @@ def open_rig(options: RunOptions, description: Description, recorder: Recorder) 
 
 def _session_generator(device: DeviceUri, seed: np.random.SeedSequence) -> np.random.Generator:
     """Two hosts on one board must not share a session number, whatever their seeds."""
-    in_process = device.kind is DeviceKind.EMULATOR
-    return np.random.default_rng(seed) if in_process else np.random.default_rng()
+    return np.random.default_rng(seed) if device.in_process else np.random.default_rng()
+
+
+def _simavr_line(device: DeviceUri, stack: ExitStack) -> SimavrLine:
+    firmware = read_flash_image(find_firmware(device.address))
+    board = stack.enter_context(closing(SimavrBoard(firmware)))
+    return SimavrLine(board)
 
 
 def _open_port(device: DeviceUri, baud: int, stack: ExitStack) -> Transport:

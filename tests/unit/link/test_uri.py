@@ -37,7 +37,7 @@ def test_known_forms_are_read_and_written_back(text, kind, address):
         "tcp://localhost:0",
         "tcp://localhost:65536",
         "tcp://localhost:one",
-        "simavr:",
+        "simavr",
     ],
 )
 def test_other_forms_are_refused_with_a_cure(text):
@@ -49,7 +49,7 @@ def test_other_forms_are_refused_with_a_cure(text):
 
 def test_unknown_form_lists_the_known_ones():
     with pytest.raises(
-        ConfigError, match=r"emulator:, emulator\+pty:, serial:PORT, tcp://HOST:PORT"
+        ConfigError, match=r"emulator:, emulator\+pty:, simavr:\[FILE.elf\], serial:PORT, tcp://HOST:PORT"
     ):
         parse_device_uri("usb:1")
 

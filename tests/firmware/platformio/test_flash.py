@@ -1,0 +1,115 @@
+"""`ccr-host flash`: port detection, upload, hello."""
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from ccr_host.emulator.server import BackgroundServer
+from ccr_host.errors import ConfigError, DeviceError
+from ccr_host.flash.flash import flash_board, say_hello
+from ccr_host.flash.ports import choose_port
+from ccr_host.flash.upload import upload_file, upload_project
+from ccr_host.link import messages as m
+from ccr_host.simavr.serve import open_pty_server
+
+CHECKOUT = Path(__file__).parents[3]
+
+
+@dataclass
+class Port:
+    device: str
+    vid: int | None = None
+    pid: int | None = None
+
+
+@pytest.fixture
+def device(tmp_path):
+    """Path of something that can be opened."""
+
+    def make(name):
+        path = tmp_path / name
+        path.touch()
+        return str(path)
+
+    return make
+
+
+def test_uno_is_found_among_other_ports(device):
+    uno = Port(device("ttyACM0"), 0x2341, 0x0043)
+    other = Port(device("ttyUSB0"), 0x1A86, 0x7523)
+    assert choose_port(None, [Port(device("ttyS0")), other, uno]) == uno.device
+
+
+def test_compatible_board_is_found_where_there_is_no_genuine_one(device):
+    clone = Port(device("ttyUSB0"), 0x1A86, 0x7523)
+    assert choose_port(None, [Port(device("ttyS0")), clone]) == clone.device
+
+
+def test_with_several_boards_one_has_to_be_named(device):
+    boards = [Port(device(f"ttyACM{i}"), 0x2341, 0x0043) for i in range(2)]
+    with pytest.raises(ConfigError, match=r"ttyACM0, .*ttyACM1.*--port"):
+        choose_port(None, boards)
+    assert choose_port(boards[1].device, boards) == boards[1].device
+
+
+def test_no_board(device):
+    with pytest.raises(DeviceError, match=r"no UNO found.*--port"):
+        choose_port(None, [Port(device("ttyS0"))])
+
+
+def test_port_that_is_not_there(tmp_path):
+    with pytest.raises(DeviceError, match="no such port"):
+        choose_port(str(tmp_path / "ttyACM9"))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
+def test_port_without_permission(device):
+    path = Path(device("ttyACM0"))
+    path.chmod(0)
+    with pytest.raises(DeviceError, match="dialout"):
+        choose_port(str(path))
+
+
+def test_missing_programs_are_told_with_what_installs_them(device, monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ConfigError, match="pip install platformio"):
+        upload_project(device("ttyACM0"), project=CHECKOUT)
+    image = tmp_path / "a.hex"
+    image.write_text(":0200000000C03E\n:00000001FF\n")
+    with pytest.raises(ConfigError, match="apt install avrdude"):
+        upload_file(device("ttyACM0"), image)
+
+
+def test_file_that_is_no_firmware_is_refused_before_the_board_is_touched(device, tmp_path):
+    image = tmp_path / "a.hex"
+    image.write_text("nonsense")
+    with pytest.raises(ConfigError, match="neither an ELF file for AVR nor Intel HEX"):
+        upload_file(device("ttyACM0"), image)
+
+
+def test_failed_upload_is_a_device_error(device, tmp_path):
+    with pytest.raises(DeviceError, match="failed, see above"):
+        upload_project(device("ttyACM0"), project=CHECKOUT, pio="false")
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory, core_folder):
+    """Environment in which pio of the project runs without the registry and outside the tree."""
+    patch = pytest.MonkeyPatch()
+    patch.setenv("CCR_PLATFORMIO_CORE", str(core_folder))
+    patch.setenv("PLATFORMIO_BUILD_DIR", str(tmp_path_factory.mktemp("build")))
+    yield str(CHECKOUT / "scripts/platformio-offline/pio")
+    patch.undo()
+
+
+def test_projects_firmware_is_built_flashed_and_says_hello(built):
+    with BackgroundServer(open_pty_server(None)) as server:
+        port = server.uri.removeprefix("serial:")
+        report = flash_board(port, project=CHECKOUT, pio=built)
+        assert report.identity.spec_hash == m.SPEC_HASH
+        assert report.summary()["protocol_version"] == m.PROTOCOL_VERSION
+        time.sleep(0.1)  # the server sees a pty closed at its next look
+        assert say_hello(port).boot_id == report.identity.boot_id + 1
