@@ -38,11 +38,16 @@ _SLICE_US = 1000
 
 
 class VirtualClock:
-    """Simulated time: moves only when somebody waits, then as fast as the world can be computed."""
+    """Simulated time: moves only when somebody waits, then as fast as the world can be computed.
+
+    Args:
+        slice_us: longest step in which the parts are moved along.
+    """
 
     realtime = False
 
-    def __init__(self) -> None:
+    def __init__(self, slice_us: int = _SLICE_US) -> None:
+        self._slice_us = slice_us
         self._now_us = 0
         self._parts: list[Steppable] = []
 
@@ -51,7 +56,7 @@ class VirtualClock:
 
     def sleep_until_us(self, time_us: int) -> None:
         while self._now_us < time_us:
-            self._now_us = min(self._now_us + _SLICE_US, time_us)
+            self._now_us = min(self._now_us + self._slice_us, time_us)
             for part in self._parts:
                 part.advance_to(self._now_us)
 

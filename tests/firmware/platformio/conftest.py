@@ -13,6 +13,8 @@ CHECKOUT = HERE.parents[2]
 PIO = CHECKOUT / "scripts/platformio-offline/pio"
 TIMEOUT_S = 180
 
+collect_ignore = ["sample"]
+
 
 @pytest.fixture(scope="session")
 def core_folder(tmp_path_factory):

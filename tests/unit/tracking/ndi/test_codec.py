@@ -56,7 +56,7 @@ def test_reply_gives_back_what_was_sent(text):
 
 def test_refusal_carries_its_code_and_says_what_to_do():
     data = b"ERROR0C"
-    with pytest.raises(CommandRefusedError, match="ERROR0C.*mode") as refusal:
+    with pytest.raises(CommandRefusedError, match=r"ERROR0C.*mode") as refusal:
         decode_reply(b"%s%04X" % (data, crc16_arc(data)))
     assert refusal.value.code == 0x0C
     assert refusal.value.cure

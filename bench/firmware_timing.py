@@ -1,0 +1,260 @@
+"""What the firmware takes, counted in cycles of the real binary in simavr.
+
+``python bench/firmware_timing.py`` builds the firmware with avr-gcc and prints a table beside what
+the project aims at. Cycles do not depend on the machine. Needs gcc-avr, avr-libc, libsimavr-dev.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from ccr_host import config
+from ccr_host.link import messages as m
+from ccr_host.link.board_config import board_config
+from ccr_host.link.client import Client
+from ccr_host.link.framing import encode_frame
+from ccr_host.run.clock import VirtualClock
+from ccr_host.simavr.board import SimavrBoard
+from ccr_host.simavr.flash_image import read_flash_image
+from ccr_host.simavr.line import SimavrLine
+from ccr_host.simavr.mcu import CYCLES_PER_US
+from ccr_host.simavr.pulse_meter import Pulse
+
+ROOT = Path(__file__).parents[1]
+REQUESTS = 500
+TARGETS = 200
+SATURATED_S = 4
+PROFILED_S = 1
+VALIDITY_MS = 10_000
+SESSION = 0xBE4C
+GAPS_US = np.random.default_rng(2).integers(0, 4, 100_000)
+"""Between bursts, so that bytes come at every phase of the pulses; 0.2 % of the line's time."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """An armed board and the means to talk to it byte by byte."""
+
+    board: SimavrBoard
+    clock: VirtualClock
+    pulses: list[Pulse]
+
+    def say(self, request: m.Request, sequence: int = 0) -> int:
+        """Send at once; the cycle at which the last stop bit has ended."""
+        self.board.receive(encode_frame(request.ID, sequence, request.pack()))
+        self.wait_us(3_000)
+        return self.board.statistics().last_arrival_cycle
+
+    def wait_us(self, duration_us: int) -> None:
+        self.clock.sleep_until_us(self.clock.now_us() + duration_us)
+
+
+def main() -> None:
+    """Print the table."""
+    rng = np.random.default_rng(1)
+    table = Table(title="Firmware on an UNO, from cycles", title_justify="left")
+    for heading, justify in (("what", "left"), ("measured", "right"), ("aim", "right")):
+        table.add_column(heading, justify=justify)
+    with tempfile.TemporaryDirectory() as folder:
+        elf = build_firmware(Path(folder))
+        flash, ram = sizes(elf)
+        with armed(elf) as rig:
+            reply_us = reply_latencies_us(rig, rng)
+            latch_us = target_latencies_us(rig, rng)
+        with armed(elf) as rig:
+            busy = saturate(rig, SATURATED_S)
+            free_stack = free_stack_bytes(rig)
+        with armed(elf, profiling=True) as rig:
+            masked_us = longest_masked_us(rig)
+        peer = build_peer(Path(folder))
+        with closing(SimavrBoard(read_flash_image(peer))) as board:
+            peer_jitter = jitter_of_peer(board)
+    table.add_row("last byte of a request to first byte of the reply", *spread(reply_us), "200 us")
+    table.add_row("set_target to its pulse", *spread(latch_us, 1e-3, "ms"), "20 ms + that")
+    table.add_row("pulse jitter, link saturated", f"{busy.jitter_cycles} cycles", "0 cycles")
+    table.add_row("  the same with timer interrupts", f"{peer_jitter} cycles", "")
+    table.add_row("processor busy, link saturated", f"{busy.share:.0%}", "")
+    table.add_row("  bytes lost", f"{busy.overruns}", "0")
+    table.add_row("longest time with interrupts off", f"{masked_us:.1f} us", "")
+    table.add_row("flash", f"{flash} bytes", "12288 bytes")
+    table.add_row("static RAM", f"{ram} bytes", "1024 bytes")
+    table.add_row("least free stack", f"{free_stack} bytes", "512 bytes")
+    Console().print(table)
+
+
+def build_firmware(folder: Path) -> Path:
+    """The firmware of this checkout."""
+    script = ROOT / "scripts" / "build-firmware"
+    subprocess.run([str(script), str(folder)], check=True, capture_output=True)
+    return folder / "firmware.elf"
+
+
+def build_peer(folder: Path) -> Path:
+    """A program that makes servo pulses in a timer interrupt."""
+    elf = folder / "peer.elf"
+    source = Path(__file__).parent / "peers" / "interrupt_servo.c"
+    flags = ["-mmcu=atmega328p", "-DF_CPU=16000000UL", "-Os", "-Wall", "-Werror"]
+    subprocess.run(["avr-gcc", *flags, str(source), "-o", str(elf)], check=True)
+    return elf
+
+
+def sizes(elf: Path) -> tuple[int, int]:
+    """Bytes of flash and of static RAM."""
+    out = subprocess.run(["avr-size", str(elf)], check=True, capture_output=True, text=True).stdout
+    text, data, bss = (int(number) for number in out.splitlines()[1].split()[:3])
+    return text + data, data + bss
+
+
+@contextmanager
+def armed(elf: Path, *, profiling: bool = False) -> Iterator[Rig]:
+    """A board that has been configured and armed."""
+    with closing(SimavrBoard(read_flash_image(elf), profiling=profiling)) as board:
+        pulses: list[Pulse] = []
+        board.observe_pulses(pulses.append)
+        line, clock = SimavrLine(board), VirtualClock()
+        clock.attach(line)
+        client = Client(line, clock, np.random.default_rng(1))
+        client.connect(telemetry_period_ticks=0)
+        client.configure(board_config(config.load()))
+        client.arm()
+        rig = Rig(board, clock, pulses)
+        rig.say(m.OpenSession(m.SPEC_HASH, SESSION))
+        rig.say(m.SetTarget(SESSION, (0, 0), 0, VALIDITY_MS))
+        board.take_output()
+        yield rig
+
+
+def reply_latencies_us(rig: Rig, rng: np.random.Generator) -> np.ndarray:
+    """From the end of the last stop bit to the begin of the first start bit, at random phases."""
+    kinds: list[Callable[[], m.Request]] = [m.GetState, m.GetCounters, m.GetLimits, keep_alive]
+    latencies = []
+    for n in range(REQUESTS):
+        rig.wait_us(int(rng.integers(0, m.TICK_US)))
+        heard = rig.say(kinds[n % len(kinds)](), n % 256)
+        first = rig.board.take_departures()[0]
+        latencies.append((first.start_cycle - heard) / CYCLES_PER_US)
+    return np.array(latencies)
+
+
+def target_latencies_us(rig: Rig, rng: np.random.Generator) -> np.ndarray:
+    """From the end of the request to the begin of the first pulse that shows it."""
+    latencies = []
+    angle_cdeg = 0
+    for n in range(TARGETS):
+        rig.wait_us(60_000 + int(rng.integers(0, m.TICK_US)))
+        before = rig.pulses[-2:][0].width_cycles
+        angle_cdeg = 300 - angle_cdeg
+        target = m.SetTarget(SESSION, (angle_cdeg, angle_cdeg), 0, VALIDITY_MS)
+        rig.pulses.clear()
+        heard = rig.say(target, n % 256)
+        rig.wait_us(60_000)
+        changed = next(p for p in rig.pulses if p.pin == 0 and p.width_cycles != before)
+        latencies.append((changed.end_cycle - changed.width_cycles - heard) / CYCLES_PER_US)
+        rig.board.take_output()
+    return np.array(latencies)
+
+
+@dataclass(frozen=True)
+class Busy:
+    """A board that is talked to without a pause."""
+
+    jitter_cycles: int
+    share: float
+    overruns: int
+
+
+def saturate(rig: Rig, duration_s: float) -> Busy:
+    """Requests back to back at 250000 baud, answered as they can be."""
+    rig.wait_us(100_000)
+    rig.pulses.clear()
+    rig.board.forget_statistics()
+    begin_cycle = rig.board.cycle
+    bytes_wanted = round(duration_s * m.BAUD / 10)
+    burst = encode_frame(m.GetState.ID, 1, b"") + encode_frame(*frame_parts(keep_alive()))
+    slice_us = len(burst) * 10 * 1_000_000 // m.BAUD
+    for gap_us in GAPS_US[: bytes_wanted // len(burst)]:
+        rig.board.receive(burst)
+        rig.wait_us(slice_us + int(gap_us))
+    rig.board.take_output()
+    statistics = rig.board.statistics()
+    cycles = rig.board.cycle - begin_cycle
+    return Busy(
+        jitter_cycles=jitter_cycles(rig.pulses),
+        share=1 - statistics.slept_cycles / cycles,
+        overruns=statistics.overruns,
+    )
+
+
+def frame_parts(request: m.Request) -> tuple[int, int, bytes]:
+    """Arguments of ``encode_frame``."""
+    return request.ID, 2, request.pack()
+
+
+def keep_alive() -> m.SetTarget:
+    """A target that changes nothing."""
+    return m.SetTarget(SESSION, (0, 0), 0, VALIDITY_MS)
+
+
+def jitter_cycles(pulses: list[Pulse]) -> int:
+    """Spread of the widths and of the periods, whichever is more."""
+    spreads = []
+    for pin in (0, 1):
+        own = [pulse for pulse in pulses if pulse.pin == pin]
+        assert len(own) > 40, "the board has made pulses"
+        widths = np.array([pulse.width_cycles for pulse in own])
+        begins = np.array([pulse.end_cycle for pulse in own]) - widths
+        spreads += [np.ptp(widths), np.ptp(np.diff(begins))]
+    return int(max(spreads))
+
+
+def jitter_of_peer(board: SimavrBoard) -> int:
+    """The same measure for the timer-interrupt technique under a saturated line."""
+    pulses: list[Pulse] = []
+    board.observe_pulses(pulses.append)
+    board.advance_to(100_000)
+    pulses.clear()
+    for gap_us in GAPS_US[:2_000]:
+        board.receive(bytes(range(25)))
+        board.advance_to(board.now_us + 1_000 + int(gap_us))
+    return jitter_cycles(pulses)
+
+
+def longest_masked_us(rig: Rig) -> float:
+    """Longest time with interrupts off while busy and moving."""
+    saturate(rig, PROFILED_S)
+    return rig.board.statistics().longest_masked_cycles / CYCLES_PER_US
+
+
+def free_stack_bytes(rig: Rig) -> int:
+    """Least free stack, as the board itself reports it."""
+    rig.wait_us(200_000)
+    rig.board.take_output()
+    rig.say(m.GetState())
+    decoded = SimavrLine(rig.board).read()
+    return last_report(decoded).free_stack_bytes
+
+
+def last_report(data: bytes) -> m.StateReport:
+    """Of the state replies in these bytes."""
+    from ccr_host.link.framing import Frame, FrameDecoder  # noqa: PLC0415
+
+    frames = [f for f in FrameDecoder().feed(data) if isinstance(f, Frame)]
+    return m.StateReply.unpack(frames[-1].payload).report
+
+
+def spread(values: np.ndarray, scale: float = 1.0, unit: str = "us") -> tuple[str]:
+    """Median and maximum as one cell."""
+    return (f"{np.median(values) * scale:.1f}, at most {values.max() * scale:.1f} {unit}",)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,58 @@
+"""Compiles the firmware's core for this machine."""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+FIRMWARE = Path(__file__).resolve().parents[3] / "firmware"
+TESTS = FIRMWARE / "test"
+CORE = FIRMWARE / "lib" / "core"
+INCLUDES = [f"-I{CORE}", f"-I{FIRMWARE / 'lib' / 'protocol'}"]
+STRICT = ["-std=c++14", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"]
+SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+TOOLS = {"g++": "g++", "clang++": "clang libclang-rt-14-dev"}
+"""Compilers and the apt packages they come in."""
+
+Build = Callable[[str, Sequence[str], Sequence[Path]], Path]
+
+
+def run(*command: str | Path) -> str:
+    """What a program prints; the test fails where the program does."""
+    result = subprocess.run(
+        [str(part) for part in command], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, f"{' '.join(map(str, command))}\n{result.stdout}{result.stderr}"
+    return result.stdout + result.stderr
+
+
+def core_sources() -> list[Path]:
+    """All of the core."""
+    return sorted(CORE.glob("*.cpp"))
+
+
+@pytest.fixture(scope="session")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
+    """Compiles each source for itself and links them into a program."""
+
+    def _build(compiler: str, flags: Sequence[str], sources: Sequence[Path]) -> Path:
+        if shutil.which(compiler) is None:
+            pytest.fail(f"there is no {compiler}: apt-get install -y {TOOLS[compiler]}")
+        folder = tmp_path_factory.mktemp("native_core")
+
+        def compile_one(source: Path) -> Path:
+            target = folder / f"{source.stem}.o"
+            run(compiler, *STRICT, *flags, *INCLUDES, "-c", source, "-o", target)
+            return target
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            objects = list(pool.map(compile_one, sources))
+        program = folder / "program"
+        run(compiler, *flags, *objects, "-o", program)
+        return program
+
+    return _build

@@ -1,0 +1,81 @@
+"""Runs the doctest cases of the core, which are named by the requirements they show."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.firmware.native_core.conftest import (
+    CORE,
+    FIRMWARE,
+    INCLUDES,
+    SANITIZERS,
+    STRICT,
+    TESTS,
+    Build,
+    core_sources,
+    run,
+)
+
+SOURCES = sorted((TESTS / "test_core").glob("*.cpp"))
+SPEC = FIRMWARE.parent / "protocol" / "spec.toml"
+ONLY_ON_THE_PINS = {"TIM-2"}
+"""What the core alone cannot show."""
+
+
+def test_every_case_passes_and_none_is_left_out(build: Build) -> None:
+    probe = subprocess.run(
+        ["g++", "-E", "-x", "c++", "-include", "doctest/doctest.h", "/dev/null"],
+        capture_output=True,
+        check=False,
+    )
+    if probe.returncode != 0:
+        pytest.fail("there is no doctest/doctest.h: apt-get install -y doctest-dev")
+    fast = "-DDOCTEST_CONFIG_SUPER_FAST_ASSERTS"
+    program = build("g++", ["-O1", "-g", fast, *SANITIZERS], [*core_sources(), *SOURCES])
+
+    report = run(program, "--success=false")
+
+    cases = re.search(r"test cases: +(\d+) \| +(\d+) passed \| 0 failed \| 0 skipped", report)
+    assertions = re.search(r"assertions: +(\d+) ", report)
+    written = sum(len(re.findall(r"^TEST_CASE\(", text, re.M)) for text in _texts(SOURCES))
+    assert cases is not None, report
+    assert assertions is not None, report
+    assert int(cases[1]) == int(cases[2]) == written
+    assert written >= 75
+    assert int(assertions[1]) > 100_000
+
+
+def test_every_requirement_that_the_core_can_show_has_a_case() -> None:
+    required = set(re.findall(r'^id = "([A-Z]+-\d+)"', SPEC.read_text(encoding="utf-8"), re.M))
+    named = {
+        name
+        for text in _texts(SOURCES)
+        for title in re.findall(r'^TEST_CASE\(\s*"(.*)"', text, re.M)
+        for name in re.findall(r"[A-Z]{3}-\d+", title)
+    }
+    assert len(required) > 35
+    assert required - ONLY_ON_THE_PINS == named - ONLY_ON_THE_PINS
+
+
+@pytest.mark.parametrize("source", core_sources(), ids=lambda source: str(source.name))
+def test_the_core_compiles_without_a_standard_library(source: Path) -> None:
+    """As for the AVR, whose toolchain has no C++ standard library."""
+    compiler = shutil.which("g++")
+    assert compiler is not None
+    freestanding = ["-ffreestanding", "-nostdinc++", "-fno-exceptions", "-fno-rtti"]
+    run(compiler, *STRICT, *freestanding, *INCLUDES, "-fsyntax-only", source)
+
+
+def test_the_core_uses_no_heap_no_float_no_wide_integer_and_no_header_but_stdint() -> None:
+    forbidden = re.compile(r"\b(new|malloc|free|delete|float|double|u?int64_t|long long)\b")
+    for path in [*CORE.glob("*.h"), *CORE.glob("*.cpp")]:
+        code = re.sub(r"//.*", "", path.read_text(encoding="utf-8"))
+        assert set(re.findall(r"#include <(.*)>", code)) <= {"stdint.h", "stddef.h"}, path
+        assert not forbidden.search(code), path
+
+
+def _texts(paths: list[Path]) -> list[str]:
+    return [path.read_text(encoding="utf-8") for path in paths]

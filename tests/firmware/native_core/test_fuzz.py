@@ -1,0 +1,47 @@
+"""Lets libFuzzer loose on the core: any bytes, ticks, resets and EEPROM damage, no broken rule."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.firmware.native_core.conftest import SANITIZERS, TESTS, Build, core_sources, run
+
+CORPUS = TESTS / "fuzz" / "corpus"
+SECONDS = 5
+LONG_SECONDS = 1800
+
+
+@pytest.fixture(scope="module")
+def fuzzer(build: Build) -> Path:
+    flags = ["-O1", "-g", "-fsanitize=fuzzer", *SANITIZERS]
+    return build("clang++", flags, [TESTS / "fuzz" / "fuzz_board.cpp", *core_sources()])
+
+
+def test_kept_inputs_and_some_seconds_of_new_ones_break_no_rule(
+    fuzzer: Path, tmp_path: Path
+) -> None:
+    assert _fuzz(fuzzer, tmp_path, SECONDS) > 1000
+
+
+@pytest.mark.slow
+def test_half_an_hour_of_new_inputs_breaks_no_rule(fuzzer: Path, tmp_path: Path) -> None:
+    assert _fuzz(fuzzer, tmp_path, LONG_SECONDS) > 100_000
+
+
+def _fuzz(fuzzer: Path, tmp_path: Path, seconds: int) -> int:
+    """Fuzzes on a copy of the kept inputs; returns how many inputs were run."""
+    corpus = tmp_path / "corpus"
+    shutil.copytree(CORPUS, corpus)
+    assert len(list(corpus.iterdir())) > 30
+    report = run(
+        fuzzer,
+        f"-max_total_time={seconds}",
+        "-max_len=512",
+        f"-artifact_prefix={tmp_path}/",
+        corpus,
+    )
+    done = re.search(r"Done (\d+) runs", report)
+    assert done is not None, report
+    return int(done[1])

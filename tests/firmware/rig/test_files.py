@@ -1,0 +1,83 @@
+"""Program files, and the building of the shim."""
+
+import pytest
+
+from ccr_host.errors import ConfigError, DeviceError
+from ccr_host.simavr.board import SimavrBoard
+from ccr_host.simavr.boot_loader import optiboot
+from ccr_host.simavr.flash_image import FLASH_BYTES, read_flash_image
+from ccr_host.simavr.shim_build import built_shim
+
+
+def test_elf_tells_segments_and_symbols(program):
+    image = read_flash_image(program("masked"))
+    assert image.start == 0
+    assert 0 < image.symbols["main"] < FLASH_BYTES
+    assert 0x100 <= image.symbols["wakings"] < 0x900
+
+
+@pytest.mark.parametrize(
+    ("content", "cause"),
+    [
+        (b"", "no program"),
+        (b":0200000000C03F\n", "line 1 is damaged"),
+        (b"\x7fELF\x02\x01" + bytes(60), "another machine"),
+        (b"\x7fELF\x01\x01" + bytes(10), "neither"),
+        (b"\xff\xfe", "neither"),
+        (b":02800000FFCFB0\n:00000001FF\n", "longer than 32768 bytes"),
+    ],
+    ids=["empty", "bad checksum", "64 bits", "cut off", "binary", "beyond the flash"],
+)
+def test_unusable_file_is_refused_with_its_cause(tmp_path, content, cause):
+    path = tmp_path / "firmware.hex"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=cause):
+        read_flash_image(path)
+
+
+def test_missing_file_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="No such file"):
+        read_flash_image(tmp_path / "firmware.elf")
+
+
+def test_boot_loader_lies_at_the_end_of_the_flash():
+    image = optiboot()
+    assert image.start in (0x7C00, 0x7E00)
+    assert all(address + len(data) <= FLASH_BYTES for address, data in image.segments)
+
+
+def test_shim_is_built_once(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    first = built_shim()
+    built_at = first.stat().st_mtime_ns
+    assert built_shim() == first
+    assert first.stat().st_mtime_ns == built_at
+
+
+def test_missing_compiler_is_told_with_what_installs_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    with pytest.raises(DeviceError, match=r"no C compiler .*libsimavr-dev"):
+        built_shim()
+
+
+def test_shim_that_does_not_build_tells_the_compilers_reason(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    compiler = tmp_path / "cc"
+    compiler.write_text("#!/bin/sh\necho 'rig.c:1: error: sim_avr.h: no such file' >&2\nexit 1\n")
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+    with pytest.raises(DeviceError, match=r"sim_avr\.h.*libsimavr-dev"):
+        built_shim()
+    assert not list((tmp_path / "ccr-host").glob("librig*"))
+
+
+def test_two_boards_live_side_by_side(program):
+    boards = [SimavrBoard(read_flash_image(program("echo"))) for _ in range(2)]
+    for board in boards:
+        board.advance_to(1000)
+    for number, board in enumerate(boards):
+        board.receive(bytes([number]))
+        board.advance_to(2000)
+    assert [board.take_output() for board in boards] == [b"\0", b"\1"]
