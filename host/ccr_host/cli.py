@@ -250,6 +250,10 @@ def emulate(
     pty: Annotated[
         bool, typer.Option("--pty", help="Serve on a pseudo-terminal (the default).")
     ] = False,
+    simavr: Annotated[
+        bool,
+        typer.Option("--simavr", help="The real firmware in simavr, on a pty, flashable."),
+    ] = False,
     eeprom: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Keep the EEPROM in this file.")
     ] = None,
@@ -263,12 +267,46 @@ def emulate(
     """
     from ccr_host.emulator.serve import open_server
 
-    if tcp is not None and pty:
-        raise ConfigError("--tcp and --pty together", "start one emulator for each")
-    server = open_server(tcp, eeprom, boot_loader_us=boot_ms * 1000)
+    if tcp is not None and (pty or simavr):
+        raise ConfigError("--tcp with --pty or --simavr", "start one board for each")
+    if simavr:
+        from ccr_host.simavr.files import find_firmware
+        from ccr_host.simavr.serve import open_pty_server
+
+        server = open_pty_server(find_firmware(), eeprom_file=eeprom)
+    else:
+        server = open_server(tcp, eeprom, boot_loader_us=boot_ms * 1000)
     typer.echo(f"emulated board on {server.uri}; Ctrl-C ends it")
     typer.echo(f"try: ccr-host track 8shape --device {server.uri}")
     server.run_until_signal()
+
+
+@app.command()
+def flash(
+    firmware: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="HEX or ELF file; without it the checkout is built."),
+    ] = None,
+    port: Annotated[
+        str | None, typer.Option(metavar="PORT", help="Serial port; found where there is only one.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Put the firmware onto an UNO and ask it who it is.
+
+    Example: ccr-host flash --port /dev/ttyACM0
+    """
+    from ccr_host.flash.flash import flash_board
+
+    report = flash_board(port, firmware)
+    screen = Console(stderr=as_json)
+    screen.print(
+        f"{report.port}: firmware {report.firmware_version} answers, "
+        f"boot {report.identity.boot_id}, EEPROM {report.identity.eeprom_status.name.lower()}",
+        highlight=False,
+    )
+    if as_json:
+        _print_json(report.summary())
 
 
 def main() -> None:

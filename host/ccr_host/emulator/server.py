@@ -14,7 +14,6 @@ from threading import Thread
 from types import TracebackType
 from typing import Protocol, Self
 
-from ccr_host.emulator.serial_line import SerialLine
 from ccr_host.run.clock import Clock
 
 BOOT_LOADER_US = 1_000_000
@@ -22,6 +21,26 @@ BOOT_LOADER_US = 1_000_000
 
 AdvanceObserver = Callable[[int], None]
 """Called with the time in us up to which the board has been advanced."""
+
+
+class Line(Protocol):
+    """The wire to a board, which moves with it."""
+
+    def advance_to(self, time_us: int) -> None:
+        """Bring wire and board to `time_us`."""
+
+    @property
+    def next_event_us(self) -> int:
+        """When to look again if the host stays silent."""
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the wire now."""
+
+    def read(self) -> bytes:
+        """Bytes that have arrived from the board."""
+
+    def open_port(self, boot_loader_us: int = 0) -> None:
+        """Reset the board as an UNO is reset when its port is opened."""
 
 
 class PortListener(Protocol):
@@ -66,7 +85,7 @@ class BoardServer:
 
     def __init__(
         self,
-        line: SerialLine,
+        line: Line,
         port: Port,
         clock: Clock,
         *,
@@ -90,7 +109,7 @@ class BoardServer:
     def run(self) -> None:
         """Serve until :meth:`stop`; then close the port."""
         with selectors.SelectSelector() as selector:  # epoll rounds time-outs up to 1 ms
-            selector.register(self._wake_read, selectors.EVENT_READ, lambda: None)
+            selector.register(self._wake_read, selectors.EVENT_READ, self._note_stop)
             self._port.register(selector, self)
             try:
                 while not self._stopping:
@@ -108,8 +127,10 @@ class BoardServer:
 
     def stop(self) -> None:
         """End :meth:`run`, from a signal handler or another thread."""
-        self._stopping = True
         os.write(self._wake_write, b"\0")
+
+    def _note_stop(self) -> None:
+        self._stopping = True
 
     def opened(self) -> None:
         """A client has opened the port: the board is reset."""

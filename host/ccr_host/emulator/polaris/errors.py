@@ -23,7 +23,7 @@ class ErrorCode(IntEnum):
     HANDLES_TAKEN = 0x2D
 
 
-class Refusal(Exception):
+class Refusal(Exception):  # noqa: N818 - an answer, not a failure of the emulator
     """A command that the device answers with an error code."""
 
     def __init__(self, code: ErrorCode) -> None:

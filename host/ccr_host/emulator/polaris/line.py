@@ -89,7 +89,7 @@ class PolarisLine:
         baud = self._host_baud or self.device_baud
         start_us = max(self._now_us, self._host_free_us)
         self._host_free_us = start_us + self._wire_time_us(len(data), baud)
-        if self._rates_differ():
+        if self._differs(self.device_baud):
             data = self._garbage(len(data))
         self._to_device.append((self._host_free_us, data))
 
@@ -102,7 +102,7 @@ class PolarisLine:
             sent = len(head.data) if not self._paced else bytes_in(max(passed_us, 0), head.baud)
             sent = 0 if passed_us < 0 else min(sent, len(head.data))
             fresh = head.data[head.taken : sent]
-            taken += self._garbage(len(fresh)) if self._rates_differ() else fresh
+            taken += self._garbage(len(fresh)) if self._differs(head.baud) else fresh
             head.taken = sent
             if sent < len(head.data):
                 break
@@ -179,8 +179,8 @@ class PolarisLine:
     def _wire_time_us(self, count: int, baud: int) -> int:
         return wire_time_us(count, baud) if self._paced else 0
 
-    def _rates_differ(self) -> bool:
-        return self._host_baud is not None and self._host_baud != self.device_baud
+    def _differs(self, baud: int) -> bool:
+        return self._host_baud is not None and self._host_baud != baud
 
     def _garbage(self, count: int) -> bytes:
         """What a UART makes of another rate; a carriage return is not among it."""

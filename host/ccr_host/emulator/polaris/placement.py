@@ -37,4 +37,5 @@ class Placement:
         vector = np.array(v)
         twice = 2 * np.cross(vector, points_mm)
         turned: Array = points_mm + w * twice + np.cross(vector, twice)
-        return turned + np.array(self.base_mm)
+        turned += np.array(self.base_mm)
+        return turned

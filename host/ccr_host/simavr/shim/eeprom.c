@@ -7,7 +7,6 @@ enum {
     EECR_EERIE = 1 << 3,
     EECR_EEMPE = 1 << 2,
     EECR_EEPE = 1 << 1,
-    EECR_EERE = 1 << 0,
     WRITE_CYCLES = 54400, /* 3.4 ms, datasheet "EEPROM Programming Time" */
 };
 
@@ -30,11 +29,15 @@ static avr_cycle_count_t written(avr_t *avr, avr_cycle_count_t when, void *param
     return 0;
 }
 
+static uint16_t addressed(const rig_t *rig) {
+    const uint8_t *data = rig->avr->data;
+    return (data[REG_EEARL] | data[REG_EEARH] << 8) % rig->eeprom.memory->size;
+}
+
 static void start_write(rig_t *rig, uint8_t before) {
     eeprom_t *eeprom = &rig->eeprom;
     avr_t *avr = rig->avr;
-    const uint16_t address =
-        (avr->data[REG_EEARL] | avr->data[REG_EEARH] << 8) % eeprom->memory->size;
+    const uint16_t address = addressed(rig);
     if (eeprom->worn_out[address]) eeprom->memory->eeprom[address] = before;
     log_add(&eeprom->writes,
             &(rig_eeprom_write_t){.address = address, .value = eeprom->memory->eeprom[address]});
@@ -47,9 +50,7 @@ static void control_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void
     rig_t *rig = param;
     eeprom_t *eeprom = &rig->eeprom;
     const bool enabled = avr->data[REG_EECR] & EECR_EEMPE;
-    const uint16_t target =
-        (avr->data[REG_EEARL] | avr->data[REG_EEARH] << 8) % eeprom->memory->size;
-    const uint8_t before = eeprom->memory->eeprom[target];
+    const uint8_t before = eeprom->memory->eeprom[addressed(rig)];
     if (eeprom->busy) {
         avr->data[address] = (value & EECR_EERIE) | EECR_EEPE;
         return;
@@ -69,6 +70,11 @@ void eeprom_attach(rig_t *rig) {
 }
 
 void eeprom_reset(rig_t *rig) { rig->eeprom.busy = false; }
+
+void eeprom_free(rig_t *rig) {
+    free(rig->eeprom.worn_out);
+    free(rig->eeprom.writes.records);
+}
 
 uint8_t *rig_eeprom(rig_t *rig) { return rig->eeprom.memory->eeprom; }
 uint32_t rig_eeprom_size(const rig_t *rig) { return rig->eeprom.memory->size; }

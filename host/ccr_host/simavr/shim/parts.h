@@ -22,6 +22,7 @@ enum {
     REG_EEARL = 0x41,
     REG_EEARH = 0x42,
     REG_MCUSR = 0x54,
+    REG_WDTCSR = 0x60,
     REG_TIMSK0 = 0x6E,
     REG_TIMSK1 = 0x6F,
     REG_TIMSK2 = 0x70,
@@ -71,8 +72,7 @@ void set_level_flag(avr_t *avr, avr_int_vector_t *vector, bool active);
 typedef struct {
     uint8_t *bytes;
     uint32_t *bit_cycles;
-    size_t count, room;
-    uint64_t free_cycle;
+    size_t next, count, room;
     bool busy;
     uint8_t value;
     uint64_t end_cycle;
@@ -138,6 +138,7 @@ struct rig {
     timer1_t timer1;
     pins_t pins;
     eeprom_t eeprom;
+    write_handler_t watchdog_write;
     profile_t profile;
     rig_statistics_t statistics;
     char trouble[256];
@@ -145,15 +146,20 @@ struct rig {
 
 rig_t *rig_of(avr_t *avr);
 avr_io_t *find_module(avr_t *avr, const char *kind);
+avr_timer_t *find_timer(avr_t *avr, char name);
 
 void uart_attach(rig_t *rig);
 void uart_reset(rig_t *rig);
 void uart_free(rig_t *rig);
+/* Whether a byte is on the wire, either way. */
+bool uart_is_busy(const rig_t *rig);
 
 void timer1_attach(rig_t *rig);
 void timer1_reset(rig_t *rig);
 /* Whether a waveform generator has the pin, and not the port. */
 bool timer1_drives(const rig_t *rig, rig_servo_pin_t pin);
+
+void timer_flags_attach(avr_t *avr);
 
 void pins_attach(rig_t *rig);
 /* Find out what the pins show now. */
@@ -161,3 +167,6 @@ void pins_update(rig_t *rig, uint64_t cycle);
 
 void eeprom_attach(rig_t *rig);
 void eeprom_reset(rig_t *rig);
+void eeprom_free(rig_t *rig);
+
+void watchdog_attach(rig_t *rig);

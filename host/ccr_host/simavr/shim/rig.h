@@ -68,16 +68,23 @@ void rig_reset(rig_t *rig, rig_reset_cause_t cause);
 /* Fill registers and SRAM as a power-up does, which leaves anything in them. */
 void rig_fill_sram(rig_t *rig, uint8_t value);
 
-/* Run to `cycle`; the instruction that is under way there is finished.
- * False if the program has left flash or SRAM; rig_trouble() then tells more. */
-bool rig_run_until(rig_t *rig, uint64_t cycle);
+/* What has come up; so that nobody has to ask for what is not there. */
+typedef enum {
+    RIG_TROUBLE = 1 << 0, /* the program has left flash or SRAM; rig_trouble() tells more */
+    RIG_EDGES = 1 << 1,
+    RIG_EEPROM_WRITES = 1 << 2,
+    RIG_LINE_BUSY = 1 << 3, /* a byte is on the wire, either way */
+} rig_news_t;
+
+/* Run to `cycle`, which itself is not reached by events; the instruction under way is finished.
+ * How a stretch of time is cut into calls changes nothing. Returns bits of rig_news_t. */
+unsigned rig_run_until(rig_t *rig, uint64_t cycle);
 const char *rig_trouble(const rig_t *rig);
 
 /* Bytes on the wire to the board from `cycle` on, one after the other.
  * `bit_cycles`: length of the sender's bits; 0 for what the board has set. */
 void rig_send(rig_t *rig, uint64_t cycle, const uint8_t *bytes, size_t count, uint32_t bit_cycles);
 void rig_forget_unsent(rig_t *rig);
-bool rig_line_is_busy(const rig_t *rig);
 
 /* Each takes up to `room` of the oldest records and returns their number. */
 size_t rig_take_departures(rig_t *rig, rig_departure_t *out, size_t room);

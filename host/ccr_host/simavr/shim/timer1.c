@@ -1,6 +1,6 @@
 /* Timer/Counter1 in place of simavr's, which latches no compare value after the first in fast PWM,
  * takes no new ICR1 while it runs, and clears all flags of TIFR1 at once.
- * Modes: normal, CTC (4, 12), fast PWM (5, 6, 7, 14, 15). No input capture, no external clock, no
+ * Modes: normal, CTC (4, 12), fast PWM (5, 6, 7, 14, 15); others count like normal. No input capture, no external clock, no
  * forced compare; the prescaler starts when the clock is selected.
  */
 #include "parts.h"
@@ -145,10 +145,16 @@ static uint32_t selected_prescaler(const avr_t *avr) {
     return prescalers[avr->data[REG_TCCR1B] & 7];
 }
 
-static void refuse_unknown_mode(rig_t *rig) {
+static bool is_known(unsigned mode) {
+    return mode == MODE_NORMAL || mode == MODE_CTC_OCR1A || mode == MODE_CTC_ICR1 ||
+           is_fast_pwm(mode);
+}
+
+/* The Arduino core passes through a phase-correct mode, without an output, as it starts. */
+static void refuse_output_in_unknown_mode(rig_t *rig) {
     const unsigned mode = mode_of(rig->avr);
-    if (mode == MODE_NORMAL || mode == MODE_CTC_OCR1A || mode == MODE_CTC_ICR1 || is_fast_pwm(mode))
-        return;
+    const bool output = match_action(rig, RIG_OC1A) || match_action(rig, RIG_OC1B);
+    if (is_known(mode) || !output || rig->timer1.prescaler == 0) return;
     snprintf(rig->trouble, sizeof rig->trouble, "timer 1 in mode %u, which the rig lacks", mode);
 }
 
@@ -162,7 +168,7 @@ static void control_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void
         timer->prescaler = selected_prescaler(avr);
         set_count(rig, count);
     }
-    if (timer->prescaler) refuse_unknown_mode(rig);
+    refuse_output_in_unknown_mode(rig);
     schedule(rig);
     pins_update(rig, avr->cycle);
 }
@@ -211,6 +217,7 @@ bool timer1_drives(const rig_t *rig, rig_servo_pin_t pin) {
 
 void timer1_attach(rig_t *rig) {
     avr_t *avr = rig->avr;
+    rig->timer1.vectors = find_timer(avr, '1');
     rig->timer1.vectors->io.reset = NULL;
     replace_write(avr, REG_TCCR1A, control_write, rig);
     replace_write(avr, REG_TCCR1B, control_write, rig);

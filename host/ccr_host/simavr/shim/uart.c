@@ -74,16 +74,14 @@ static void hear_start_bit(rig_t *rig) {
 static void start_next_byte(rig_t *rig, uint64_t cycle) {
     wire_t *wire = &rig->uart.wire;
     const uint32_t own = own_bit_cycles(rig->avr);
-    const uint32_t bit_cycles = wire->bit_cycles[0] ? wire->bit_cycles[0] : own;
+    const uint32_t peer = wire->bit_cycles[wire->next];
+    const uint32_t bit_cycles = peer ? peer : own;
     wire->busy = true;
-    wire->value = wire->bytes[0];
+    wire->value = wire->bytes[wire->next++];
     wire->end_cycle = cycle + BITS_PER_BYTE * (uint64_t)bit_cycles;
     wire->garbled = bauds_differ(bit_cycles, own);
     wire->heard = rig->avr->data[REG_UCSR0B] & UCSRB_RXEN;
-    rig->uart.peer_bit_cycles = wire->bit_cycles[0];
-    wire->count--;
-    memmove(wire->bytes, wire->bytes + 1, wire->count);
-    memmove(wire->bit_cycles, wire->bit_cycles + 1, wire->count * sizeof *wire->bit_cycles);
+    rig->uart.peer_bit_cycles = peer;
     if (wire->heard) hear_start_bit(rig);
 }
 
@@ -100,7 +98,7 @@ static avr_cycle_count_t byte_has_arrived(avr_t *avr, avr_cycle_count_t when, vo
         move_into_buffer(uart);
         update_flags(rig);
     }
-    if (wire->count == 0) return 0;
+    if (wire->next == wire->count) return 0;
     start_next_byte(rig, when);
     return wire->end_cycle;
 }
@@ -115,6 +113,7 @@ static void listen_to_wire(rig_t *rig) {
 void rig_send(rig_t *rig, uint64_t cycle, const uint8_t *bytes, size_t count, uint32_t bit_cycles) {
     wire_t *wire = &rig->uart.wire;
     if (count == 0) return;
+    if (wire->next == wire->count) wire->next = wire->count = 0;
     if (wire->count + count > wire->room) {
         wire->room = 2 * (wire->count + count);
         wire->bytes = realloc(wire->bytes, wire->room);
@@ -128,7 +127,7 @@ void rig_send(rig_t *rig, uint64_t cycle, const uint8_t *bytes, size_t count, ui
     listen_to_wire(rig);
 }
 
-void rig_forget_unsent(rig_t *rig) { rig->uart.wire.count = 0; }
+void rig_forget_unsent(rig_t *rig) { rig->uart.wire.next = rig->uart.wire.count = 0; }
 
 static void silence_receiver(uart_t *uart) {
     uart->buffered = 0;
@@ -253,7 +252,7 @@ void uart_free(rig_t *rig) {
     free(rig->uart.departures.records);
 }
 
-bool rig_line_is_busy(const rig_t *rig) { return rig->uart.wire.busy || rig->uart.sending; }
+bool uart_is_busy(const rig_t *rig) { return rig->uart.wire.busy || rig->uart.sending; }
 
 size_t rig_take_departures(rig_t *rig, rig_departure_t *out, size_t room) {
     return log_take(&rig->uart.departures, out, room);

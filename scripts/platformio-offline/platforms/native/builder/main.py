@@ -1,0 +1,10 @@
+"""Build script of the stand-in platform: the machine's own compiler."""
+
+from SCons.Script import AlwaysBuild, Default, DefaultEnvironment
+
+env = DefaultEnvironment()
+env.Replace(PROGNAME="program")
+program = env.BuildProgram()
+AlwaysBuild(env.Alias("nobuild", program))
+AlwaysBuild(env.Alias("exec", program, env.VerboseAction("$PROG_PATH", "Executing $SOURCE")))
+Default([env.Alias("buildprog", program, program)])
