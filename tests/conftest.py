@@ -8,7 +8,7 @@ import pytest
 
 from ccr_host.link.messages import REQUIREMENTS
 
-DEFAULT_DEVICES = ("emulator:",)
+DEFAULT_DEVICES = ("emulator:", "simavr:")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -1,7 +1,7 @@
 """One suite for every implementation of the board.
 
-    pytest tests/conformance                       the emulator
-    pytest tests/conformance --device simavr:      another implementation
+    pytest tests/conformance                       emulator and firmware binary
+    pytest tests/conformance --device simavr:      one of them
 
 Each test of a requirement names it; the suite prints which ones were covered.
 """
