@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccr_host.config import Tracker
+from ccr_host.config import Tracker, Twin
 from ccr_host.emulator.polaris.faults import BitOrder, PolarisFaults
 from ccr_host.emulator.polaris.placement import Placement
 from ccr_host.emulator.polaris.sensor import PositionSensor
 from ccr_host.emulator.polaris.tx_report import StrayList, format_tx
 from ccr_host.tracking.ndi.volume import VICRA
 from ccr_host.twin.camera import Camera
+from ccr_host.twin.robot import TwinRobot
+from ccr_host.twin.scene import TwinScene
 
 MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)])
 
@@ -43,7 +45,7 @@ def test_quaternion_of_the_placement_agrees_with_scipy():
 def test_noise_is_the_rms_length_of_the_error_of_the_tip():
     device, errors = sensor(noise_mm=0.4), []
     truth = MARKERS_MM[2] - MARKERS_MM[0]
-    for _ in range(20_000):
+    for _ in range(8_000):
         time_us = device.next_exposure_us
         device.expose(time_us, MARKERS_MM)
         markers_mm = device.newest(time_us).markers_mm
@@ -118,3 +120,20 @@ def test_frames_of_a_seed_are_repeatable():
     np.testing.assert_array_equal(images[0].markers_mm, images[1].markers_mm)
     np.testing.assert_array_equal(images[0].phantoms_mm, images[1].phantoms_mm)
     np.testing.assert_array_equal(images[0].ranks, images[1].ranks)
+
+
+def test_scene_of_the_twin_exposes_the_sensor_at_exact_times():
+    device = sensor(latency_us=40_000)
+    robot = TwinRobot(Twin())
+    robot.set_pulses_half_us((3000 + 800, 3000 - 800))
+    scene = TwinScene(robot, device)
+    other = TwinRobot(Twin())
+    other.set_pulses_half_us((3000 + 800, 3000 - 800))
+    for time_us in (33_000, 66_000, 190_000):
+        scene.advance_to(time_us)
+    image = device.newest(190_000)
+    assert image.count == 9
+    other.advance_to(150_000)
+    np.testing.assert_allclose(
+        image.markers_mm, Placement().to_camera(other.markers_mm()), atol=1e-9
+    )

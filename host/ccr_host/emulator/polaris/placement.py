@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ccr_host.tracking.quaternion import quaternion
 
 Array = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
@@ -26,10 +27,7 @@ class Placement:
 
     def quaternion(self) -> Array:
         """(4,): w, x, y, z of R^T."""
-        vector = -np.radians(self.rotation_deg)
-        angle = float(np.linalg.norm(vector))
-        axis = vector / angle if angle else vector
-        return np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)])
+        return quaternion(-np.radians(self.rotation_deg))
 
     def to_camera(self, points_mm: Array) -> Array:
         """Points of the robot's frame, (n, 3), in the camera's."""

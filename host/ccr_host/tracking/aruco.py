@@ -1,0 +1,270 @@
+"""Tracker `aruco:N`: ArUco or AprilTag markers under webcam N, through OpenCV.
+
+The frame is OpenCV's: x to the right, y down, z away from the camera, mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.errors import ConfigError, TrackerError
+from ccr_host.tracking.frame import FloatArray, MarkerFrame, Pose, StartsAndStops, TrackerHealth
+from ccr_host.tracking.frame_count import FrameCount
+from ccr_host.tracking.optional import import_optional
+from ccr_host.tracking.quaternion import quaternion
+
+Image = NDArray[np.uint8]
+
+DEFAULT_LATENCY_US = 60_000
+"""From the middle of an exposure to its image in the host; our estimate, two frames at 30 Hz."""
+_RETRY_US = 1_000_000
+_PIXEL_CENTRE_PX = 0.5
+"""That refinement counts from a pixel's corner, the rest of OpenCV from its centre."""
+_POLL_NS = 1
+"""OpenCV takes 0 for «wait for ever»."""
+
+
+@dataclass(frozen=True)
+class ArucoSettings:
+    """What hangs on the robot, and how it is looked for."""
+
+    tag_size_mm: float
+    """Edge of the black square."""
+    dictionary: str = "DICT_APRILTAG_36h11"
+    """Name of the OpenCV dictionary."""
+    tags: Mapping[int, str] = field(default_factory=lambda: {0: "M1", 1: "M3"})
+    """Names by tag number; f of (10) needs M1 at the base and M3 at the tip."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """Pinhole with distortion, as OpenCV calibrates it."""
+
+    matrix: FloatArray
+    """(3, 3), pixels."""
+    distortion: FloatArray
+    """(k,): OpenCV's coefficients."""
+
+
+class ImageSource(Protocol):
+    """A camera that never makes anybody wait; `TrackerError` means that it is lost."""
+
+    def newest_image(self) -> Image | None:
+        """Image that has arrived since the last call."""
+
+    def close(self) -> None:
+        """Let go of the camera."""
+
+
+CameraOpener = Callable[[], ImageSource]
+
+
+class TagDetector:
+    """Poses of tags in an image.
+
+    Raises:
+        ConfigError: OpenCV is not installed, or it has no such dictionary.
+    """
+
+    def __init__(self, model: CameraModel, settings: ArucoSettings) -> None:
+        self._cv2 = cv2 = _opencv()
+        self._model = model
+        self._settings = settings
+        number = getattr(cv2.aruco, settings.dictionary, None)
+        if number is None:
+            raise ConfigError(
+                f"dictionary {settings.dictionary}: not known to OpenCV",
+                "use e.g. DICT_APRILTAG_36h11 or DICT_4X4_50",
+            )
+        parameters = cv2.aruco.DetectorParameters()
+        # Fits lines to the whole edges: on rendered tags ten times better in depth than SUBPIX.
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
+        self._detector = cv2.aruco.ArucoDetector(
+            cv2.aruco.getPredefinedDictionary(number), parameters
+        )
+        half = settings.tag_size_mm / 2
+        # From the top left corner clockwise, as the detector lists them.
+        self._corners_mm = np.array(
+            [(-half, half, 0), (half, half, 0), (half, -half, 0), (-half, -half, 0)]
+        )
+
+    def poses(self, image: Image) -> dict[str, Pose]:
+        """Known tags by name; a tag that appears twice counts as not seen."""
+        corners, numbers, _ = self._detector.detectMarkers(image)
+        if numbers is None:
+            return {}
+        found = [int(number) for number in np.ravel(numbers)]
+        poses = {}
+        for number, corner in zip(found, corners, strict=True):
+            name = self._settings.tags.get(number)
+            if name is not None and found.count(number) == 1:
+                pose = self._pose(np.reshape(corner, (4, 2)) - _PIXEL_CENTRE_PX)
+                if pose is not None:
+                    poses[name] = pose
+        return poses
+
+    def _pose(self, corners_px: FloatArray) -> Pose | None:
+        cv2, model = self._cv2, self._model
+        solved, rotation, position_mm = cv2.solvePnP(
+            self._corners_mm,
+            corners_px,
+            model.matrix,
+            model.distortion,
+            flags=cv2.SOLVEPNP_IPPE_SQUARE,
+        )
+        if not solved or not np.isfinite(position_mm).all():
+            return None
+        return Pose(np.ravel(position_mm).astype(np.float64), quaternion(np.ravel(rotation)))
+
+
+class ArucoTracker(StartsAndStops):
+    """Tags under a camera; each image with at least one known tag is a frame.
+
+    Args:
+        name: tracker URI, for messages.
+        open_camera: makes the image source; called again after it was lost.
+        detector: of tags.
+        latency_us: from the middle of an exposure to its image.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        open_camera: CameraOpener,
+        detector: TagDetector,
+        latency_us: int = DEFAULT_LATENCY_US,
+    ) -> None:
+        self.name = name
+        self._open_camera = open_camera
+        self._detector = detector
+        self._latency_us = latency_us
+        self._camera: ImageSource | None = None
+        self._frames = FrameCount()
+        self._images = 0
+        self._openings = 0
+        self._retry_us = 0
+        self._running = False
+        self._last_error = ""
+
+    @property
+    def health(self) -> TrackerHealth:
+        """How it is doing now."""
+        tracking = self._camera is not None and self._frames.count > 0
+        state = "stopped" if not self._running else ("tracking" if tracking else "looking for tags")
+        return TrackerHealth(
+            state=state,
+            tracking=tracking,
+            rate_hz=self._frames.rate_hz,
+            frames=self._frames.count,
+            lost_frames=self._images - self._frames.count,
+            reconnections=max(0, self._openings - 1),
+            last_error=self._last_error,
+        )
+
+    def start(self) -> None:
+        """Open the camera.
+
+        Raises:
+            TrackerError: there is none.
+        """
+        self._open()
+        self._running = True
+
+    def advance_to(self, time_us: int) -> None:
+        """Look at an image that has arrived; open the camera again where it was lost."""
+        if not self._running or time_us < self._retry_us:
+            return
+        try:
+            camera = self._camera or self._open()
+            image = camera.newest_image()
+        except TrackerError as error:
+            self._last_error = str(error)
+            self._close()
+            self._retry_us = time_us + _RETRY_US
+            return
+        if image is None:
+            return
+        self._images += 1
+        if poses := self._detector.poses(image):
+            self._frames.add_poses(time_us - self._latency_us, poses)
+
+    def newest_frame(self) -> MarkerFrame | None:
+        """Newest frame, whatever its age; None before the first."""
+        return self._frames.newest
+
+    def stop(self) -> None:
+        self._running = False
+        self._close()
+
+    def _open(self) -> ImageSource:
+        self._camera = camera = self._open_camera()
+        self._openings += 1
+        return camera
+
+    def _close(self) -> None:
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+
+class Webcam:
+    """A camera of the operating system, asked only when an image is there (Linux, V4L2).
+
+    Raises:
+        TrackerError: there is no such camera.
+    """
+
+    def __init__(self, number: int) -> None:
+        self._cv2 = _opencv()
+        self._number = number
+        self._capture: Any = self._cv2.VideoCapture(number, self._cv2.CAP_V4L2)
+        if not self._capture.isOpened():
+            raise TrackerError(f"aruco:{number}: no such camera", "plug it in; see ls /dev/video*")
+        self._capture.set(self._cv2.CAP_PROP_BUFFERSIZE, 1)  # an older image helps nobody
+
+    def newest_image(self) -> Image | None:
+        ready, _ = self._cv2.VideoCapture.waitAny([self._capture], timeoutNs=_POLL_NS)
+        if not ready:
+            return None
+        taken, image = self._capture.retrieve()
+        if not taken:
+            raise TrackerError(f"aruco:{self._number}: the camera is gone", "check its cable")
+        pixels: Image = image
+        return pixels
+
+    def close(self) -> None:
+        self._capture.release()
+
+
+def load_camera_file(path: Path) -> CameraModel:
+    """Read the file that OpenCV's calibration writes (YAML, XML or JSON).
+
+    Raises:
+        ConfigError: OpenCV is not installed; no such file, or no calibration in it.
+    """
+    cv2 = _opencv()
+    if not path.is_file():
+        raise ConfigError(f"camera file {path}: no such file", "calibrate the camera, see docs")
+    try:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        matrix = storage.getNode("camera_matrix").mat()
+        distortion = storage.getNode("distortion_coefficients").mat()
+        storage.release()
+    except (cv2.error, SystemError):
+        matrix = distortion = None
+    if matrix is None or matrix.shape != (3, 3) or distortion is None:
+        raise ConfigError(
+            f"camera file {path}: no camera_matrix (3 x 3) and distortion_coefficients in it",
+            "calibrate the camera, see docs/trackers.md",
+        )
+    return CameraModel(matrix.astype(np.float64), np.ravel(distortion).astype(np.float64))
+
+
+def _opencv() -> Any:  # noqa: ANN401 - OpenCV has no types
+    return import_optional("cv2", "aruco", "tracker aruco:")

@@ -1,0 +1,1 @@
+"""Driver for NDI Polaris cameras (Vicra and, over TCP, Vega): ASCII protocol, TX replies."""

@@ -1,0 +1,204 @@
+"""A Polaris as a raw tracker: keeps a session alive and turns its replies into frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ccr_host.errors import TrackerError
+from ccr_host.tracking.frame import MarkerFrame, Pose, StartsAndStops, TrackerHealth
+from ccr_host.tracking.frame_count import FrameCount
+from ccr_host.tracking.ndi.exposure_clock import ExposureClock
+from ccr_host.tracking.ndi.poll_pace import POLL_AGAIN_US, PollPace
+from ccr_host.tracking.ndi.port import Port, PortOpener
+from ccr_host.tracking.ndi.script import Conversation, Reply
+from ccr_host.tracking.ndi.session import FAST_BAUD, SessionLog, Tool, farewell, session
+from ccr_host.tracking.ndi.status import SystemStatus, system_warnings
+from ccr_host.tracking.ndi.tx_reply import TxReply
+from ccr_host.tracking.ndi.volume import VICRA, MeasurementVolume
+
+DEFAULT_LATENCY_US = 40_000
+"""From an exposure to its data being available: lower end of our estimate of 40 to 100 ms."""
+
+_RETRY_US = 1_000_000
+_BITS_PER_BYTE = 10
+
+
+@dataclass(frozen=True)
+class NdiSettings:
+    """What a lab can choose."""
+
+    tools: Sequence[Tool] = ()
+    """Rigid bodies; without any, a dummy tool lights the illuminators for single spheres."""
+    latency_us: int = DEFAULT_LATENCY_US
+    """From an exposure to its data being available in the device."""
+    volume: MeasurementVolume = VICRA
+    """Points outside it are marked as such."""
+
+
+class NdiTracker(StartsAndStops):
+    """Driver of one camera.
+
+    A camera that falls silent, is reset or unplugged is started anew, again and again;
+    `health` tells of it.
+
+    Args:
+        name: tracker URI, for messages.
+        open_port: makes the line to the camera; called again after the port was lost.
+        settings: what a lab can choose.
+    """
+
+    def __init__(
+        self, name: str, open_port: PortOpener, settings: NdiSettings | None = None
+    ) -> None:
+        self.name = name
+        self._open_port = open_port
+        self._settings = settings or NdiSettings()
+        self._port: Port | None = None
+        self._conversation: Conversation | None = None
+        self._log = SessionLog()
+        self._frames = _FrameMaker(self._settings)
+        self._damaged_before = 0
+        self._sessions = 0
+        self._retry_us = 0
+        self._last_error = ""
+        self._running = False
+
+    @property
+    def health(self) -> TrackerHealth:
+        """How it is doing now."""
+        frames, log = self._frames, self._log
+        return TrackerHealth(
+            state=log.doing,
+            tracking=log.tracking,
+            rate_hz=frames.made.rate_hz if log.tracking else 0.0,
+            frames=frames.made.count,
+            lost_frames=frames.lost,
+            damaged_replies=self._damaged_before + log.damaged_replies,
+            reconnections=max(0, self._sessions - 1),
+            warnings=system_warnings(frames.system_status),
+            last_error=self._last_error,
+        )
+
+    def start(self) -> None:
+        """Open the port; the conversation begins when the clock goes on.
+
+        Raises:
+            TrackerError: the port cannot be opened.
+        """
+        self._port = self._open_port()
+        self._running = True
+
+    def advance_to(self, time_us: int) -> None:
+        """Take what has arrived, go on with the conversation, begin anew where it has failed."""
+        if not self._running or time_us < self._retry_us:
+            return
+        try:
+            if self._port is None:
+                self._port = self._open_port()
+            if self._conversation is None:
+                self._conversation = self._begin_session(self._port)
+            self._conversation.advance_to(time_us)
+        except TrackerError as error:
+            self._give_up_session(error)
+            self._retry_us = time_us + _RETRY_US
+
+    def newest_frame(self) -> MarkerFrame | None:
+        """Newest frame, whatever its age; None before the first."""
+        return self._frames.made.newest
+
+    def stop(self) -> None:
+        """End tracking and close the port."""
+        self._running = False
+        self._conversation = None
+        if self._port is None:
+            return
+        try:
+            self._port.write(farewell())
+        except TrackerError as error:
+            self._last_error = str(error)
+        self._port.close()
+        self._port = None
+        self._log = SessionLog("stopped")
+
+    def _begin_session(self, port: Port) -> Conversation:
+        self._sessions += 1
+        self._damaged_before += self._log.damaged_replies
+        self._log = log = SessionLog()
+        self._frames.begin_session(log, baud=FAST_BAUD if port.has_baud else None)
+        script = session(port, self._settings.tools, log, self._frames.take)
+        return Conversation(port, script)
+
+    def _give_up_session(self, error: TrackerError) -> None:
+        self._last_error = str(error)
+        self._log.doing = "trying again"
+        self._log.tracking = False
+        self._conversation = None
+        if self._port is not None:
+            self._port.close()  # a cable that was pulled comes back as another device
+            self._port = None
+
+
+class _FrameMaker:
+    """Turns TX replies into frames: no repeats, exposure times, own volume check, pace of polls."""
+
+    def __init__(self, settings: NdiSettings) -> None:
+        self._settings = settings
+        self.made = FrameCount()
+        self.lost = 0
+        self.system_status = SystemStatus(0)
+
+    def begin_session(self, log: SessionLog, baud: int | None) -> None:
+        """The device counts from 0 again."""
+        self._log = log
+        self._baud = baud
+        self._clock = ExposureClock(self._settings.latency_us)
+        self._last_number: int | None = None
+        self._pace = PollPace()
+
+    def take(self, reply: TxReply, source: Reply) -> int:
+        """Make a frame if the reply has a new one; return the pause until the next poll, us.
+
+        Number 0 is none: TSTART has just set the counter, and no exposure belongs to it.
+        """
+        self.system_status = reply.system_status
+        number = reply.frame
+        if not number or (self._last_number is not None and number <= self._last_number):
+            return self._pace.pause_after_nothing_us(source.arrived_us)
+        seen_us = source.arrived_us - self._wire_us(source.length)
+        exposed_us = self._clock.see(number, seen_us)
+        self.made.add(
+            MarkerFrame(
+                exposed_us=self.made.not_before_last(exposed_us),
+                frame_number=number,
+                points_mm=reply.strays_mm,
+                out_of_volume=~self._settings.volume.contains(reply.strays_mm),
+                tools=self._tools(reply),
+            )
+        )
+        self._count(number)
+        step = self._pace.frame_step
+        if step is None:
+            return POLL_AGAIN_US
+        next_us = self._clock.available_us(number + step)
+        return self._pace.pause_after_frame_us(source.arrived_us, seen_us, next_us)
+
+    def _tools(self, reply: TxReply) -> dict[str, Pose]:
+        names = self._log.handles or {}
+        return {
+            names[tool.handle]: tool.pose
+            for tool in reply.tools
+            if tool.pose is not None and names.get(tool.handle)
+        }
+
+    def _count(self, number: int) -> None:
+        if self._last_number is not None:
+            counts = number - self._last_number
+            self._pace.after_step(counts)
+            self.lost += counts // (self._pace.frame_step or counts) - 1
+        self._last_number = number
+
+    def _wire_us(self, length: int) -> int:
+        if self._baud is None:
+            return 0
+        return length * _BITS_PER_BYTE * 1_000_000 // self._baud
