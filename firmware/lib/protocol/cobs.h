@@ -9,35 +9,21 @@ namespace ccr {
 /// From so many data bytes on, COBS needs a second code byte, which nothing here does.
 constexpr uint8_t kCobsMaxData = 253;
 
-/// Encodes into a buffer that is two bytes longer than the data.
-class CobsWriter {
- public:
-  explicit CobsWriter(uint8_t* encoded) : encoded_(encoded) {}
-
-  void put(uint8_t byte) {
-    if (byte == 0) {
-      close_block();
-      code_at_ = size_;
-    } else {
-      encoded_[size_] = byte;
+/// Encodes in place: data of so many bytes at `encoded + 1`, with room for a byte after them.
+/// Returns the size with the closing zero.
+inline uint8_t encode_cobs(uint8_t* encoded, uint8_t size) {
+  const uint8_t end = static_cast<uint8_t>(size + 1);
+  uint8_t code_at = 0;
+  for (uint8_t at = 1; at < end; ++at) {
+    if (encoded[at] == 0) {
+      encoded[code_at] = static_cast<uint8_t>(at - code_at);
+      code_at = at;
     }
-    ++size_;
   }
-
-  /// Closes the frame with its zero and returns its size.
-  uint8_t finish() {
-    close_block();
-    encoded_[size_++] = 0;
-    return size_;
-  }
-
- private:
-  void close_block() { encoded_[code_at_] = static_cast<uint8_t>(size_ - code_at_); }
-
-  uint8_t* encoded_;
-  uint8_t code_at_ = 0;
-  uint8_t size_ = 1;
-};
+  encoded[code_at] = static_cast<uint8_t>(end - code_at);
+  encoded[end] = 0;
+  return static_cast<uint8_t>(end + 1);
+}
 
 /// Decodes the bytes of one frame, its zero excluded.
 class CobsReader {

@@ -9,8 +9,9 @@ namespace ccr {
 class Crc16X25 {
  public:
   // Eight steps of the polynomial at once: the byte acts as itself and three shifted copies. Its
-  // halves are exchanged instead of shifted, which an AVR does in one cycle.
-  void add(uint8_t byte) {
+  // halves are exchanged instead of shifted, which an AVR does in one cycle. Inlined also where the
+  // compiler saves space: a call would double the time a byte takes.
+  __attribute__((always_inline)) void add(uint8_t byte) {
     const uint8_t difference = static_cast<uint8_t>(byte ^ low_);
     const uint8_t mix = static_cast<uint8_t>(difference ^ (swap_halves(difference) & 0xF0));
     const uint8_t quarter = swap_halves(mix) & 0x0F;

@@ -7,6 +7,7 @@
 #include "ccr_messages.h"
 #include "cobs.h"
 #include "crc16_x25.h"
+#include "little_endian.h"
 
 namespace ccr {
 
@@ -18,27 +19,39 @@ constexpr uint8_t kMaxWireFrame = kMaxEncodedFrame + 1;
 static_assert(kMaxDecodedFrame == kMaxPayload + kFrameOverhead, "as the spec says");
 static_assert(kMaxDecodedFrame <= kCobsMaxData, "one code byte");
 
+/// Where the payload lies before a frame is closed: behind the first code byte and the header.
+constexpr uint8_t kPayloadAt = 1 + kFrameHeader;
+
+/// Size on the wire, with the closing zero.
+constexpr uint8_t wire_size(uint8_t payload_size) {
+  return static_cast<uint8_t>(payload_size + kFrameOverhead + 2);
+}
+static_assert(wire_size(kMaxPayload) == kMaxWireFrame, "as the spec says");
+
+/// Makes a frame of the payload at `wire + kPayloadAt`, in place; returns its size.
+inline uint8_t close_frame(uint8_t id, uint8_t sequence, uint8_t payload_size, uint8_t* wire) {
+  uint8_t* const content = wire + 1;
+  const uint8_t checked_size = static_cast<uint8_t>(kFrameHeader + payload_size);
+  content[0] = id;
+  content[1] = sequence;
+  Crc16X25 crc;
+  for (uint8_t at = 0; at < checked_size; ++at) {
+    crc.add(content[at]);
+  }
+  put_u16(content + checked_size, crc.value());
+  return encode_cobs(wire, static_cast<uint8_t>(payload_size + kFrameOverhead));
+}
+
 /// Writes a frame with its zero; returns its size, or 0 if the payload is too long.
 inline uint8_t encode_frame(uint8_t id, uint8_t sequence, const uint8_t* payload, uint8_t size,
                             uint8_t (&wire)[kMaxWireFrame]) {
   if (size > kMaxPayload) {
     return 0;
   }
-  CobsWriter writer(wire);
-  Crc16X25 crc;
-  const auto put = [&writer, &crc](uint8_t byte) {
-    writer.put(byte);
-    crc.add(byte);
-  };
-  put(id);
-  put(sequence);
   for (uint8_t at = 0; at < size; ++at) {
-    put(payload[at]);
+    wire[kPayloadAt + at] = payload[at];
   }
-  const uint16_t check = crc.value();
-  writer.put(static_cast<uint8_t>(check));
-  writer.put(static_cast<uint8_t>(check >> 8));
-  return writer.finish();
+  return close_frame(id, sequence, size, wire);
 }
 
 /// What a received byte has completed.

@@ -1,0 +1,72 @@
+#include "config_slot.h"
+
+#include "little_endian.h"
+
+namespace ccr {
+
+namespace {
+
+constexpr uint8_t kErased = 0xFF;
+
+bool is_blank(const uint8_t (&bytes)[kSlotSize]) {
+  for (const uint8_t byte : bytes) {
+    if (byte != kErased) {
+      return false;
+    }
+  }
+  return true;
+}
+
+bool is_intact(const uint8_t (&bytes)[kSlotSize]) {
+  Crc32 crc;
+  for (uint8_t at = 0; at < kSlotCrcAt; ++at) {
+    crc.add(bytes[at]);
+  }
+  return get_u16(bytes + kSlotMagicAt) == kEepromMagic &&
+         get_u8(bytes + kSlotLayoutAt) == kEepromLayout &&
+         get_u32(bytes + kSlotCrcAt) == crc.value();
+}
+
+}  // namespace
+
+SlotContent read_slot(Hardware& hardware, uint16_t address, uint16_t& generation,
+                      Configuration& configuration) {
+  uint8_t bytes[kSlotSize] = {};
+  for (uint8_t at = 0; at < kSlotSize; ++at) {
+    bytes[at] = hardware.read_eeprom(static_cast<uint16_t>(address + at));
+  }
+  if (is_blank(bytes)) {
+    return SlotContent::kBlank;
+  }
+  generation = get_u16(bytes + kSlotGenerationAt);
+  const bool is_good =
+      is_intact(bytes) && decode(bytes + kSlotConfigurationAt, configuration);
+  return is_good ? SlotContent::kGood : SlotContent::kCorrupt;
+}
+
+void SlotWriter::begin(uint16_t generation) {
+  crc_ = Crc32();
+  generation_ = generation;
+  size_ = 0;
+}
+
+uint8_t SlotWriter::next(const Configuration& configuration) {
+  const uint8_t byte = content_at(size_, configuration);
+  if (size_ < kSlotCrcAt) {
+    crc_.add(byte);
+  }
+  ++size_;
+  return byte;
+}
+
+uint8_t SlotWriter::content_at(uint8_t offset, const Configuration& configuration) const {
+  uint8_t bytes[kSlotSize];
+  put_u16(bytes + kSlotMagicAt, kEepromMagic);
+  put_u8(bytes + kSlotLayoutAt, kEepromLayout);
+  put_u16(bytes + kSlotGenerationAt, generation_);
+  encode(configuration, bytes + kSlotConfigurationAt);
+  put_u32(bytes + kSlotCrcAt, crc_.value());
+  return bytes[offset];
+}
+
+}  // namespace ccr

@@ -1,0 +1,55 @@
+// One of the two places in EEPROM that hold a configuration.
+#ifndef CCR_CONFIG_SLOT_H
+#define CCR_CONFIG_SLOT_H
+
+#include <stdint.h>
+
+#include "configuration.h"
+#include "crc32.h"
+#include "hardware.h"
+
+namespace ccr {
+
+enum class SlotContent : uint8_t { kBlank, kCorrupt, kGood };
+
+constexpr uint8_t kSlotMagicAt = 0;
+constexpr uint8_t kSlotLayoutAt = 2;
+constexpr uint8_t kSlotGenerationAt = 3;
+constexpr uint8_t kSlotConfigurationAt = 5;
+constexpr uint8_t kSlotCrcAt = kSlotConfigurationAt + kConfigurationSize;
+constexpr uint8_t kSlotSize = kSlotCrcAt + sizeof(uint32_t);
+
+static_assert(kSlotSize == kEepromSlotSize, "as the spec says");
+static_assert(kEepromSlotA + kSlotSize <= kEepromSlotB, "slots do not overlap");
+static_assert(kEepromSlotB + kSlotSize <= kEepromBootCounter, "nor does the boot counter");
+static_assert(kEepromBootCounter + sizeof(uint16_t) <= kEepromSize, "all fits");
+
+/// Generation and configuration are only good where the content is.
+SlotContent read_slot(Hardware& hardware, uint16_t address, uint16_t& generation,
+                      Configuration& configuration);
+
+/// Is `generation` newer than `other`, modulo 65536?
+constexpr bool is_newer(uint16_t generation, uint16_t other) {
+  return generation != other && static_cast<uint16_t>(generation - other) < 0x8000U;
+}
+
+/// Makes the bytes of a slot one after the other.
+class SlotWriter {
+ public:
+  void begin(uint16_t generation);
+  bool is_done() const { return size_ == kSlotSize; }
+  /// Bytes made so far.
+  uint8_t size() const { return size_; }
+  uint8_t next(const Configuration& configuration);
+
+ private:
+  uint8_t content_at(uint8_t offset, const Configuration& configuration) const;
+
+  Crc32 crc_;
+  uint16_t generation_ = 0;
+  uint8_t size_ = 0;
+};
+
+}  // namespace ccr
+
+#endif

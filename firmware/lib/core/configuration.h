@@ -1,0 +1,41 @@
+// The configuration in use: four groups, each whole or missing.
+#ifndef CCR_CONFIGURATION_H
+#define CCR_CONFIGURATION_H
+
+#include <stdint.h>
+
+#include "ccr_messages.h"
+
+namespace ccr {
+
+constexpr uint8_t kAllGroups = config_groups::kLimits | config_groups::kSlew |
+                               config_groups::kWatchdog | config_groups::kCalibration;
+
+/// A missing group is all zeros.
+struct Configuration {
+  Limits limits;
+  Slew slew;
+  Watchdog watchdog;
+  Calibration calibration;
+  uint8_t missing_groups;
+
+  bool is_complete() const { return missing_groups == 0; }
+};
+
+constexpr uint8_t kLimitsAt = 0;
+constexpr uint8_t kSlewAt = kLimitsAt + Limits::kSize;
+constexpr uint8_t kWatchdogAt = kSlewAt + Slew::kSize;
+constexpr uint8_t kCalibrationAt = kWatchdogAt + Watchdog::kSize;
+constexpr uint8_t kConfigurationSize = kCalibrationAt + Calibration::kSize;
+
+Configuration empty_configuration();
+
+/// The groups as they lie in EEPROM.
+void encode(const Configuration& configuration, uint8_t* bytes);
+
+/// False, and nothing is promised of the configuration, where a value may not be used.
+bool decode(const uint8_t* bytes, Configuration& configuration);
+
+}  // namespace ccr
+
+#endif

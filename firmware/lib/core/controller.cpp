@@ -1,0 +1,177 @@
+#include "controller.h"
+
+#include "ticks.h"
+
+namespace ccr {
+
+Controller::Controller(Hardware& hardware, ResetCause cause, uint32_t first_tick)
+    : store_(hardware),
+      configuration_(empty_configuration()),
+      eeprom_status_(store_.load(configuration_)),
+      boot_id_(store_.count_boot()),
+      ticks_(first_tick),
+      safety_(cause),
+      setpoints_{Setpoint(configuration_.limits.rest_cdeg[0]),
+                 Setpoint(configuration_.limits.rest_cdeg[1])},
+      reported_setpoint_cdeg_{setpoints_[0].cdeg(), setpoints_[1].cdeg()} {}
+
+Pulses Controller::tick() {
+  ++ticks_;
+  target_.count();
+  make_transition();
+  move_setpoints();
+  compute_pulses();
+  write_eeprom();
+  return pulses_;
+}
+
+void Controller::accept_target(const SetTarget& target, uint8_t sequence) {
+  const Limits& limits = configuration_.limits;
+  const uint16_t ramp_ticks = ticks_of_ms(target.ramp_ms);
+  bool was_clamped = false;
+  for (uint8_t axis = 0; axis < kAxes; ++axis) {
+    const int16_t accepted = clamped(target.target_cdeg[axis], limits.angle_min_cdeg[axis],
+                                     limits.angle_max_cdeg[axis]);
+    was_clamped = was_clamped || accepted != target.target_cdeg[axis];
+    setpoints_[axis].aim_at(accepted, ramp_ticks);
+  }
+  target_.accept(sequence, was_clamped);
+  safety_.accept_target(target.validity_ms);
+  ++counts_.targets_accepted;
+  if (was_clamped) {
+    ++counts_.targets_clamped;
+  }
+}
+
+void Controller::set(const Limits& limits) {
+  configuration_.limits = limits;
+  for (uint8_t axis = 0; axis < kAxes; ++axis) {
+    setpoints_[axis].clamp(limits.angle_min_cdeg[axis], limits.angle_max_cdeg[axis]);
+  }
+  note_change(config_groups::kLimits);
+}
+
+void Controller::set(const Slew& slew) {
+  configuration_.slew = slew;
+  note_change(config_groups::kSlew);
+}
+
+void Controller::set(const Watchdog& watchdog) {
+  configuration_.watchdog = watchdog;
+  note_change(config_groups::kWatchdog);
+}
+
+void Controller::set(const Calibration& calibration) {
+  configuration_.calibration = calibration;
+  note_change(config_groups::kCalibration);
+}
+
+uint8_t Controller::flags() const {
+  uint8_t flags = 0;
+  const auto add = [&flags](bool is_set, uint8_t flag) {
+    flags = static_cast<uint8_t>(flags | (is_set ? flag : 0));
+  };
+  add(pulses_.half_us[0] != kNoPulse, status_flags::kAxis1Pulses);
+  add(pulses_.half_us[1] != kNoPulse, status_flags::kAxis2Pulses);
+  add(is_moving_, status_flags::kMoving);
+  add(target_.was_clamped(), status_flags::kClamped);
+  add(store_.is_saving(), status_flags::kEepromBusy);
+  add(configuration_.is_complete(), status_flags::kConfigured);
+  add(is_unsaved_, status_flags::kUnsaved);
+  return flags;
+}
+
+void Controller::fill(StateReport& report) const {
+  report.tick = ticks_;
+  report.state = safety_.state();
+  report.fault = safety_.fault();
+  report.flags = flags();
+  report.target_sequence = target_.sequence();
+  report.target_age_ms = target_.age_ms();
+  for (uint8_t axis = 0; axis < kAxes; ++axis) {
+    report.target_cdeg[axis] = target_cdeg(axis);
+    report.setpoint_cdeg[axis] = reported_setpoint_cdeg_[axis];
+    report.pulse_half_us[axis] = pulses_.half_us[axis];
+  }
+}
+
+void Controller::make_transition() {
+  const State before = safety_.state();
+  safety_.tick(is_at_rest(), configuration_.watchdog);
+  const State after = safety_.state();
+  if (before == State::kActive && after == State::kHold) {
+    ++counts_.holds;
+  }
+  if (before != State::kRelaxing && after == State::kRelaxing) {
+    ++counts_.relaxes;
+  }
+}
+
+void Controller::move_setpoints() {
+  is_moving_ = false;
+  for (uint8_t axis = 0; axis < kAxes; ++axis) {
+    Setpoint& setpoint = setpoints_[axis];
+    if (safety_.state() == State::kActive) {
+      setpoint.follow_ramp(configuration_.slew.slew_cdeg_tick[axis]);
+      is_moving_ = is_moving_ || setpoint.cdeg() != setpoint.target_cdeg();
+    } else if (safety_.leads_to_rest()) {
+      lead_to_rest(axis);
+    }
+    reported_setpoint_cdeg_[axis] = setpoint.cdeg();
+  }
+}
+
+void Controller::lead_to_rest(uint8_t axis) {
+  const uint16_t slew = configuration_.slew.slew_cdeg_tick[axis];
+  const uint16_t relax_slew = configuration_.watchdog.relax_slew_cdeg_tick;
+  const int16_t rest_cdeg = configuration_.limits.rest_cdeg[axis];
+  setpoints_[axis].step_towards(rest_cdeg, slew < relax_slew ? slew : relax_slew);
+  is_moving_ = is_moving_ || setpoints_[axis].cdeg() != rest_cdeg;
+}
+
+void Controller::compute_pulses() {
+  const Calibration& calibration = configuration_.calibration;
+  pulses_ = Pulses{};
+  for (uint8_t axis = 0; axis < kAxes; ++axis) {
+    if (!safety_.allows_pulses(axis)) {
+      continue;
+    }
+    const uint16_t pulse = pulse_half_us(calibration, axis, setpoints_[axis].cdeg());
+    if (!is_allowed_pulse(calibration, axis, pulse)) {
+      safety_.raise(Fault::kInternal);
+      pulses_ = Pulses{};
+      return;
+    }
+    pulses_.half_us[axis] = pulse;
+  }
+}
+
+void Controller::write_eeprom() {
+  switch (store_.continue_save(configuration_)) {
+    case ConfigStore::Step::kNothing:
+      break;
+    case ConfigStore::Step::kFinished:
+      is_unsaved_ = false;
+      ++counts_.saves;
+      break;
+    case ConfigStore::Step::kFailed:
+      safety_.raise(Fault::kEepromFailed);
+      break;
+  }
+}
+
+bool Controller::is_at_rest() const {
+  for (uint8_t axis = 0; axis < kAxes; ++axis) {
+    if (setpoints_[axis].cdeg() != configuration_.limits.rest_cdeg[axis]) {
+      return false;
+    }
+  }
+  return true;
+}
+
+void Controller::note_change(uint8_t group) {
+  configuration_.missing_groups = static_cast<uint8_t>(configuration_.missing_groups & ~group);
+  is_unsaved_ = true;
+}
+
+}  // namespace ccr

@@ -1,0 +1,90 @@
+// What the board does in a control tick and what a request makes it do, without any bytes.
+#ifndef CCR_CONTROLLER_H
+#define CCR_CONTROLLER_H
+
+#include <stdint.h>
+
+#include "axes.h"
+#include "ccr_messages.h"
+#include "config_store.h"
+#include "configuration.h"
+#include "hardware.h"
+#include "pulses.h"
+#include "safety.h"
+#include "setpoint.h"
+#include "target_record.h"
+
+namespace ccr {
+
+class Controller {
+ public:
+  /// Loads the configuration and counts the boot.
+  Controller(Hardware& hardware, ResetCause cause, uint32_t first_tick);
+
+  /// One control tick but for its report (TIM-4).
+  Pulses tick();
+
+  /// Requests that have passed all checks.
+  void arm() { safety_.arm(configuration_.watchdog); }
+  void disarm() { safety_.disarm(); }
+  void stop() { safety_.stop(); }
+  void clear_fault() { safety_.clear(); }
+  void accept_target(const SetTarget& target, uint8_t sequence);
+  void set(const Limits& limits);
+  void set(const Slew& slew);
+  void set(const Watchdog& watchdog);
+  void set(const Calibration& calibration);
+  void begin_save() { store_.begin_save(); }
+
+  void raise_fault(Fault fault) { safety_.raise(fault); }
+
+  const Configuration& configuration() const { return configuration_; }
+  bool is_saving() const { return store_.is_saving(); }
+  State state() const { return safety_.state(); }
+  uint16_t boot_id() const { return boot_id_; }
+  EepromStatus eeprom_status() const { return eeprom_status_; }
+  int16_t target_cdeg(uint8_t axis) const { return setpoints_[axis].target_cdeg(); }
+
+  /// `status_flags` but for the session's.
+  uint8_t flags() const;
+  /// All but what the link knows.
+  void fill(StateReport& report) const;
+
+  /// Those of the counters that are counted here; they wrap.
+  struct Counts {
+    uint32_t targets_accepted;
+    uint16_t targets_clamped;
+    uint16_t holds;
+    uint16_t relaxes;
+    uint16_t saves;
+  };
+  const Counts& counts() const { return counts_; }
+
+ private:
+  void make_transition();
+  void move_setpoints();
+  void lead_to_rest(uint8_t axis);
+  void compute_pulses();
+  void write_eeprom();
+  bool is_at_rest() const;
+  void note_change(uint8_t group);
+
+  ConfigStore store_;
+  Configuration configuration_;
+  EepromStatus eeprom_status_;
+  uint16_t boot_id_;
+  uint32_t ticks_;
+  Safety safety_;
+  Setpoint setpoints_[kAxes];
+  TargetRecord target_;
+  Counts counts_ = {};
+  /// As of the last tick.
+  int16_t reported_setpoint_cdeg_[kAxes];
+  Pulses pulses_ = {};
+  bool is_moving_ = false;
+  bool is_unsaved_ = false;
+};
+
+}  // namespace ccr
+
+#endif

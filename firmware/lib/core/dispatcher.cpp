@@ -1,0 +1,297 @@
+#include "dispatcher.h"
+
+#include "axes.h"
+#include "little_endian.h"
+
+namespace ccr {
+
+void Dispatcher::receive(Received received, const FrameDecoder& frame) {
+  counters_.count(received);
+  if (received != Received::kFrame) {
+    return;
+  }
+  if (session_.retries.holds(frame)) {
+    ++counters_.repeats_answered;
+    send(frame.sequence(), session_.retries.answer());
+    return;
+  }
+  dispatch(frame);
+}
+
+void Dispatcher::end_tick() {
+  session_.retries.count();
+  if (session_.telemetry.is_due()) {
+    send(session_.telemetry.take_sequence(), Telemetry{state_report()});
+  }
+}
+
+void Dispatcher::dispatch(const FrameDecoder& frame) {
+  switch (frame.id()) {
+    case Hello::kId:
+      return handle<Hello>(frame);
+    case OpenSession::kId:
+      return handle<OpenSession>(frame);
+    case ClockSync::kId:
+      return handle<ClockSync>(frame);
+    case GetState::kId:
+      return handle<GetState>(frame);
+    case GetCounters::kId:
+      return handle<GetCounters>(frame);
+    case SetTelemetry::kId:
+      return handle<SetTelemetry>(frame);
+    case Arm::kId:
+      return handle<Arm>(frame);
+    case Disarm::kId:
+      return handle<Disarm>(frame);
+    case Stop::kId:
+      return handle<Stop>(frame);
+    case ClearFault::kId:
+      return handle<ClearFault>(frame);
+    case SetTarget::kId:
+      return handle<SetTarget>(frame);
+    case GetLimits::kId:
+      return handle<GetLimits>(frame);
+    case SetLimits::kId:
+      return handle<SetLimits>(frame);
+    case GetSlew::kId:
+      return handle<GetSlew>(frame);
+    case SetSlew::kId:
+      return handle<SetSlew>(frame);
+    case GetWatchdog::kId:
+      return handle<GetWatchdog>(frame);
+    case SetWatchdog::kId:
+      return handle<SetWatchdog>(frame);
+    case GetCalibration::kId:
+      return handle<GetCalibration>(frame);
+    case SetCalibration::kId:
+      return handle<SetCalibration>(frame);
+    case SaveConfig::kId:
+      return handle<SaveConfig>(frame);
+    default:
+      return refuse(frame, Refusal{NackCode::kUnknownId, 0});
+  }
+}
+
+template <typename Request>
+void Dispatcher::handle(const FrameDecoder& frame) {
+  Request request = {};
+  const Refusal refusal = check(frame, request);
+  if (refusal.code == kGranted) {
+    execute(frame, request);
+  } else {
+    refuse(frame, refusal);
+  }
+}
+
+template <typename Request>
+Dispatcher::Refusal Dispatcher::check(const FrameDecoder& frame, Request& request) const {
+  // Looked up by the compiler: on an AVR a table that is read at run time lies in RAM.
+  constexpr RequestRule rule = *find_request(Request::kId);
+  const Refusal refusal =
+      check_admission(frame, rule.size, rule.needs_session, rule.allowed_states);
+  if (refusal.code != kGranted) {
+    return refusal;
+  }
+  if (decode(frame.payload(), frame.payload_size(), request) != Reading::kOk) {
+    return Refusal{NackCode::kBadLength, 0};
+  }
+  const int8_t field = first_out_of_range(request);
+  if (field != kNone) {
+    return Refusal{NackCode::kOutOfRange, static_cast<uint8_t>(field)};
+  }
+  const int8_t axis = inconsistent_axis(request);
+  if (axis != kNone) {
+    return Refusal{NackCode::kInconsistent, static_cast<uint8_t>(axis)};
+  }
+  return check_particular(request);
+}
+
+Dispatcher::Refusal Dispatcher::check_admission(const FrameDecoder& frame, uint8_t size,
+                                                bool needs_session,
+                                                uint16_t allowed_states) const {
+  if (frame.payload_size() != size) {
+    return Refusal{NackCode::kBadLength, 0};
+  }
+  // Whatever needs a session begins with it.
+  if (needs_session && (!session_.is_open() || get_u16(frame.payload()) != session_.number)) {
+    return Refusal{NackCode::kBadSession, 0};
+  }
+  if ((allowed_states & state_bit(controller_.state())) == 0) {
+    return Refusal{NackCode::kBadState, static_cast<uint8_t>(controller_.state())};
+  }
+  return Refusal{kGranted, 0};
+}
+
+Dispatcher::Refusal Dispatcher::check_particular(const OpenSession& request) const {
+  return Refusal{request.spec_hash == kSpecHash ? kGranted : NackCode::kSpecMismatch, 0};
+}
+
+Dispatcher::Refusal Dispatcher::check_configured() const {
+  const uint8_t missing = controller_.configuration().missing_groups;
+  return missing != 0 ? Refusal{NackCode::kNotConfigured, missing} : check_not_saving();
+}
+
+Dispatcher::Refusal Dispatcher::check_not_saving() const {
+  return Refusal{controller_.is_saving() ? NackCode::kBusy : kGranted, 0};
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const Hello&) {
+  HelloReply reply;
+  reply.protocol_version = kProtocolVersion;
+  reply.spec_hash = kSpecHash;
+  for (uint8_t part = 0; part < sizeof(kFirmwareVersion); ++part) {
+    reply.firmware_version[part] = kFirmwareVersion[part];
+  }
+  reply.boot_id = controller_.boot_id();
+  reply.reset_cause = cause_;
+  reply.eeprom_status = controller_.eeprom_status();
+  reply.capabilities = hardware_.capabilities();
+  reply.axes = kAxes;
+  reply.max_payload = kMaxPayload;
+  reply.tick_us = kTickUs;
+  send(frame.sequence(), reply);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const OpenSession& request) {
+  session_.open(request.session);
+  send(frame.sequence(), SessionReply{request.session, controller_.boot_id(), controller_.state()});
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const ClockSync& request) {
+  send(frame.sequence(), ClockReply{request.host_time_us, hardware_.time_us()});
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const GetState&) {
+  send(frame.sequence(), StateReply{state_report()});
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const GetCounters&) {
+  const Controller::Counts& counts = controller_.counts();
+  CountersReply reply;
+  reply.frames_accepted = counters_.frames_accepted;
+  reply.bad_crc = counters_.bad_crc;
+  reply.bad_encoding = counters_.bad_encoding;
+  reply.bad_size = counters_.bad_size;
+  reply.overruns = counters_.overruns;
+  reply.replies_dropped = counters_.replies_dropped;
+  reply.nacks = counters_.nacks;
+  reply.repeats_answered = counters_.repeats_answered;
+  reply.targets_accepted = counts.targets_accepted;
+  reply.targets_clamped = counts.targets_clamped;
+  reply.holds = counts.holds;
+  reply.relaxes = counts.relaxes;
+  reply.saves = counts.saves;
+  send(frame.sequence(), reply);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const SetTelemetry& request) {
+  session_.telemetry.start(request.period_ticks);
+  acknowledge(frame);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const Arm&) {
+  controller_.arm();
+  acknowledge(frame);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const Disarm&) {
+  controller_.disarm();
+  acknowledge(frame);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const Stop&) {
+  controller_.stop();
+  send(frame.sequence(), Ack{Stop::kId, controller_.state()});
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const ClearFault&) {
+  controller_.clear_fault();
+  acknowledge(frame);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const SetTarget& request) {
+  controller_.accept_target(request, frame.sequence());
+  send(frame.sequence(), TargetReply{controller_.state(), flags(),
+                                     {controller_.target_cdeg(0), controller_.target_cdeg(1)}});
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const GetLimits&) {
+  send(frame.sequence(), LimitsReply{controller_.configuration().limits});
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const SetLimits& request) {
+  controller_.set(request.limits);
+  acknowledge(frame);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const GetSlew&) {
+  send(frame.sequence(), SlewReply{controller_.configuration().slew});
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const SetSlew& request) {
+  controller_.set(request.slew);
+  acknowledge(frame);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const GetWatchdog&) {
+  send(frame.sequence(), WatchdogReply{controller_.configuration().watchdog});
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const SetWatchdog& request) {
+  controller_.set(request.watchdog);
+  acknowledge(frame);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const GetCalibration&) {
+  send(frame.sequence(), CalibrationReply{controller_.configuration().calibration});
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const SetCalibration& request) {
+  controller_.set(request.calibration);
+  acknowledge(frame);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const SaveConfig&) {
+  controller_.begin_save();
+  acknowledge(frame);
+}
+
+void Dispatcher::refuse(const FrameDecoder& frame, Refusal refusal) {
+  ++counters_.nacks;
+  send(frame.sequence(), Nack{frame.id(), refusal.code, refusal.detail});
+}
+
+void Dispatcher::acknowledge(const FrameDecoder& frame) {
+  session_.retries.remember(frame, controller_.state());
+  send(frame.sequence(), session_.retries.answer());
+}
+
+template <typename Reply>
+void Dispatcher::send(uint8_t sequence, const Reply& reply) {
+  uint8_t wire[wire_size(Reply::kSize)];
+  encode(reply, wire + kPayloadAt);
+  send_frame(Reply::kId, sequence, Reply::kSize, wire);
+}
+
+void Dispatcher::send_frame(uint8_t id, uint8_t sequence, uint8_t payload_size, uint8_t* wire) {
+  const uint8_t size = close_frame(id, sequence, payload_size, wire);
+  if (!hardware_.send(wire, size)) {
+    ++counters_.replies_dropped;
+  }
+}
+
+uint8_t Dispatcher::flags() const {
+  const uint8_t session_flag = session_.is_open() ? status_flags::kSessionOpen : uint8_t{0};
+  return static_cast<uint8_t>(controller_.flags() | session_flag);
+}
+
+StateReport Dispatcher::state_report() const {
+  StateReport report;
+  controller_.fill(report);
+  report.flags = flags();
+  report.link_errors = counters_.link_errors();
+  report.free_stack_bytes = hardware_.least_free_stack();
+  return report;
+}
+
+}  // namespace ccr

@@ -1,0 +1,100 @@
+// From a request to its answer: the checks in their order (REQ-2), then the deed.
+#ifndef CCR_DISPATCHER_H
+#define CCR_DISPATCHER_H
+
+#include <stdint.h>
+
+#include "ccr_messages.h"
+#include "controller.h"
+#include "frame.h"
+#include "hardware.h"
+#include "link_counters.h"
+#include "session.h"
+
+namespace ccr {
+
+class Dispatcher {
+ public:
+  Dispatcher(Controller& controller, Hardware& hardware, ResetCause cause)
+      : controller_(controller), hardware_(hardware), cause_(cause) {}
+
+  /// Counts what was received and answers it where it is a request.
+  void receive(Received received, const FrameDecoder& frame);
+  /// Telemetry, and one tick more of what is counted in ticks.
+  void end_tick();
+  void count_overruns(uint16_t bytes) {
+    counters_.overruns = static_cast<uint16_t>(counters_.overruns + bytes);
+  }
+
+ private:
+  struct Refusal {
+    NackCode code;
+    uint8_t detail;
+  };
+  static constexpr NackCode kGranted = static_cast<NackCode>(0);
+  static_assert(!is_nack_code(static_cast<uint8_t>(kGranted)), "no code of a refusal");
+
+  void dispatch(const FrameDecoder& frame);
+  template <typename Request>
+  void handle(const FrameDecoder& frame);
+  template <typename Request>
+  Refusal check(const FrameDecoder& frame, Request& request) const;
+
+  /// Length, session and state.
+  Refusal check_admission(const FrameDecoder& frame, uint8_t size, bool needs_session,
+                          uint16_t allowed_states) const;
+
+  /// What is particular to a request; most have nothing.
+  template <typename Request>
+  Refusal check_particular(const Request&) const {
+    return Refusal{kGranted, 0};
+  }
+  Refusal check_particular(const OpenSession& request) const;
+  Refusal check_particular(const Arm&) const { return check_configured(); }
+  Refusal check_particular(const SaveConfig&) const { return check_configured(); }
+  Refusal check_particular(const SetLimits&) const { return check_not_saving(); }
+  Refusal check_particular(const SetSlew&) const { return check_not_saving(); }
+  Refusal check_particular(const SetWatchdog&) const { return check_not_saving(); }
+  Refusal check_particular(const SetCalibration&) const { return check_not_saving(); }
+  Refusal check_configured() const;
+  Refusal check_not_saving() const;
+
+  void execute(const FrameDecoder& frame, const Hello&);
+  void execute(const FrameDecoder& frame, const OpenSession& request);
+  void execute(const FrameDecoder& frame, const ClockSync& request);
+  void execute(const FrameDecoder& frame, const GetState&);
+  void execute(const FrameDecoder& frame, const GetCounters&);
+  void execute(const FrameDecoder& frame, const SetTelemetry& request);
+  void execute(const FrameDecoder& frame, const Arm&);
+  void execute(const FrameDecoder& frame, const Disarm&);
+  void execute(const FrameDecoder& frame, const Stop&);
+  void execute(const FrameDecoder& frame, const ClearFault&);
+  void execute(const FrameDecoder& frame, const SetTarget& request);
+  void execute(const FrameDecoder& frame, const GetLimits&);
+  void execute(const FrameDecoder& frame, const SetLimits& request);
+  void execute(const FrameDecoder& frame, const GetSlew&);
+  void execute(const FrameDecoder& frame, const SetSlew& request);
+  void execute(const FrameDecoder& frame, const GetWatchdog&);
+  void execute(const FrameDecoder& frame, const SetWatchdog& request);
+  void execute(const FrameDecoder& frame, const GetCalibration&);
+  void execute(const FrameDecoder& frame, const SetCalibration& request);
+  void execute(const FrameDecoder& frame, const SaveConfig&);
+
+  void refuse(const FrameDecoder& frame, Refusal refusal);
+  void acknowledge(const FrameDecoder& frame);
+  template <typename Reply>
+  void send(uint8_t sequence, const Reply& reply);
+  void send_frame(uint8_t id, uint8_t sequence, uint8_t payload_size, uint8_t* wire);
+  uint8_t flags() const;
+  StateReport state_report() const;
+
+  Controller& controller_;
+  Hardware& hardware_;
+  ResetCause cause_;
+  Session session_;
+  LinkCounters counters_ = {};
+};
+
+}  // namespace ccr
+
+#endif

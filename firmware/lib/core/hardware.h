@@ -1,0 +1,38 @@
+// What the core needs from the board it runs on.
+#ifndef CCR_HARDWARE_H
+#define CCR_HARDWARE_H
+
+#include <stdint.h>
+
+namespace ccr {
+
+class Hardware {
+ public:
+  /// Bits of `capabilities`.
+  virtual uint16_t capabilities() = 0;
+
+  /// Since the reset; wraps.
+  virtual uint32_t time_us() = 0;
+
+  /// Queues a frame, whole or not at all; false where it does not fit.
+  virtual bool send(const uint8_t* frame, uint8_t size) = 0;
+
+  /// May EEPROM be read or written without waiting?
+  virtual bool is_eeprom_ready() = 0;
+  virtual uint8_t read_eeprom(uint16_t address) = 0;
+  /// Starts to write a byte.
+  virtual void write_eeprom(uint16_t address, uint8_t byte) = 0;
+
+  /// Least free stack so far; `kStackNotMeasured` where nobody knows.
+  virtual uint16_t least_free_stack() = 0;
+
+ protected:
+  // Nobody owns hardware through this class; a virtual destructor would pull in a heap.
+  ~Hardware() = default;
+};
+
+constexpr uint16_t kStackNotMeasured = 0xFFFF;
+
+}  // namespace ccr
+
+#endif

@@ -1,0 +1,41 @@
+#include "pulses.h"
+
+namespace ccr {
+
+namespace {
+
+constexpr int16_t kReferenceCdeg = 9000;
+
+/// Halves away from zero.
+int32_t rounded_quotient(int32_t dividend, int16_t divisor) {
+  const int32_t half = divisor / 2;
+  return (dividend < 0 ? dividend - half : dividend + half) / divisor;
+}
+static_assert(kReferenceCdeg % 2 == 0, "half of it is whole");
+
+}  // namespace
+
+uint16_t pulse_half_us(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg) {
+  const int32_t change =
+      rounded_quotient(static_cast<int32_t>(angle_cdeg) * calibration.per_90_deg_half_us[axis],
+                       kReferenceCdeg);
+  const int32_t pulse = calibration.neutral_half_us[axis] + change;
+  const uint16_t least = calibration.pulse_min_half_us[axis] > kPulseFloorHalfUs
+                             ? calibration.pulse_min_half_us[axis]
+                             : kPulseFloorHalfUs;
+  const uint16_t greatest = calibration.pulse_max_half_us[axis] < kPulseCeilingHalfUs
+                                ? calibration.pulse_max_half_us[axis]
+                                : kPulseCeilingHalfUs;
+  if (pulse < least) {
+    return least;
+  }
+  return pulse > greatest ? greatest : static_cast<uint16_t>(pulse);
+}
+
+bool is_allowed_pulse(const Calibration& calibration, uint8_t axis, uint16_t half_us) {
+  return half_us >= kPulseFloorHalfUs && half_us <= kPulseCeilingHalfUs &&
+         half_us >= calibration.pulse_min_half_us[axis] &&
+         half_us <= calibration.pulse_max_half_us[axis];
+}
+
+}  // namespace ccr

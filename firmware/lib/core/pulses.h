@@ -1,0 +1,26 @@
+// From an angle to the width of a servo pulse.
+#ifndef CCR_PULSES_H
+#define CCR_PULSES_H
+
+#include <stdint.h>
+
+#include "axes.h"
+#include "ccr_messages.h"
+
+namespace ccr {
+
+constexpr uint16_t kNoPulse = 0;
+
+struct Pulses {
+  uint16_t half_us[kAxes];
+};
+
+/// PUL-1.
+uint16_t pulse_half_us(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg);
+
+/// Is this what the calibration and the spec allow a servo to get?
+bool is_allowed_pulse(const Calibration& calibration, uint8_t axis, uint16_t half_us);
+
+}  // namespace ccr
+
+#endif

@@ -1,0 +1,94 @@
+// Puts the board together and runs it.
+//
+// There is a `main` of our own although the framework is Arduino's: its own one would start Timer0
+// with an interrupt every millisecond, which this firmware has no use for, and set Timer1 and
+// Timer2, which it has.
+
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <avr/sleep.h>
+
+#include "board.h"
+#include "frame_timer.h"
+#include "reset_cause.h"
+#include "stack_monitor.h"
+#include "uart.h"
+#include "uno_hardware.h"
+#include "watchdog.h"
+
+#ifndef CCR_TICK_AT_RESET
+#define CCR_TICK_AT_RESET 0UL
+#endif
+
+namespace {
+
+/// Only the processor sleeps: timers and UART go on.
+constexpr uint8_t kSleepIdle = _BV(SE);
+
+/// The deepest interrupt takes less; what it needs beyond is spare.
+constexpr uint16_t kLeastFreeStack = 64;
+
+struct Firmware {
+  uno::StackMonitor stack;
+  uno::UnoHardware hardware;
+  ccr::Board board;
+  uno::ProgressWatchdog watchdog;
+
+  explicit Firmware(ccr::ResetCause reset_cause)
+      : hardware(stack), board(hardware, reset_cause, CCR_TICK_AT_RESET) {}
+
+  void run_tick() {
+    stack.look_further();
+    if (stack.least_free() < kLeastFreeStack) {
+      board.raise_fault(ccr::Fault::kStackLow);
+    }
+    uno::frame_timer::prepare(board.tick());
+    board.report();
+    uno::frame_timer::finish_tick();
+    if (uno::frame_timer::take_overrun()) {
+      board.raise_fault(ccr::Fault::kTickOverrun);
+    }
+    watchdog.note_tick();
+  }
+
+  void receive_byte() {
+    board.on_byte(uno::uart::take_byte());
+    board.count_overruns(uno::uart::take_lost_bytes());
+    watchdog.note_receiver();
+  }
+};
+
+/// Interrupts are off between the last look and the sleep, so that none is slept through: the
+/// instruction after `sei` still runs before any interrupt.
+void sleep_unless_needed() {
+  cli();
+  if (!uno::frame_timer::is_tick_due() && !uno::uart::has_received()) {
+    SMCR = kSleepIdle;
+    sei();
+    sleep_cpu();
+    SMCR = 0;
+  }
+  sei();
+}
+
+}  // namespace
+
+int main() {
+  const ccr::ResetCause reset_cause = uno::find_reset_cause();
+  uno::uart::start();
+  uno::frame_timer::enable_interrupts();
+  sei();
+
+  static Firmware firmware(reset_cause);
+  for (;;) {
+    if (uno::frame_timer::is_tick_due()) {
+      firmware.run_tick();
+    } else if (uno::uart::has_received()) {
+      firmware.receive_byte();
+    } else {
+      firmware.watchdog.note_receiver();
+      sleep_unless_needed();
+    }
+    firmware.watchdog.feed_if_both_progressed();
+  }
+}

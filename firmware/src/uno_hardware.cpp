@@ -1,0 +1,39 @@
+#include "uno_hardware.h"
+
+#include <avr/eeprom.h>
+
+#include "ccr_messages.h"
+#include "frame_timer.h"
+#include "uart.h"
+
+namespace uno {
+
+namespace {
+
+uint8_t* eeprom_pointer(uint16_t address) { return reinterpret_cast<uint8_t*>(address); }
+
+}  // namespace
+
+uint16_t UnoHardware::capabilities() {
+  return ccr::capabilities::kEeprom | ccr::capabilities::kHardwarePulses |
+         ccr::capabilities::kStackMonitor;
+}
+
+uint32_t UnoHardware::time_us() { return frame_timer::now_us(); }
+
+bool UnoHardware::send(const uint8_t* frame, uint8_t size) { return uart::send(frame, size); }
+
+bool UnoHardware::is_eeprom_ready() { return eeprom_is_ready(); }
+
+// Both wait while a byte is being written: at the start, if a reset came in the midst of a save.
+uint8_t UnoHardware::read_eeprom(uint16_t address) {
+  return eeprom_read_byte(eeprom_pointer(address));
+}
+
+void UnoHardware::write_eeprom(uint16_t address, uint8_t byte) {
+  eeprom_write_byte(eeprom_pointer(address), byte);
+}
+
+uint16_t UnoHardware::least_free_stack() { return stack_.least_free(); }
+
+}  // namespace uno

@@ -1,0 +1,30 @@
+// The UNO as the core sees it.
+#ifndef CCR_UNO_HARDWARE_H
+#define CCR_UNO_HARDWARE_H
+
+#include <stdint.h>
+
+#include "hardware.h"
+#include "stack_monitor.h"
+
+namespace uno {
+
+class UnoHardware final : public ccr::Hardware {
+ public:
+  explicit UnoHardware(const StackMonitor& stack) : stack_(stack) {}
+
+  uint16_t capabilities() override;
+  uint32_t time_us() override;
+  bool send(const uint8_t* frame, uint8_t size) override;
+  bool is_eeprom_ready() override;
+  uint8_t read_eeprom(uint16_t address) override;
+  void write_eeprom(uint16_t address, uint8_t byte) override;
+  uint16_t least_free_stack() override;
+
+ private:
+  const StackMonitor& stack_;
+};
+
+}  // namespace uno
+
+#endif

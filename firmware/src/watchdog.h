@@ -1,0 +1,20 @@
+// The hardware watchdog, 120 ms or six ticks, is fed once control tick and receiver made progress.
+#ifndef CCR_UNO_WATCHDOG_H
+#define CCR_UNO_WATCHDOG_H
+
+namespace uno {
+
+class ProgressWatchdog {
+ public:
+  void note_tick() { has_ticked_ = true; }
+  void note_receiver() { has_received_ = true; }
+  void feed_if_both_progressed();
+
+ private:
+  bool has_ticked_ = false;
+  bool has_received_ = false;
+};
+
+}  // namespace uno
+
+#endif

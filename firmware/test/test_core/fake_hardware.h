@@ -1,0 +1,45 @@
+// Hardware in memory, with what can go wrong with it.
+#pragma once
+
+#include <hardware.h>
+
+#include <array>
+#include <vector>
+
+using Bytes = std::vector<uint8_t>;
+using EepromImage = std::array<uint8_t, ccr::kEepromSize>;
+
+inline EepromImage erased_eeprom() {
+  EepromImage image;
+  image.fill(0xFF);
+  return image;
+}
+
+struct FakeHardware final : ccr::Hardware {
+  EepromImage eeprom = erased_eeprom();
+  Bytes sent;
+  uint32_t now_us = 0;
+  bool has_room = true;
+  bool is_eeprom_busy = false;
+  int worn_out_address = -1;
+  unsigned eeprom_writes = 0;
+  uint16_t free_stack = ccr::kStackNotMeasured;
+
+  uint16_t capabilities() override { return ccr::capabilities::kEeprom; }
+  uint32_t time_us() override { return now_us; }
+  bool send(const uint8_t* frame, uint8_t size) override {
+    if (has_room) {
+      sent.insert(sent.end(), frame, frame + size);
+    }
+    return has_room;
+  }
+  bool is_eeprom_ready() override { return !is_eeprom_busy; }
+  uint8_t read_eeprom(uint16_t address) override { return eeprom.at(address); }
+  void write_eeprom(uint16_t address, uint8_t byte) override {
+    ++eeprom_writes;
+    if (address != worn_out_address) {
+      eeprom.at(address) = byte;
+    }
+  }
+  uint16_t least_free_stack() override { return free_stack; }
+};

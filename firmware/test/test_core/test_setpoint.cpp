@@ -1,0 +1,146 @@
+// Targets on their way to pulses.
+#include <pulses.h>
+#include <setpoint.h>
+
+#include <cmath>
+#include <cstdlib>
+
+#include "test_bench.h"
+
+using namespace ccr;
+
+TEST_CASE("TGT-1: a target outside the limits is clamped and reported as clamped") {
+  Bench bench;
+  bench.make_armed();
+  const TargetReply outside = bench.target(18000, -18000);
+  CHECK(outside.target_cdeg[0] == 6000);
+  CHECK(outside.target_cdeg[1] == -9000);
+  CHECK((outside.flags & status_flags::kClamped) != 0);
+  const TargetReply inside = bench.target(6000, -9000);
+  CHECK((inside.flags & status_flags::kClamped) == 0);
+  CHECK(bench.counters().targets_accepted == 2);
+  CHECK(bench.counters().targets_clamped == 1);
+}
+
+TEST_CASE("TGT-2: the ramp is a straight line, its quotient rounded toward zero") {
+  for (const int16_t target : {int16_t{1000}, int16_t{-1000}, int16_t{7}, int16_t{-13500}}) {
+    Setpoint setpoint(300);
+    setpoint.aim_at(target, 7);
+    for (int tick = 1; tick <= 9; ++tick) {
+      setpoint.follow_ramp(30000);
+      const int part = tick < 7 ? (target - 300) * tick / 7 : target - 300;
+      CHECK(setpoint.cdeg() == 300 + part);
+    }
+  }
+}
+
+TEST_CASE("TGT-2: the longest way over the longest ramp does not overflow") {
+  Setpoint setpoint(-13500);
+  setpoint.aim_at(13500, 500);
+  int16_t before = -13500;
+  for (int tick = 1; tick <= 500; ++tick) {
+    setpoint.follow_ramp(2000);
+    CHECK(setpoint.cdeg() - before == 54);
+    before = setpoint.cdeg();
+  }
+  CHECK(setpoint.cdeg() == 13500);
+}
+
+TEST_CASE("TGT-2: without a ramp the setpoint aims at the target at once") {
+  Setpoint setpoint(0);
+  setpoint.aim_at(1500, 0);
+  setpoint.follow_ramp(2000);
+  CHECK(setpoint.cdeg() == 1500);
+}
+
+TEST_CASE("TGT-3: no tick moves the setpoint by more than the slew") {
+  Setpoint setpoint(-13500);
+  setpoint.aim_at(13500, 3);
+  for (int tick = 0; tick < 30; ++tick) {
+    const int before = setpoint.cdeg();
+    setpoint.follow_ramp(999);
+    CHECK(std::abs(setpoint.cdeg() - before) <= 999);
+  }
+  CHECK(setpoint.cdeg() == 13500);
+}
+
+TEST_CASE("TGT-4: the latest target replaces the one before, from where the setpoint is") {
+  Bench bench;
+  bench.make_armed();
+  bench.target(5000, 1000, 400);
+  bench.tick(5);
+  const int16_t turned_at = bench.report().setpoint_cdeg[0];
+  bench.target(0, 1000, 200);
+  const StateReport report = bench.report();
+  CHECK(report.target_cdeg[0] == 0);
+  CHECK(report.target_age_ms == 0);
+  bench.tick();
+  CHECK(bench.report().setpoint_cdeg[0] == turned_at - turned_at / 10);
+  CHECK(bench.report().target_age_ms == 20);
+}
+
+TEST_CASE("the age of a target stops at 65535") {
+  Bench bench;
+  CHECK(bench.report().target_age_ms == 65535);
+  bench.make_armed();
+  bench.target(0, 0);
+  bench.tick(3276);
+  CHECK(bench.report().target_age_ms == 65520);
+  bench.tick();
+  CHECK(bench.report().target_age_ms == 65535);
+  bench.tick(100);
+  CHECK(bench.report().target_age_ms == 65535);
+}
+
+TEST_CASE("PUL-1: pulses are rounded halves away from zero and clamped") {
+  const int16_t slopes[] = {-4000, -1801, -100, 100, 999, 2000, 4000};
+  for (const int16_t slope : slopes) {
+    const Calibration calibration = {{3000, 1000}, {slope, slope}, {1000, 1000}, {5000, 1001}};
+    for (int angle = -13500; angle <= 13500; ++angle) {
+      const double exact = std::round(angle * static_cast<double>(slope) / 9000.0);
+      const double expected = std::fmin(std::fmax(3000.0 + exact, 1000.0), 5000.0);
+      const uint16_t pulse = pulse_half_us(calibration, 0, static_cast<int16_t>(angle));
+      if (pulse != expected) {
+        CAPTURE(angle);
+        CHECK(pulse == expected);
+      }
+      if (!is_allowed_pulse(calibration, 1, pulse_half_us(calibration, 1, 5000))) {
+        FAIL("outside the calibration");
+      }
+    }
+  }
+}
+
+TEST_CASE("PUL-1: floor and ceiling hold whatever the calibration says") {
+  const Calibration absurd = {{3000, 3000}, {4000, 4000}, {0, 0}, {65535, 65535}};
+  CHECK(pulse_half_us(absurd, 0, 13500) == kPulseCeilingHalfUs);
+  CHECK(pulse_half_us(absurd, 0, -13500) == kPulseFloorHalfUs);
+}
+
+TEST_CASE("PUL-1: the calibration's limits are within floor and ceiling and hold for themselves") {
+  const Calibration narrow = {{3000, 3000}, {4000, -4000}, {2900, 2800}, {3100, 3200}};
+  CHECK(pulse_half_us(narrow, 0, -13500) == 2900);
+  CHECK(pulse_half_us(narrow, 0, 13500) == 3100);
+  CHECK(pulse_half_us(narrow, 1, 13500) == 2800);
+  CHECK(pulse_half_us(narrow, 1, -13500) == 3200);
+}
+
+TEST_CASE("the setpoint is moving until it has reached its goal") {
+  Bench bench;
+  bench.make_armed();
+  bench.target(1000, 1000);
+  const bool expected[] = {true, false, false};
+  for (const bool is_moving : expected) {
+    bench.tick();
+    CHECK(bench.has_flag(status_flags::kMoving) == is_moving);
+  }
+  bench.target(0, 1000, 0, 20);
+  bench.tick();
+  CHECK(bench.has_flag(status_flags::kMoving));
+  bench.tick();
+  CHECK(bench.state() == State::kHold);
+  CHECK_FALSE(bench.has_flag(status_flags::kMoving));
+  bench.acknowledged(Disarm{kSession});
+  bench.tick();
+  CHECK(bench.has_flag(status_flags::kMoving));
+}

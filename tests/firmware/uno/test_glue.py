@@ -1,0 +1,202 @@
+"""What the UNO's own part of the firmware has to do when things go wrong, on the simulated board.
+
+Hangs are made by patching the flash while the program runs: a function gets a jump to itself, and
+its first instruction back when the hang is to end.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+
+import pytest
+
+from ccr_host.link import messages as m
+from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
+from ccr_host.simavr.board import SimavrBoard
+from ccr_host.simavr.boot_loader import optiboot
+from ccr_host.simavr.flash_image import read_flash_image
+from ccr_host.simavr.mcu import CYCLES_PER_US
+from ccr_host.simavr.pulse_meter import Edge
+from tests.conformance.firmware_build import firmware_elf
+
+JUMP_TO_ITSELF = b"\xff\xcf"
+SESSION = 0x1234
+LIMITS = m.Limits((-9000, -9000), (9000, 9000), (0, 0))
+SLEW = m.Slew((500, 500))
+WATCHDOG = m.Watchdog(60000, 500, 20)
+CALIBRATION = m.Calibration((3000, 3000), (2000, 2000), (1000, 1000), (5000, 5000))
+BOOT_OVER_US = 121_000
+ANSWER_US = 3_000
+WATCHDOG_LATEST_US = 150_000
+BOOT_LOADER_US = 1_700_000
+
+
+class Uno:
+    """The simulated board with the firmware, and a host of few words."""
+
+    def __init__(self, **options: object) -> None:
+        image = read_flash_image(firmware_elf())
+        self.board = SimavrBoard(image, **options)  # type: ignore[arg-type]
+        self._sequence = 0
+
+    def wait(self, time_us: int) -> None:
+        self.board.advance_to(self.board.now_us + time_us)
+
+    def ask(self, request: m.Request) -> m.Message:
+        self._sequence = (self._sequence + 1) % 256
+        self.board.take_output()
+        self.board.receive(encode_frame(request.ID, self._sequence, request.pack()))
+        self.wait(ANSWER_US)
+        (frame,) = (f for f in FrameDecoder().feed(self.board.take_output()))
+        assert isinstance(frame, Frame)
+        return m.MESSAGES[frame.id].unpack(frame.payload)
+
+    def hello(self) -> m.HelloReply:
+        reply = self.ask(m.Hello(m.PROTOCOL_VERSION, m.SPEC_HASH))
+        assert isinstance(reply, m.HelloReply)
+        return reply
+
+    def report(self) -> m.StateReport:
+        reply = self.ask(m.GetState())
+        assert isinstance(reply, m.StateReply)
+        return reply.report
+
+    def make_ready(self) -> None:
+        self.wait(BOOT_OVER_US)
+        self.ask(m.OpenSession(m.SPEC_HASH, SESSION))
+        self.ask(m.SetLimits(SESSION, LIMITS))
+        self.ask(m.SetSlew(SESSION, SLEW))
+        self.ask(m.SetWatchdog(SESSION, WATCHDOG))
+        self.ask(m.SetCalibration(SESSION, CALIBRATION))
+        assert self.report().state is m.State.DISARMED
+
+    def make_armed(self) -> None:
+        self.make_ready()
+        self.ask(m.Arm(SESSION))
+        self.wait(100_000)
+        assert self.report().state is m.State.HOLD
+
+    @contextmanager
+    def hanging_in(self, function: str) -> Iterator[None]:
+        """The program hangs as soon as it calls a function, with interrupts on."""
+        flash = self.board._mcu.flash
+        at = self.board.symbol(function)
+        before = flash[at : at + 2].tobytes()
+        flash[at : at + 2] = list(JUMP_TO_ITSELF)
+        try:
+            yield
+        finally:
+            flash[at : at + 2] = list(before)
+
+    def resets(self) -> int:
+        return self.board.statistics().resets
+
+
+def test_interrupts_are_on_within_the_first_millisecond_so_that_none_is_missed() -> None:
+    uno = Uno(profiling=True)
+    uno.wait(5000)
+    assert uno.board.statistics().longest_masked_cycles < 1000 * CYCLES_PER_US
+
+
+def test_pulses_are_exact_and_begin_with_their_frame() -> None:
+    uno = Uno()
+    edges: list[Edge] = []
+    uno.board.observe_edges(edges.append)
+    uno.make_armed()
+    uno.ask(m.SetTarget(SESSION, (1234, -777), 0, 10_000))
+    uno.wait(400_000)
+    rises = [edge.cycle for edge in edges if edge.level and edge.pin == 0]
+    falls = [edge.cycle for edge in edges if not edge.level and edge.pin == 0]
+    frame_cycles = m.TICK_US * CYCLES_PER_US
+    assert len(rises) > 20
+    assert {later - earlier for earlier, later in pairwise(rises)} == {frame_cycles}
+    assert (falls[-1] - rises[-1]) * 2 == uno.report().pulse_half_us[0] * CYCLES_PER_US
+    assert rises[0] % frame_cycles < 10 * CYCLES_PER_US  # Since the reset (TIM-2).
+
+
+@pytest.mark.parametrize("boot_loader_clears_flags", [False, True])
+def test_a_hang_is_ended_by_the_watchdog_and_told_as_its_fault(
+    boot_loader_clears_flags: bool,
+) -> None:
+    uno = Uno(boot_loader=optiboot() if boot_loader_clears_flags else None)
+    if boot_loader_clears_flags:
+        uno.wait(BOOT_LOADER_US)
+    uno.make_ready()
+    resets_before = uno.resets()
+    with uno.hanging_in("eeprom_write_byte"):
+        uno.board.receive(encode_frame(m.SaveConfig.ID, 1, m.SaveConfig(SESSION).pack()))
+        hung_for_us = 0
+        while uno.resets() == resets_before:
+            uno.wait(1000)
+            hung_for_us += 1000
+            assert hung_for_us < WATCHDOG_LATEST_US + m.TICK_US
+    uno.wait(BOOT_OVER_US + 20_000)
+    assert uno.hello().reset_cause is m.ResetCause.WATCHDOG
+    report = uno.report()
+    assert report.state is m.State.FAULT
+    assert report.fault is m.Fault.WATCHDOG_RESET
+
+
+def test_behind_a_boot_loader_that_hides_it_a_reset_from_outside_is_no_fault() -> None:
+    uno = Uno(boot_loader=optiboot())
+    uno.wait(BOOT_LOADER_US)
+    assert uno.hello().reset_cause is m.ResetCause.POWER_ON
+    uno.board.reset(m.ResetCause.EXTERNAL)
+    uno.wait(BOOT_LOADER_US)
+    assert uno.hello().reset_cause is m.ResetCause.UNKNOWN
+    assert uno.report().state is m.State.DISARMED
+
+
+def test_pulses_are_exact_behind_a_boot_loader_that_leaves_timers_running() -> None:
+    uno = Uno(boot_loader=optiboot())
+    uno.wait(BOOT_LOADER_US)
+    uno.make_armed()
+    assert uno.board.pulses_half_us == (3000, 3000)
+    assert uno.report().pulse_half_us == (3000, 3000)
+
+
+@pytest.mark.parametrize("ends_us_into_frame", [100, 700, 1400, 1600, 18_500])
+def test_a_late_tick_is_a_fault_and_cuts_no_pulse(ends_us_into_frame: int) -> None:
+    uno = Uno()
+    edges: list[Edge] = []
+    uno.board.observe_edges(edges.append)
+    uno.make_armed()
+    ticks_before = uno.report().tick
+    with uno.hanging_in(_kept_function(uno)):
+        frame = uno.board.now_us // m.TICK_US
+        uno.board.advance_to((frame + 3) * m.TICK_US + ends_us_into_frame)
+    uno.wait(2 * m.TICK_US)
+
+    report = uno.report()
+    assert report.fault is m.Fault.TICK_OVERRUN
+    assert report.tick >= ticks_before + 4  # The late ticks are made up for.
+    uno.wait(3 * m.TICK_US)
+    widths = [
+        fall.cycle - rise.cycle for rise, fall in zip(*_rises_and_falls(edges, pin=0), strict=True)
+    ]
+    assert set(widths) == {3000 * CYCLES_PER_US // 2}
+    assert uno.board.pulses_half_us == (0, 0)
+
+
+def test_used_up_stack_is_a_fault_and_told() -> None:
+    uno = Uno()
+    uno.make_ready()
+    free_before = uno.report().free_stack_bytes
+    assert 512 <= free_before < 1800
+    uno.board.write_memory(uno.board.symbol("_end") + 40, b"\x00")
+    uno.wait(2_000_000)  # A sweep over the stack takes a second.
+    report = uno.report()
+    assert report.free_stack_bytes == 40
+    assert report.fault is m.Fault.STACK_LOW
+
+
+def _kept_function(uno: Uno) -> str:
+    """A function that each tick calls and that the compiler has not dissolved in its callers."""
+    return next(
+        name for name in ("__divmodsi4", "__mulsi3", "__mulhisi3") if name in uno.board._symbols
+    )
+
+
+def _rises_and_falls(edges: list[Edge], pin: int) -> tuple[list[Edge], list[Edge]]:
+    mine = [edge for edge in edges if edge.pin == pin]
+    return [edge for edge in mine if edge.level], [edge for edge in mine if not edge.level]
