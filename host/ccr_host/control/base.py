@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,8 @@ class Command:
     outcome: Outcome
     detail: str = field(default="")
     """Why it was held, or what else is worth a line in the log."""
+    ramp_s: float = 0.0
+    """How long the setpoint takes to ``q_rad``, in a straight line; 0 for a step."""
 
 
 class Controller(Protocol):
@@ -71,3 +73,19 @@ class Controller(Protocol):
     def step(self, observation: Observation) -> Command:
         """The command of step ``observation.step``, 1 to len(reference) - 1."""
         ...
+
+
+@runtime_checkable
+class Approaching(Protocol):
+    """A controller that approaches the first point under feedback, before the path's clock."""
+
+    def approach(self, observation: Observation) -> Command | None:
+        """The next command of the approach, None once the path may begin.
+
+        Called after ``start``, every ``APPROACH_PERIOD_S``; step 0 then comes from ``step``.
+        """
+        ...
+
+
+APPROACH_PERIOD_S = 0.05
+"""Between two commands of an approach."""

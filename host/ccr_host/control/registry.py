@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ccr_host.config import Description
+from ccr_host.control.adaptive.controller import AdaptiveStatics
 from ccr_host.control.base import Controller
 from ccr_host.control.mpc import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
@@ -13,6 +14,7 @@ from ccr_host.errors import ConfigError
 _MAKERS: dict[str, Callable[[Description], Controller]] = {
     OpenLoop.name: OpenLoop,
     ModelPredictive.name: ModelPredictive,
+    AdaptiveStatics.name: AdaptiveStatics,
 }
 
 

@@ -12,7 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccr_host.config import Control, Description
-from ccr_host.control.base import Command, Controller, Observation, Outcome
+from ccr_host.control.base import (
+    APPROACH_PERIOD_S,
+    Approaching,
+    Command,
+    Controller,
+    Observation,
+    Outcome,
+)
 from ccr_host.errors import TrackerError
 from ccr_host.robot.reference import Reference
 from ccr_host.run.clock import Stopwatch
@@ -86,7 +93,11 @@ class _PathRun:
         self._wait_for_whole_beat()
         self._note("approaching the first point")
         command = self._controller.start(self._reference)
-        self._hold_command(command, round(self._settle_s * 1e6))
+        leads = self._controller if isinstance(self._controller, Approaching) else None
+        if leads is None:
+            self._hold_command(command, round(self._settle_s * 1e6))
+        else:
+            command = self._approach(leads, command)
         self._wait_for_whole_beat()
         start_us = clock.now_us()
         rig.start_path_clock(start_us)
@@ -96,7 +107,7 @@ class _PathRun:
         steps = len(self._reference.time_s)
         timing = _Timing(solve_us=0.0, late=False)
         for step in range(steps):
-            if step > 0:
+            if step > 0 or leads is not None:
                 command, timing = self._next_command(step, command)
             self._send(command)
             clock.sleep_until_us(start_us + (step + 1) * self._period_us)
@@ -121,19 +132,28 @@ class _PathRun:
             self._send(command)
             clock.sleep_until_us(min(end_us, clock.now_us() + self._validity_ms * 1000 // 2))
 
+    def _approach(self, controller: Approaching, command: Command) -> Command:
+        """Let the controller lead the robot to the first point; the last command it gave."""
+        clock = self._rig.clock
+        self._watch.start()
+        while True:
+            due_us = clock.now_us()
+            tip_mm, age_us, must_hold = self._watch.look()
+            if not must_hold:
+                led = controller.approach(self._observation(0, due_us, tip_mm, age_us))
+                if led is None:
+                    return command
+                command = led
+            self._send(command)
+            clock.sleep_until_us(due_us + round(APPROACH_PERIOD_S * 1e6))
+
     def _next_command(self, step: int, last: Command) -> tuple[Command, _Timing]:
         clock = self._rig.clock
         due_us = clock.now_us()
         tip_mm, age_us, must_hold = self._watch.look()
         if must_hold:
             return _repeat(last, "markers lost"), _Timing(solve_us=0.0, late=False)
-        observation = Observation(
-            step=step,
-            time_us=due_us,
-            tip_mm=tip_mm,
-            tip_age_us=age_us,
-            q_rad=self._rig.client.accepted_rad,
-        )
+        observation = self._observation(step, due_us, tip_mm, age_us)
         stopwatch = Stopwatch()
         command = self._controller.step(observation)
         timing = _Timing(stopwatch.elapsed_us(), late=False)
@@ -141,8 +161,15 @@ class _PathRun:
             return _repeat(last, "solver late"), _Timing(timing.solve_us, late=True)
         return command, timing
 
+    def _observation(
+        self, step: int, time_us: int, tip_mm: Vector | None, age_us: int
+    ) -> Observation:
+        return Observation(step, time_us, tip_mm, age_us, self._rig.client.accepted_rad)
+
     def _send(self, command: Command) -> None:
-        self._rig.client.set_target(command.q_rad, ramp_ms=0, validity_ms=self._validity_ms)
+        self._rig.client.set_target(
+            command.q_rad, ramp_ms=round(command.ramp_s * 1e3), validity_ms=self._validity_ms
+        )
 
     def _judge(self, step: int, command: Command, timing: _Timing) -> StepRecord:
         sample = self._watch.fresh_sample()

@@ -49,7 +49,8 @@ def test_other_forms_are_refused_with_a_cure(text):
 
 def test_unknown_form_lists_the_known_ones():
     with pytest.raises(
-        ConfigError, match=r"emulator:, emulator\+pty:, simavr:\[FILE.elf\], serial:PORT, tcp://HOST:PORT"
+        ConfigError,
+        match=r"emulator:, emulator\+pty:, simavr:\[FILE.elf\], serial:PORT, tcp://HOST:PORT",
     ):
         parse_device_uri("usb:1")
 
