@@ -1,0 +1,139 @@
+"""One continuous sequence of bending angles along a whole path, with the branch chosen globally.
+
+Beyond the fold of the workspace a point can be reached by two poses, or the nearest pose jumps from
+one side to the other. Every sample gets all its local nearest poses; Viterbi's algorithm picks one
+of each at least cost of squared error plus a price on steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.control.adaptive.statics import (
+    Parameters,
+    setpoints_for,
+    tip_at,
+    tip_jacobian_mm_rad,
+    tip_mm,
+    vector_mm,
+)
+from ccr_host.robot.workspace import MotorLimits
+
+FloatArray = NDArray[np.float64]
+
+_GRID_STEP_RAD = np.radians(5.0)
+_MOST_BENDING_RAD = np.radians(200.0)
+_CANDIDATES = 6
+_STEP_PRICE_MM2_RAD2 = 4.0
+"""A jump of half a radian is worth 1 mm of error at one sample."""
+_POLISHING_STEPS = 12
+_DAMPING_MM2 = 150.0
+"""Above the curvature that an unreachable target adds at the fold: 3.5 mm times 40 mm/rad^2."""
+_LONGEST_STEP_RAD = 0.1
+
+
+@dataclass(frozen=True)
+class PathPlan:
+    """Bending angles over the knots of a path, (K, 2), and the knots' step indices, (K,)."""
+
+    knots: FloatArray
+    theta_rad: FloatArray
+
+    def bending_rad(self, index: float) -> FloatArray:
+        """Between the samples linearly; (2,)."""
+        return np.array([np.interp(index, self.knots, column) for column in self.theta_rad.T])
+
+
+class Atlas:
+    """Tips over a grid of all bending angles that the motors can hold.
+
+    Args:
+        p: parameters, floats.
+        limits: of the motors.
+    """
+
+    def __init__(self, p: Parameters, limits: MotorLimits) -> None:
+        count = int(2 * _MOST_BENDING_RAD / _GRID_STEP_RAD) + 1
+        axis = np.linspace(-_MOST_BENDING_RAD, _MOST_BENDING_RAD, count)
+        self._p = p
+        self._theta = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
+        q_rad = setpoints_for(p, self._theta, np.zeros_like(self._theta))
+        allowed = np.all(limits.clip(q_rad) == q_rad, axis=-1, keepdims=True)
+        self._tip_mm = np.where(allowed, tip_mm(p, self._theta), np.inf)
+
+    def nearest(self, target_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Local nearest poses of one target: angles (C, 2) and distances (C,), nearest first."""
+        distance = np.linalg.norm(self._tip_mm - target_mm, axis=-1)
+        inner = distance[1:-1, 1:-1]
+        around = [
+            distance[1 + i : distance.shape[0] - 1 + i, 1 + j : distance.shape[1] - 1 + j]
+            for i in (-1, 0, 1)
+            for j in (-1, 0, 1)
+            if (i, j) != (0, 0)
+        ]
+        valley = np.isfinite(inner) & (inner <= np.minimum.reduce(around))
+        found = np.argwhere(valley) + 1
+        order = np.argsort(distance[found[:, 0], found[:, 1]])[:_CANDIDATES]
+        start = self._theta[found[order, 0], found[order, 1]]
+        return start, distance[found[order, 0], found[order, 1]]
+
+
+def plan_path(
+    p: Parameters, limits: MotorLimits, target_mm: FloatArray, knots: FloatArray, near: FloatArray
+) -> PathPlan:
+    """Choose the branch and polish.
+
+    Args:
+        p: parameters, floats.
+        limits: of the motors.
+        target_mm: desired tips at the knots, (K, 3), disturbances subtracted.
+        knots: step index of each, (K,).
+        near: bending angles that the plan should start from, (2,).
+    """
+    atlas = Atlas(p, limits)
+    candidates = [atlas.nearest(target) for target in target_mm]
+    width = max(len(distance) for _, distance in candidates)
+    theta = np.zeros((len(target_mm), width, 2))
+    exists = np.zeros((len(target_mm), width), dtype=bool)
+    for row, (angles, _) in enumerate(candidates):
+        theta[row, : len(angles)] = angles
+        exists[row, : len(angles)] = True
+    targets = np.broadcast_to(target_mm[:, None], (*theta.shape[:2], 3))
+    theta = polished(p, theta, targets, _POLISHING_STEPS)
+    squared_mm2 = ((tip_mm(p, theta) - targets) ** 2).sum(axis=-1)
+    squared_mm2[~exists] = np.inf
+    return PathPlan(knots, _cheapest(theta, squared_mm2, near))
+
+
+def polished(
+    p: Parameters, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
+) -> FloatArray:
+    """Damped Gauss-Newton towards the nearest pose, from a start close by; (..., 2)."""
+    for _ in range(iterations):
+        tip = tip_at(p, theta_rad)
+        error = vector_mm(p, tip.across, tip.sagittal) - target_mm
+        jacobian = tip_jacobian_mm_rad(p, tip)
+        gram = np.einsum("...ki,...kj->...ij", jacobian, jacobian) + _DAMPING_MM2 * np.eye(2)
+        slope = np.einsum("...ki,...k->...i", jacobian, error)
+        step = -np.linalg.solve(gram, slope[..., None])[..., 0]
+        theta_rad = theta_rad + np.clip(step, -_LONGEST_STEP_RAD, _LONGEST_STEP_RAD)
+    return theta_rad
+
+
+def _cheapest(theta: FloatArray, squared_mm2: FloatArray, near: FloatArray) -> FloatArray:
+    cost = squared_mm2[0] + _STEP_PRICE_MM2_RAD2 * ((theta[0] - near) ** 2).sum(axis=-1)
+    came_from = []
+    for before, here, error in zip(theta[:-1], theta[1:], squared_mm2[1:], strict=True):
+        price = ((here[:, None] - before[None]) ** 2).sum(axis=-1)
+        total = cost[None] + _STEP_PRICE_MM2_RAD2 * price
+        best = total.argmin(axis=1)
+        came_from.append(best)
+        cost = error + total[np.arange(len(best)), best]
+    chosen = [int(cost.argmin())]
+    for best in reversed(came_from):
+        chosen.append(int(best[chosen[-1]]))
+    picked: FloatArray = theta[np.arange(len(theta)), chosen[::-1]]
+    return picked
