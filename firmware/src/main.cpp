@@ -25,7 +25,7 @@ namespace {
 /// Only the processor sleeps: timers and UART go on.
 constexpr uint8_t kSleepIdle = _BV(SE);
 
-/// The deepest interrupt takes less; what it needs beyond is spare.
+/// Twice what the deepest interrupt takes.
 constexpr uint16_t kLeastFreeStack = 64;
 
 struct Firmware {

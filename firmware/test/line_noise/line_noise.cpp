@@ -13,7 +13,6 @@ namespace {
 
 constexpr uint16_t kSession = 0x4D2A;
 
-/// xoshiro would do too; mt19937_64 makes 20 million bytes a second, and is the same everywhere.
 using Random = std::mt19937_64;
 
 struct Damage {
@@ -107,7 +106,7 @@ struct Result {
   uint64_t bad_commands_accepted = 0;
 };
 
-bool is_sent(const ccr::FrameDecoder& frame, const Bytes& sent) {
+bool is_same(const ccr::FrameDecoder& frame, const Bytes& sent) {
   ccr::FrameDecoder original;
   for (const uint8_t byte : sent) {
     original.feed(byte);
@@ -133,13 +132,22 @@ class Trial {
   const Result& result() const { return result_; }
 
  private:
+  struct Sent {
+    uint8_t sequence;
+    ccr::SetTarget target;
+    Bytes frame;
+  };
+
   void send_target(uint8_t sequence) {
-    const int16_t first = static_cast<int16_t>(line_.random()() % 27001) - 13500;
-    const int16_t second = static_cast<int16_t>(line_.random()() % 27001) - 13500;
+    const int16_t first = static_cast<int16_t>(line_.random()() % 27001 - 13500);
+    const int16_t second = static_cast<int16_t>(line_.random()() % 27001 - 13500);
     const ccr::SetTarget target = {kSession, {first, second}, 0, 10000};
-    const Bytes sent = framed(sequence, target);
-    const Damage damage = line_.send(sent);
-    const bool was_understood = receive(damage.bytes, sent, target, sequence);
+    // A frame whose zero was lost may be ended by a zero that damage makes of the next one's start:
+    // late, but what was sent.
+    before_ = sent_;
+    sent_ = {sequence, target, framed(sequence, target)};
+    const Damage damage = line_.send(sent_.frame);
+    const bool was_understood = receive(damage.bytes);
     result_.damaged += damage.any;
     if (!damage.any && !was_understood) {
       ++result_.clean_lost;
@@ -148,35 +156,31 @@ class Trial {
     was_delimiter_damaged_ = damage.delimiter;
   }
 
-  bool receive(const Bytes& bytes, const Bytes& sent, const ccr::SetTarget& target,
-               uint8_t sequence) {
+  bool receive(const Bytes& bytes) {
     bool was_understood = false;
     for (const uint8_t byte : bytes) {
       const uint32_t accepted = board_.controller().counts().targets_accepted;
       board_.on_byte(byte);
       if (witness_.feed(byte) == ccr::Received::kFrame) {
-        const bool is_good = is_sent(witness_, sent);
-        result_.bad_frames_past_crc += !is_good;
+        const bool was_sent = is_same(witness_, sent_.frame) || is_same(witness_, before_.frame);
+        result_.bad_frames_past_crc += !was_sent;
       }
       if (board_.controller().counts().targets_accepted != accepted) {
-        const bool is_good = is_in_use(target, sequence);
-        was_understood |= is_good;
-        result_.bad_commands_accepted += !is_good;
+        was_understood |= is_in_use(sent_);
+        result_.bad_commands_accepted += !is_in_use(sent_) && !is_in_use(before_);
       }
-    }
-    if (board_.controller().state() != ccr::State::kActive && was_understood) {
-      ++result_.bad_commands_accepted;  // Something else than a target was obeyed.
+      result_.bad_commands_accepted += board_.controller().state() == ccr::State::kStopped;
     }
     hardware_.sent.clear();
     return was_understood;
   }
 
-  bool is_in_use(const ccr::SetTarget& target, uint8_t sequence) const {
+  bool is_in_use(const Sent& sent) const {
     ccr::StateReport report = {};
     board_.controller().fill(report);
-    return report.target_sequence == sequence &&
-           report.target_cdeg[0] == target.target_cdeg[0] &&
-           report.target_cdeg[1] == target.target_cdeg[1];
+    return report.target_sequence == sent.sequence &&
+           report.target_cdeg[0] == sent.target.target_cdeg[0] &&
+           report.target_cdeg[1] == sent.target.target_cdeg[1];
   }
 
   NoisyLine line_;
@@ -184,6 +188,8 @@ class Trial {
   ccr::Board board_;
   ccr::FrameDecoder witness_;
   Result result_;
+  Sent sent_ = {};
+  Sent before_ = {};
   bool was_delimiter_damaged_ = false;
 };
 
