@@ -301,7 +301,7 @@ def _size_assertion(name: str, fields: Iterable[Field], struct: Struct | None) -
     if struct:
         parts.append(f"{_camel(struct.name)}::kSize")
     total = " + ".join(parts)
-    condition = f"{name}::kSize == {total} && {name}::kSize <= kMaxPayload"
+    condition = f"{name}::kSize == {total} && uint8_t{{{name}::kSize}} <= kMaxPayload"
     lines = textwrap.wrap(f"static_assert({condition},", _WIDTH, subsequent_indent="              ")
     if len(lines[-1]) + len(_LAYOUT_MESSAGE) < _WIDTH:
         lines[-1] += f" {_LAYOUT_MESSAGE}"

@@ -247,7 +247,7 @@ struct Limits {
   int16_t rest_cdeg[2];
 };
 static_assert(Limits::kSize == sizeof(Limits::angle_min_cdeg) + sizeof(Limits::angle_max_cdeg) +
-              sizeof(Limits::rest_cdeg) && Limits::kSize <= kMaxPayload, "payload layout");
+              sizeof(Limits::rest_cdeg) && uint8_t{Limits::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const Limits& value, uint8_t* bytes) {
   put_i16(bytes, value.angle_min_cdeg[0]);
@@ -306,7 +306,7 @@ struct Slew {
   /// Greatest change of the setpoint in one 20 ms tick. [0.01 deg/tick] 1 to 2000.
   uint16_t slew_cdeg_tick[2];
 };
-static_assert(Slew::kSize == sizeof(Slew::slew_cdeg_tick) && Slew::kSize <= kMaxPayload,
+static_assert(Slew::kSize == sizeof(Slew::slew_cdeg_tick) && uint8_t{Slew::kSize} <= kMaxPayload,
               "payload layout");
 
 inline void encode(const Slew& value, uint8_t* bytes) {
@@ -347,7 +347,7 @@ struct Watchdog {
 };
 static_assert(Watchdog::kSize == sizeof(Watchdog::relax_after_ms) +
               sizeof(Watchdog::relax_slew_cdeg_tick) + sizeof(Watchdog::arm_axis_ms) &&
-              Watchdog::kSize <= kMaxPayload, "payload layout");
+              uint8_t{Watchdog::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const Watchdog& value, uint8_t* bytes) {
   put_u16(bytes, value.relax_after_ms);
@@ -397,7 +397,7 @@ struct Calibration {
 };
 static_assert(Calibration::kSize == sizeof(Calibration::neutral_half_us) +
               sizeof(Calibration::per_90_deg_half_us) + sizeof(Calibration::pulse_min_half_us) +
-              sizeof(Calibration::pulse_max_half_us) && Calibration::kSize <= kMaxPayload,
+              sizeof(Calibration::pulse_max_half_us) && uint8_t{Calibration::kSize} <= kMaxPayload,
               "payload layout");
 
 inline void encode(const Calibration& value, uint8_t* bytes) {
@@ -495,7 +495,7 @@ static_assert(StateReport::kSize == sizeof(StateReport::tick) + sizeof(StateRepo
               sizeof(StateReport::target_sequence) + sizeof(StateReport::target_age_ms) +
               sizeof(StateReport::target_cdeg) + sizeof(StateReport::setpoint_cdeg) +
               sizeof(StateReport::pulse_half_us) + sizeof(StateReport::link_errors) +
-              sizeof(StateReport::free_stack_bytes) && StateReport::kSize <= kMaxPayload,
+              sizeof(StateReport::free_stack_bytes) && uint8_t{StateReport::kSize} <= kMaxPayload,
               "payload layout");
 
 inline void encode(const StateReport& value, uint8_t* bytes) {
@@ -558,7 +558,7 @@ struct Hello {
   uint32_t spec_hash;
 };
 static_assert(Hello::kSize == sizeof(Hello::protocol_version) + sizeof(Hello::spec_hash) &&
-              Hello::kSize <= kMaxPayload, "payload layout");
+              uint8_t{Hello::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const Hello& value, uint8_t* payload) {
   put_u8(payload, value.protocol_version);
@@ -613,7 +613,8 @@ static_assert(HelloReply::kSize == sizeof(HelloReply::protocol_version) +
               sizeof(HelloReply::boot_id) + sizeof(HelloReply::reset_cause) +
               sizeof(HelloReply::eeprom_status) + sizeof(HelloReply::capabilities) +
               sizeof(HelloReply::axes) + sizeof(HelloReply::max_payload) +
-              sizeof(HelloReply::tick_us) && HelloReply::kSize <= kMaxPayload, "payload layout");
+              sizeof(HelloReply::tick_us) && uint8_t{HelloReply::kSize} <= kMaxPayload,
+              "payload layout");
 
 inline void encode(const HelloReply& value, uint8_t* payload) {
   put_u8(payload, value.protocol_version);
@@ -676,7 +677,7 @@ struct OpenSession {
   uint16_t session;
 };
 static_assert(OpenSession::kSize == sizeof(OpenSession::spec_hash) + sizeof(OpenSession::session) &&
-              OpenSession::kSize <= kMaxPayload, "payload layout");
+              uint8_t{OpenSession::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const OpenSession& value, uint8_t* payload) {
   put_u32(payload, value.spec_hash);
@@ -716,7 +717,8 @@ struct SessionReply {
   State state;
 };
 static_assert(SessionReply::kSize == sizeof(SessionReply::session) + sizeof(SessionReply::boot_id) +
-              sizeof(SessionReply::state) && SessionReply::kSize <= kMaxPayload, "payload layout");
+              sizeof(SessionReply::state) && uint8_t{SessionReply::kSize} <= kMaxPayload,
+              "payload layout");
 
 inline void encode(const SessionReply& value, uint8_t* payload) {
   put_u16(payload, value.session);
@@ -753,7 +755,7 @@ struct ClockSync {
   /// Anything; comes back. [us]
   uint32_t host_time_us;
 };
-static_assert(ClockSync::kSize == sizeof(ClockSync::host_time_us) && ClockSync::kSize <=
+static_assert(ClockSync::kSize == sizeof(ClockSync::host_time_us) && uint8_t{ClockSync::kSize} <=
               kMaxPayload, "payload layout");
 
 inline void encode(const ClockSync& value, uint8_t* payload) {
@@ -787,7 +789,7 @@ struct ClockReply {
   uint32_t board_time_us;
 };
 static_assert(ClockReply::kSize == sizeof(ClockReply::host_time_us) +
-              sizeof(ClockReply::board_time_us) && ClockReply::kSize <= kMaxPayload,
+              sizeof(ClockReply::board_time_us) && uint8_t{ClockReply::kSize} <= kMaxPayload,
               "payload layout");
 
 inline void encode(const ClockReply& value, uint8_t* payload) {
@@ -817,7 +819,7 @@ inline int8_t inconsistent_axis(const ClockReply&) {
 struct GetState {
   enum : uint8_t { kId = 0x04, kSize = 0 };
 };
-static_assert(GetState::kSize == 0 && GetState::kSize <= kMaxPayload, "payload layout");
+static_assert(GetState::kSize == 0 && uint8_t{GetState::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const GetState&, uint8_t*) {}
 
@@ -843,8 +845,8 @@ struct StateReply {
 
   StateReport report;
 };
-static_assert(StateReply::kSize == 0 + StateReport::kSize && StateReply::kSize <= kMaxPayload,
-              "payload layout");
+static_assert(StateReply::kSize == 0 + StateReport::kSize && uint8_t{StateReply::kSize} <=
+              kMaxPayload, "payload layout");
 
 inline void encode(const StateReply& value, uint8_t* payload) {
   encode(value.report, payload);
@@ -870,7 +872,8 @@ inline int8_t inconsistent_axis(const StateReply&) {
 struct GetCounters {
   enum : uint8_t { kId = 0x05, kSize = 0 };
 };
-static_assert(GetCounters::kSize == 0 && GetCounters::kSize <= kMaxPayload, "payload layout");
+static_assert(GetCounters::kSize == 0 && uint8_t{GetCounters::kSize} <= kMaxPayload,
+              "payload layout");
 
 inline void encode(const GetCounters&, uint8_t*) {}
 
@@ -904,7 +907,7 @@ struct CountersReply {
   uint16_t bad_size;
   /// Bytes lost because they were not read in time.
   uint16_t overruns;
-  /// Frames not sent because the send buffer was full.
+  /// Frames not sent because more than 256 bytes waited to be sent.
   uint16_t replies_dropped;
   /// Requests refused.
   uint16_t nacks;
@@ -927,8 +930,8 @@ static_assert(CountersReply::kSize == sizeof(CountersReply::frames_accepted) +
               sizeof(CountersReply::replies_dropped) + sizeof(CountersReply::nacks) +
               sizeof(CountersReply::repeats_answered) + sizeof(CountersReply::targets_accepted) +
               sizeof(CountersReply::targets_clamped) + sizeof(CountersReply::holds) +
-              sizeof(CountersReply::relaxes) + sizeof(CountersReply::saves) && CountersReply::kSize
-              <= kMaxPayload, "payload layout");
+              sizeof(CountersReply::relaxes) + sizeof(CountersReply::saves) &&
+              uint8_t{CountersReply::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const CountersReply& value, uint8_t* payload) {
   put_u32(payload, value.frames_accepted);
@@ -985,7 +988,7 @@ struct SetTelemetry {
   uint8_t period_ticks;
 };
 static_assert(SetTelemetry::kSize == sizeof(SetTelemetry::session) +
-              sizeof(SetTelemetry::period_ticks) && SetTelemetry::kSize <= kMaxPayload,
+              sizeof(SetTelemetry::period_ticks) && uint8_t{SetTelemetry::kSize} <= kMaxPayload,
               "payload layout");
 
 inline void encode(const SetTelemetry& value, uint8_t* payload) {
@@ -1019,7 +1022,8 @@ struct Arm {
   /// The open session.
   uint16_t session;
 };
-static_assert(Arm::kSize == sizeof(Arm::session) && Arm::kSize <= kMaxPayload, "payload layout");
+static_assert(Arm::kSize == sizeof(Arm::session) && uint8_t{Arm::kSize} <= kMaxPayload,
+              "payload layout");
 
 inline void encode(const Arm& value, uint8_t* payload) {
   put_u16(payload, value.session);
@@ -1050,7 +1054,7 @@ struct Disarm {
   /// The open session.
   uint16_t session;
 };
-static_assert(Disarm::kSize == sizeof(Disarm::session) && Disarm::kSize <= kMaxPayload,
+static_assert(Disarm::kSize == sizeof(Disarm::session) && uint8_t{Disarm::kSize} <= kMaxPayload,
               "payload layout");
 
 inline void encode(const Disarm& value, uint8_t* payload) {
@@ -1078,7 +1082,7 @@ inline int8_t inconsistent_axis(const Disarm&) {
 struct Stop {
   enum : uint8_t { kId = 0x12, kSize = 0 };
 };
-static_assert(Stop::kSize == 0 && Stop::kSize <= kMaxPayload, "payload layout");
+static_assert(Stop::kSize == 0 && uint8_t{Stop::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const Stop&, uint8_t*) {}
 
@@ -1105,8 +1109,8 @@ struct ClearFault {
   /// The open session.
   uint16_t session;
 };
-static_assert(ClearFault::kSize == sizeof(ClearFault::session) && ClearFault::kSize <= kMaxPayload,
-              "payload layout");
+static_assert(ClearFault::kSize == sizeof(ClearFault::session) && uint8_t{ClearFault::kSize} <=
+              kMaxPayload, "payload layout");
 
 inline void encode(const ClearFault& value, uint8_t* payload) {
   put_u16(payload, value.session);
@@ -1144,8 +1148,8 @@ struct SetTarget {
   uint16_t validity_ms;
 };
 static_assert(SetTarget::kSize == sizeof(SetTarget::session) + sizeof(SetTarget::target_cdeg) +
-              sizeof(SetTarget::ramp_ms) + sizeof(SetTarget::validity_ms) && SetTarget::kSize <=
-              kMaxPayload, "payload layout");
+              sizeof(SetTarget::ramp_ms) + sizeof(SetTarget::validity_ms) &&
+              uint8_t{SetTarget::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const SetTarget& value, uint8_t* payload) {
   put_u16(payload, value.session);
@@ -1198,7 +1202,7 @@ struct TargetReply {
   int16_t target_cdeg[2];
 };
 static_assert(TargetReply::kSize == sizeof(TargetReply::state) + sizeof(TargetReply::flags) +
-              sizeof(TargetReply::target_cdeg) && TargetReply::kSize <= kMaxPayload,
+              sizeof(TargetReply::target_cdeg) && uint8_t{TargetReply::kSize} <= kMaxPayload,
               "payload layout");
 
 inline void encode(const TargetReply& value, uint8_t* payload) {
@@ -1235,7 +1239,7 @@ inline int8_t inconsistent_axis(const TargetReply&) {
 struct GetLimits {
   enum : uint8_t { kId = 0x30, kSize = 0 };
 };
-static_assert(GetLimits::kSize == 0 && GetLimits::kSize <= kMaxPayload, "payload layout");
+static_assert(GetLimits::kSize == 0 && uint8_t{GetLimits::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const GetLimits&, uint8_t*) {}
 
@@ -1261,7 +1265,7 @@ struct LimitsReply {
 
   Limits limits;
 };
-static_assert(LimitsReply::kSize == 0 + Limits::kSize && LimitsReply::kSize <= kMaxPayload,
+static_assert(LimitsReply::kSize == 0 + Limits::kSize && uint8_t{LimitsReply::kSize} <= kMaxPayload,
               "payload layout");
 
 inline void encode(const LimitsReply& value, uint8_t* payload) {
@@ -1292,8 +1296,8 @@ struct SetLimits {
   uint16_t session;
   Limits limits;
 };
-static_assert(SetLimits::kSize == sizeof(SetLimits::session) + Limits::kSize && SetLimits::kSize <=
-              kMaxPayload, "payload layout");
+static_assert(SetLimits::kSize == sizeof(SetLimits::session) + Limits::kSize &&
+              uint8_t{SetLimits::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const SetLimits& value, uint8_t* payload) {
   put_u16(payload, value.session);
@@ -1322,7 +1326,7 @@ inline int8_t inconsistent_axis(const SetLimits& value) {
 struct GetSlew {
   enum : uint8_t { kId = 0x32, kSize = 0 };
 };
-static_assert(GetSlew::kSize == 0 && GetSlew::kSize <= kMaxPayload, "payload layout");
+static_assert(GetSlew::kSize == 0 && uint8_t{GetSlew::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const GetSlew&, uint8_t*) {}
 
@@ -1348,7 +1352,7 @@ struct SlewReply {
 
   Slew slew;
 };
-static_assert(SlewReply::kSize == 0 + Slew::kSize && SlewReply::kSize <= kMaxPayload,
+static_assert(SlewReply::kSize == 0 + Slew::kSize && uint8_t{SlewReply::kSize} <= kMaxPayload,
               "payload layout");
 
 inline void encode(const SlewReply& value, uint8_t* payload) {
@@ -1379,7 +1383,7 @@ struct SetSlew {
   uint16_t session;
   Slew slew;
 };
-static_assert(SetSlew::kSize == sizeof(SetSlew::session) + Slew::kSize && SetSlew::kSize <=
+static_assert(SetSlew::kSize == sizeof(SetSlew::session) + Slew::kSize && uint8_t{SetSlew::kSize} <=
               kMaxPayload, "payload layout");
 
 inline void encode(const SetSlew& value, uint8_t* payload) {
@@ -1409,7 +1413,8 @@ inline int8_t inconsistent_axis(const SetSlew&) {
 struct GetWatchdog {
   enum : uint8_t { kId = 0x34, kSize = 0 };
 };
-static_assert(GetWatchdog::kSize == 0 && GetWatchdog::kSize <= kMaxPayload, "payload layout");
+static_assert(GetWatchdog::kSize == 0 && uint8_t{GetWatchdog::kSize} <= kMaxPayload,
+              "payload layout");
 
 inline void encode(const GetWatchdog&, uint8_t*) {}
 
@@ -1435,8 +1440,8 @@ struct WatchdogReply {
 
   Watchdog watchdog;
 };
-static_assert(WatchdogReply::kSize == 0 + Watchdog::kSize && WatchdogReply::kSize <= kMaxPayload,
-              "payload layout");
+static_assert(WatchdogReply::kSize == 0 + Watchdog::kSize && uint8_t{WatchdogReply::kSize} <=
+              kMaxPayload, "payload layout");
 
 inline void encode(const WatchdogReply& value, uint8_t* payload) {
   encode(value.watchdog, payload);
@@ -1467,7 +1472,7 @@ struct SetWatchdog {
   Watchdog watchdog;
 };
 static_assert(SetWatchdog::kSize == sizeof(SetWatchdog::session) + Watchdog::kSize &&
-              SetWatchdog::kSize <= kMaxPayload, "payload layout");
+              uint8_t{SetWatchdog::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const SetWatchdog& value, uint8_t* payload) {
   put_u16(payload, value.session);
@@ -1496,7 +1501,8 @@ inline int8_t inconsistent_axis(const SetWatchdog&) {
 struct GetCalibration {
   enum : uint8_t { kId = 0x36, kSize = 0 };
 };
-static_assert(GetCalibration::kSize == 0 && GetCalibration::kSize <= kMaxPayload, "payload layout");
+static_assert(GetCalibration::kSize == 0 && uint8_t{GetCalibration::kSize} <= kMaxPayload,
+              "payload layout");
 
 inline void encode(const GetCalibration&, uint8_t*) {}
 
@@ -1522,8 +1528,8 @@ struct CalibrationReply {
 
   Calibration calibration;
 };
-static_assert(CalibrationReply::kSize == 0 + Calibration::kSize && CalibrationReply::kSize <=
-              kMaxPayload, "payload layout");
+static_assert(CalibrationReply::kSize == 0 + Calibration::kSize && uint8_t{CalibrationReply::kSize}
+              <= kMaxPayload, "payload layout");
 
 inline void encode(const CalibrationReply& value, uint8_t* payload) {
   encode(value.calibration, payload);
@@ -1554,7 +1560,7 @@ struct SetCalibration {
   Calibration calibration;
 };
 static_assert(SetCalibration::kSize == sizeof(SetCalibration::session) + Calibration::kSize &&
-              SetCalibration::kSize <= kMaxPayload, "payload layout");
+              uint8_t{SetCalibration::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const SetCalibration& value, uint8_t* payload) {
   put_u16(payload, value.session);
@@ -1588,8 +1594,8 @@ struct SaveConfig {
   /// The open session.
   uint16_t session;
 };
-static_assert(SaveConfig::kSize == sizeof(SaveConfig::session) && SaveConfig::kSize <= kMaxPayload,
-              "payload layout");
+static_assert(SaveConfig::kSize == sizeof(SaveConfig::session) && uint8_t{SaveConfig::kSize} <=
+              kMaxPayload, "payload layout");
 
 inline void encode(const SaveConfig& value, uint8_t* payload) {
   put_u16(payload, value.session);
@@ -1621,8 +1627,8 @@ struct Ack {
   /// State after it.
   State state;
 };
-static_assert(Ack::kSize == sizeof(Ack::request) + sizeof(Ack::state) && Ack::kSize <= kMaxPayload,
-              "payload layout");
+static_assert(Ack::kSize == sizeof(Ack::request) + sizeof(Ack::state) && uint8_t{Ack::kSize} <=
+              kMaxPayload, "payload layout");
 
 inline void encode(const Ack& value, uint8_t* payload) {
   put_u8(payload, value.request);
@@ -1662,7 +1668,7 @@ struct Nack {
   uint8_t detail;
 };
 static_assert(Nack::kSize == sizeof(Nack::request) + sizeof(Nack::code) + sizeof(Nack::detail) &&
-              Nack::kSize <= kMaxPayload, "payload layout");
+              uint8_t{Nack::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const Nack& value, uint8_t* payload) {
   put_u8(payload, value.request);
@@ -1698,8 +1704,8 @@ struct Telemetry {
 
   StateReport report;
 };
-static_assert(Telemetry::kSize == 0 + StateReport::kSize && Telemetry::kSize <= kMaxPayload,
-              "payload layout");
+static_assert(Telemetry::kSize == 0 + StateReport::kSize && uint8_t{Telemetry::kSize} <=
+              kMaxPayload, "payload layout");
 
 inline void encode(const Telemetry& value, uint8_t* payload) {
   encode(value.report, payload);

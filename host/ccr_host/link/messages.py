@@ -767,7 +767,7 @@ class CountersReply(Message):
     overruns: int
     """Bytes lost because they were not read in time."""
     replies_dropped: int
-    """Frames not sent because the send buffer was full."""
+    """Frames not sent because more than 256 bytes waited to be sent."""
     nacks: int
     """Requests refused."""
     repeats_answered: int
@@ -1624,7 +1624,7 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "ARM-2": "`arm` and `save_config` with a missing configuration group get not_configured.",
         "ARM-3": (
             "The setpoint survives disarm, stop and fault, so that arming begins where the robot "
-            "was left; after a reset it is the rest pose."
+            "was left; after a reset it is the rest pose that was loaded, or 0 where none was."
         ),
         "ARM-4": "After a reset the board never arms by itself.",
         "TGT-1": "A target outside the angle limits is clamped to them and reported as clamped.",
@@ -1668,7 +1668,10 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
             "A reset by the hardware watchdog or a brown-out ends `boot` in `fault` with that "
             "reason, unless `stop` came before."
         ),
-        "CFG-1": "A configuration group is taken whole or not at all.",
+        "CFG-1": (
+            "A configuration group is taken whole or not at all; one that was neither loaded nor "
+            "set reads as zeros."
+        ),
         "CFG-2": "A saved configuration is in use after a reset.",
         "CFG-3": "A reset in the middle of a save leaves the configuration saved before.",
         "CFG-4": (
