@@ -141,7 +141,7 @@ class _Motion:
         while clock.now_us() < start_us + duration_us:
             self._command()
             sample = tracker.newest()
-            if sample is not None and sample.exposed_us >= start_us:
+            if sample is not None and sample.exposed_us >= start_us and _is_complete(sample):
                 samples[sample.exposed_us] = sample
         return list(samples.values())
 
@@ -151,6 +151,11 @@ class _Motion:
         ramp_ms = _COMMAND_PERIOD_US // 1000
         client.set_target(self._q_rad, ramp_ms=ramp_ms, validity_ms=_VALIDITY_MS)
         clock.sleep_until_us(clock.now_us() + _COMMAND_PERIOD_US)
+
+
+def _is_complete(sample: Sample) -> bool:
+    """Markers that are lost are NaN."""
+    return bool(np.all(np.isfinite(sample.markers_mm)))
 
 
 def _without_outliers(markers_mm: Array) -> Array:

@@ -1,0 +1,136 @@
+"""The fit and its judgement, on rest poses of the twin."""
+
+import numpy as np
+import pytest
+
+from ccr_host.config import Robot
+from ccr_host.tracking.registration import RegistrationError, RestPose, register
+from ccr_host.tracking.rotation import rotation_matrix, rotation_vector
+from tests.unit.tracking.registration.conftest import TURNS
+
+NOISE_MM = 0.03
+"""0.25 mm RMS averaged over 25 frames."""
+
+
+def error_deg(registration, turn) -> np.ndarray:
+    """(3,): about x, y and z of the robot."""
+    return np.degrees(rotation_vector(registration.camera_to_robot @ rotation_matrix(turn).T))
+
+
+def changed(poses, q=lambda q: q, markers=lambda m: m):
+    return [RestPose(q(pose.q_rad), markers(pose.markers_mm)) for pose in poses]
+
+
+@pytest.mark.parametrize("turn", TURNS.values(), ids=TURNS)
+def test_any_turn_of_the_camera_is_found_to_half_a_degree(seen, turn):
+    found = register(seen(turn, NOISE_MM), Robot())
+    about_x, *others = np.abs(error_deg(found, turn))
+    assert about_x < 0.5
+    assert max(others) < 0.2
+    assert found.scale == pytest.approx(1.0, abs=0.005)
+    assert found.segment_1_mm == pytest.approx(58.5, abs=0.3)
+    np.testing.assert_allclose(
+        rotation_matrix(np.radians(found.camera_to_robot_deg)), found.camera_to_robot, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    "twin",
+    [
+        {"slack_mm": 0.0},
+        {"slack_mm": 2.0},
+        {"bending_stiffness_nm_rad": 0.01},
+        {"bending_stiffness_nm_rad": 0.03},
+        {"marker_mass_g": 4.5, "disk_mass_g": 1.2},
+        {"marker_mass_g": 1.5, "disk_mass_g": 0.4},
+        {"gravity_m_s2": 0.0},
+    ],
+    ids=str,
+)
+def test_slack_and_sag_bias_the_rotation_by_no_more_than_stated(seen, twin):
+    """A fit of (10) would be off by several degrees on each of these."""
+    found = register(seen(TURNS["askew"], **twin), Robot())
+    error = np.abs(error_deg(found, TURNS["askew"]))
+    assert np.all(error < 3.0 * found.uncertainty_deg)
+    assert error[0] < 0.6
+
+
+def test_a_robot_that_hangs_upside_down_is_found_to_a_degree(seen):
+    found = register(seen(TURNS["askew"], gravity_m_s2=-9.81), Robot())
+    assert found.load < 0.0
+    assert np.all(np.abs(error_deg(found, TURNS["askew"])) < 1.0)
+
+
+def test_the_stated_uncertainty_covers_the_errors_made(seen):
+    shares = []
+    for seed in range(20):
+        found = register(seen(TURNS["askew"], 0.05, seed), Robot())
+        shares.append(error_deg(found, TURNS["askew"]) / found.uncertainty_deg)
+    assert np.all(np.sqrt(np.mean(np.square(shares), axis=0)) < 1.3)
+
+
+def test_errors_of_the_believed_angles_do_not_turn_the_frame(seen):
+    poses = changed(seen(), q=lambda q: 0.7 * q)
+    np.testing.assert_allclose(error_deg(register(poses, Robot()), (0, 0, 0)), 0.0, atol=0.4)
+
+
+def test_mirrored_markers_are_no_rotation_and_are_refused(seen):
+    poses = changed(seen(), markers=lambda m: m * np.array([-1.0, 1.0, 1.0]))
+    with pytest.raises(RegistrationError, match="servo 2 bends the robot the wrong way"):
+        register(poses, Robot())
+
+
+@pytest.mark.parametrize(("axis", "sign"), [("1", (-1, 1)), ("2", (1, -1)), ("1 and 2", (-1, -1))])
+def test_a_servo_that_turns_the_wrong_way_is_named(seen, axis, sign):
+    poses = changed(seen(), q=lambda q: q * np.array(sign))
+    with pytest.raises(RegistrationError, match=f"servo {axis} bends"):
+        register(poses, Robot())
+
+
+def test_too_few_poses_are_refused(seen):
+    with pytest.raises(RegistrationError, match="only 4 poses"):
+        register(seen()[:4], Robot())
+
+
+def test_a_swing_too_small_is_refused(seen):
+    poses = [pose for pose in seen() if abs(pose.q_rad[0]) < np.radians(15.0)]
+    with pytest.raises(RegistrationError, match="swung by"):
+        register(poses + poses, Robot())
+
+
+def test_a_segment_2_that_stays_is_refused(seen):
+    poses = seen()
+    straight = poses[0].markers_mm
+    poses[-2:] = [RestPose(pose.q_rad, straight) for pose in poses[-2:]]
+    with pytest.raises(RegistrationError, match="segment 2 moved M3"):
+        register(poses, Robot())
+
+
+def test_a_motor_2_that_was_never_turned_is_refused(seen):
+    with pytest.raises(RegistrationError, match="never turned"):
+        register(seen()[:-2], Robot())
+
+
+def test_a_camera_out_of_scale_is_refused(seen):
+    poses = changed(seen(), markers=lambda m: m * 1.05)
+    with pytest.raises(RegistrationError, match=r"segment \d measures|off any shape"):
+        register(poses, Robot())
+
+
+def test_a_base_that_moved_is_refused(seen):
+    poses = seen()
+    poses[5:] = changed(poses[5:], markers=lambda m: m + np.array([0.0, 2.0, 0.0]))
+    with pytest.raises(RegistrationError, match="M1 moved"):
+        register(poses, Robot())
+
+
+def test_exchanged_markers_are_refused(seen):
+    for order in ((0, 2, 1), (2, 1, 0), (1, 0, 2)):
+        poses = changed(seen(), markers=lambda m, order=order: m[list(order)])
+        with pytest.raises(RegistrationError):
+            register(poses, Robot())
+
+
+def test_noise_far_above_any_cameras_is_refused(seen):
+    with pytest.raises(RegistrationError):
+        register(seen(noise_mm=2.0), Robot())
