@@ -13,7 +13,7 @@ from ccr_host.control.adaptive.estimator import Estimator, Tuning
 from ccr_host.control.adaptive.excitation import tour, tour_bending_rad
 from ccr_host.control.adaptive.identification import Scaling
 from ccr_host.control.adaptive.path_plan import PathPlan, plan_path, polished
-from ccr_host.control.adaptive.rest_survey import RestSurvey
+from ccr_host.control.adaptive.rest_survey import SETTLED_AFTER_S, RestSurvey
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
 from ccr_host.control.adaptive.statics import setpoints_for, tip_mm, vector_mm
 from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome
@@ -81,7 +81,9 @@ class AdaptiveStatics:
             self._last_rad = observation.q_rad
             self._history = SetpointHistory(observation.q_rad)
         if self._phase is _Phase.TO_FIRST_POINT:
-            self._learn(observation, self._history)
+            # Moves of the approach are faster than the path: lag would pass for an offset.
+            if self._is_resting(observation, self._history):
+                self._learn(observation, self._history)
         else:
             self._measure_rest(observation, self._history)
         if not self._approach_setpoints:
@@ -129,6 +131,10 @@ class AdaptiveStatics:
         if exposed_us is not None and observation.tip_mm is not None:
             time_s = _seconds(exposed_us) - self._estimator.delay_s
             self._survey.add(history, time_s, observation.tip_mm)
+
+    def _is_resting(self, observation: Observation, history: SetpointHistory) -> bool:
+        seen_s = _seconds(observation.time_us - observation.tip_age_us)
+        return seen_s - history.resting_since(seen_s) > SETTLED_AFTER_S
 
     def _learn(self, observation: Observation, history: SetpointHistory) -> bool:
         """Correct the estimate; whether there was a measurement, new or not."""

@@ -51,7 +51,7 @@ class Tuning:
 
     noise_mm: float = 0.3
     """Of a measured coordinate, unmodelled motion included."""
-    delay_s: float = 0.045
+    delay_s: float = 0.038
     """From a command to the start of its motion: half a tick, a tick of pulses, transport."""
     delay_deviation_s: float = 0.015
     offset_deviation_mm: float = 1.0

@@ -11,7 +11,8 @@ from ccr_host.control.adaptive.statics import Drive
 
 FloatArray = NDArray[np.float64]
 
-_SETTLED_AFTER_S = 0.15
+SETTLED_AFTER_S = 0.15
+"""A tip counts as resting so long after its servos."""
 _FEWEST_RESTS = 20
 _NOISE_MM = 0.35
 """Of a coordinate at rest: camera noise, ringing, the model's own error."""
@@ -31,7 +32,7 @@ class RestSurvey:
 
     def add(self, history: SetpointHistory, time_s: float, tip_mm: FloatArray) -> None:
         """Keep a measurement if the setpoints had stood for long enough by then."""
-        if time_s - history.resting_since(time_s) > _SETTLED_AFTER_S:
+        if time_s - history.resting_since(time_s) > SETTLED_AFTER_S:
             self._drives.append(history.at(time_s)[0])
             self._tips_mm.append(tip_mm)
 

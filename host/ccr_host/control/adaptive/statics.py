@@ -405,39 +405,43 @@ def _tip(
     reach_1_slope = -2.0 * short_1 * theta_1 * p.length_1_mm
     reach_2_slope = -2.0 * short_2 * theta_2 * p.length_2_mm
     turning = (reach_2 * arc_2[0].real + 1j * p.marker_offset_mm) * turn
-    bulge, bulge_slope = _bulge_mm(p, theta_1, theta_2, arc_1, turn)
+    bulge, bulge_1, bulge_2 = _bulge_mm(p, theta_1, theta_2, arc_1, turn)
     return Tip(
         reach_2 * arc_2[0].imag,
         reach_2 * arc_2[1].imag + reach_2_slope * arc_2[0].imag,
         reach_1 * arc_1[0] + turning + bulge - 1j * p.marker_offset_mm,
-        reach_1 * arc_1[1] + reach_1_slope * arc_1[0] + 1j * turning + bulge_slope,
-        (reach_2 * arc_2[1].real + reach_2_slope * arc_2[0].real) * turn,
+        reach_1 * arc_1[1] + reach_1_slope * arc_1[0] + 1j * turning + bulge_1,
+        (reach_2 * arc_2[1].real + reach_2_slope * arc_2[0].real) * turn + bulge_2,
     )
 
 
 def _bulge_mm(
     p: Parameters, theta_1: Number, theta_2: Number, arc_1: tuple[Number, ...], turn: Number
-) -> tuple[Number, Number]:
-    """How gravity, strongest at the base, bends segment 1 unevenly, and its slope in theta_1.
+) -> tuple[Number, Number, Number]:
+    """How gravity, strongest at the base, bends segment 1 unevenly; slopes in both angles.
 
     Bending angle gamma (u - u^2) at the share u of the length moves the segment's end by
     gamma L_1 D with D = E' + i E''; its energy is gamma^2 / 6 and the load's gamma load Im D.
     Pulling tendons soften it, as they soften every bending of a chain with sag; how hard they
-    pull is taken from the straight robot's loads, and its slope neglected.
+    pull is taken from the loads of a straight robot.
     """
     load = ((1.0 - 0.5 * _SEGMENT_1_SHARE) * p.body_per_mm + p.tip_per_mm) * p.length_1_mm
     beyond = (0.5 * _SEGMENT_2_SHARE * p.body_per_mm + p.tip_per_mm) * p.length_2_mm
-    pull_1 = abs(theta_1 + (0.5 * load + beyond) * turn.real)
-    pull_2 = p.stiffness_ratio * abs(theta_2)
-    softened = _LEAST_SOFTENED + _positive(
-        1.0 - _LEAST_SOFTENED - 2.0 * p.sag_1 * (pull_1 + pull_2)
-    )
+    weight = 0.5 * load + beyond
+    pull_1 = theta_1 + weight * turn.real
+    pull_2 = p.stiffness_ratio * theta_2
+    margin = 1.0 - _LEAST_SOFTENED - 2.0 * p.sag_1 * (abs(pull_1) + abs(pull_2))
+    softened = _LEAST_SOFTENED + _positive(margin)
+    softening = 2.0 * p.sag_1 * (margin > 0.0) / softened
     reach = arc_1[1] + 1j * arc_1[2]
-    slope = arc_1[2] + 1j * arc_1[3]
+    reach_slope = arc_1[2] + 1j * arc_1[3]
     amplitude = -3.0 * load * p.length_1_mm / softened
+    bulge = amplitude * reach.imag * reach
+    slope = amplitude * (reach_slope.imag * reach + reach.imag * reach_slope)
     return (
-        amplitude * reach.imag * reach,
-        amplitude * (slope.imag * reach + reach.imag * slope),
+        bulge,
+        slope + bulge * softening * _sign(pull_1) * (1.0 - weight * turn.imag),
+        bulge * softening * _sign(pull_2) * p.stiffness_ratio,
     )
 
 
@@ -450,6 +454,11 @@ The effect is below 1 mm, so another pulley's r_p is not worth a parameter."""
 def _positive(x: Number) -> Number:
     """max(x, 0), of floats and arrays."""
     return 0.5 * (x + abs(x))
+
+
+def _sign(x: Number) -> Number:
+    """1 or -1, of floats and arrays."""
+    return 2.0 * (x > 0.0) - 1.0
 
 
 def parameters_of(vector: FloatArray | Sequence[float]) -> Parameters:
