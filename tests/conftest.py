@@ -23,6 +23,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "requirement(*ids): that the test shows, by spec.toml's ids")
+    config.addinivalue_line("markers", "in_step: needs a board whose time is that of the test")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -2,6 +2,7 @@
 
     pytest tests/conformance                       emulator and firmware binary
     pytest tests/conformance --device simavr:      one of them
+    pytest tests/conformance --device serial:PORT  a board, servos off: it is armed and moved
 
 Each test of a requirement names it; the suite prints which ones were covered.
 """
@@ -14,15 +15,18 @@ from contextlib import ExitStack, closing
 import pytest
 
 from ccr_host.emulator.eeprom import EepromImage
-from tests.conformance.device import make_device
+from tests.conformance.device import IN_STEP, make_device
 from tests.conformance.host import Host
 
 MakeHost = Callable[..., Host]
 
 
 @pytest.fixture
-def make_host(device_uri: str) -> Iterator[MakeHost]:
+def make_host(device_uri: str, request: pytest.FixtureRequest) -> Iterator[MakeHost]:
     """A host of a board that has just been started; give it an EEPROM to start from."""
+    in_step = device_uri in IN_STEP
+    if not in_step and request.node.get_closest_marker("in_step"):
+        pytest.skip("needs a board in step with the test")
     with ExitStack() as stack:
 
         def make(eeprom: EepromImage | None = None, **start_values: int) -> Host:

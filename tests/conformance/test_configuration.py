@@ -48,6 +48,7 @@ def test_setpoint_is_clamped_to_new_limits(armed):
     assert armed.report_of_tick(armed.next_tick()).setpoint_cdeg == (1000, 1000)
 
 
+@pytest.mark.in_step
 def test_missing_groups_read_as_zeros(make_host):
     assert slew(make_host()) == m.Slew((0, 0))
 
@@ -70,6 +71,7 @@ def test_saved_configuration_is_in_use_after_a_reset(host):
     host.arm()
 
 
+@pytest.mark.in_step
 def test_unsaved_configuration_is_lost_with_a_reset(host):
     restart(host)
     assert status(host) is m.EepromStatus.BLANK

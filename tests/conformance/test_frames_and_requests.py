@@ -50,6 +50,7 @@ def test_longest_payload_is_taken_as_a_frame(make_host):
 @pytest.mark.requirement("FRM-2")
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(noise=st.binary(max_size=300))
+@pytest.mark.in_step
 def test_next_frame_after_any_bytes_and_a_zero_is_understood(make_host, noise):
     host = make_host()
     host.exchange(noise + b"\0")
@@ -85,6 +86,7 @@ def test_requests_are_answered_in_order_with_their_sequence_numbers(make_host):
     ]
 
 
+@pytest.mark.in_step
 def test_answers_that_do_not_fit_the_send_buffer_are_dropped_and_counted(make_host):
     host = make_host()
     burst = b"".join(encode_frame(m.GetState.ID, n, b"") for n in range(60))
@@ -178,6 +180,7 @@ def test_only_the_same_id_sequence_and_payload_is_a_repetition(host):
 
 
 @pytest.mark.requirement("REQ-3")
+@pytest.mark.in_step
 def test_refused_request_is_checked_again_when_repeated(blank):
     assert blank.refusal(m.Arm(SESSION), sequence=5)[0] is m.NackCode.NOT_CONFIGURED
     blank.configure()

@@ -50,6 +50,7 @@ def test_another_spec_gets_no_session_and_leaves_the_open_one(host):
 
 
 @pytest.mark.requirement("SES-3")
+@pytest.mark.in_step
 def test_reset_closes_the_session_ends_telemetry_and_counts_up(host):
     boot_id = host.told(m.Hello(1, m.SPEC_HASH), m.HelloReply).boot_id
     host.done(m.SetTelemetry(SESSION, 1))
@@ -66,6 +67,7 @@ def test_reset_closes_the_session_ends_telemetry_and_counts_up(host):
 
 @pytest.mark.requirement("SES-3")
 @pytest.mark.parametrize(("stored", "boot_id"), [(0xFFFF, 1), (7, 8), (0xFFFE, 0xFFFF)])
+@pytest.mark.in_step
 def test_boot_counter_is_kept_in_eeprom(make_host, stored, boot_id):
     eeprom = EepromImage()
     eeprom.content[m.EEPROM_BOOT_COUNTER : m.EEPROM_BOOT_COUNTER + 2] = stored.to_bytes(2, "little")
@@ -80,6 +82,7 @@ def test_hello_is_answered_whatever_spec_the_host_has(make_host):
     assert (hello.axes, hello.max_payload, hello.tick_us) == (2, m.MAX_PAYLOAD, m.TICK_US)
 
 
+@pytest.mark.in_step
 def test_session_cannot_be_opened_during_boot(make_host):
     answer = make_host().refusal(m.OpenSession(m.SPEC_HASH, SESSION))
     assert answer == (m.NackCode.BAD_STATE, m.State.BOOT)
@@ -87,6 +90,7 @@ def test_session_cannot_be_opened_during_boot(make_host):
 
 @pytest.mark.requirement("TEL-1")
 @pytest.mark.parametrize("period", [1, 2, 5])
+@pytest.mark.in_step
 def test_stream_reports_every_nth_tick_counting_from_zero(host, period):
     host.to_after_tick(host.next_tick())
     host.done(m.SetTelemetry(SESSION, period))
@@ -99,6 +103,7 @@ def test_stream_reports_every_nth_tick_counting_from_zero(host, period):
 
 
 @pytest.mark.requirement("TEL-1")
+@pytest.mark.in_step
 def test_sequence_number_of_the_stream_wraps(host):
     host.done(m.SetTelemetry(SESSION, 1))
     host.listen(258 * m.TICK_US)

@@ -12,6 +12,7 @@ NEUTRAL = (3000, 3100)
 
 @pytest.mark.requirement("TIM-1")
 @pytest.mark.parametrize("tick", [0, 1, 49])
+@pytest.mark.in_step
 def test_tick_runs_at_its_phase(make_host, tick):
     host = make_host()
     request_us = 2_000  # longer than a get_state needs to its dispatch
@@ -117,6 +118,7 @@ def test_lesser_of_relax_slew_and_slew_limit_counts(blank):
 
 
 @pytest.mark.requirement("ARM-2")
+@pytest.mark.in_step
 def test_incomplete_configuration_is_refused_and_named(blank):
     missing = m.ConfigGroups(0xF)
     assert blank.refusal(m.Arm(SESSION)) == (m.NackCode.NOT_CONFIGURED, missing)
@@ -131,6 +133,7 @@ def test_incomplete_configuration_is_refused_and_named(blank):
 
 
 @pytest.mark.requirement("ARM-3")
+@pytest.mark.in_step
 def test_setpoint_after_a_reset_is_the_rest_pose(blank):
     blank.configure(limits=m.Limits((-8500, -6000), (8500, 6000), (500, -700)))
     blank.save()
@@ -163,6 +166,7 @@ def test_disarm_while_arming_enables_no_further_axis(host):
 
 
 @pytest.mark.requirement("TIM-1", "TIM-3")
+@pytest.mark.in_step
 def test_nothing_changes_when_the_clocks_of_the_board_wrap(make_host):
     before_wrap_us = 200_000
     plain = make_host()
@@ -190,6 +194,7 @@ def test_nothing_changes_when_the_clocks_of_the_board_wrap(make_host):
     assert board_us == pytest.approx(wrapping.device.since_reset_us() - before_wrap_us, abs=2_000)
 
 
+@pytest.mark.in_step
 def test_clock_sync_tells_when_it_was_dispatched(make_host):
     host = make_host()
     host.device.advance_to(1_000_000)
@@ -200,6 +205,7 @@ def test_clock_sync_tells_when_it_was_dispatched(make_host):
 
 @pytest.mark.requirement("TIM-5")
 @pytest.mark.parametrize("cause", [m.ResetCause.POWER_ON, m.ResetCause.EXTERNAL])
+@pytest.mark.in_step
 def test_board_listens_soon_after_a_reset(make_host, cause):
     host = make_host()
     host.device.reset(cause)
