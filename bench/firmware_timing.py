@@ -21,7 +21,7 @@ from ccr_host import config
 from ccr_host.link import messages as m
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
-from ccr_host.link.framing import encode_frame
+from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
 from ccr_host.run.clock import VirtualClock
 from ccr_host.simavr.board import SimavrBoard
 from ccr_host.simavr.flash_image import read_flash_image
@@ -245,8 +245,6 @@ def free_stack_bytes(rig: Rig) -> int:
 
 def last_report(data: bytes) -> m.StateReport:
     """Of the state replies in these bytes."""
-    from ccr_host.link.framing import Frame, FrameDecoder  # noqa: PLC0415
-
     frames = [f for f in FrameDecoder().feed(data) if isinstance(f, Frame)]
     return m.StateReply.unpack(frames[-1].payload).report
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.config import Tracker
+from ccr_host.tracking.rotation import rotation_matrix
 from ccr_host.tracking.sample import Sample
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ class Camera:
         self._rng = rng
         # M3 - M1 has six independent components of error.
         self._noise_per_coordinate_mm = tracker.noise_mm / math.sqrt(6)
-        self._robot_to_camera = _rotation_matrix(np.radians(tracker.rotation_deg)).T
+        self._robot_to_camera = rotation_matrix(np.radians(tracker.rotation_deg)).T
         self._latency_us = round(tracker.latency_ms * 1000)
         self._exposures = 0
         self._in_flight: deque[Sample] = deque()
@@ -54,14 +55,3 @@ class Camera:
         while self._in_flight and self._in_flight[0].exposed_us + self._latency_us <= time_us:
             self._newest = self._in_flight.popleft()
         return self._newest
-
-
-def _rotation_matrix(rotation_rad: Array) -> Array:
-    """Rodrigues' formula for a rotation vector."""
-    angle = float(np.linalg.norm(rotation_rad))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = rotation_rad / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    rotation: Array = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-    return rotation
