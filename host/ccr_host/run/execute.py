@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TextIO
 
 from ccr_host.control.registry import make_controller
 from ccr_host.errors import CcrError, ConfigError
@@ -12,9 +11,10 @@ from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits, Workspace
 from ccr_host.run.clock import Stopwatch
+from ccr_host.run.json_log import JsonLog
 from ccr_host.run.loop import Progress, follow_path
+from ccr_host.run.observer import Observers, RunObserver, RunSetup
 from ccr_host.run.options import RunOptions
-from ccr_host.run.recorder import Recorder
 from ccr_host.run.rig import Rig, open_rig
 from ccr_host.run.step_record import StepRecord
 from ccr_host.run.summary import RunResult
@@ -37,7 +37,7 @@ def workspace_of(options: RunOptions) -> Workspace:
     return Workspace(ConstantCurvature(description.robot), MotorLimits.of(description.servo))
 
 
-def execute(options: RunOptions, log: TextIO | None, on_step: Progress) -> RunResult:
+def execute(options: RunOptions, observer: RunObserver, on_step: Progress) -> RunResult:
     """Run, and come back with whatever was reached.
 
     A device or tracker fault and Ctrl-C end the run early: the robot is made safe, the steps done
@@ -50,8 +50,7 @@ def execute(options: RunOptions, log: TextIO | None, on_step: Progress) -> RunRe
     description = options.description()
     reference = reference_of(options)
     controller = make_controller(options.controller, description)
-    recorder = Recorder(log)
-    recorder.header({"options": _loggable(options), "description": description.model_dump()})
+    observer.begin(RunSetup(options, description, reference))
     records: list[StepRecord] = []
 
     def keep(step: int, steps: int, record: StepRecord) -> None:
@@ -61,13 +60,13 @@ def execute(options: RunOptions, log: TextIO | None, on_step: Progress) -> RunRe
     failure: BaseException | None = None
     rig: Rig | None = None
     try:
-        with open_rig(options, description, recorder) as rig:
-            follow_path(rig, controller, reference, description, recorder, keep)
+        with open_rig(options, description, observer) as rig:
+            follow_path(rig, controller, reference, description, observer, keep)
     except ConfigError:
         raise
     except (CcrError, KeyboardInterrupt) as error:
         failure = error
-        recorder.event(rig.clock.now_us() if rig else 0, _describe(error))
+        observer.event(rig.clock.now_us() if rig else 0, _describe(error))
     return RunResult(
         options=options,
         reference=reference,
@@ -80,17 +79,13 @@ def execute(options: RunOptions, log: TextIO | None, on_step: Progress) -> RunRe
 
 def execute_quietly(options: RunOptions) -> RunResult:
     """Run without a log; for worker processes."""
-    return execute(options, None, lambda *_: None)
+    return execute(options, Observers(), lambda *_: None)
 
 
 def execute_logged(options: RunOptions, folder: Path, on_step: Progress) -> RunResult:
     """Run with the log in its folder."""
     with (folder / "log.jsonl").open("w", encoding="utf-8") as log:
-        return execute(options, log, on_step)
-
-
-def _loggable(options: RunOptions) -> dict[str, object]:
-    return {**vars(options), "overrides": list(options.overrides)}
+        return execute(options, JsonLog(log), on_step)
 
 
 def _describe(error: BaseException) -> str:

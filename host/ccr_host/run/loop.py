@@ -23,7 +23,7 @@ from ccr_host.control.base import (
 from ccr_host.errors import TrackerError
 from ccr_host.robot.reference import Reference
 from ccr_host.run.clock import Stopwatch
-from ccr_host.run.recorder import Recorder
+from ccr_host.run.observer import RunObserver
 from ccr_host.run.rig import Rig
 from ccr_host.run.step_record import StepRecord, Vector
 from ccr_host.tracking.sample import Sample
@@ -46,7 +46,7 @@ def follow_path(
     controller: Controller,
     reference: Reference,
     description: Description,
-    recorder: Recorder,
+    observer: RunObserver,
     on_step: Progress,
 ) -> list[StepRecord]:
     """Arm the robot, approach the first point, follow the path, disarm.
@@ -58,7 +58,7 @@ def follow_path(
         DeviceError: the board refused, was lost or latched a fault.
         TrackerError: the markers were lost for longer than coasting and holding allow.
     """
-    return _PathRun(rig, controller, reference, description, recorder).execute(on_step)
+    return _PathRun(rig, controller, reference, description, observer).execute(on_step)
 
 
 class _PathRun:
@@ -68,12 +68,12 @@ class _PathRun:
         controller: Controller,
         reference: Reference,
         description: Description,
-        recorder: Recorder,
+        observer: RunObserver,
     ) -> None:
         self._rig = rig
         self._controller = controller
         self._reference = reference
-        self._recorder = recorder
+        self._observer = observer
         self._settle_s = description.control.settle_s
         self._period_us = round(reference.period_s * 1e6)
         self._validity_ms = int(
@@ -82,7 +82,7 @@ class _PathRun:
                 *_VALIDITY_LIMITS_MS,
             )
         )
-        self._watch = _MarkerWatch(rig, description.control, recorder)
+        self._watch = _MarkerWatch(rig, description.control, observer)
 
     def execute(self, on_step: Progress) -> list[StepRecord]:
         rig, clock = self._rig, self._rig.clock
@@ -112,7 +112,7 @@ class _PathRun:
             self._send(command)
             clock.sleep_until_us(start_us + (step + 1) * self._period_us)
             record = self._judge(step, command, timing)
-            self._recorder.step(record)
+            self._observer.step(record)
             on_step(step, steps, record)
             records.append(record)
         self._note("disarming")
@@ -176,6 +176,7 @@ class _PathRun:
         now_us = self._rig.clock.now_us()
         return StepRecord(
             step=step,
+            end_us=now_us,
             time_s=float(self._reference.time_s[step]),
             target_mm=self._reference.target_mm[step],
             q_rad=command.q_rad,
@@ -190,7 +191,7 @@ class _PathRun:
         )
 
     def _note(self, text: str) -> None:
-        self._recorder.event(self._rig.clock.now_us(), text)
+        self._observer.event(self._rig.clock.now_us(), text)
 
 
 @dataclass(frozen=True)
@@ -208,9 +209,9 @@ def _repeat(last: Command, why: str) -> Command:
 class _MarkerWatch:
     """Decides what a missing sample means: coast on the model, hold the pose, give up."""
 
-    def __init__(self, rig: Rig, control: Control, recorder: Recorder) -> None:
+    def __init__(self, rig: Rig, control: Control, observer: RunObserver) -> None:
         self._rig = rig
-        self._recorder = recorder
+        self._observer = observer
         self._stale_us = control.stale_after_ms * 1000
         self._coast_us = control.coast_s * 1e6
         self._hold_us = control.hold_s * 1e6
@@ -235,7 +236,7 @@ class _MarkerWatch:
             return None
         if sample.exposed_us != self._last_exposed_us:
             self._last_exposed_us = self._last_seen_us = sample.exposed_us
-            self._recorder.sample(sample)
+            self._observer.sample(sample)
         return sample
 
     def look(self) -> tuple[Vector | None, int, bool]:

@@ -24,8 +24,8 @@ from ccr_host.link.messages import StateReport
 from ccr_host.link.transport import Transport, open_transport
 from ccr_host.link.uri import DeviceKind, DeviceUri, parse_device_uri
 from ccr_host.run.clock import Clock, RealClock, VirtualClock
+from ccr_host.run.observer import RunObserver
 from ccr_host.run.options import RunOptions
-from ccr_host.run.recorder import Recorder
 from ccr_host.simavr.board import SimavrBoard
 from ccr_host.simavr.cosim import SimavrCoSimulation
 from ccr_host.simavr.files import find_firmware
@@ -71,7 +71,7 @@ def is_simulated(options: RunOptions) -> bool:
 
 
 @contextmanager
-def open_rig(options: RunOptions, description: Description, recorder: Recorder) -> Iterator[Rig]:
+def open_rig(options: RunOptions, description: Description, observer: RunObserver) -> Iterator[Rig]:
     """Connect, configure the board, and make the robot safe on the way out, whatever happens.
 
     Raises:
@@ -87,7 +87,7 @@ def open_rig(options: RunOptions, description: Description, recorder: Recorder) 
     camera = Camera(description.tracker, np.random.default_rng(camera_seed))
     scene = TwinScene(robot, camera)
     with ExitStack() as stack:
-        on_telemetry: TelemetryObserver | None = None
+        on_telemetry = _shown_to(observer)
         transport: Transport
         if device.kind is DeviceKind.EMULATOR:
             line = SerialLine(UnoEmulator())
@@ -98,14 +98,14 @@ def open_rig(options: RunOptions, description: Description, recorder: Recorder) 
             clock.attach(SimavrCoSimulation(transport, scene))
         else:
             clock.attach(scene)
-            on_telemetry = _pulses_from_telemetry(scene)
+            on_telemetry = _moving(scene, on_telemetry)
             transport = _open_port(device, description.link.baud, stack)
         client = stack.enter_context(
             Client(
                 transport,
                 clock,
                 _session_generator(device, session_seed),
-                on_frame=recorder.frame,
+                on_frame=observer.frame,
                 on_telemetry=on_telemetry,
             )
         )
@@ -133,10 +133,18 @@ def _open_port(device: DeviceUri, baud: int, stack: ExitStack) -> Transport:
     return open_transport(device, baud)
 
 
-def _pulses_from_telemetry(scene: TwinScene) -> TelemetryObserver:
+def _shown_to(observer: RunObserver) -> TelemetryObserver:
+    def show(report: StateReport, time_us: int) -> None:
+        observer.state(time_us, report)
+
+    return show
+
+
+def _moving(scene: TwinScene, then: TelemetryObserver) -> TelemetryObserver:
     """Let a board elsewhere move the twin: real board, simulated robot."""
 
-    def follow(report: StateReport, _time_us: int) -> None:
+    def follow(report: StateReport, time_us: int) -> None:
         scene.set_pulses_half_us(report.pulse_half_us)
+        then(report, time_us)
 
     return follow

@@ -22,7 +22,10 @@ class StepRecord:
     """
 
     step: int
+    end_us: int
+    """Of the period, on the run's clock."""
     time_s: float
+    """Of the step, on the path's clock."""
     target_mm: Vector
     q_rad: Vector
     outcome: Outcome

@@ -10,14 +10,14 @@ from ccr_host.errors import TrackerError
 from ccr_host.link.messages import State
 from ccr_host.robot.reference import Reference
 from ccr_host.run.loop import follow_path
+from ccr_host.run.observer import Observers
 from ccr_host.run.options import RunOptions
-from ccr_host.run.recorder import Recorder
 from ccr_host.run.rig import Rig, open_rig
 from ccr_host.run.step_record import StepRecord
 from ccr_host.tracking.sample import Sample
 
 STEPS = 8
-SILENT = Recorder(None)
+SILENT = Observers()
 OPTIONS = RunOptions(path="8shape", overrides=("control.coast_s=2", "control.hold_s=3"))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ccr_host.errors import ConfigError
-from ccr_host.run.recorder import Recorder
+from ccr_host.run.json_log import JsonLog
 from ccr_host.tracking.replay import ReplayTracker
 from ccr_host.tracking.sample import Sample
 
@@ -17,8 +17,7 @@ LATENCY_US = 40_000
 def log(tmp_path):
     """Three samples as a run records them, among other lines."""
     text = io.StringIO()
-    recorder = Recorder(text)
-    recorder.header({"path": "8shape"})
+    recorder = JsonLog(text)
     for exposed_us in (1_000_000, 1_050_000, 1_200_000):
         recorder.event(exposed_us, "something else")
         markers_mm = np.arange(9.0).reshape(3, 3) + exposed_us

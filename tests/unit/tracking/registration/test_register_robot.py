@@ -11,8 +11,8 @@ from ccr_host.errors import TrackerError
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import reference_of
 from ccr_host.run.loop import follow_path
+from ccr_host.run.observer import Observers
 from ccr_host.run.options import RunOptions
-from ccr_host.run.recorder import Recorder
 from ccr_host.run.register import register_robot, safe_poses_rad
 from ccr_host.run.rig import open_rig
 from ccr_host.tracking.registration import RegistrationError
@@ -29,7 +29,7 @@ def turned(rotation_rad, robot=None, **keys) -> RunOptions:
 
 def registered(options: RunOptions):
     description = options.description()
-    with open_rig(options, description, Recorder(None)) as rig:
+    with open_rig(options, description, Observers()) as rig:
         return register_robot(rig, description, lambda *_: None)
 
 
@@ -52,7 +52,7 @@ def mean_errors_mm(options: RunOptions, camera_to_robot) -> tuple[float, float]:
     """As measured and true."""
     description = options.description()
     controller = make_controller(options.controller, description)
-    recorder = Recorder(None)
+    recorder = Observers()
     with open_rig(options, description, recorder) as in_camera_frame:
         tracker = InRobotFrame(in_camera_frame.tracker, camera_to_robot)
         rig = replace(in_camera_frame, tracker=tracker)
@@ -83,7 +83,7 @@ def test_the_closed_loop_is_as_good_as_with_an_aligned_camera(turn):
 def test_a_camera_that_sees_nothing_is_told(monkeypatch):
     options = turned(TURNS["aligned"])
     description = options.description()
-    with open_rig(options, description, Recorder(None)) as rig:
+    with open_rig(options, description, Observers()) as rig:
         monkeypatch.setattr(rig.tracker, "newest", lambda: None)
         with pytest.raises(TrackerError, match="no markers from twin"):
             register_robot(rig, description, lambda *_: None)

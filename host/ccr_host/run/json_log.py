@@ -8,23 +8,31 @@ from __future__ import annotations
 import json
 from typing import Any, TextIO
 
+from ccr_host.link.messages import StateReport
+from ccr_host.run.observer import RunSetup
 from ccr_host.run.step_record import StepRecord, Vector
 from ccr_host.tracking.sample import Sample
 
 
-class Recorder:
-    """Log writer; without a file it records nothing."""
+class JsonLog:
+    """Observer that writes the log."""
 
-    def __init__(self, file: TextIO | None) -> None:
+    def __init__(self, file: TextIO) -> None:
         self._file = file
 
-    def header(self, content: dict[str, Any]) -> None:
-        """What was run: options and robot description."""
-        self._write({"kind": "run", **content})
+    def begin(self, setup: RunSetup) -> None:
+        """What is run: options and robot description."""
+        options = {**vars(setup.options), "overrides": list(setup.options.overrides)}
+        self._write(
+            {"kind": "run", "options": options, "description": setup.description.model_dump()}
+        )
 
     def frame(self, direction: str, time_us: int, data: bytes) -> None:
         """Bytes of one frame on the link, as sent or received."""
         self._write({"kind": "frame", "t_us": time_us, "dir": direction, "hex": data.hex()})
+
+    def state(self, time_us: int, report: StateReport) -> None:
+        """Nothing: it is in the frames."""
 
     def sample(self, sample: Sample) -> None:
         """A tracker sample that the control loop has used."""
@@ -54,21 +62,15 @@ class Recorder:
                 "true_mm": _listed(record.true_mm),
             }
         )
-        self.flush()
+        self._file.flush()
 
     def event(self, time_us: int, text: str) -> None:
         """Something worth knowing when the log is read: phase changes, faults, interruptions."""
         self._write({"kind": "event", "t_us": time_us, "text": text})
-        self.flush()
-
-    def flush(self) -> None:
-        """Hand everything to the operating system, so that a killed process loses nothing."""
-        if self._file is not None:
-            self._file.flush()
+        self._file.flush()
 
     def _write(self, content: dict[str, Any]) -> None:
-        if self._file is not None:
-            self._file.write(json.dumps(content, separators=(",", ":")) + "\n")
+        self._file.write(json.dumps(content, separators=(",", ":")) + "\n")
 
 
 def _listed(vector: Vector | None) -> list[float] | None:

@@ -1,0 +1,104 @@
+"""The command ``ccr-host compare``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from ccr_host import terminal
+from ccr_host.commands.options import (
+    DeviceOption,
+    JsonOption,
+    OutOption,
+    RateOption,
+    RealtimeOption,
+    RobotOption,
+    SeedOption,
+    SetOption,
+    TrackerOption,
+)
+from ccr_host.commands.output import print_json
+from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.run.options import RunOptions
+
+
+def compare(
+    controller: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Only this controller; may be repeated. Default: all."),
+    ] = None,
+    path: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATH", help="Only this path; may be repeated. Default: all three."),
+    ] = None,
+    robot: RobotOption = None,
+    device: DeviceOption = "emulator:",
+    tracker: TrackerOption = "twin:",
+    rate: RateOption = 1.0,
+    seed: SeedOption = 1,
+    overrides: SetOption = None,
+    realtime: RealtimeOption = False,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Open loop against every controller on the paper's paths.
+
+    Example: ccr-host compare --robot hard
+    """
+    from ccr_host.control.registry import controller_names
+    from ccr_host.run.campaign import execute_all
+    from ccr_host.run.execute import reference_of
+    from ccr_host.run.figure import write_comparison_figure
+    from ccr_host.run.folder import make_run_folder, write_json
+    from ccr_host.run.paper_results import PAPER_RESULTS
+    from ccr_host.run.summary import summarise
+
+    with stop_signals_interrupt():
+        names = controller or controller_names()
+        runs = [
+            RunOptions(
+                path=one_path,
+                controller=name,
+                robot=robot,
+                overrides=tuple(overrides or ()),
+                device=device,
+                tracker=tracker,
+                rate_hz=rate,
+                seed=seed,
+                realtime=realtime,
+            )
+            for one_path in path or PAPER_RESULTS
+            for name in names
+        ]
+        references = {run.path: reference_of(run) for run in runs}
+        folder = make_run_folder(out, "compare")
+        screen = Console(stderr=as_json)
+        results = {}
+        with terminal.count_progress(Console(stderr=True), "runs", len(runs)) as count:
+            for index, result in execute_all(runs):
+                results[index] = result
+                count()
+        summaries = [summarise(results[index]) for index in range(len(runs))]
+        groups = [
+            (
+                reference,
+                [
+                    (run.controller, results[index].records)
+                    for index, run in enumerate(runs)
+                    if run.path == one_path
+                ],
+            )
+            for one_path, reference in references.items()
+        ]
+        write_comparison_figure(folder / "figure.png", groups)
+        content = {"runs": summaries, "paper": {k: vars(v) for k, v in PAPER_RESULTS.items()}}
+        write_json(folder / "compare.json", content)
+        screen.print(terminal.comparison_table(summaries))
+        screen.print(f"kept in {folder}/: figure.png, compare.json", highlight=False)
+        if as_json:
+            print_json(content)
+        for result in results.values():
+            if result.failure is not None:
+                raise result.failure

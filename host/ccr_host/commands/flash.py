@@ -1,0 +1,39 @@
+"""The command ``ccr-host flash``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from ccr_host.commands.options import JsonOption
+from ccr_host.commands.output import print_json
+
+
+def flash(
+    firmware: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="HEX or ELF file; without it the checkout is built."),
+    ] = None,
+    port: Annotated[
+        str | None, typer.Option(metavar="PORT", help="Serial port; found where there is only one.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Put the firmware onto an UNO and ask it who it is.
+
+    Example: ccr-host flash --port /dev/ttyACM0
+    """
+    from ccr_host.flash.flash import flash_board
+
+    report = flash_board(port, firmware)
+    screen = Console(stderr=as_json)
+    screen.print(
+        f"{report.port}: firmware {report.firmware_version} answers, "
+        f"boot {report.identity.boot_id}, EEPROM {report.identity.eeprom_status.name.lower()}",
+        highlight=False,
+    )
+    if as_json:
+        print_json(report.summary())

@@ -1,0 +1,93 @@
+"""The command ``ccr-host track``."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from ccr_host import terminal
+from ccr_host.commands.options import (
+    ControllerOption,
+    DeviceOption,
+    JsonOption,
+    OutOption,
+    PathArgument,
+    RateOption,
+    RealtimeOption,
+    RobotOption,
+    SeedOption,
+    SetOption,
+    TrackerOption,
+)
+from ccr_host.commands.output import print_json
+from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.run.options import RunOptions
+
+
+def track(
+    path: PathArgument,
+    controller: ControllerOption = "mpc",
+    robot: RobotOption = None,
+    device: DeviceOption = "emulator:",
+    tracker: TrackerOption = "twin:",
+    rate: RateOption = 1.0,
+    seed: SeedOption = 1,
+    overrides: SetOption = None,
+    realtime: RealtimeOption = False,
+    with_open: Annotated[
+        bool | None,
+        typer.Option(
+            "--with-open/--no-open",
+            help="Also run the open loop, to compare; by default where it costs no time.",
+        ),
+    ] = None,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Follow a path and show how well.
+
+    Example: ccr-host track 8shape --set twin.payload_g=5
+    """
+    from ccr_host.run.campaign import in_background
+    from ccr_host.run.execute import execute_logged, reference_of
+    from ccr_host.run.folder import make_run_folder
+    from ccr_host.run.keep import keep_result
+    from ccr_host.run.rig import is_simulated
+
+    with stop_signals_interrupt():
+        options = RunOptions(
+            path=path,
+            controller=controller,
+            robot=robot,
+            overrides=tuple(overrides or ()),
+            device=device,
+            tracker=tracker,
+            rate_hz=rate,
+            seed=seed,
+            realtime=realtime,
+        )
+        reference = reference_of(options)
+        folder = make_run_folder(out, f"{reference.name}-{controller}")
+        screen = Console(stderr=as_json)
+        wanted = is_simulated(options) if with_open is None else with_open
+        wanted = wanted and controller != "open-loop"
+        twin_open_loop = options.with_controller("open-loop").on_the_twin()
+        with in_background(twin_open_loop) if wanted else nullcontext() as open_loop_result:
+            title = f"{reference.name}, {controller}"
+            with terminal.step_progress(Console(stderr=True), title) as on_step:
+                result = execute_logged(options, folder, on_step)
+            complete = result.failure is None
+            open_loop = open_loop_result() if open_loop_result and complete else None
+            summary = keep_result(folder, result, open_loop)
+        if result.records:
+            screen.print(terminal.run_table(summary))
+            for line in terminal.health_lines(summary):
+                screen.print(line, highlight=False)
+        screen.print(f"kept in {folder}/: figure.png, run.json, log.jsonl", highlight=False)
+        if as_json:
+            print_json(summary)
+        if result.failure is not None:
+            raise result.failure

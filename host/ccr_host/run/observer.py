@@ -1,0 +1,80 @@
+"""What can be seen of a run while it happens: the log, the live page and whoever else looks on.
+
+Nothing in it comes from the wall clock but ``StepRecord.solve_us``, so that in virtual time equal
+seeds give equal logs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from ccr_host.config import Description
+from ccr_host.link.messages import StateReport
+from ccr_host.robot.reference import Reference
+from ccr_host.run.options import RunOptions
+from ccr_host.run.step_record import StepRecord
+from ccr_host.tracking.sample import Sample
+
+
+@dataclass(frozen=True)
+class RunSetup:
+    """All that is settled before a run begins."""
+
+    options: RunOptions
+    description: Description
+    reference: Reference
+
+
+class RunObserver(Protocol):
+    """Looks on in the control loop's own thread: returns at once and never raises."""
+
+    def begin(self, setup: RunSetup) -> None:
+        """Before anything else."""
+
+    def frame(self, direction: str, time_us: int, data: bytes) -> None:
+        """Bytes of one frame on the link, as sent (``sent``) or received (``received``)."""
+
+    def state(self, time_us: int, report: StateReport) -> None:
+        """A report of the board's state."""
+
+    def sample(self, sample: Sample) -> None:
+        """A tracker sample that the control loop has used."""
+
+    def step(self, record: StepRecord) -> None:
+        """The end of one control period."""
+
+    def event(self, time_us: int, text: str) -> None:
+        """Something worth knowing afterwards: phase changes, faults, interruptions."""
+
+
+class Observers:
+    """Several observers as one."""
+
+    def __init__(self, observers: Sequence[RunObserver] = ()) -> None:
+        self._observers = tuple(observers)
+
+    def begin(self, setup: RunSetup) -> None:
+        for observer in self._observers:
+            observer.begin(setup)
+
+    def frame(self, direction: str, time_us: int, data: bytes) -> None:
+        for observer in self._observers:
+            observer.frame(direction, time_us, data)
+
+    def state(self, time_us: int, report: StateReport) -> None:
+        for observer in self._observers:
+            observer.state(time_us, report)
+
+    def sample(self, sample: Sample) -> None:
+        for observer in self._observers:
+            observer.sample(sample)
+
+    def step(self, record: StepRecord) -> None:
+        for observer in self._observers:
+            observer.step(record)
+
+    def event(self, time_us: int, text: str) -> None:
+        for observer in self._observers:
+            observer.event(time_us, text)
