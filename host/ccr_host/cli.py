@@ -11,6 +11,7 @@ import typer
 from ccr_host.commands.compare import compare
 from ccr_host.commands.emulate import emulate
 from ccr_host.commands.flash import flash
+from ccr_host.commands.jog import jog
 from ccr_host.commands.track import track
 from ccr_host.commands.workspace import workspace
 from ccr_host.errors import CcrError
@@ -25,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (track, compare, workspace, emulate, flash):
+for command in (track, compare, workspace, emulate, flash, jog):
     app.command()(command)
 
 
@@ -39,6 +40,9 @@ def main() -> None:
         cure = f"; {error.cure}" if error.cure else ""
         _leave(f"error: {error.cause}{cure}", error.exit_status)
     except (KeyboardInterrupt, typer.Abort):
+        status = EXIT_INTERRUPTED
+    if status == EXIT_INTERRUPTED:
+        # Typer turns Ctrl-C into this status without a word.
         _leave("interrupted", EXIT_INTERRUPTED)
     sys.exit(status)
 

@@ -29,6 +29,7 @@ def test_an_interrupted_run_disarms_the_robot_first_and_keeps_its_log(
     process.send_signal(number)
     _, err = process.communicate(timeout=20)
     assert process.returncode == 130
+    assert err.endswith("ccr-host: interrupted\n")
     assert "Traceback" not in err
     sent = messages_in(folder, "sent")
     last_target = max(i for i, message in enumerate(sent) if isinstance(message, SetTarget))

@@ -1,0 +1,1 @@
+"""Bring-up of a robot: look at everything, move by hand, calibrate."""

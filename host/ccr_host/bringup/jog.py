@@ -1,0 +1,97 @@
+"""``ccr-host jog``: move the motors by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+
+from ccr_host.bringup.jog_target import JogTarget, Wish, wish_of
+from ccr_host.config import Description
+from ccr_host.errors import DeviceError
+from ccr_host.link.messages import StateReport
+from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.rig import Rig
+from ccr_host.tracking.sample import Sample
+
+_PERIOD_US = 50_000
+_VALIDITY_MS = 500
+"""The board holds by itself when the host is gone for so long."""
+
+
+@dataclass(frozen=True)
+class JogView:
+    """What is shown of the robot while it is jogged."""
+
+    target: JogTarget
+    report: StateReport | None
+    sample: Sample | None
+    sample_age_us: int | None
+    trouble: str
+    """Why the robot does not move; empty while it does."""
+
+
+def jog(
+    rig: Rig,
+    description: Description,
+    pressed: Callable[[], Iterable[str]],
+    show: Callable[[JogView], None],
+) -> None:
+    """Arm, follow the keys until one asks to leave, disarm.
+
+    After a stop or a fault the board stays as it is until the key for clearing is pressed.
+
+    Args:
+        rig: board and tracker.
+        description: limits and rest pose.
+        pressed: keys since it was called last.
+        show: draws; called once a period.
+
+    Raises:
+        DeviceError: the board cannot be armed at first, or not be disarmed at last.
+    """
+    rest_rad = np.radians(description.servo.rest_deg)
+    target = JogTarget(rest_rad, MotorLimits.of(description.servo), rest_rad)
+    rig.client.arm()
+    trouble = ""
+    while True:
+        due_us = rig.clock.now_us()
+        keys = list(pressed())
+        wishes = [wish_of(key) for key in keys]
+        target = reduce(JogTarget.after, keys, target)
+        try:
+            if Wish.STOP in wishes:
+                rig.client.stop()
+                trouble = "stopped by key"
+            elif Wish.LEAVE in wishes:
+                break
+            elif Wish.CLEAR in wishes and trouble:
+                rig.client.clear_fault()
+                rig.client.arm()
+                target, trouble = replace(target, q_rad=rest_rad), ""
+            if not trouble:
+                _send(rig, target)
+            show(_view(rig, target, trouble))
+            rig.clock.sleep_until_us(due_us + _PERIOD_US)
+        except DeviceError as error:
+            trouble = error.cause
+    if not trouble:
+        rig.client.disarm()
+
+
+def _send(rig: Rig, target: JogTarget) -> None:
+    rig.client.set_target(target.q_rad, ramp_ms=_PERIOD_US // 1000, validity_ms=_VALIDITY_MS)
+
+
+def _view(rig: Rig, target: JogTarget, trouble: str) -> JogView:
+    sample = rig.tracker.newest()
+    telemetry = rig.client.telemetry
+    return JogView(
+        target=target,
+        report=None if telemetry is None else telemetry.report,
+        sample=sample,
+        sample_age_us=None if sample is None else rig.clock.now_us() - sample.exposed_us,
+        trouble=trouble,
+    )

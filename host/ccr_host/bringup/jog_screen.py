@@ -1,0 +1,73 @@
+"""What ``ccr-host jog`` shows."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from ccr_host.bringup.jog import JogView
+from ccr_host.bringup.jog_target import HELP
+
+_BAR_CELLS = 30
+
+
+def jog_panel(view: JogView) -> RenderableType:
+    """Motors, board, markers and keys."""
+    return Panel(
+        Group(_motors(view), _state(view), _markers(view), Text(), _keys()),
+        title=f"jog, {view.target.step_deg:g} deg a key",
+        title_align="left",
+    )
+
+
+def _motors(view: JogView) -> Table:
+    table = Table.grid(padding=(0, 2))
+    table.add_row("", "asked (deg)", "board (deg)", "pulse (us)", "range (deg)", "")
+    target = view.target
+    asked = np.degrees(target.q_rad)
+    lower, upper = np.degrees(target.limits.lower_rad), np.degrees(target.limits.upper_rad)
+    for axis in (0, 1):
+        board = pulse = "-"
+        if view.report is not None:
+            board = f"{view.report.setpoint_cdeg[axis] / 100:.2f}"
+            half_us = view.report.pulse_half_us[axis]
+            pulse = f"{half_us / 2:.1f}" if half_us else "none"
+        share = (asked[axis] - lower[axis]) / (upper[axis] - lower[axis])
+        table.add_row(
+            f"motor {axis + 1}",
+            f"{asked[axis]:.2f}",
+            board,
+            pulse,
+            f"{lower[axis]:g} .. {upper[axis]:g}",
+            _bar(share),
+        )
+    return table
+
+
+def _bar(share: float) -> str:
+    place = round(share * (_BAR_CELLS - 1))
+    return "-" * place + "o" + "-" * (_BAR_CELLS - 1 - place)
+
+
+def _state(view: JogView) -> Text:
+    state = "no report yet" if view.report is None else view.report.state.name.lower()
+    if view.trouble:
+        return Text(f"board: {state}; {view.trouble}; press c to arm again", style="bold red")
+    return Text(f"board: {state}")
+
+
+def _markers(view: JogView) -> Text:
+    if view.sample is None or view.sample_age_us is None:
+        return Text("tip: no markers", style="yellow")
+    x, y, z = view.sample.tip_mm
+    return Text(f"tip: {x:7.2f} {y:7.2f} {z:7.2f} mm, {view.sample_age_us / 1000:.0f} ms old")
+
+
+def _keys() -> Table:
+    table = Table.grid(padding=(0, 2))
+    for keys, meaning in HELP:
+        table.add_row(keys, meaning, style="dim")
+    return table

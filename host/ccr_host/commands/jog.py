@@ -1,0 +1,60 @@
+"""The command ``ccr-host jog``."""
+
+from __future__ import annotations
+
+from rich.console import Console
+
+from ccr_host.commands.options import (
+    DeviceOption,
+    RobotOption,
+    SeedOption,
+    SetOption,
+    TrackerOption,
+)
+from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.run.options import RunOptions
+
+
+def jog(
+    robot: RobotOption = None,
+    device: DeviceOption = "emulator:",
+    tracker: TrackerOption = "twin:",
+    seed: SeedOption = 1,
+    overrides: SetOption = None,
+) -> None:
+    """Move the motors with the arrow keys, with live state and a stop key.
+
+    Example: ccr-host jog --device serial:/dev/ttyACM0
+    """
+    from rich.live import Live
+
+    from ccr_host.bringup.jog import JogView
+    from ccr_host.bringup.jog import jog as move_by_hand
+    from ccr_host.bringup.jog_screen import jog_panel
+    from ccr_host.bringup.keyboard import Keyboard
+    from ccr_host.run.observer import Observers
+    from ccr_host.run.rig import open_rig
+
+    options = RunOptions(
+        path="",
+        robot=robot,
+        device=device,
+        tracker=tracker,
+        seed=seed,
+        overrides=tuple(overrides or ()),
+        realtime=True,
+    )
+    description = options.description()
+    console = Console()
+    with (
+        stop_signals_interrupt(),
+        Keyboard() as keyboard,
+        open_rig(options, description, Observers()) as rig,
+        Live(console=console, auto_refresh=False) as live,
+    ):
+
+        def show(view: JogView) -> None:
+            live.update(jog_panel(view), refresh=True)
+
+        move_by_hand(rig, description, keyboard.pressed, show)
+    console.print("disarmed: the servos get no pulses", highlight=False)
