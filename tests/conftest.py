@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-
 import pytest
 
 from ccr_host.link.messages import REQUIREMENTS
+from tests.requirement_coverage import Coverage
 
 DEFAULT_DEVICES = ("emulator:", "simavr:")
 
@@ -18,12 +17,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="URI",
         help=f"board to hold to the conformance suite; default {', '.join(DEFAULT_DEVICES)}",
     )
+    parser.addoption(
+        "--write-eeprom",
+        action="store_true",
+        help="also test saving on a board with a blank EEPROM, which does not stay blank then",
+    )
     parser.addoption("--run-slow", action="store_true", help="also run the long campaigns")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "requirement(*ids): that the test shows, by spec.toml's ids")
-    config.addinivalue_line("markers", "in_step: needs a board whose time is that of the test")
+    config.addinivalue_line("markers", "in_step(reason): why it takes a simulator in step with it")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -47,15 +51,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    covered: dict[str, set[str]] = defaultdict(set)
-    for report in terminalreporter.stats.get("passed", []):
-        for kind, value in report.user_properties:
-            if kind == "requirement":
-                device, name = value.split(" ")
-                covered[device].add(name)
-    for device, names in sorted(covered.items()):
-        missing = [name for name in REQUIREMENTS if name not in names]
-        terminalreporter.write_line(
-            f"requirements shown on {device} {len(names)} of {len(REQUIREMENTS)}"
-            + (f", not {', '.join(missing)}" if missing else "")
-        )
+    coverage = Coverage()
+    for outcome in ("passed", "failed", "error", "skipped"):
+        for report in terminalreporter.stats.get(outcome, []):
+            reason = str(report.longrepr[2]) if outcome == "skipped" else ""
+            for kind, value in report.user_properties:
+                if kind == "requirement":
+                    board, name = value.split(" ")
+                    coverage.note(board, name, report.outcome, reason.removeprefix("Skipped: "))
+    for line in coverage.lines():
+        terminalreporter.write_line(line)

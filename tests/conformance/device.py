@@ -1,19 +1,13 @@
-"""The board under test, seen from outside only: bytes, time, pins, reset, EEPROM."""
+"""The board under test, from outside only: bytes, time, reset; in step also pins and EEPROM."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
-import pytest
-
 from ccr_host.emulator.board import UnoEmulator
 from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.emulator.serial_line import SerialLine
 from ccr_host.link import messages as m
-from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
-from ccr_host.link.transport import open_transport
-from ccr_host.link.uri import parse_device_uri
-from ccr_host.run.clock import RealClock
 from ccr_host.simavr.board import SimavrBoard
 from ccr_host.simavr.flash_image import read_flash_image
 from ccr_host.simavr.line import SimavrLine
@@ -23,6 +17,8 @@ from tests.conformance.firmware_build import firmware_elf
 PULSES_OVER_US = 3_000
 """Into a frame, when every pulse has ended."""
 
+_ANSWER_TIMEOUT_US = 15_000
+"""Of TIM-5."""
 
 LISTENS_AFTER_US = 2_000
 """A board has to take bytes from then on after a reset (TIM-5)."""
@@ -34,9 +30,10 @@ class Device(Protocol):
     It has been started, and listens.
     """
 
-    eeprom: EepromImage
     in_step: bool
     """Whether its time is that of the test, to a tick."""
+    answer_timeout_us: int
+    """An answer that has not come by then does not come."""
 
     def send(self, data: bytes) -> None: ...
 
@@ -46,18 +43,25 @@ class Device(Protocol):
 
     def read(self) -> bytes: ...
 
-    def pulses_in_frame(self, frame: int) -> tuple[int, int]:
-        """Pulses on the pins in a frame since the reset, 0.5 us; goes on until they have ended."""
-
     def reset(self, cause: m.ResetCause) -> None: ...
 
     def close(self) -> None: ...
+
+
+class SteppedDevice(Device, Protocol):
+    """A simulated board, which shows its pins and lends its EEPROM."""
+
+    eeprom: EepromImage
+
+    def pulses_in_frame(self, frame: int) -> tuple[int, int]:
+        """Pulses on the pins in a frame since the reset, 0.5 us; goes on until they have ended."""
 
 
 class EmulatedDevice:
     """The emulator as a device."""
 
     in_step = True
+    answer_timeout_us = _ANSWER_TIMEOUT_US
 
     def __init__(self, eeprom: EepromImage, **start_values: int) -> None:
         self.eeprom = eeprom
@@ -103,6 +107,7 @@ class SimavrDevice:
     """The firmware's binary in simavr; pulses are measured between the edges on the pins."""
 
     in_step = True
+    answer_timeout_us = _ANSWER_TIMEOUT_US
 
     def __init__(self, eeprom: EepromImage, **start_values: int) -> None:
         flags = {
@@ -171,85 +176,5 @@ class SimavrDevice:
         return not hold & _TIMERS_HELD and bool(control & _CLOCK_SELECT)
 
 
-_HELLO_TIMEOUT_US = 5_000_000
-_NOTICE_CLOSED_US = 100_000
-
-
-class SerialDevice:
-    """A board on a serial port or on TCP, in real time.
-
-    Its pins cannot be seen, its EEPROM not be opened, and it has one kind of reset: what needs more
-    is skipped, and so is what has to be on time to a tick.
-    """
-
-    in_step = False
-
-    def __init__(self, uri: str, eeprom: EepromImage) -> None:
-        if eeprom.worn_out or eeprom.content.strip(b"\xff"):
-            pytest.skip("the EEPROM of a board cannot be prepared from outside")
-        self._uri = parse_device_uri(uri)
-        self._clock = RealClock()
-        self._open()
-
-    @property
-    def eeprom(self) -> EepromImage:
-        pytest.skip("the EEPROM of a board cannot be opened from outside")
-
-    def send(self, data: bytes) -> None:
-        self._port.write(data)
-
-    def advance_to(self, since_reset_us: int) -> None:
-        self._clock.sleep_until_us(self._reset_us + since_reset_us)
-
-    def since_reset_us(self) -> int:
-        return self._clock.now_us() - self._reset_us
-
-    def read(self) -> bytes:
-        return self._port.read()
-
-    def pulses_in_frame(self, frame: int) -> tuple[int, int]:
-        pytest.skip("pulses and single ticks take a simulator, or an oscilloscope")
-
-    def reset(self, cause: m.ResetCause) -> None:
-        if cause is not m.ResetCause.EXTERNAL:
-            pytest.skip(f"a reset by {cause.name.lower()} takes somebody at the board")
-        self._port.close()
-        self._open()
-
-    def close(self) -> None:
-        self._port.close()
-
-    def _open(self) -> None:
-        """Opening resets the board, if it has noticed that the port was closed."""
-        self._clock.sleep_until_us(self._clock.now_us() + _NOTICE_CLOSED_US)
-        self._port = open_transport(self._uri)
-        deadline_us = self._clock.now_us() + _HELLO_TIMEOUT_US
-        decoder = FrameDecoder()
-        while self._clock.now_us() < deadline_us:
-            self._port.write(b"\0" + encode_frame(m.ClockSync.ID, 0, m.ClockSync(0).pack()))
-            self._clock.sleep_until_us(self._clock.now_us() + 50_000)
-            for frame in decoder.feed(self._port.read()):
-                if isinstance(frame, Frame) and frame.id == m.ClockReply.ID:
-                    board_us = m.ClockReply.unpack(frame.payload).board_time_us
-                    self._reset_us = self._clock.now_us() - board_us
-                    return
-        raise AssertionError(f"no board answers on {self._uri}")
-
-
 IN_STEP = {"emulator:": EmulatedDevice, "simavr:": SimavrDevice}
 """Boards whose time is that of the test."""
-
-
-def make_device(uri: str, eeprom: EepromImage, **start_values: int) -> Device:
-    """A board that has just been started.
-
-    Args:
-        uri: `emulator:`, `simavr:`, or a board: `serial:PORT`, `tcp://HOST:PORT`.
-        eeprom: what it starts with, and writes to.
-        start_values: `board_time_at_reset_us`, `tick_offset`: what its clocks show at a reset.
-    """
-    if uri in IN_STEP:
-        return IN_STEP[uri](eeprom, **start_values)
-    if start_values:
-        pytest.skip("the clocks of a board cannot be preset from outside")
-    return SerialDevice(uri, eeprom)

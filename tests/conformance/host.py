@@ -1,74 +1,74 @@
-"""A host that speaks to a device and looks at its pins, tick by tick."""
+"""A host as the tests want it: asks a board, waits for its ticks, sees its pulses."""
 
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TypeVar
-
-import pytest
+from typing import TypeVar, cast
 
 from ccr_host.link import messages as m
-from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
-from tests.conformance.device import Device
+from ccr_host.link.board_config import BoardConfig
+from ccr_host.link.framing import Frame, encode_frame
+from tests.conformance.device import Device, SteppedDevice
+from tests.conformance.observer import InStepObserver, Observer, PortObserver, Pulses, ask_report
+from tests.conformance.talk import Talk
 
 SESSION = 0x5E55
-_STEP_US = 100
-_ANSWER_TIMEOUT_US = 15_000
-_REAL_ANSWER_TIMEOUT_US = 200_000
-"""Of a board in real time, which answers through this machine's scheduler."""
-_AFTER_TICK_US = 500
+_ATTEMPTS = 10
 R = TypeVar("R", bound=m.Message)
 
 LIMITS = m.Limits((-8500, -6000), (8500, 6000), (0, 0))
 SLEW = m.Slew((600, 500))
-WATCHDOG = m.Watchdog(relax_after_ms=200, relax_slew_cdeg_tick=100, arm_axis_ms=60)
+WATCHDOG = m.Watchdog(relax_after_ms=1000, relax_slew_cdeg_tick=100, arm_axis_ms=100)
+"""Long enough for a test in real time to act while the board is in `arming` or `hold`."""
 CALIBRATION = m.Calibration((3000, 3100), (2000, -1900), (1000, 1200), (5000, 4800))
+
+RELAX_TICKS = WATCHDOG.relax_after_ms * 1000 // m.TICK_US
+AXIS_TICKS = WATCHDOG.arm_axis_ms * 1000 // m.TICK_US
 
 
 class Host:
-    """Speaks to a device and looks at its pins, tick by tick."""
+    """The board may have been used before: it counts from zero again, but keeps its state."""
 
     def __init__(self, device: Device) -> None:
         self.device = device
-        self.telemetry: list[tuple[int, m.StateReport]] = []
-        self._decoder = FrameDecoder()
+        self.talk = Talk(device)
+        self._observer: Observer = (
+            InStepObserver(self.talk, cast(SteppedDevice, device))
+            if device.in_step
+            else PortObserver(self.talk)
+        )
         self._sequence = 100
-        self._answer_timeout_us = _ANSWER_TIMEOUT_US if device.in_step else _REAL_ANSWER_TIMEOUT_US
         self._counted_before: m.CountersReply | None = None
-        if not device.in_step:  # a real board was asked for its clock already
+        self._errors_before = 0
+        if not device.in_step:
+            self._errors_before = self.report().link_errors
             self._counted_before = self.told(m.GetCounters(), m.CountersReply)
 
-    # Bytes
+    # Frames
 
-    def exchange(self, data: bytes, wait_us: int = 0) -> list[Frame]:
-        """Everything but telemetry that the board answers to raw bytes."""
-        self.device.send(data)
-        return self.listen(max(wait_us, self._answer_timeout_us))
+    def exchange(self, data: bytes, wait_us: int = m.TICK_US) -> list[Frame]:
+        """All that the board answers to raw bytes, the last of them a zero."""
+        return self.talk.exchange(data, wait_us)
 
     def listen(self, wait_us: int) -> list[Frame]:
-        self.device.advance_to(self.device.since_reset_us() + wait_us)
-        return self._answers()
+        return self.talk.listen(wait_us)
 
     def ask_frame(self, message_id: int, sequence: int, payload: bytes) -> Frame:
-        """The one answer to a frame, as soon as it is there."""
-        self.device.send(encode_frame(message_id, sequence, payload))
-        deadline_us = self.device.since_reset_us() + self._answer_timeout_us
-        while self.device.since_reset_us() < deadline_us:
-            self.device.advance_to(self.device.since_reset_us() + _STEP_US)
-            answers = self._answers()
-            if answers:
-                (answer,) = answers
-                return answer
-        raise AssertionError(f"no answer to {message_id:#x}")
+        """The answer to a frame, as soon as it is there."""
+        return self.talk.ask_frame(message_id, sequence, payload)
 
     def ask(self, request: m.Request, sequence: int | None = None) -> m.Message:
-        if isinstance(request, m.SaveConfig) and not self.device.in_step:
-            pytest.skip("a test neither wears nor changes the EEPROM of a board")
         if sequence is None:
             self._sequence = sequence = (self._sequence + 1) % 256
         answer = self.ask_frame(request.ID, sequence, request.pack())
         assert answer.sequence == sequence
         return m.MESSAGES[answer.id].unpack(answer.payload)
+
+    def told(self, request: m.Request, reply: type[R]) -> R:
+        """The answer, which must be of that kind."""
+        answer = self.ask(request)
+        assert isinstance(answer, reply), answer
+        return answer
 
     def done(self, request: m.Request, sequence: int | None = None) -> m.Message:
         """The answer, which must not be a refusal."""
@@ -83,37 +83,57 @@ class Host:
         assert answer.request == request.ID
         return answer.code, answer.detail
 
-    # Time
+    def stream(self, reports: int) -> list[tuple[int, m.StateReport]]:
+        """The first reports of the stream since the last answer, with their sequence numbers."""
+        while len(self.talk.stream_since_answer) < reports:
+            self.listen(m.TICK_US)
+        return self.talk.stream_since_answer[:reports]
+
+    # Ticks; see Observer
 
     def next_tick(self) -> int:
-        """Index of the control tick that comes next."""
-        return max(0, -(-(self.device.since_reset_us() + 1 - m.TICK_PHASE_US) // m.TICK_US))
+        """The first tick after the last answer, or after the last tick that was looked at."""
+        return self._observer.next_tick()
 
-    def to_after_tick(self, tick: int) -> None:
-        """Go to shortly after a control tick."""
-        self.device.advance_to(m.TICK_PHASE_US + tick * m.TICK_US + _AFTER_TICK_US)
+    def go_past(self, tick: int) -> None:
+        self._observer.go_past(tick)
 
-    def pulses_of_tick(self, tick: int) -> tuple[int, int]:
-        """What is on the pins in the frame for which the tick has computed."""
-        return self.device.pulses_in_frame(tick + 1)
-
-    def pulses_now(self) -> tuple[int, int]:
-        """What is on the pins in the current frame."""
-        return self.device.pulses_in_frame(self.device.since_reset_us() // m.TICK_US)
+    def wait_ticks(self, ticks: int) -> None:
+        """Let so many more ticks pass."""
+        self.go_past(self.next_tick() + ticks - 1)
 
     def report_of_tick(self, tick: int) -> m.StateReport:
-        """The state shortly after a tick."""
-        if not self.device.in_step:
-            pytest.skip("single ticks take a simulator")
-        self.to_after_tick(tick)
-        report = self.report()
-        assert report.tick == tick + 1
-        return report
+        return self._observer.report_of_tick(tick)
 
-    # Shorthands
+    def pulses_of_tick(self, tick: int) -> Pulses:
+        return self._observer.pulses_of_tick(tick)
+
+    def pulses_through(self, last_tick: int) -> set[Pulses]:
+        return self._observer.pulses_through(last_tick)
+
+    def wait_for(self, state: m.State, ticks: int = 1000) -> int:
+        """Go on tick by tick until the state is reached; gives the tick that made it."""
+        first = self.next_tick()
+        for tick in range(first, first + ticks):
+            if self.report_of_tick(tick).state is state:
+                return tick
+        raise AssertionError(f"{state.name} was not reached in {ticks} ticks")
+
+    # Reading
+
+    def hello(self) -> m.HelloReply:
+        return self.told(m.Hello(m.PROTOCOL_VERSION, m.SPEC_HASH), m.HelloReply)
 
     def report(self) -> m.StateReport:
-        return self.told(m.GetState(), m.StateReply).report
+        """The state now."""
+        return ask_report(self.talk)
+
+    def state(self) -> m.State:
+        return self.report().state
+
+    def link_errors(self) -> int:
+        """Since the start of the test."""
+        return self.report().link_errors - self._errors_before
 
     def counters(self) -> m.CountersReply:
         """What has been counted since the start of the test."""
@@ -124,19 +144,44 @@ class Host:
         names = [field.name for field in fields(counted)]
         return m.CountersReply(**{n: getattr(counted, n) - getattr(before, n) for n in names})
 
-    def told(self, request: m.Request, reply: type[R]) -> R:
-        answer = self.ask(request)
-        assert isinstance(answer, reply), answer
-        return answer
+    def config(self) -> BoardConfig:
+        return BoardConfig(
+            limits=self.told(m.GetLimits(), m.LimitsReply).limits,
+            slew=self.told(m.GetSlew(), m.SlewReply).slew,
+            watchdog=self.told(m.GetWatchdog(), m.WatchdogReply).watchdog,
+            calibration=self.told(m.GetCalibration(), m.CalibrationReply).calibration,
+        )
 
-    def state(self) -> m.State:
-        return self.report().state
+    # Doing
+
+    def reset(self, cause: m.ResetCause = m.ResetCause.EXTERNAL) -> None:
+        """Returns as soon as the board listens, in `boot`."""
+        self.device.reset(cause)
+        self.talk.forget()
+        self._observer.was_reset()
+        self._counted_before = None
+        self._errors_before = 0
+
+    def reset_into_boot(self) -> None:
+        """Again if a busy machine has noticed too late that the board listens."""
+        for _ in range(_ATTEMPTS):
+            self.reset()
+            if self.state() is m.State.BOOT:
+                return
+        raise AssertionError("the board was never seen in boot")
 
     def boot(self) -> None:
-        self.to_after_tick(m.BOOT_TICKS)
+        """Wait until `boot` is over."""
+        self.go_past(m.BOOT_TICKS)
 
     def open_session(self, session: int = SESSION) -> None:
         self.told(m.OpenSession(m.SPEC_HASH, session), m.SessionReply)
+        self._observer.session_opened(session)
+
+    def clear_latch(self) -> None:
+        """Out of `fault` and `stopped`."""
+        if self.state() in (m.State.FAULT, m.State.STOPPED):
+            self.done(m.ClearFault(SESSION))
 
     def configure(
         self,
@@ -150,6 +195,12 @@ class Host:
         self.done(m.SetWatchdog(SESSION, watchdog))
         self.done(m.SetCalibration(SESSION, calibration))
 
+    def forget_setpoint(self) -> None:
+        """Clamp the setpoint that the board remembers to 0, between two sets of limits."""
+        for least, greatest in ((0, 1), (-1, 0)):
+            limits = m.Limits((least, least), (greatest, greatest), (0, 0))
+            self.done(m.SetLimits(SESSION, limits))
+
     def arm(self) -> int:
         """Arm and wait for `hold`; gives the tick that made it."""
         self.done(m.Arm(SESSION))
@@ -161,35 +212,16 @@ class Host:
         request = m.SetTarget(SESSION, (first_cdeg, second_cdeg), ramp_ms, validity_ms)
         return self.told(request, m.TargetReply)
 
-    def wait_for(self, state: m.State, ticks: int = 1000) -> int:
-        """Go on tick by tick until the state is reached; gives the tick that made it."""
-        if not self.device.in_step:
-            return self._poll_for(state, ticks)
-        for tick in range(self.next_tick(), self.next_tick() + ticks):
-            if self.report_of_tick(tick).state is state:
-                return tick
-        raise AssertionError(f"{state.name} was not reached in {ticks} ticks")
-
-    def _poll_for(self, state: m.State, ticks: int) -> int:
-        end = self.next_tick() + ticks
-        while self.next_tick() < end:
-            if self.state() is state:
-                return self.next_tick() - 1
-        raise AssertionError(f"{state.name} was not reached in {ticks} ticks")
-
     def save(self) -> None:
         """Save and wait until it is done."""
         self.done(m.SaveConfig(SESSION))
-        self.to_after_tick(self.next_tick() + m.EEPROM_SLOT_SIZE)
+        self.wait_ticks(m.EEPROM_SLOT_SIZE + 1)
         assert not self.report().flags & m.StatusFlags.EEPROM_BUSY
 
-    def _answers(self) -> list[Frame]:
-        answers = []
-        for frame in self._decoder.feed(self.device.read()):
-            assert isinstance(frame, Frame), "the board has sent what is no frame"
-            if frame.id == m.Telemetry.ID:
-                report = m.Telemetry.unpack(frame.payload).report
-                self.telemetry.append((frame.sequence, report))
-            else:
-                answers.append(frame)
-        return answers
+    def make_safe(self) -> None:
+        """Stop, and let the board fall silent, whatever was going on."""
+        answers = self.exchange(bytes([m.FRAME_DELIMITER]) + encode_frame(m.Stop.ID, 0, b""))
+        stopped = m.Ack(m.Stop.ID, m.State.STOPPED).pack()
+        assert stopped in [answer.payload for answer in answers], "the board does not stop"
+        self.ask(m.OpenSession(m.SPEC_HASH, SESSION + 1))  # which ends the stream; not during boot
+        self.listen(m.TICK_US)

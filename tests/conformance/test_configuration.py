@@ -12,15 +12,15 @@ SLEWS = [m.Slew((100 + n, 200 + n)) for n in range(5)]
 
 
 def slew(host):
-    return host.told(m.GetSlew(), m.SlewReply).slew
+    return host.config().slew
 
 
 def status(host):
-    return host.told(m.Hello(1, m.SPEC_HASH), m.HelloReply).eeprom_status
+    return host.hello().eeprom_status
 
 
 def restart(host):
-    host.device.reset(m.ResetCause.POWER_ON)
+    host.reset()
     host.boot()
     host.open_session()
 
@@ -42,40 +42,40 @@ def test_group_with_one_bad_field_is_not_taken_at_all(host):
 
 def test_setpoint_is_clamped_to_new_limits(armed):
     armed.target(4000, 3000)
-    armed.to_after_tick(armed.next_tick() + 10)
+    armed.wait_ticks(10)
     armed.done(m.Stop())
     armed.done(m.SetLimits(SESSION, m.Limits((-1000, -1000), (1000, 1000), (0, 0))))
     assert armed.report_of_tick(armed.next_tick()).setpoint_cdeg == (1000, 1000)
 
 
-@pytest.mark.in_step
-def test_missing_groups_read_as_zeros(make_host):
-    assert slew(make_host()) == m.Slew((0, 0))
+@pytest.mark.requirement("CFG-1")
+def test_missing_groups_read_as_zeros(unconfigured):
+    assert slew(unconfigured) == m.Slew((0, 0))
 
 
 @pytest.mark.requirement("CFG-2")
+@pytest.mark.usefixtures("may_save")
 def test_saved_configuration_is_in_use_after_a_reset(host):
-    groups = [
-        host.ask(kind()) for kind in (m.GetLimits, m.GetSlew, m.GetWatchdog, m.GetCalibration)
-    ]
+    config = host.config()
     assert host.report().flags & m.StatusFlags.UNSAVED
     host.save()
     assert not host.report().flags & m.StatusFlags.UNSAVED
     assert host.counters().saves == 1
     restart(host)
     assert status(host) is m.EepromStatus.LOADED
-    assert [
-        host.ask(kind()) for kind in (m.GetLimits, m.GetSlew, m.GetWatchdog, m.GetCalibration)
-    ] == groups
+    assert host.config() == config
     assert host.report().flags & m.StatusFlags.CONFIGURED
     host.arm()
 
 
-@pytest.mark.in_step
-def test_unsaved_configuration_is_lost_with_a_reset(host):
-    restart(host)
-    assert status(host) is m.EepromStatus.BLANK
-    assert host.refusal(m.Arm(SESSION))[0] is m.NackCode.NOT_CONFIGURED
+def test_unsaved_configuration_is_lost_with_a_reset(started):
+    started.boot()
+    started.open_session()
+    saved = started.config()
+    started.configure(slew=SLEWS[0] if saved.slew != SLEWS[0] else SLEWS[1])
+    assert started.config() != saved
+    started.reset()
+    assert started.config() == saved
 
 
 def set_generation(eeprom, address, generation):
@@ -88,6 +88,7 @@ def set_generation(eeprom, address, generation):
 
 
 @pytest.mark.requirement("CFG-2")
+@pytest.mark.in_step("the EEPROM cannot be written over a port, but by saving")
 def test_newest_of_many_saves_is_loaded_also_when_the_generation_wraps(host):
     saved_twice(host)
     set_generation(host.device.eeprom, m.EEPROM_SLOT_A, 0xFFFD)
@@ -100,8 +101,23 @@ def test_newest_of_many_saves_is_loaded_also_when_the_generation_wraps(host):
         assert slew(host) == value
 
 
+@pytest.mark.requirement("CFG-3", "CFG-4")
+@pytest.mark.parametrize("ticks", [8, 24])
+@pytest.mark.usefixtures("may_save")
+def test_reset_in_the_middle_of_a_save_leaves_the_one_before(host, ticks):
+    saved_twice(host)
+    host.done(m.SetSlew(SESSION, SLEWS[2]))
+    host.done(m.SaveConfig(SESSION))
+    host.wait_ticks(ticks)
+    restart(host)
+    assert status(host) is m.EepromStatus.ONE_SLOT_BAD, "the reset came while it was saving"
+    assert slew(host) == SLEWS[1]
+    host.arm()
+
+
 @pytest.mark.requirement("CFG-3")
 @pytest.mark.parametrize("first", ["erased", "older"])
+@pytest.mark.in_step("a port's reset does not come at a chosen byte")
 def test_power_cut_at_any_byte_of_a_save_leaves_the_one_before(make_host, host, first):
     host.done(m.SetSlew(SESSION, SLEWS[0]))
     host.save()
@@ -117,8 +133,8 @@ def test_power_cut_at_any_byte_of_a_save_leaves_the_one_before(make_host, host, 
         cut.done(m.SetSlew(SESSION, SLEWS[2]))
         cut.done(m.SaveConfig(SESSION))
         if written:
-            cut.to_after_tick(cut.next_tick() + written - 1)
-        cut.device.reset(m.ResetCause.POWER_ON)
+            cut.wait_ticks(written)
+        cut.reset(m.ResetCause.POWER_ON)
         finished = written == m.EEPROM_SLOT_SIZE
         assert slew(cut) == (SLEWS[2] if finished else before)
         cut.boot()
@@ -137,6 +153,7 @@ def test_power_cut_at_any_byte_of_a_save_leaves_the_one_before(make_host, host, 
     ],
 )
 @pytest.mark.parametrize("offset", [0, 2, 20, m.EEPROM_SLOT_SIZE - 1])
+@pytest.mark.in_step("slots cannot be spoilt over a port")
 def test_corrupt_slots_are_told_and_not_used(host, corrupt, expected, loaded, offset):
     saved_twice(host)
     for address in corrupt:
@@ -153,10 +170,12 @@ def test_corrupt_slots_are_told_and_not_used(host, corrupt, expected, loaded, of
 
 
 @pytest.mark.requirement("CFG-5", "CFG-6")
+@pytest.mark.usefixtures("may_save")
 def test_while_saving_arm_and_configuring_have_to_wait(host):
     calibration = host.told(m.GetCalibration(), m.CalibrationReply).calibration
     limits = host.told(m.GetLimits(), m.LimitsReply).limits
     host.done(m.SaveConfig(SESSION))
+    tick = host.next_tick()
     assert host.report().flags & m.StatusFlags.EEPROM_BUSY
     for request in (
         m.Arm(SESSION),
@@ -167,15 +186,14 @@ def test_while_saving_arm_and_configuring_have_to_wait(host):
         m.SetCalibration(SESSION, calibration),
     ):
         assert host.refusal(request) == (m.NackCode.BUSY, 0)
-    tick = host.next_tick()
-    host.to_after_tick(tick + m.EEPROM_SLOT_SIZE - 1)
-    assert host.report().flags & m.StatusFlags.EEPROM_BUSY
-    host.to_after_tick(tick + m.EEPROM_SLOT_SIZE)
-    assert not host.report().flags & m.StatusFlags.EEPROM_BUSY
+    last = tick + m.EEPROM_SLOT_SIZE
+    assert host.report_of_tick(last - 1).flags & m.StatusFlags.EEPROM_BUSY
+    assert not host.report_of_tick(last).flags & m.StatusFlags.EEPROM_BUSY
     host.arm()
 
 
 @pytest.mark.requirement("CFG-6")
+@pytest.mark.in_step("EEPROM cells cannot be worn out over a port")
 def test_byte_that_does_not_keep_its_value_is_a_fault(make_host):
     host = make_host(EepromImage(worn_out=frozenset({m.EEPROM_SLOT_A + 6})))
     host.boot()

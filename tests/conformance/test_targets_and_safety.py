@@ -4,6 +4,7 @@ import pytest
 
 from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
+from tests.conformance.host import RELAX_TICKS
 
 SESSION = 0x5E55
 PULSING = (
@@ -25,6 +26,7 @@ def bring_to(host, state):
             host.done(m.Stop())
             host.done(m.ClearFault(SESSION))
             host.done(m.Arm(SESSION))
+            host.wait_ticks(1)
         case m.State.ACTIVE:
             host.target(1000, 500)
         case m.State.RELAXING:
@@ -32,7 +34,7 @@ def bring_to(host, state):
             host.wait_for(state)
         case m.State.DISARMING:
             host.target(3000, 500)
-            host.to_after_tick(host.next_tick() + 6)
+            host.wait_ticks(6)
             host.done(m.Disarm(SESSION))
         case m.State.FAULT:
             host.wait_for(state)  # link loss
@@ -79,17 +81,22 @@ def test_ramp_faster_than_the_slew_limit_is_slowed(armed):
 
 @pytest.mark.requirement("TGT-4")
 def test_latest_target_replaces_the_one_before_from_where_it_stands(armed):
-    armed.target(4000, 4000)
-    armed.target(-200, 100, ramp_ms=40)
-    tick = armed.next_tick()
-    assert armed.report_of_tick(tick).setpoint_cdeg == (-100, 50)
-    armed.target(300, 100, ramp_ms=40)
-    assert armed.report_of_tick(tick + 1).setpoint_cdeg == (100, 75)
-    assert armed.report_of_tick(tick + 2).setpoint_cdeg == (300, 100)
+    armed.target(400, 400)
+    for target in ((-200, 100), (300, 100)):
+        armed.target(*target, ramp_ms=40)
+        tick = armed.next_tick()
+        start = armed.report_of_tick(tick - 1).setpoint_cdeg
+        half_way = tuple(a + int((b - a) / 2) for a, b in zip(start, target, strict=True))
+        assert armed.report_of_tick(tick).setpoint_cdeg == half_way
+    assert armed.report_of_tick(tick + 1).setpoint_cdeg == (300, 100)
+
+
+def test_report_names_no_target_before_the_first(started):
+    report = started.report()
+    assert (report.target_sequence, report.target_cdeg, report.target_age_ms) == (0, (0, 0), 65535)
 
 
 def test_report_names_the_last_accepted_target_and_its_age(armed):
-    assert armed.report().target_age_ms == 65535
     armed.done(m.SetTarget(SESSION, (5, 6), 0, 10_000), sequence=77)
     tick = armed.next_tick()
     report = armed.report_of_tick(tick + 9)
@@ -112,31 +119,31 @@ def test_report_names_the_last_accepted_target_and_its_age(armed):
 )
 def test_pulse_follows_the_calibration(armed, angle_cdeg, pulse):
     armed.target(angle_cdeg)
-    armed.to_after_tick(armed.next_tick() + 20)
+    armed.wait_ticks(20)
     assert armed.pulses_of_tick(armed.next_tick())[0] == pulse
 
 
 @pytest.mark.requirement("PUL-1")
-def test_halves_are_rounded_away_from_zero(blank):
+def test_halves_are_rounded_away_from_zero(host):
     calibration = m.Calibration((3000, 3000), (100, -100), (1000, 1000), (5000, 5000))
-    blank.configure(calibration=calibration)
-    blank.arm()
-    blank.target(45, 45)  # 0.5 and -0.5
-    assert blank.pulses_of_tick(blank.next_tick()) == (3001, 2999)
-    blank.target(-135, -135)  # -1.5 and 1.5
-    assert blank.pulses_of_tick(blank.next_tick()) == (2998, 3002)
+    host.configure(calibration=calibration)
+    host.arm()
+    host.target(45, 45)  # 0.5 and -0.5
+    assert host.pulses_of_tick(host.next_tick()) == (3001, 2999)
+    host.target(-135, -135)  # -1.5 and 1.5
+    assert host.pulses_of_tick(host.next_tick()) == (2998, 3002)
 
 
 @pytest.mark.requirement("PUL-1")
-def test_pulses_stay_between_floor_and_ceiling_and_the_calibrated_ends(blank):
+def test_pulses_stay_between_floor_and_ceiling_and_the_calibrated_ends(host):
     limits = m.Limits((-13500, -13500), (13500, 13500), (0, 0))
     calibration = m.Calibration((3000, 3000), (4000, 4000), (1000, 2000), (5000, 4000))
-    blank.configure(limits=limits, slew=m.Slew((2000, 2000)), calibration=calibration)
-    blank.arm()
-    blank.target(13500, 13500)
-    assert blank.pulses_of_tick(blank.next_tick() + 10) == (5000, 4000)
-    blank.target(-13500, -13500)
-    assert blank.pulses_of_tick(blank.next_tick() + 20) == (1000, 2000)
+    host.configure(limits=limits, slew=m.Slew((2000, 2000)), calibration=calibration)
+    host.arm()
+    host.target(13500, 13500)
+    assert host.pulses_of_tick(host.next_tick() + 10) == (5000, 4000)
+    host.target(-13500, -13500)
+    assert host.pulses_of_tick(host.next_tick() + 20) == (1000, 2000)
 
 
 @pytest.mark.requirement("PUL-2")
@@ -154,10 +161,10 @@ def test_silent_host_gets_hold_then_relaxing_then_link_loss(armed):
     armed.target(2050, validity_ms=100)
     tick = armed.next_tick()
     expired = tick + 5
-    for later in range(expired, expired + 10):
+    for later in range(expired, expired + RELAX_TICKS):
         report = armed.report_of_tick(later)
         assert (report.state, report.setpoint_cdeg[0]) == (m.State.HOLD, 2050)
-    relaxing = expired + 10  # 200 ms
+    relaxing = expired + RELAX_TICKS
     for n in range(21):
         report = armed.report_of_tick(relaxing + n)
         assert (report.state, report.setpoint_cdeg[0]) == (
@@ -176,9 +183,9 @@ def test_only_accepted_targets_feed_the_watchdog(armed):
     armed.target(100, validity_ms=100)
     tick = armed.next_tick()
     for later in range(tick, tick + 5):
-        armed.to_after_tick(later)
+        armed.go_past(later)
         armed.ask(m.Hello(1, m.SPEC_HASH))
-        armed.ask(m.SetTelemetry(SESSION, 0))
+        armed.ask(m.SetTelemetry(SESSION, 1))
         armed.ask(m.SetTarget(SESSION, (0, 0), 0, 0))
         armed.ask(m.SetTarget(SESSION + 1, (0, 0), 0, 100))
     assert armed.report_of_tick(tick + 5).state is m.State.HOLD
@@ -195,39 +202,56 @@ def test_fresh_target_ends_hold_and_relaxing(armed, state):
 
 @pytest.mark.requirement("STP-1")
 @pytest.mark.parametrize("state", list(m.State))
-@pytest.mark.parametrize("with_session", [True, False])
-def test_stop_takes_the_pulses_away_from_every_state(armed, state, with_session):
+@pytest.mark.parametrize("keep_session", [True, False])
+def test_stop_takes_the_pulses_away_from_every_state(armed, state, keep_session):
     if state is m.State.BOOT:
-        armed.device.reset(m.ResetCause.EXTERNAL)
+        armed.reset_into_boot()
     else:
         bring_to(armed, state)
-    if not with_session and state is not m.State.BOOT:
+        assert (armed.pulses_of_tick(armed.next_tick())[0] > 0) == (state in PULSING)
+    if not keep_session and state is not m.State.BOOT:
         armed.open_session(SESSION + 1)
-    before = armed.pulses_now()
     ack = armed.told(m.Stop(), m.Ack)
     assert ack.state is m.State.STOPPED
-    tick = armed.next_tick()
-    armed.device.advance_to((tick + 1) * m.TICK_US - 1)
-    if state in PULSING and state is not m.State.ARMING:
-        assert before[0] > 0
-        assert armed.pulses_now()[0] > 0  # the frame is not cut
-    for later in range(tick, tick + 5):
-        assert armed.pulses_of_tick(later) == (0, 0)
+    assert armed.pulses_through(armed.next_tick() + 5) == {(0, 0)}
+
+
+@pytest.mark.requirement("TIM-2")
+@pytest.mark.parametrize("state", sorted(set(PULSING) - {m.State.ARMING}))
+@pytest.mark.in_step("pins are seen in simulators only")
+def test_stop_cuts_no_pulse(armed, state):
+    bring_to(armed, state)
+    armed.done(m.Stop())
+    frame = armed.next_tick()
+    assert armed.device.pulses_in_frame(frame)[0] > 0
+    assert armed.device.pulses_in_frame(frame + 1) == (0, 0)
 
 
 @pytest.mark.requirement("FLT-1")
+@pytest.mark.in_step("EEPROM cells cannot be worn out over a port")
 def test_first_fault_is_kept(make_host):
     host = make_host(EepromImage(worn_out=frozenset({m.EEPROM_SLOT_A})))
-    host.device.reset(m.ResetCause.WATCHDOG)
+    host.reset(m.ResetCause.WATCHDOG)
     host.boot()
     host.open_session()
     host.configure()
     host.done(m.SaveConfig(SESSION))
-    host.to_after_tick(host.next_tick() + 5)
+    host.wait_ticks(6)
     assert not host.report().flags & m.StatusFlags.EEPROM_BUSY, "the save has failed by now"
     assert host.report().fault is m.Fault.WATCHDOG_RESET
     host.done(m.ClearFault(SESSION))
     assert host.report().fault is m.Fault.NONE
+
+
+@pytest.mark.requirement("FLT-1")
+def test_fault_is_kept_until_it_is_cleared(armed):
+    armed.wait_for(m.State.FAULT)
+    armed.done(m.Stop())
+    armed.open_session()
+    armed.configure()
+    assert armed.report().fault is m.Fault.LINK_LOSS
+    armed.done(m.ClearFault(SESSION))
+    assert armed.report().fault is m.Fault.NONE
 
 
 @pytest.mark.requirement("FLT-2")
@@ -236,7 +260,7 @@ def test_only_clear_fault_leads_out_of_a_latch(armed, state):
     bring_to(armed, state)
     for request in (m.Arm(SESSION), m.Disarm(SESSION), m.SetTarget(SESSION, (0, 0), 0, 100)):
         assert armed.refusal(request) == (m.NackCode.BAD_STATE, state)
-    armed.to_after_tick(armed.next_tick() + 200)
+    armed.wait_ticks(200)
     assert armed.state() is state
     ack = armed.told(m.ClearFault(SESSION), m.Ack)
     assert ack.state is m.State.DISARMED
@@ -252,7 +276,7 @@ def test_only_clear_fault_leads_out_of_a_latch(armed, state):
     ],
 )
 def test_reset_by_watchdog_or_brown_out_ends_boot_in_fault(armed, cause, fault):
-    armed.device.reset(cause)
+    armed.reset(cause)
     assert armed.report_of_tick(m.BOOT_TICKS - 1).state is m.State.BOOT
     report = armed.report_of_tick(m.BOOT_TICKS)
     assert (report.state, report.fault) == (m.State.FAULT, fault)
@@ -263,12 +287,12 @@ def test_reset_by_watchdog_or_brown_out_ends_boot_in_fault(armed, cause, fault):
 
 def test_disarm_leads_slowly_to_rest_and_then_takes_the_pulses_away(armed):
     armed.target(450, 100)
-    armed.to_after_tick(armed.next_tick() + 5)
+    armed.wait_ticks(5)
     armed.done(m.Disarm(SESSION))
     tick = armed.next_tick()
     setpoints = [armed.report_of_tick(tick + n).setpoint_cdeg for n in range(5)]
     assert setpoints == [(350, 0), (250, 0), (150, 0), (50, 0), (0, 0)]
-    assert armed.pulses_now()[0] > 0
+    assert armed.pulses_of_tick(tick + 4)[0] > 0
     assert armed.report_of_tick(tick + 5).state is m.State.DISARMED
     assert armed.pulses_of_tick(tick + 5) == (0, 0)
     armed.done(m.Disarm(SESSION))
