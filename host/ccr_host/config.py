@@ -1,9 +1,10 @@
 """Robot description: load, validate, override.
 
 One TOML file describes a robot: what the controller believes (``robot``, ``control``), the
-servos and their limits (``servo``, ``link``), and how the twin and its camera differ from that
-belief (``twin``, ``tracker``). Every key has a unit in its name and a range; unknown keys are
-refused. ``--set section.key=value`` overrides one key.
+servos and their limits (``servo``, ``link``), how the twin and its camera differ from that belief
+(``twin``, ``tracker``), and how the camera was found to stand (``registration``). Every key has a
+unit in its name and a range; unknown keys are refused. ``--set section.key=value`` overrides one
+key.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any
+from types import NoneType
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
@@ -107,6 +109,8 @@ class Control(_Section):
     """R of (15), per rad^2."""
     step_bound_rad: float = Field(2.0, gt=0)
     """|u| of (15), per control step."""
+    solver: Literal["daqp", "compiled"] = "daqp"
+    """What solves the QPs of `mpc`; `compiled` does its whole step in machine code (extra `fast`)."""
     settle_s: float = Field(2.0, ge=0)
     """From the first command to the start of the path's clock."""
     stale_after_ms: int = Field(250, ge=1)
@@ -171,12 +175,22 @@ class Twin(_Section):
     """Speed at which the shaft turns towards its goal."""
     servo_deadband_deg: float = Field(0.0, ge=0)
     """The shaft rests while its goal is no further away."""
+    servo_neutral_us: Annotated[PositivePair, BeforeValidator(_both_axes)] = (1500.0, 1500.0)
+    """True pulse width at which the shaft stands at 0 deg."""
+    servo_us_per_90_deg: Annotated[Pair, BeforeValidator(_both_axes)] = (1000.0, 1000.0)
+    """True pulse change for +90 deg; negative for a servo that turns the other way."""
     gravity_m_s2: float = 9.81
     """Along -z; negative hangs the robot upside down."""
     push: Push | None = None
     """A force on the tip, as a table: {force_n = [0, 0, 0.1], start_s = 10, end_s = 12}."""
     time_step_ms: float = Field(0.5, gt=0, le=2)
     """Longest step of the physics; stiff or light robots take a shorter one by themselves."""
+
+    @model_validator(mode="after")
+    def _servos_turn(self) -> Twin:
+        if 0 in self.servo_us_per_90_deg:
+            raise ValueError("servo_us_per_90_deg must not be 0")
+        return self
 
 
 def _rotation(value: object) -> object:
@@ -185,21 +199,74 @@ def _rotation(value: object) -> object:
 
 
 class Tracker(_Section):
-    """The camera, as the twin simulates it."""
+    """The camera: as the twin simulates it, and what a real one needs."""
 
     noise_mm: float = Field(0.25, ge=0)
     """RMS length of the error of the measured vector M3 - M1."""
     rate_hz: float = Field(20.0, gt=0, le=1000)
     """Exposures a second."""
     latency_ms: float = Field(40.0, ge=0)
-    """From an exposure to its sample."""
+    """From an exposure to the earliest time at which the host can have it; of a real camera too."""
     dropout: float = Field(0.0, ge=0, lt=1)
     """Share of exposures without a sample."""
     rotation_deg: Annotated[Vector3, BeforeValidator(_rotation)] = (0.0, 0.0, 0.0)
     """Rotation vector of the camera's frame against the robot's that nobody has corrected.
 
-    One number turns it about the axis (1, 1, 1).
+    One number turns it about the axis (1, 1, 1). Only simulated cameras are turned.
     """
+    tool_files: dict[str, str] = Field(default_factory=dict)
+    """Tool definitions (.rom) of a Polaris by name: M1, M2, M3 stand for the markers, any other
+    one only lights the illuminators."""
+    camera_file: str | None = None
+    """Calibration of a webcam, as OpenCV writes it."""
+    tag_size_mm: float | None = Field(None, gt=0)
+    """Edge of the tags under a webcam."""
+
+
+_Probability = Annotated[float, Field(ge=0, le=1)]
+_Span = tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]]
+"""From and to, s."""
+
+
+class PolarisFaults(_Section):
+    """What goes wrong with the emulated Polaris; times in s on the path's clock.
+
+    Behind ``ccr-host emulate`` they count from its start.
+    """
+
+    shuffle: bool = False
+    """Stray markers come in random order."""
+    phantoms: int = Field(0, ge=0, le=40)
+    """So many points a frame that are no marker."""
+    occlusion: _Probability = 0.0
+    """Probability that a marker is hidden in an exposure, each by itself."""
+    bad_crc: _Probability = 0.0
+    """Probability that a reply is damaged on its way."""
+    occluded_s: tuple[_Span, ...] = ()
+    """Spans in which all markers are hidden, e.g. [[10, 12], [30, 31]]."""
+    out_of_volume_s: tuple[_Span, ...] = ()
+    """Spans in which the scene is beyond the far end of the volume."""
+    silent_s: tuple[_Span, ...] = ()
+    """Spans in which the camera hears nothing."""
+    unplugged_s: tuple[_Span, ...] = ()
+    """Spans in which its port is gone."""
+    reset_s: tuple[Annotated[float, Field(ge=0)], ...] = ()
+    """When its power fails for a moment."""
+
+
+class Registration(_Section):
+    """How the camera stands, as ``ccr-host register`` has found out."""
+
+    camera_to_robot_deg: Vector3
+    """Rotation vector R: a vector v of the camera's frame is R v in that of (10)."""
+    uncertainty_deg: Vector3 | None = None
+    """Standard deviation about x, y and z of (10)."""
+    residual_mm: float | None = Field(None, ge=0)
+    """RMS distance of the markers from the fitted shapes."""
+    scale: float | None = Field(None, gt=0)
+    """Measured over believed length of segment 2."""
+    date: Annotated[str, BeforeValidator(str)] = ""
+    """Of the registration."""
 
 
 class Description(_Section):
@@ -213,6 +280,8 @@ class Description(_Section):
     control: Control = Control()
     twin: Twin = Twin()
     tracker: Tracker = Tracker()
+    polaris_faults: PolarisFaults = PolarisFaults()
+    registration: Registration | None = None
 
 
 def shipped_descriptions() -> list[str]:
@@ -236,6 +305,22 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Descriptio
     tree = _read(source)
     for override in overrides:
         _apply(tree, override)
+    return _validated(tree, source)
+
+
+def parse(text: str) -> Description:
+    """A description from its TOML text.
+
+    Raises:
+        ConfigError: see :func:`load`.
+    """
+    try:
+        return _validated(tomllib.loads(text), None)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"robot description: {error}", "mend the TOML") from None
+
+
+def _validated(tree: dict[str, Any], source: str | None) -> Description:
     try:
         return Description.model_validate(tree)
     except ValidationError as error:
@@ -298,5 +383,10 @@ def _explain(error: ValidationError, source: str | None) -> tuple[str, str]:
 def _siblings(location: tuple[int | str, ...]) -> list[str]:
     model: Any = Description
     for part in location[:-1]:
-        model = model.model_fields[part].annotation
+        model = section_model(model.model_fields[part].annotation)
     return sorted(model.model_fields)
+
+
+def section_model(annotation: Any) -> Any:  # noqa: ANN401 - pydantic's annotations
+    """The section behind an annotation, also where the section may be left out."""
+    return next((part for part in get_args(annotation) if part is not NoneType), annotation)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from ccr_host.config import Description, Push, shipped_descriptions
+from ccr_host.config import Description, Push, section_model, shipped_descriptions
 
 Schema = dict[str, Any]
 
@@ -41,18 +41,19 @@ _INTRODUCTION = """\
 <!-- Made by `python -m ccr_host.config_reference`; edit host/ccr_host/config.py instead. -->
 
 One TOML file describes a robot: what the controller believes about it (`robot`, `control`), the
-servos and the link (`servo`, `link`), and how the twin and its camera are in truth (`twin`,
-`tracker`). `--robot FILE.toml` reads it, `--set section.key=value` overrides one key. Keys that
-are left out have the default below; unknown keys and values out of range are refused. A key with
-two values has one per segment or servo; where one number is given, it stands for both, except for
-lengths and flexures.
+servos and the link (`servo`, `link`), how the twin and its camera are in truth (`twin`,
+`tracker`), and how the camera stands against the robot (`registration`, by `ccr-host register`).
+`--robot FILE.toml` reads it, `--set section.key=value` overrides one key. Keys that are left out
+have the default below; unknown keys and values out of range are refused. A key with two values has
+one per segment or servo; where one number is given, it stands for both, except for lengths and
+flexures.
 """
 
 
 def reference() -> str:
     """Return the reference as Markdown."""
     sections = [
-        _section(name, field.annotation)
+        _section(name, section_model(field.annotation))
         for name, field in Description.model_fields.items()
         if name != "name"
     ]
@@ -89,17 +90,24 @@ def _unit(key: str) -> str:
 
 def _default(field: Schema) -> str:
     if "default" not in field:
-        return "required"
+        return "none" if field.get("type") == "object" else "required"
     default = field["default"]
-    if default is None:
+    if default is None or default == "":
         return "none"
+    if isinstance(default, str):
+        return default
+    if isinstance(default, bool):
+        return str(default).lower()
     if isinstance(default, list):
         return "[" + ", ".join(f"{value:g}" for value in default) + "]"
     return f"{default:g}"
 
 
 def _range(field: Schema) -> str:
+    if "enum" in field:
+        return " or ".join(field["enum"])
     numbers = field["prefixItems"][0] if "prefixItems" in field else field
+    numbers = numbers.get("anyOf", [numbers])[0]
     bounds = (
         ("exclusiveMinimum", "> {}"),
         ("minimum", "≥ {}"),

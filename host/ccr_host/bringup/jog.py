@@ -33,12 +33,21 @@ class JogView:
     """Why the robot does not move; empty while it does."""
 
 
+Entered = Callable[[StateReport], bool]
+"""Told of the board's state when Enter is pressed; whether that was the last one wanted."""
+
+
+def _nothing(_: StateReport) -> bool:
+    return False
+
+
 def jog(
     rig: Rig,
     description: Description,
     pressed: Callable[[], Iterable[str]],
     show: Callable[[JogView], None],
-) -> None:
+    entered: Entered = _nothing,
+) -> bool:
     """Arm, follow the keys until one asks to leave, disarm.
 
     After a stop or a fault the board stays as it is until the key for clearing is pressed.
@@ -48,6 +57,10 @@ def jog(
         description: limits and rest pose.
         pressed: keys since it was called last.
         show: draws; called once a period.
+        entered: called when Enter is pressed while the robot moves as asked.
+
+    Returns:
+        Whether all that was wanted was entered.
 
     Raises:
         DeviceError: the board cannot be armed at first, or not be disarmed at last.
@@ -56,7 +69,8 @@ def jog(
     target = JogTarget(rest_rad, MotorLimits.of(description.servo), rest_rad)
     rig.client.arm()
     trouble = ""
-    while True:
+    done = False
+    while not done:
         due_us = rig.clock.now_us()
         keys = list(pressed())
         wishes = [wish_of(key) for key in keys]
@@ -73,12 +87,15 @@ def jog(
                 target, trouble = replace(target, q_rad=rest_rad), ""
             if not trouble:
                 _send(rig, target)
+                if Wish.ENTER in wishes:
+                    done = entered(rig.client.read_state())
             show(_view(rig, target, trouble))
             rig.clock.sleep_until_us(due_us + _PERIOD_US)
         except DeviceError as error:
             trouble = error.cause
     if not trouble:
         rig.client.disarm()
+    return done
 
 
 def _send(rig: Rig, target: JogTarget) -> None:

@@ -14,10 +14,11 @@ from ccr_host.bringup.jog_target import HELP
 _BAR_CELLS = 30
 
 
-def jog_panel(view: JogView) -> RenderableType:
-    """Motors, board, markers and keys."""
+def jog_panel(view: JogView, asked: str = "") -> RenderableType:
+    """Motors, board, markers and keys; below them what the user is asked to do."""
+    wish = Text(f"\n{asked}, then Enter", style="bold") if asked else Text()
     return Panel(
-        Group(_motors(view), _state(view), _markers(view), Text(), _keys()),
+        Group(_motors(view), _state(view), _markers(view), Text(), _keys(), wish),
         title=f"jog, {view.target.step_deg:g} deg a key",
         title_align="left",
     )

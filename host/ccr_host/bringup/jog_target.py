@@ -33,10 +33,18 @@ class Wish(enum.Enum):
     MOVE = enum.auto()
     STOP = enum.auto()
     CLEAR = enum.auto()
+    ENTER = enum.auto()
     LEAVE = enum.auto()
 
 
-_WISHES = {" ": Wish.STOP, ESCAPE: Wish.STOP, "c": Wish.CLEAR, "q": Wish.LEAVE}
+_WISHES = {
+    " ": Wish.STOP,
+    ESCAPE: Wish.STOP,
+    "c": Wish.CLEAR,
+    "q": Wish.LEAVE,
+    "\n": Wish.ENTER,
+    "\r": Wish.ENTER,
+}
 
 
 @dataclass(frozen=True)

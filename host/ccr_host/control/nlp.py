@@ -181,7 +181,7 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
             slope_2 += (
                 price_across * stays_across + (price_sagittal * stays_2).real - twice_r * move_2
             )
-            block, coupling = _priced_curvature(price_across, price_sagittal, after, moves[j + 1])
+            block, coupling = priced_curvature(price_across, price_sagittal, after, moves[j + 1])
             blocks += block
             couplings += coupling
         gradient[first], gradient[second] = slope_1, slope_2
@@ -204,7 +204,7 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
 Block = tuple[float, float, float, float]
 
 
-def _priced_curvature(
+def priced_curvature(
     price_across: float, price_sagittal: complex, jet: TipJet, move: tuple[float, float]
 ) -> tuple[Block, Block]:
     """Second derivatives of price * J(q) (q' - q), rows first: by q twice, by q and q'."""

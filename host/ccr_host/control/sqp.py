@@ -49,24 +49,24 @@ class Bounds:
     """
 
     def __init__(self, lower_rad: FloatArray, upper_rad: FloatArray, step_rad: float) -> None:
-        self._lower: list[float] = lower_rad.tolist()
-        self._upper: list[float] = upper_rad.tolist()
-        self._step_rad = step_rad
+        self.lower_rad = float(lower_rad[0]), float(lower_rad[1])
+        self.upper_rad = float(upper_rad[0]), float(upper_rad[1])
+        self.step_rad = step_rad
         self._by_steps: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
 
     def over(self, steps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Rows that turn flat angles into moves, then lower and upper of angles and moves."""
         if steps not in self._by_steps:
             rows = np.eye(2 * steps) - np.eye(2 * steps, k=-2)
-            limit = np.full(2 * steps, self._step_rad)
-            lower = np.concatenate([np.tile(self._lower, steps), -limit])
-            upper = np.concatenate([np.tile(self._upper, steps), limit])
+            limit = np.full(2 * steps, self.step_rad)
+            lower = np.concatenate([np.tile(self.lower_rad, steps), -limit])
+            upper = np.concatenate([np.tile(self.upper_rad, steps), limit])
             self._by_steps[steps] = rows, lower, upper
         return self._by_steps[steps]
 
     def clip(self, angles: tuple[float, float]) -> tuple[float, float]:
         """The nearest pair of motor angles within their limits."""
-        (lower_1, lower_2), (upper_1, upper_2) = self._lower, self._upper
+        (lower_1, lower_2), (upper_1, upper_2) = self.lower_rad, self.upper_rad
         return min(max(angles[0], lower_1), upper_1), min(max(angles[1], lower_2), upper_2)
 
     def feasible(self, start_rad: tuple[float, float], angles: Angles) -> Angles:
@@ -75,7 +75,7 @@ class Bounds:
         ``start_rad`` is within the limits.
         """
         inside: Angles = []
-        reach = self._step_rad
+        reach = self.step_rad
         first, second = start_rad
         for angle_1, angle_2 in angles:
             near_1 = min(max(angle_1, first - reach), first + reach)

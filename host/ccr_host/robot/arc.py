@@ -24,9 +24,9 @@ _SERIES_BELOW_RAD = 1.0
 _TERMS = 18
 _THIRD_DERIVATIVE = [1j ** (3 + k) / (math.factorial(k) * (4 + k)) for k in range(_TERMS)]
 # Odd powers make its real part, even powers its imaginary part; highest power first.
-_SERIES_PAIRS = [
+_SERIES_PAIRS = tuple(
     (_THIRD_DERIVATIVE[k + 1].real, _THIRD_DERIVATIVE[k].imag) for k in range(_TERMS - 2, -1, -2)
-]
+)
 
 
 def arc_derivatives(

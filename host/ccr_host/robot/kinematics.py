@@ -53,6 +53,43 @@ class TipJet(NamedTuple):
         return np.array((self.across, -self.sagittal.real, self.sagittal.imag))
 
 
+def assemble_jet(
+    lengths_mm: tuple[float, float],
+    marker_offset_mm: float,
+    bending_per_motor: float,
+    arc_1: tuple[Any, Any, Any, Any],
+    arc_2: tuple[Any, Any, Any, Any],
+    turn_1: Any,  # noqa: ANN401 - complex or array, as all of these
+) -> TipJet:
+    """From the unit arcs of both segments and exp(i theta1)."""
+    length_1, length_2 = lengths_mm
+    gain = bending_per_motor
+    gain_2 = gain * gain
+    gain_3 = gain_2 * gain
+    turn_rate = 1j * gain
+    offset = 1j * marker_offset_mm
+    turning = (length_2 * arc_2[0].real + offset) * turn_1
+    along_2 = length_2 * turn_1
+    by_2 = gain * arc_2[1].real * along_2
+    by_22 = gain_2 * arc_2[2].real * along_2
+    return TipJet(
+        length_2 * arc_2[0].imag,
+        length_2 * gain * arc_2[1].imag,
+        length_2 * gain_2 * arc_2[2].imag,
+        length_2 * gain_3 * arc_2[3].imag,
+        length_1 * arc_1[0] + turning - offset,
+        gain * length_1 * arc_1[1] + turn_rate * turning,
+        by_2,
+        gain_2 * (length_1 * arc_1[2] - turning),
+        turn_rate * by_2,
+        by_22,
+        gain_3 * length_1 * arc_1[3] - gain_2 * turn_rate * turning,
+        -gain_2 * by_2,
+        turn_rate * by_22,
+        gain_3 * arc_2[3].real * along_2,
+    )
+
+
 class ConstantCurvature:
     """Forward kinematics of the two-segment robot.
 
@@ -94,7 +131,10 @@ class ConstantCurvature:
     def jet_at(self, motor_1_rad: float, motor_2_rad: float) -> TipJet:
         """Tip and derivatives at one pose, in floats and complex numbers."""
         gain = self.bending_per_motor
-        return self._assemble(
+        return assemble_jet(
+            self.lengths_mm,
+            self.marker_offset_mm,
+            gain,
             arc_derivatives_at(gain * motor_1_rad),
             arc_derivatives_at(gain * motor_2_rad),
             cmath.exp(1j * gain * motor_1_rad),
@@ -118,43 +158,13 @@ class ConstantCurvature:
 
     def _jet(self, q_rad: ArrayLike) -> TipJet:
         theta = self.bending_rad(q_rad)
-        return self._assemble(
+        return assemble_jet(
+            self.lengths_mm,
+            self.marker_offset_mm,
+            self.bending_per_motor,
             arc_derivatives(theta[..., 0]),
             arc_derivatives(theta[..., 1]),
             np.exp(1j * theta[..., 0]),
-        )
-
-    def _assemble(
-        self,
-        arc_1: tuple[Any, Any, Any, Any],
-        arc_2: tuple[Any, Any, Any, Any],
-        turn_1: Any,  # noqa: ANN401 - complex or array, as all of these
-    ) -> TipJet:
-        length_1, length_2 = self.lengths_mm
-        gain = self.bending_per_motor
-        gain_2 = gain * gain
-        gain_3 = gain_2 * gain
-        turn_rate = 1j * gain
-        offset = 1j * self.marker_offset_mm
-        turning = (length_2 * arc_2[0].real + offset) * turn_1
-        along_2 = length_2 * turn_1
-        by_2 = gain * arc_2[1].real * along_2
-        by_22 = gain_2 * arc_2[2].real * along_2
-        return TipJet(
-            length_2 * arc_2[0].imag,
-            length_2 * gain * arc_2[1].imag,
-            length_2 * gain_2 * arc_2[2].imag,
-            length_2 * gain_3 * arc_2[3].imag,
-            length_1 * arc_1[0] + turning - offset,
-            gain * length_1 * arc_1[1] + turn_rate * turning,
-            by_2,
-            gain_2 * (length_1 * arc_1[2] - turning),
-            turn_rate * by_2,
-            by_22,
-            gain_3 * length_1 * arc_1[3] - gain_2 * turn_rate * turning,
-            -gain_2 * by_2,
-            turn_rate * by_22,
-            gain_3 * arc_2[3].real * along_2,
         )
 
 

@@ -16,6 +16,8 @@ SECTIONS = [
     config.Control,
     config.Twin,
     config.Tracker,
+    config.PolarisFaults,
+    config.Registration,
     config.Push,
 ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -254,3 +255,11 @@ def test_registry_makes_controllers_by_name_and_lists_them():
     with pytest.raises(ConfigError) as caught:
         make_controller("pid", DEFAULT)
     assert "mpc" in caught.value.cure
+
+
+def test_compiled_solver_without_its_extra_says_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    with pytest.raises(ConfigError) as caught:
+        make_controller("mpc", config.load(overrides=["control.solver=compiled"]))
+    assert "control.solver = compiled" in caught.value.cause
+    assert caught.value.cure == 'pip install "ccr-host[fast]"'

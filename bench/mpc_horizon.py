@@ -1,0 +1,235 @@
+"""One whole MPC step against the length of the horizon, beside the peers that pip installs.
+
+``python -m bench.mpc_horizon`` follows the 8-shape on the twin with the controller ``mpc``, records
+what it measured, and hands every recorded step to each way in turn, in one process: whatever else
+the machine does hits all of them alike, and none keeps the caches to itself. Each starts from its
+own previous solution. Times are of the calling thread, by its CPU clock and by the wall; the ratio
+is that of the CPU medians. ``excess`` is how much more a plan costs than the cheapest found for the
+same step by any way: its median, and the mean with anything above twice the cost counted as that;
+``beyond`` is the farthest that any plan lies outside the bounds.
+
+Ways whose package or compiler is missing are left out with a notice. Needs the extras ``test`` and
+``bench``. For times of peers that start threads of their own set OMP_NUM_THREADS=1 and
+OPENBLAS_NUM_THREADS=1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from bench.peers.mpc import ours
+from bench.peers.mpc.problem import Array, Formulation, ShiftedStart, Way, record
+from ccr_host import config
+from ccr_host.control.base import Observation
+from ccr_host.errors import ConfigError
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.paths import load_path
+from ccr_host.robot.workspace import MotorLimits
+
+WARM_UP_STEPS = 5
+SAME_MINIMUM = 1e-6
+LARGEST_GENERATED_HORIZON = 10
+"""Beyond, gcc takes many minutes for CasADi's code with the exact Hessian."""
+
+
+@dataclass
+class Score:
+    """Of one way over all steps."""
+
+    cpu_us: list[float] = field(default_factory=list)
+    wall_us: list[float] = field(default_factory=list)
+    plans_rad: list[Array] = field(default_factory=list)
+    cost: list[float] = field(default_factory=list)
+    violation_rad: list[float] = field(default_factory=list)
+
+
+def main() -> None:
+    """Print a table for each horizon."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--horizons", type=int, nargs="+", default=[4, 10, 20, 40])
+    parser.add_argument("--steps", type=int, default=150, help="to time, at each horizon")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--alone", action="store_true", help="take turns at each lap: warm caches")
+    chosen = parser.parse_args()
+    console = Console(width=130)
+    for horizon in chosen.horizons:
+        with tempfile.TemporaryDirectory() as folder:
+            scores = compare(
+                horizon, chosen.steps, chosen.seed, Path(folder), console, alone=chosen.alone
+            )
+        console.print(table(horizon, scores))
+    console.print(f"{_processor()}, Python {platform.python_version()}, NumPy {np.__version__}")
+
+
+def compare(
+    horizon: int, steps: int, seed: int, folder: Path, console: Console, *, alone: bool
+) -> dict[str, Score]:
+    """All ways on the same steps, taking turns at each step or, ``alone``, at each lap."""
+    description = config.load(overrides=[f"control.horizon={horizon}"])
+    model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
+    reference = load_path("8shape", 1.0, model, limits)
+    formulation = Formulation(description, reference)
+    makers = ways(formulation, folder)
+    usable = {}
+    for name, make in makers.items():
+        try:
+            make()
+        except (ImportError, ConfigError) as missing:
+            console.print(f"left out: {name} ({missing})")
+        else:
+            usable[name] = make
+    scores = {name: Score() for name in usable}
+    while len(next(iter(scores.values())).cost) < steps:
+        lap = record(description, reference, seed)
+        seed += 1
+        for make in usable.values():
+            warm = make()
+            for observation in lap[:WARM_UP_STEPS]:
+                warm.step(observation)
+        fresh = {name: make() for name, make in usable.items()}
+        turns = [(name, observation) for observation in lap for name in fresh]
+        if alone:
+            turns = [(name, observation) for name in fresh for observation in lap]
+        for name, observation in turns:
+            time_step(fresh[name], observation, scores[name])
+        for kept in scores.values():
+            judge(formulation, lap, kept)
+    return scores
+
+
+def time_step(way: Way, observation: Observation, kept: Score) -> None:
+    """One step."""
+    wall_ns, cpu_ns = time.perf_counter_ns(), time.thread_time_ns()
+    way.step(observation)
+    cpu_ns = time.thread_time_ns() - cpu_ns
+    wall_ns = time.perf_counter_ns() - wall_ns
+    kept.cpu_us.append(cpu_ns / 1e3)
+    kept.wall_us.append(wall_ns / 1e3)
+    kept.plans_rad.append(way.plan())
+    if isinstance(way, ShiftedStart):
+        way.forget_nonsense()
+
+
+def judge(formulation: Formulation, lap: list[Observation], kept: Score) -> None:
+    """Price the plans of the last lap."""
+    for observation, plan_rad in zip(lap, kept.plans_rad[-len(lap) :], strict=True):
+        kept.cost.append(formulation.cost_of_plan(observation, plan_rad))
+        kept.violation_rad.append(formulation.violation_rad(observation, plan_rad))
+
+
+def ways(formulation: Formulation, folder: Path) -> dict[str, Callable[[], Way]]:
+    """By name; making one raises ImportError where its package is missing."""
+    control, reference = formulation.control, formulation.reference
+
+    def product(solver: str) -> Way:
+        overrides = [f"control.horizon={control.horizon}", f"control.solver={solver}"]
+        return ours.Ours(config.load(overrides=overrides), reference)
+
+    def backend(solver: Callable[[], ours.QpSolver]) -> Callable[[], Way]:
+        description = config.load(overrides=[f"control.horizon={control.horizon}"])
+        return lambda: ours.OtherQp(description, reference, solver())
+
+    return {
+        "ccr-host": lambda: product("daqp"),
+        "ccr-host, compiled": lambda: product("compiled"),
+        "ccr-host with PIQP": backend(ours.piqp),
+        "ccr-host with OSQP": backend(ours.osqp),
+        "ccr-host with Clarabel": backend(ours.clarabel),
+        "ccr-host with ProxQP": backend(ours.proxqp),
+        **casadi_ways(formulation, folder),
+        "do-mpc (IPOPT)": lambda: do_mpc(formulation),
+        "SciPy SLSQP, fin. diff.": lambda: slsqp(formulation),
+    }
+
+
+def casadi_ways(formulation: Formulation, folder: Path) -> dict[str, Callable[[], Way]]:
+    """CasADi with a general, a QP-based and a generated solver; each is built once."""
+    built: dict[str, Any] = {}
+
+    def nlp(plugin: str) -> Way:
+        from bench.peers.mpc import casadi_nlp  # noqa: PLC0415
+
+        options = {"ipopt": casadi_nlp.IPOPT, "sqpmethod": casadi_nlp.SQP_DAQP}[plugin]
+        if plugin not in built:
+            built[plugin] = casadi_nlp.nlpsol(formulation, plugin, options)
+        return casadi_nlp.Nlp(formulation, built[plugin])
+
+    def generated() -> Way:
+        from bench.peers.mpc import casadi_nlp  # noqa: PLC0415
+
+        if formulation.control.horizon > LARGEST_GENERATED_HORIZON:
+            raise ImportError("the code takes too long to compile")
+        if "generated" not in built:
+            built["generated"] = casadi_nlp.GeneratedSolver(formulation, folder)
+        return casadi_nlp.GeneratedSqp(formulation, built["generated"])
+
+    return {
+        "CasADi, generated C, SQP": generated,
+        "CasADi sqpmethod with DAQP": lambda: nlp("sqpmethod"),
+        "CasADi IPOPT, warm": lambda: nlp("ipopt"),
+    }
+
+
+def do_mpc(formulation: Formulation) -> Way:
+    """The do-mpc package."""
+    from bench.peers.mpc.do_mpc_controller import DoMpc  # noqa: PLC0415
+
+    return DoMpc(formulation)
+
+
+def slsqp(formulation: Formulation) -> Way:
+    """SciPy."""
+    from bench.peers.mpc.scipy_slsqp import Slsqp  # noqa: PLC0415
+
+    return Slsqp(formulation)
+
+
+def table(horizon: int, scores: dict[str, Score]) -> Table:
+    """Times and quality of each way; the ratio is to the quickest of ours."""
+    best = np.min([kept.cost for kept in scores.values()], axis=0)
+    quickest = scores.get("ccr-host, compiled", scores["ccr-host"])
+    ours_us = float(np.median(quickest.cpu_us))
+    shown = Table(title=f"N = {horizon}, {len(best)} steps along the 8-shape on the twin")
+    for column in ("", "CPU us", "p99", "wall us", "p99 ", "ratio", "same minimum"):
+        shown.add_column(column, justify="left" if not column else "right")
+    for column in ("excess, median", "mean", "beyond, rad"):
+        shown.add_column(column, justify="right")
+    for name, kept in scores.items():
+        excess = np.array(kept.cost) / best - 1.0
+        shown.add_row(
+            name,
+            f"{np.median(kept.cpu_us):.1f}",
+            f"{np.percentile(kept.cpu_us, 99):.0f}",
+            f"{np.median(kept.wall_us):.1f}",
+            f"{np.percentile(kept.wall_us, 99):.0f}",
+            f"{np.median(kept.cpu_us) / ours_us:.1f}",
+            f"{np.mean(excess < SAME_MINIMUM):.0%}",
+            f"{np.median(excess):.0e}",
+            f"{np.mean(np.minimum(excess, 1.0)):.0e}",
+            f"{max(kept.violation_rad):.0e}",
+        )
+    return shown
+
+
+def _processor() -> str:
+    information = Path("/proc/cpuinfo")
+    if information.exists():
+        for line in information.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,161 @@
+"""The paper's problem as one would hand it to any solver, and the steps to solve it at."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.config import Description
+from ccr_host.control.base import Observation
+from ccr_host.control.mpc import ModelPredictive
+from ccr_host.robot.reference import Reference
+from ccr_host.robot.workspace import MotorLimits
+from ccr_host.twin.robot import TwinRobot
+
+Array = NDArray[np.float64]
+
+PERIOD_US = 1_000_000
+SETTLE_US = 2_000_000
+
+
+class Way(Protocol):
+    """One way to make an MPC step."""
+
+    def step(self, observation: Observation) -> object:
+        """All that a control period has to wait for."""
+        ...
+
+    def plan(self) -> Array:
+        """All angles planned by the last step, (M, 2), rad."""
+        ...
+
+
+@dataclass(frozen=True)
+class Problem:
+    """(15) for one observation, over the live increments."""
+
+    q_rad: Array
+    measured_mm: Array
+    targets_mm: Array
+
+
+class Formulation:
+    """Cost (15) in plain NumPy; ``limits`` are those of the motors."""
+
+    def __init__(self, description: Description, reference: Reference) -> None:
+        self.robot, self.control = description.robot, description.control
+        self.limits = MotorLimits.of(description.servo)
+        self.reference = reference
+        self.gain = self.robot.pulley_radius_mm / self.robot.tendon_radius_mm
+        self.live_steps = self.control.horizon - 1
+
+    def problem(self, observation: Observation) -> Problem:
+        assert observation.tip_mm is not None
+        i = observation.step
+        targets = self.reference.target_mm[i : i + self.live_steps]
+        return Problem(observation.q_rad, observation.tip_mm, targets)
+
+    def cost(self, flat: Array, problem: Problem) -> float:
+        """Of increments (2M,)."""
+        moves = flat.reshape(-1, 2)
+        poses = problem.q_rad + np.cumsum(moves, axis=0) - moves
+        steps = np.einsum("kij,kj->ki", self._jacobian(poses), moves)
+        errors = problem.measured_mm - problem.targets_mm + np.cumsum(steps, axis=0)
+        squares = self.control.position_weight * np.sum(errors * errors)
+        return float(squares + self.control.effort_weight * np.sum(moves * moves))
+
+    def cost_of_plan(self, observation: Observation, plan_rad: Array) -> float:
+        problem = self.problem(observation)
+        moves = np.diff(np.vstack([problem.q_rad, plan_rad]), axis=0)
+        return self.cost(moves.ravel(), problem)
+
+    def violation_rad(self, observation: Observation, plan_rad: Array) -> float:
+        """How far a plan lies beyond the bounds on angles and increments."""
+        moves = np.diff(np.vstack([observation.q_rad, plan_rad]), axis=0)
+        beyond = (
+            np.abs(moves) - self.control.step_bound_rad,
+            plan_rad - self.limits.upper_rad,
+            self.limits.lower_rad - plan_rad,
+        )
+        return max(0.0, float(np.max(beyond)))
+
+    def _jacobian(self, q_rad: Array) -> Array:
+        length_1, length_2 = self.robot.segment_lengths_mm
+        theta = self.gain * q_rad
+        near_zero = np.abs(theta) < 1e-4
+        divisor = np.where(near_zero, 1.0, theta)
+        sine, cosine = np.sin(theta), np.cos(theta)
+        s = np.where(near_zero, 1.0, sine / divisor)
+        v = np.where(near_zero, 0.5 * theta, (1.0 - cosine) / divisor)
+        ds = np.where(near_zero, -theta / 3.0, (cosine - s) / divisor)
+        dv = np.where(near_zero, 0.5, (sine - v) / divisor)
+        lever, offset = length_2 * s[:, 1], self.robot.marker_offset_mm
+        sine_1, cosine_1 = sine[:, 0], cosine[:, 0]
+        jacobian = np.zeros((len(q_rad), 3, 2))
+        jacobian[:, 1, 0] = -length_1 * ds[:, 0] + offset * cosine_1 + lever * sine_1
+        jacobian[:, 2, 0] = length_1 * dv[:, 0] - offset * sine_1 + lever * cosine_1
+        jacobian[:, 0, 1] = length_2 * dv[:, 1]
+        jacobian[:, 1, 1] = -length_2 * ds[:, 1] * cosine_1
+        jacobian[:, 2, 1] = length_2 * ds[:, 1] * sine_1
+        return self.gain * jacobian
+
+
+class ShiftedStart:
+    """Warm start of the peers: the last increments, one step on."""
+
+    def __init__(self, formulation: Formulation) -> None:
+        self.formulation = formulation
+        self.moves: Array = np.zeros((0, 2))
+
+    def guess(self) -> Array:
+        live = self.formulation.live_steps
+        kept = self.moves[1 : 1 + live]
+        return np.concatenate([kept, np.zeros((live - len(kept), 2))]).ravel()
+
+    def plan(self) -> Array:
+        return self.q_rad + np.cumsum(self.moves, axis=0)
+
+    def keep(self, problem: Problem, flat: Array) -> None:
+        self.q_rad = problem.q_rad
+        self.moves = flat.reshape(-1, 2)
+
+    def forget_nonsense(self) -> None:
+        """Start the next step from rest if this one was not solved; call it outside the timing."""
+        bound = self.formulation.control.step_bound_rad
+        if not np.all(np.abs(self.moves) <= bound + 1e-6):
+            self.moves = np.zeros((0, 2))
+
+
+def record(description: Description, reference: Reference, seed: int) -> list[Observation]:
+    """One lap of the controller ``mpc`` on the twin at one step a second.
+
+    Only steps with a whole horizon before them, so that a peer needs one solver.
+    """
+    rng = np.random.default_rng(seed)
+    twin = TwinRobot(description.twin)
+    controller = ModelPredictive(description)
+    q_rad = controller.start(reference).q_rad
+    _pulse(twin, description, q_rad)
+    time_us = SETTLE_US
+    twin.advance_to(time_us)
+    observations = []
+    for step in range(1, len(reference) - description.control.horizon + 2):
+        time_us += PERIOD_US
+        twin.advance_to(time_us)
+        noise_mm = rng.normal(scale=description.tracker.noise_mm / math.sqrt(3.0), size=3)
+        observation = Observation(step, time_us, twin.tip_mm() + noise_mm, 0, q_rad)
+        observations.append(observation)
+        q_rad = controller.step(observation).q_rad
+        _pulse(twin, description, q_rad)
+    return observations
+
+
+def _pulse(twin: TwinRobot, description: Description, q_rad: Array) -> None:
+    servo = description.servo
+    per_rad = np.array(servo.pulse_per_90_deg_us) / (math.pi / 2.0)
+    half_us = np.rint(2.0 * (np.array(servo.neutral_pulse_us) + per_rad * q_rad)).astype(int)
+    twin.set_pulses_half_us((int(half_us[0]), int(half_us[1])))

@@ -1,0 +1,130 @@
+"""Checks of the board and of the way to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ccr_host.bringup.finding import Finding, failure, good, judged, warning
+from ccr_host.config import Description
+from ccr_host.link.board_config import board_config
+from ccr_host.link.client import Client
+from ccr_host.link.device_errors import BoardFaultError, BoardStoppedError
+from ccr_host.link.messages import (
+    TICK_US,
+    CountersReply,
+    EepromStatus,
+    HelloReply,
+    ResetCause,
+    State,
+    StateReport,
+)
+from ccr_host.link.statistics import LinkStatistics
+from ccr_host.run.clock import Clock
+
+_TRIPS = 100
+_LISTEN_US = 1_000_000
+_SLOW_TRIP_US = 20_000
+"""A USB port with its usual 16 ms latency timer stays below."""
+_LEAST_STACK_BYTES = 128
+_NOT_MEASURED = 0xFFFF
+_ODD_RESETS = (ResetCause.BROWN_OUT, ResetCause.WATCHDOG)
+
+
+def check_board(client: Client, clock: Clock, description: Description) -> Iterator[Finding]:
+    """Ask, listen for a second, move nothing.
+
+    Raises:
+        DeviceError: the board does not answer any more.
+    """
+    identity = client.identity
+    assert identity is not None, "connected"
+    yield _identity(identity)
+    yield _state(client.read_state())
+    yield _eeprom(identity)
+    same = client.read_config() == board_config(description)
+    differs = "differs from the robot description; a run sets what it needs"
+    yield good("configuration", "as in the robot description" if same else differs)
+    for _ in range(_TRIPS):
+        client.read_state()
+    clock.sleep_until_us(clock.now_us() + _LISTEN_US)
+    yield _round_trips(client.statistics)
+    yield _losses(client.statistics, client.read_counters())
+    yield from _stack(client.read_state())
+
+
+def _identity(identity: HelloReply) -> Finding:
+    version = ".".join(str(part) for part in identity.firmware_version)
+    cause = identity.reset_cause
+    return judged(
+        "board",
+        f"firmware {version}, boot {identity.boot_id}, last reset: {cause.name.lower()}",
+        fine=cause not in _ODD_RESETS,
+        remedy="look at the supply (brown_out) or report a defect (watchdog)",
+    )
+
+
+def _state(report: StateReport) -> Finding:
+    state = report.state
+    if state is State.FAULT:
+        return failure("state", BoardFaultError(report.fault))
+    if state is State.STOPPED:
+        return failure("state", BoardStoppedError())
+    if any(report.pulse_half_us):
+        return warning(
+            "state",
+            f"{state.name.lower()}, the servos get pulses",
+            "another host is at work, or left the robot armed",
+        )
+    return good("state", f"{state.name.lower()}, no pulses")
+
+
+def _eeprom(identity: HelloReply) -> Finding:
+    anew = "run ccr-host calibrate again; replace the board if it comes back"
+    match identity.eeprom_status:
+        case EepromStatus.BLANK:
+            return good("EEPROM", "no configuration kept; ccr-host calibrate keeps one")
+        case EepromStatus.LOADED:
+            return good("EEPROM", "configuration loaded")
+        case EepromStatus.ONE_SLOT_BAD:
+            return warning("EEPROM", "one of two copies is corrupt", anew)
+        case EepromStatus.BOTH_BAD:
+            return warning("EEPROM", "the configuration is corrupt", anew)
+
+
+def _round_trips(figures: LinkStatistics) -> Finding:
+    median_us, p99_us = figures.rtt_us_median or 0.0, figures.rtt_us_p99 or 0.0
+    return judged(
+        "round trip",
+        f"median {median_us / 1000:.1f} ms, 99 % below {p99_us / 1000:.1f} ms",
+        fine=p99_us < _SLOW_TRIP_US,
+        remedy="lower the latency timer of the USB port; use no hub",
+    )
+
+
+def _losses(figures: LinkStatistics, counters: CountersReply) -> Finding:
+    lost = {
+        "damaged frames": figures.crc_errors,
+        "repeated requests": figures.retries,
+        "lost reports": figures.lost_telemetry,
+        "bytes lost on the board": counters.overruns,
+        "frames not sent by the board": counters.replies_dropped,
+    }
+    seen = [f"{count} {what}" for what, count in lost.items() if count]
+    reports = _LISTEN_US // TICK_US
+    return judged(
+        "link",
+        ", ".join(seen) or f"nothing lost in {_TRIPS} requests and {reports} reports",
+        fine=not seen,
+        remedy="shorten the cable, keep it off the servos' wires, check the common ground",
+    )
+
+
+def _stack(report: StateReport) -> Iterator[Finding]:
+    free_bytes = report.free_stack_bytes
+    if free_bytes != _NOT_MEASURED:
+        yield judged(
+            "memory",
+            f"at least {free_bytes} bytes of stack left",
+            fine=free_bytes >= _LEAST_STACK_BYTES,
+            remedy="report this as a defect of the firmware",
+        )

@@ -1,0 +1,95 @@
+"""``ccr-host doctor``: one look at everything, nothing moved or changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+from serial.tools import list_ports
+
+from ccr_host.bringup.board_checks import check_board
+from ccr_host.bringup.finding import Finding, failure, good, warning
+from ccr_host.bringup.host_checks import check_host
+from ccr_host.bringup.tracker_checks import check_tracker
+from ccr_host.config import Description
+from ccr_host.errors import CcrError
+from ccr_host.link.client import Client
+from ccr_host.link.uri import DeviceUri, parse_device_uri
+from ccr_host.run.clock import Clock, RealClock, VirtualClock
+from ccr_host.run.options import RunOptions
+from ccr_host.run.rig import connect_board
+from ccr_host.run.tracker_rig import TrackerRig
+from ccr_host.tracking.uri import TrackerKind, TrackerUri, parse_tracker_uri
+
+
+def examine(options: RunOptions, folder: Path) -> Iterator[Finding]:
+    """Computer, description, board and tracker, one finding after the other.
+
+    What cannot be reached is a finding, and does not keep the rest from being looked at.
+
+    Args:
+        options: description, device and tracker count.
+        folder: in which runs would be kept.
+    """
+    yield from check_host(RealClock(), folder)
+    yield _ports()
+    try:
+        description = options.description()
+        device, tracker = parse_device_uri(options.device), parse_tracker_uri(options.tracker)
+    except CcrError as error:
+        yield failure("description", error)
+        return
+    yield from _describe(description, tracker)
+    yield from _or_failure("board", lambda: _board(device, description, options.seed))
+    yield from _or_failure("tracker", lambda: _tracker(tracker, description, options.seed))
+
+
+def _ports() -> Finding:
+    ports = [f"{port.device} ({port.description})" for port in list_ports.comports()]
+    return good("serial ports", ", ".join(sorted(ports)) or "none")
+
+
+def _describe(description: Description, tracker: TrackerUri) -> Iterator[Finding]:
+    yield good("description", f"robot {description.name}")
+    registration = description.registration
+    if registration is not None:
+        when = f" on {registration.date}" if registration.date else ""
+        yield good("registration", f"the camera was registered{when}")
+    elif tracker.kind is not TrackerKind.TWIN:
+        yield warning(
+            "registration",
+            "none: the camera is taken to be aligned with the robot",
+            "ccr-host register, with your --device and --tracker",
+        )
+
+
+def _or_failure(subject: str, check: Callable[[], Iterable[Finding]]) -> Iterator[Finding]:
+    """The findings of a check; what ends it is one of them."""
+    try:
+        yield from check()
+    except CcrError as error:
+        yield failure(subject, error)
+
+
+def _board(device: DeviceUri, description: Description, seed: int) -> Iterator[Finding]:
+    clock: Clock = VirtualClock() if device.in_process else RealClock()
+    with ExitStack() as stack:
+        transport = connect_board(device, None, clock, description.link.baud, stack)
+        rng = np.random.default_rng(seed if device.in_process else None)
+        client = stack.enter_context(Client(transport, clock, rng))
+        clock.attach(client)
+        client.connect()
+        yield from check_board(client, clock, description)
+
+
+def _tracker(uri: TrackerUri, description: Description, seed: int) -> Iterator[Finding]:
+    eyes = TrackerRig(uri, description, np.random.SeedSequence(seed))
+    clock: Clock = VirtualClock() if uri.in_process else RealClock()
+    if eyes.scene is not None:
+        clock.attach(eyes.scene)
+    with eyes.running(clock):
+        tracker = eyes.tracker(clock, lambda: np.zeros(2))
+        eyes.wait_until_tracking(clock)
+        yield from check_tracker(tracker, clock, description)

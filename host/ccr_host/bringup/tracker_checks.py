@@ -1,0 +1,130 @@
+"""Checks of what the tracker sees while the robot rests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.bringup.finding import Finding, failure, judged
+from ccr_host.config import Description
+from ccr_host.errors import TrackerError
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.run.clock import Clock
+from ccr_host.tracking.sample import Sample
+from ccr_host.tracking.tracker import Tracker
+
+_LISTEN_US = 3_000_000
+_LOOK_US = 5_000
+_RATE_SHARE = 0.9
+_NOISE_FACTOR = 2.0
+_SEGMENT_TOLERANCE_MM = 5.0
+_ASKEW_DEG = 45.0
+"""A robot at rest droops by less; a camera that was never registered is off by more."""
+
+
+def check_tracker(tracker: Tracker, clock: Clock, description: Description) -> Iterator[Finding]:
+    """Watch the robot at rest for a few seconds."""
+    samples, ages_us = _listen(tracker, clock)
+    if not samples:
+        told = tracker.trouble()
+        yield failure(
+            "markers",
+            TrackerError(
+                f"{tracker.name} gives no sample" + (f": {told}" if told else ""),
+                "check line of sight, the camera's volume and the markers; see ccr-host monitor",
+            ),
+        )
+        return
+    yield _rate(samples, description)
+    yield _age(ages_us, description)
+    tips_mm = np.array([sample.tip_mm for sample in samples])
+    yield _noise(tips_mm, description)
+    yield _second_marker(samples)
+    yield from _shape(samples, description)
+    told = tracker.trouble()
+    yield judged("tracker", told or f"{tracker.name} has no complaints", fine=not told, remedy=told)
+
+
+def _listen(tracker: Tracker, clock: Clock) -> tuple[list[Sample], list[int]]:
+    end_us = clock.now_us() + _LISTEN_US
+    samples: list[Sample] = []
+    ages_us: list[int] = []
+    while clock.now_us() < end_us:
+        sample = tracker.newest()
+        if sample is not None and (not samples or sample.exposed_us != samples[-1].exposed_us):
+            samples.append(sample)
+            ages_us.append(clock.now_us() - sample.exposed_us)
+        clock.sleep_until_us(clock.now_us() + _LOOK_US)
+    return samples, ages_us
+
+
+def _rate(samples: list[Sample], description: Description) -> Finding:
+    rate_hz = len(samples) / (_LISTEN_US * 1e-6)
+    expected_hz = description.tracker.rate_hz
+    return judged(
+        "rate",
+        f"{rate_hz:.1f} samples a second of {expected_hz:g}",
+        fine=rate_hz >= _RATE_SHARE * expected_hz,
+        remedy="look for hidden markers and reflections, or correct tracker.rate_hz",
+    )
+
+
+def _age(ages_us: list[int], description: Description) -> Finding:
+    limit_ms = description.control.stale_after_ms
+    oldest_ms = max(ages_us) / 1000
+    return judged(
+        "age",
+        f"samples arrive {np.median(ages_us) / 1000:.0f} ms after their exposure, "
+        f"at most {oldest_ms:.0f} ms",
+        fine=oldest_ms < limit_ms,
+        remedy="check the connection; for a slow tracker raise control.stale_after_ms",
+    )
+
+
+def _noise(tips_mm: NDArray[np.float64], description: Description) -> Finding:
+    noise_mm = float(np.sqrt(np.var(tips_mm, axis=0).sum()))
+    expected_mm = description.tracker.noise_mm
+    return judged(
+        "noise",
+        f"{noise_mm:.2f} mm RMS of M3 - M1 at rest; described: {expected_mm:g}",
+        fine=noise_mm <= _NOISE_FACTOR * max(expected_mm, 0.05),
+        remedy="keep the table still, clean the markers, or correct tracker.noise_mm",
+    )
+
+
+def _second_marker(samples: list[Sample]) -> Finding:
+    seen = np.mean([np.isfinite(sample.markers_mm[1]).all() for sample in samples])
+    return judged(
+        "M2",
+        f"seen in {100 * seen:.0f} % of the samples",
+        fine=bool(seen > _RATE_SHARE),
+        remedy="turn the robot or the camera so that M2 is not hidden",
+    )
+
+
+def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]:
+    """Distance of the markers, and where the robot points to."""
+    markers_mm = np.nanmedian([sample.markers_mm for sample in samples], axis=0)
+    segment_mm = float(np.linalg.norm(markers_mm[2] - markers_mm[1]))
+    believed_mm = description.robot.segment_lengths_mm[1]
+    if np.isfinite(segment_mm):
+        yield judged(
+            "scale",
+            f"M2 and M3 are {segment_mm:.1f} mm apart; segment 2 is {believed_mm:g} mm",
+            fine=segment_mm < believed_mm + _SEGMENT_TOLERANCE_MM,
+            remedy="measure the robot; check that the right markers are seen",
+        )
+    tip_mm = markers_mm[2] - markers_mm[0]
+    straight_mm = ConstantCurvature(description.robot).tip_mm(
+        np.radians(description.servo.rest_deg)
+    )
+    share = tip_mm @ straight_mm / (np.linalg.norm(tip_mm) * np.linalg.norm(straight_mm))
+    askew_deg = float(np.degrees(np.arccos(np.clip(share, -1.0, 1.0))))
+    yield judged(
+        "orientation",
+        f"the robot at rest points {askew_deg:.0f} deg away from its model",
+        fine=askew_deg < _ASKEW_DEG,
+        remedy="ccr-host register finds out how the camera stands",
+    )

@@ -1,0 +1,53 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ccr_host.bringup.servo_marks import QUESTIONS, servo_from_marks
+from ccr_host.config import Servo
+from ccr_host.errors import ConfigError
+
+SERVO = Servo(slew_deg_s=(200.0, 100.0))
+
+
+def marks_us(neutral_us: float, per_90_us: float, low_deg: float, high_deg: float) -> list[float]:
+    return [neutral_us + per_90_us * angle / 90 for angle in (0, 45, -45, low_deg, high_deg)]
+
+
+@given(
+    st.floats(1400, 1600),
+    st.floats(600, 1100),
+    st.sampled_from([-1, 1]),
+    st.floats(-80, -5),
+    st.floats(5, 80),
+)
+def test_marks_of_any_servo_give_that_servo(neutral_us, per_90_us, direction, low, high) -> None:
+    pulses = [
+        *marks_us(neutral_us, direction * per_90_us, low, high),
+        *marks_us(1500.0, 1000.0, -60.0, 60.0),
+    ]
+    found = servo_from_marks(SERVO, pulses)
+    assert found.neutral_pulse_us[0] == pytest.approx(neutral_us, abs=0.25)
+    assert found.pulse_per_90_deg_us[0] == pytest.approx(direction * per_90_us, abs=0.25)
+    assert found.angle_min_deg == pytest.approx((low, -60.0), abs=0.051)
+    assert found.angle_max_deg == pytest.approx((high, 60.0), abs=0.051)
+    assert found.slew_deg_s == SERVO.slew_deg_s, "not asked for, not changed"
+
+
+GOOD = marks_us(1500.0, 1000.0, -60.0, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("first", "told"),
+    [
+        ([1500.0] * 5, "nearly the same pulse"),
+        ([1500.0, 2000.0, 1200.0, 1000.0, 2000.0], "miss a line"),
+        (marks_us(1500.0, 1000.0, 20.0, 60.0), "rest pose"),
+    ],
+)
+def test_marks_that_no_servo_gives_are_refused(first, told) -> None:
+    with pytest.raises(ConfigError, match=told):
+        servo_from_marks(SERVO, [*first, *GOOD])
+
+
+def test_each_servo_is_asked_the_same() -> None:
+    assert [question.axis for question in QUESTIONS] == [0] * 5 + [1] * 5

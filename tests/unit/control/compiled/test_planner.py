@@ -1,0 +1,191 @@
+"""The compiled planner against the default one: same steps in, same plans out."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ccr_host import config
+from ccr_host.control import compiled
+from ccr_host.control.base import Observation, Outcome
+from ccr_host.control.compiled import planner as compiled_planner
+from ccr_host.control.mpc import ModelPredictive
+from ccr_host.control.nlp import Tracking, Weights, roll_out
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.paths import load_path
+from ccr_host.robot.workspace import MotorLimits
+
+SAME_RAD = 1e-6
+SAME_COST = 1e-9
+
+TIGHT_STEPS = ["control.step_bound_rad=0.04"]
+TIGHT_LIMITS = ["servo.angle_min_deg=-20", "servo.angle_max_deg=20"]
+NO_ROOM = ["servo.angle_min_deg=[-20, -0.001]", "servo.angle_max_deg=[20, 0.001]"]
+
+
+def both(overrides):
+    compiled_too = [*overrides, "control.solver=compiled"]
+    return (
+        ModelPredictive(config.load(overrides=overrides)),
+        ModelPredictive(config.load(overrides=compiled_too)),
+    )
+
+
+def path_of(name, overrides=(), rate_hz=1.0):
+    description = config.load(overrides=overrides)
+    model = ConstantCurvature(description.robot)
+    return load_path(name, rate_hz, model, MotorLimits.of(description.servo))
+
+
+def observation(step, tip_mm, q_rad):
+    return Observation(step, step * 1_000_000, tip_mm, 0, q_rad)
+
+
+def drifting_plant(seed, lost=0.1):
+    """Off the model by a little at each pose and by a lot on the whole; some samples are lost."""
+    rng = np.random.default_rng(seed)
+    model = ConstantCurvature(config.load().robot)
+    offset_mm = rng.normal(scale=6.0, size=3)
+
+    def tip_mm(q_rad):
+        measured = model.tip_mm(q_rad) + offset_mm + rng.normal(scale=1.0, size=3)
+        return None if rng.random() < lost else measured
+
+    return tip_mm
+
+
+def cost(plan_rad, overrides, path, seen):
+    description = config.load(overrides=overrides)
+    control, limits = description.control, MotorLimits.of(description.servo)
+    model = ConstantCurvature(description.robot)
+    first, second = limits.clip(seen.q_rad).tolist()
+    targets = path.target_mm[seen.step : seen.step + len(plan_rad)]
+    weights = Weights(control.position_weight, control.effort_weight)
+    problem = Tracking.of(model, weights, (first, second), seen.tip_mm, targets)
+    return roll_out(problem, [tuple(q) for q in plan_rad.tolist()]).cost
+
+
+@pytest.mark.parametrize(
+    ("horizon", "more"),
+    [
+        (2, []),
+        (4, []),
+        (4, ["control.effort_weight=0"]),
+        (4, TIGHT_STEPS),
+        (4, TIGHT_LIMITS),
+        (4, NO_ROOM),
+        (10, []),
+        (10, TIGHT_STEPS + TIGHT_LIMITS),
+        (20, []),
+        (40, []),
+        (40, TIGHT_STEPS),
+    ],
+)
+def test_plans_are_those_of_the_default_solver(horizon, more):
+    overrides = [f"control.horizon={horizon}", *more]
+    steps_seen = 0
+    for number, name in enumerate(("ellipse", "8shape", "star")):
+        # At 40 the last digits may differ; to price them the measurement is needed.
+        plant = drifting_plant(number, lost=0.0 if horizon == 40 else 0.1)
+        path = path_of(name, overrides)
+        default, fast = both(overrides)
+        q_rad = default.start(path).q_rad
+        assert np.array_equal(fast.start(path).q_rad, q_rad)
+        for step in range(1, len(path), 1 if horizon < 20 else horizon // 3):
+            seen = observation(step, plant(q_rad), q_rad)
+            expected, command = default.step(seen), fast.step(seen)
+            assert command.outcome is expected.outcome
+            assert command.detail == expected.detail
+            assert len(command.predicted_mm) == len(expected.predicted_mm)
+            if np.abs(fast.plan_rad - default.plan_rad).max() > SAME_RAD:
+                costs = [cost(c.plan_rad, overrides, path, seen) for c in (fast, default)]
+                assert costs[0] == pytest.approx(costs[1], rel=SAME_COST)
+            else:
+                assert command.predicted_mm == pytest.approx(expected.predicted_mm, abs=1e-3)
+            q_rad = expected.q_rad
+            steps_seen += 1
+    assert steps_seen >= 20
+
+
+BAD_TIPS = [[math.nan, 0, 0], [0, math.inf, 0], [1e200, 0, 0], [1e12, -1e12, 1e12]]
+
+
+@pytest.mark.parametrize("tip", BAD_TIPS)
+def test_unusable_measurement_is_survived_as_by_the_default(tip):
+    path, plant = path_of("8shape"), drifting_plant(5)
+    default, fast = both([])
+    q_rad = default.start(path).q_rad
+    fast.start(path)
+    for step in range(1, 20):
+        measured = np.array(tip) if step in (7, 8) else plant(q_rad)
+        seen = observation(step, measured, q_rad)
+        expected, command = default.step(seen), fast.step(seen)
+        assert command.outcome is expected.outcome
+        assert command.detail == expected.detail
+        assert command.q_rad == pytest.approx(expected.q_rad, abs=SAME_RAD)
+        q_rad = expected.q_rad
+
+
+def test_random_measurements_never_lead_out_of_the_limits():
+    rng = np.random.default_rng(1)
+    path = path_of("star")
+    _, fast = both([*TIGHT_LIMITS, *TIGHT_STEPS])
+    q_rad = fast.start(path).q_rad
+    for _ in range(20):
+        for step in range(1, len(path)):
+            tip_mm = rng.normal(scale=10.0 ** rng.uniform(0, 6), size=3)
+            command = fast.step(observation(step, tip_mm, q_rad))
+            assert np.abs(command.q_rad).max() <= np.radians(20.0)
+            assert np.abs(command.q_rad - q_rad).max() <= 0.04 + 1e-12
+            q_rad = command.q_rad
+
+
+def test_same_run_twice_gives_the_same_commands_to_the_last_bit():
+    path = path_of("star")
+    runs = []
+    for _ in range(2):
+        plant, (_, fast) = drifting_plant(3), both([])
+        q_rad = [fast.start(path).q_rad]
+        for step in range(1, len(path)):
+            q_rad.append(fast.step(observation(step, plant(q_rad[-1]), q_rad[-1])).q_rad)
+        runs.append(q_rad)
+    assert np.array_equal(*runs)
+
+
+def test_a_step_never_compiles_whatever_arrays_it_is_given():
+    path = path_of("8shape")
+    _, fast = both([])
+    q_rad = fast.start(path).q_rad
+    step_of_planner = fast._planner._plan_step
+    compiled_for = list(step_of_planner.signatures)
+    assert len(compiled_for) == 1
+    tip_mm = np.array([3.0, -95.0, 5.0])
+    frozen = tip_mm.copy()
+    frozen.setflags(write=False)
+    commands = [
+        fast.step(observation(1, tip, angles))
+        for tip in (tip_mm, tip_mm.astype(np.float32), np.repeat(tip_mm, 2)[::2], frozen)
+        for angles in (q_rad, q_rad.astype(np.float32), np.repeat(q_rad, 2)[::2])
+    ]
+    assert {c.outcome for c in commands} == {Outcome.SOLVED}
+    assert list(step_of_planner.signatures) == compiled_for
+
+
+def test_cache_on_disk_knows_of_every_source_file():
+    """A file that is left out would leave stale machine code in place after an upgrade."""
+    folder = Path(compiled.__file__).parent
+    ours = {file.stem for file in folder.glob("*.py")} - {"__init__", "planner"}
+    watched = {module.__name__ for module in compiled_planner._SOURCES}
+    assert watched >= {f"{compiled.__name__}.{name}" for name in ours}
+    imported = {
+        getattr(value, "__module__", "")
+        for module in compiled_planner._SOURCES
+        for value in vars(module).values()
+        if callable(value)
+    }
+    used = {name for name in imported if name.startswith("ccr_host")}
+    # A type's annotations are no code.
+    assert used - watched <= {"ccr_host.config", "ccr_host.control.box_qp"}
