@@ -59,6 +59,8 @@ class Command:
     """Why it was held, or what else is worth a line in the log."""
     ramp_s: float = 0.0
     """How long the setpoint takes to ``q_rad``, in a straight line; 0 for a step."""
+    iterations: int | None = None
+    """Of the solver, where there is one."""
 
 
 class Controller(Protocol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 
 from ccr_host.config import Description
@@ -17,10 +18,23 @@ _MAKERS: dict[str, Callable[[Description], Controller]] = {
     AdaptiveStatics.name: AdaptiveStatics,
 }
 
+_PEERS = {
+    "pid-ik": "pid_ik:PidIk",
+    "broyden": "broyden:Broyden",
+    "kalman-jacobian": "kalman_jacobian:KalmanJacobian",
+    "mpc-offset": "mpc_offset:OffsetFreeMpc",
+}
+"""Module and class in ``control.peers``; loaded only when one is asked for."""
+
 
 def controller_names() -> list[str]:
-    """The controllers that ``make_controller`` knows."""
+    """The controllers of this project and of the paper."""
     return list(_MAKERS)
+
+
+def peer_names() -> list[str]:
+    """Controllers as the field builds them, to compare with."""
+    return list(_PEERS)
 
 
 def make_controller(name: str, description: Description) -> Controller:
@@ -29,6 +43,16 @@ def make_controller(name: str, description: Description) -> Controller:
     Raises:
         ConfigError: unknown name; lists the known ones.
     """
+    if name in _PEERS:
+        return _load_peer(name)(description)
     if name not in _MAKERS:
-        raise ConfigError(f"unknown controller {name}", f"one of {', '.join(_MAKERS)}")
+        known = ", ".join([*_MAKERS, *_PEERS])
+        raise ConfigError(f"unknown controller {name}", f"one of {known}")
     return _MAKERS[name](description)
+
+
+def _load_peer(name: str) -> Callable[[Description], Controller]:
+    module, _, maker = _PEERS[name].partition(":")
+    loaded = importlib.import_module(f"ccr_host.control.peers.{module}")
+    peer: Callable[[Description], Controller] = getattr(loaded, maker)
+    return peer

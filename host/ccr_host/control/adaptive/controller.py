@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 from ccr_host.config import Description
 from ccr_host.control.adaptive.estimator import Estimator, Tuning
 from ccr_host.control.adaptive.excitation import tour, tour_bending_rad
-from ccr_host.control.adaptive.identification import Scaling
+from ccr_host.control.adaptive.identification import Scaling, StaticsFit
+from ccr_host.control.adaptive.motion import setpoint_for
 from ccr_host.control.adaptive.path_plan import PathPlan, plan_path, polished
+from ccr_host.control.adaptive.pose_follower import PoseFollower
 from ccr_host.control.adaptive.rest_survey import SETTLED_AFTER_S, RestSurvey
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
-from ccr_host.control.adaptive.statics import setpoints_for, tip_mm, vector_mm
+from ccr_host.control.adaptive.statics import hold_at, unhindered_shafts_for
+from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
 from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
@@ -31,8 +34,7 @@ _KNOT_PERIOD_S = 0.25
 _REFINEMENTS = 4
 _LONGEST_SHIFT_RAD = 0.5
 """Further from the plan would be another branch."""
-_SIDE_SPAN_S = 0.5
-_SIDE_TRAVEL_RAD = np.radians(1.5)
+_OLDEST_SAMPLE_S = 0.3
 _OTHER_COMMAND_RAD = np.radians(0.05)
 """Above the rounding of the link: the loop has repeated an older command instead of the last."""
 _US_PER_S = 1e6
@@ -40,6 +42,7 @@ _US_PER_S = 1e6
 
 class _Phase(enum.Enum):
     SURVEY = enum.auto()
+    FIT = enum.auto()
     TO_FIRST_POINT = enum.auto()
 
 
@@ -65,87 +68,109 @@ class AdaptiveStatics:
         self._samples = np.arange(len(reference), dtype=np.float64)
         self._ramp_s = min(_RAMP_SHARE * reference.period_s, _LONGEST_RAMP_S)
         self._estimator = Estimator(self._scaling, None, Tuning())
-        self._survey = RestSurvey(self._scaling)
+        self._survey = RestSurvey(self._scaling, np.zeros(2))
         self._phase: _Phase | None = None
+        self._fit: StaticsFit | None = None
         self._approach_setpoints: deque[FloatArray] = deque()
-        self._history: SetpointHistory | None = None
+        self._follower: PoseFollower | None = None
         self._seen_us: int | None = None
         self._plan = self._plan_path()
         self._shift_rad = np.zeros(2)
+        self._side = np.zeros(2)
         self._last_rad = self._first_setpoint()
+        self._history = SetpointHistory(self._last_rad)
         return self._command(0.0, Outcome.SOLVED, self._ramp_s)
 
     def approach(self, observation: Observation) -> Command | None:
         """Tour of rests, fit, then the first point; None once the path may begin."""
-        if self._history is None:
-            self._last_rad = observation.q_rad
-            self._history = SetpointHistory(observation.q_rad)
-        if self._phase is _Phase.TO_FIRST_POINT:
-            # Moves of the approach are faster than the path: lag would pass for an offset.
-            if self._is_resting(observation, self._history):
-                self._learn(observation, self._history)
+        now_s = _seconds(observation.time_us)
+        if self._phase is None:
+            self._begin_survey(observation)
+        if self._phase is _Phase.SURVEY:
+            self._measure_rest(observation)
+            if not self._approach_setpoints:
+                self._phase, self._fit = _Phase.FIT, self._survey.fit()
+        elif self._phase is _Phase.FIT:
+            if self._fit is None or not self._fit.improve():
+                self._begin_way_to_first_point()
         else:
-            self._measure_rest(observation, self._history)
-        if not self._approach_setpoints:
-            if self._phase is _Phase.TO_FIRST_POINT:
+            # Moves of the approach are faster than the path: lag would pass for an offset.
+            if self._is_resting(observation):
+                self._learn(observation)
+            if not self._approach_setpoints:
                 return None
-            self._begin_next_phase()
-        self._last_rad = self._approach_setpoints.popleft()
-        self._history.command(_seconds(observation.time_us), self._last_rad, APPROACH_PERIOD_S)
+        if self._approach_setpoints:
+            self._last_rad = self._approach_setpoints.popleft()
+        self._history.command(now_s, self._last_rad, APPROACH_PERIOD_S)
         return self._command(0.0, Outcome.SOLVED, APPROACH_PERIOD_S)
 
     def step(self, observation: Observation) -> Command:
         """Measurement in, command out; works without measurements too."""
-        if self._history is None:
-            self._history = SetpointHistory(self._last_rad)
-        elif np.abs(observation.q_rad - self._last_rad).max() > _OTHER_COMMAND_RAD:
+        now_s = _seconds(observation.time_us)
+        if np.abs(observation.q_rad - self._last_rad).max() > _OTHER_COMMAND_RAD:
             self._last_rad = observation.q_rad
-            self._history.command(_seconds(observation.time_us), self._last_rad, self._ramp_s)
-        seen = self._learn(observation, self._history)
+            self._history.command(now_s, self._last_rad, self._ramp_s)
+        seen = self._learn(observation)
         index = self._index_in_effect(observation.step)
         setpoint = self._setpoint_at(index)
         most = self._slew_rad_s * self._reference.period_s
         self._last_rad = self._last_rad + np.clip(setpoint - self._last_rad, -most, most)
-        self._history.command(_seconds(observation.time_us), self._last_rad, self._ramp_s)
+        self._history.command(now_s, self._last_rad, self._ramp_s)
         outcome = Outcome.SOLVED if seen else Outcome.COASTED
         return self._command(index, outcome, self._ramp_s)
 
-    def _begin_next_phase(self) -> None:
-        if self._phase is None:
-            self._phase = _Phase.SURVEY
-            still = np.zeros(2)
-            stops = self._limits.clip(self._setpoints_for(tour_bending_rad(), still))
-            self._go_through(stops, _TOUR_REST_S)
-            return
+    def _begin_survey(self, observation: Observation) -> None:
+        self._phase = _Phase.SURVEY
+        self._last_rad = observation.q_rad
+        self._history = SetpointHistory(observation.q_rad)
+        self._survey = RestSurvey(self._scaling, observation.q_rad)
+        stops = unhindered_shafts_for(self._estimator.parameters, tour_bending_rad())
+        self._go_through(self._limits.clip(stops), _TOUR_REST_S)
+
+    def _begin_way_to_first_point(self) -> None:
         self._phase = _Phase.TO_FIRST_POINT
-        self._estimator = Estimator(self._scaling, self._survey.fit(), Tuning())
+        fit = None if self._fit is None else self._fit.result()
+        self._estimator = Estimator(self._scaling, fit, Tuning())
         self._plan = self._plan_path()
+        self._follower = None
         self._go_through(self._first_setpoint()[None], self._settle_s)
 
     def _go_through(self, stops_rad: FloatArray, rest_s: float) -> None:
         setpoints = tour(self._last_rad, stops_rad, rest_s, APPROACH_PERIOD_S)
         self._approach_setpoints = deque(setpoints)
 
-    def _measure_rest(self, observation: Observation, history: SetpointHistory) -> None:
+    def _measure_rest(self, observation: Observation) -> None:
         exposed_us = self._new_exposure_us(observation)
         if exposed_us is not None and observation.tip_mm is not None:
             time_s = _seconds(exposed_us) - self._estimator.delay_s
-            self._survey.add(history, time_s, observation.tip_mm)
+            self._survey.add(self._history, time_s, observation.tip_mm)
 
-    def _is_resting(self, observation: Observation, history: SetpointHistory) -> bool:
+    def _is_resting(self, observation: Observation) -> bool:
         seen_s = _seconds(observation.time_us - observation.tip_age_us)
-        return seen_s - history.resting_since(seen_s) > SETTLED_AFTER_S
+        return seen_s - self._history.resting_since(seen_s) > SETTLED_AFTER_S
 
-    def _learn(self, observation: Observation, history: SetpointHistory) -> bool:
+    def _learn(self, observation: Observation) -> bool:
         """Correct the estimate; whether there was a measurement, new or not."""
+        estimator = self._estimator
         before_us = self._seen_us
         exposed_us = self._new_exposure_us(observation)
-        if exposed_us is not None and observation.tip_mm is not None:
-            if before_us is not None:
-                self._estimator.elapse(_seconds(exposed_us - before_us))
-            drive, rate_rad_s = history.at(_seconds(exposed_us) - self._estimator.delay_s)
-            self._estimator.correct(drive, rate_rad_s, observation.tip_mm)
-        return observation.tip_mm is not None
+        if exposed_us is None or observation.tip_mm is None:
+            oldest_s = _seconds(observation.time_us) - _OLDEST_SAMPLE_S
+            self._following(oldest_s).advance_to(estimator.parameters, oldest_s)
+            return observation.tip_mm is not None
+        if before_us is not None:
+            estimator.elapse(_seconds(exposed_us - before_us))
+        time_s = _seconds(exposed_us) - estimator.delay_s
+        follower = self._following(time_s)
+        rest = follower.advance_to(estimator.parameters, time_s)
+        rate_rad_s, jolt_rad = self._history.rate_at(time_s), self._history.jolt_at(time_s)
+        follower.rest = estimator.correct(rest, rate_rad_s, jolt_rad, observation.tip_mm)
+        return True
+
+    def _following(self, time_s: float) -> PoseFollower:
+        if self._follower is None:
+            self._follower = PoseFollower(self._estimator.parameters, self._history, time_s)
+        return self._follower
 
     def _new_exposure_us(self, observation: Observation) -> int | None:
         """When the measurement was made; None if there is none, or none that is new."""
@@ -164,45 +189,30 @@ class AdaptiveStatics:
     def _setpoint_at(self, index: float) -> FloatArray:
         """Setpoint for the nearest pose to the path at a fractional step, next to the planned."""
         target_mm = [np.interp(index, self._samples, axis) for axis in self._reference.target_mm.T]
-        seen_mm = self._seen(np.array(target_mm)) - self._estimator.offset_mm
+        p = self._estimator.believed
+        aim_mm = np.array(target_mm) - turned_back_mm(p, self._estimator.offset_mm)
         planned = self._plan.bending_rad(index)
-        theta = polished(
-            self._estimator.parameters, planned + self._shift_rad, seen_mm, _REFINEMENTS
-        )
+        theta = polished(p, planned + self._shift_rad, aim_mm, _REFINEMENTS)
         self._shift_rad = np.clip(theta - planned, -_LONGEST_SHIFT_RAD, _LONGEST_SHIFT_RAD)
         self._theta_rad = planned + self._shift_rad
-        return self._limits.clip(self._setpoints_for(self._theta_rad, self._side_at(index)))
+        drive = self._following(-np.inf).hold_ahead(self._estimator.parameters)
+        hold = hold_at(p, self._theta_rad, drive.anchor, self._side)
+        self._side = hold.side
+        return self._limits.clip(setpoint_for(p, drive, hold.shaft_rad))
 
     def _first_setpoint(self) -> FloatArray:
         self._theta_rad = self._plan.bending_rad(0.0)
-        return self._limits.clip(self._setpoints_for(self._theta_rad, self._side_at(0.0)))
+        p = self._estimator.parameters
+        return self._limits.clip(unhindered_shafts_for(p, self._theta_rad))
 
     def _plan_path(self) -> PathPlan:
         stride = max(1, round(_KNOT_PERIOD_S / self._reference.period_s))
         knots = np.unique(np.append(self._samples[::stride], self._samples[-1]))
-        targets_mm = self._seen(self._reference.target_mm[knots.astype(int)])
+        targets_mm = self._reference.target_mm[knots.astype(int)]
         return plan_path(self._estimator.parameters, self._limits, targets_mm, knots, np.zeros(2))
 
-    def _seen(self, target_mm: FloatArray) -> FloatArray:
-        """Points (..., 3) in the frame of (10) as the turned camera sees them."""
-        x, y, z = np.moveaxis(target_mm, -1, 0)
-        return vector_mm(self._estimator.parameters, x, -y + 1j * z)
-
-    def _side_at(self, index: float) -> FloatArray:
-        """Direction in which the plan passes a step, (2,), from -1 to 1.
-
-        Taken from the plan rather than from the commands, so that noise cannot reverse it.
-        """
-        span = max(1.0, _SIDE_SPAN_S / self._reference.period_s)
-        change = self._plan.bending_rad(index) - self._plan.bending_rad(index - span)
-        return np.asarray(np.clip(change / _SIDE_TRAVEL_RAD, -1.0, 1.0))
-
-    def _setpoints_for(self, theta_rad: FloatArray, side: FloatArray) -> FloatArray:
-        sides = np.broadcast_to(side, theta_rad.shape)
-        return setpoints_for(self._estimator.parameters, theta_rad, sides)
-
     def _command(self, index: float, outcome: Outcome, ramp_s: float) -> Command:
-        predicted_mm = tip_mm(self._estimator.parameters, self._theta_rad)
+        predicted_mm = tip_mm(self._estimator.believed, self._theta_rad)
         expected = predicted_mm + self._estimator.offset_mm
         return Command(self._last_rad, expected[None], outcome, ramp_s=ramp_s)
 

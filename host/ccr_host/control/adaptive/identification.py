@@ -1,4 +1,4 @@
-"""Fit the static model to poses seen at rest: regularised, robust least squares."""
+"""Fit the static model to a tour of rests: regularised, robust least squares."""
 
 from __future__ import annotations
 
@@ -8,29 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.config import Robot
-from ccr_host.control.adaptive.statics import (
-    COUNT,
-    Drive,
-    Parameters,
-    Tip,
-    likely_bending_rad,
-    parameters_of,
-    pose_at,
-    prior_of,
-    rest_at,
-    tip_jacobian_mm_rad,
-    tip_mm,
-    vector_mm,
-)
+from ccr_host.control.adaptive.motion import first_rest, moved
+from ccr_host.control.adaptive.parameters import COUNT, Parameters, parameters_of, prior_of
+from ccr_host.control.adaptive.tip import tip_mm
 
 FloatArray = NDArray[np.float64]
 
-_ITERATIONS = 40
-_DAMPING_FIRST, _DAMPING_FALL, _DAMPING_RISE = 1e-3, 0.1, 10.0
-_PROBE = 1e-5
-_DONE = 1e-3
+_ITERATIONS = 20
+_DAMPING_FIRST, _DAMPING_FALL, _DAMPING_RISE, _DAMPING_MOST = 1e-3, 0.1, 10.0, 1e3
+_PROBE = 1e-4
+_DONE = 1e-2
 """Of a prior deviation: smaller steps of the fit end it."""
 _HUBER_DEVIATIONS = 3.0
+PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_per_mm")]
+"""A robot at rest is taken to be pushed by nothing: pushes look like a turned camera."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +34,20 @@ class Fit:
     score: FloatArray
     covariance: FloatArray
     rms_mm: float
+
+
+@dataclass(frozen=True)
+class Rests:
+    """Rests in the order in which the robot came to them, straight from one to the next.
+
+    ``setpoint_rad`` (N, 2); ``tip_mm`` (N, 3) is the mean of ``count`` (N,) measurements;
+    ``start_rad`` (2,) is where the robot came from.
+    """
+
+    start_rad: FloatArray
+    setpoint_rad: FloatArray
+    tip_mm: FloatArray
+    count: FloatArray
 
 
 class Scaling:
@@ -58,91 +63,99 @@ class Scaling:
         """Floats for the model."""
         return parameters_of(self._mean + self._deviation * score)
 
-    def perturbed(self, score: FloatArray, probe: float, axes: int) -> Parameters:
-        """Each score raised by ``probe`` in turn: arrays (COUNT, 1, ...) with ``axes`` ones."""
-        vectors = self._mean + self._deviation * (score + probe * np.eye(COUNT))
-        return Parameters(*vectors.T.reshape((COUNT, COUNT) + (1,) * axes))
+    def perturbed(self, score: FloatArray, probe: float) -> Parameters:
+        """Each score raised by ``probe`` in turn, and at last none: arrays (COUNT + 1,)."""
+        scores = score + probe * np.eye(COUNT + 1, COUNT)
+        return Parameters(*(self._mean + self._deviation * scores).T)
 
     def bounded(self, score: FloatArray) -> FloatArray:
         """The nearest scores with a meaning."""
         return np.clip(score, self._lower, self._upper)
 
 
-def fit_statics(scaling: Scaling, drive: Drive, tip_seen_mm: FloatArray, noise_mm: float) -> Fit:
-    """Levenberg and Marquardt's method from the prior.
+class StaticsFit:
+    """Levenberg and Marquardt's method from the prior, one step at a time.
+
+    A step takes tenths of a second, during which the board must go on hearing from the host.
 
     Args:
         scaling: prior.
-        drive: of each rest, (N, 2) both.
-        tip_seen_mm: measured tips, (N, 3).
-        noise_mm: standard deviation of a coordinate, model error included.
+        rests: what was measured.
+        noise_mm: standard deviation of a coordinate of one measurement, model error included.
     """
-    score = np.zeros(COUNT)
-    theta = likely_bending_rad(scaling.parameters(score), drive.setpoint_rad)
-    theta, residual = _residual(scaling, score, drive, tip_seen_mm, theta)
-    cost = _cost(residual / noise_mm, score)
-    damping = _DAMPING_FIRST
-    information = np.eye(COUNT)
-    for _ in range(_ITERATIONS):
-        slope = tip_sensitivity(scaling, score, theta, drive) / noise_mm
-        weighted = slope * _huber_weight(residual / noise_mm)[:, None, None]
-        information = np.einsum("nip,nij->pj", weighted, slope) + np.eye(COUNT)
-        gradient = np.einsum("nip,ni->p", weighted, residual / noise_mm) - score
-        damped = information + damping * np.diag(np.diag(information))
-        trial = scaling.bounded(score + np.linalg.solve(damped, gradient))
-        trial_theta, trial_residual = _residual(scaling, trial, drive, tip_seen_mm, theta)
-        trial_cost = _cost(trial_residual / noise_mm, trial)
-        step = float(np.abs(trial - score).max())
-        if trial_cost < cost:
-            score, theta, residual, cost = trial, trial_theta, trial_residual, trial_cost
-            damping *= _DAMPING_FALL
-        else:
-            damping *= _DAMPING_RISE
-        if step < _DONE:
-            break
-    rms_mm = float(np.sqrt((residual**2).sum(axis=1).mean()))
-    return Fit(score, np.asarray(np.linalg.inv(information), dtype=np.float64), rms_mm)
+
+    def __init__(self, scaling: Scaling, rests: Rests, noise_mm: float) -> None:
+        self._scaling = scaling
+        self._rests = rests
+        self._weight = np.sqrt(rests.count)[:, None] / noise_mm
+        self._score = np.zeros(COUNT)
+        self._residual_mm, self._cost = self._judge(self._score)
+        self._information = np.eye(COUNT)
+        self._damping = _DAMPING_FIRST
+        self._steps_left = _ITERATIONS
+
+    def improve(self) -> bool:
+        """Make a step; whether another one may be worth it."""
+        scaled = self._residual_mm * self._weight
+        slope = _sensitivity(self._scaling, self._score, self._rests) * self._weight[..., None]
+        weighted = slope * _huber_weight(scaled)[:, None, None]
+        self._information = np.einsum("nip,niq->pq", weighted, slope) + np.eye(COUNT)
+        gradient = np.einsum("nip,ni->p", weighted, scaled) - self._score
+        self._steps_left -= 1
+        return self._descend(gradient) > _DONE and self._steps_left > 0
+
+    def result(self) -> Fit:
+        """What has been found so far."""
+        rms_mm = float(np.sqrt((self._residual_mm**2).sum(axis=1).mean()))
+        covariance = np.asarray(np.linalg.inv(self._information), dtype=np.float64)
+        return Fit(self._score, covariance, rms_mm)
+
+    def _descend(self, gradient: FloatArray) -> float:
+        """Damp the step until it leads downhill; its length, 0 if none does."""
+        while self._damping < _DAMPING_MOST:
+            damped = self._information + self._damping * np.diag(np.diag(self._information))
+            trial = self._scaling.bounded(self._score + np.linalg.solve(damped, gradient))
+            residual_mm, cost = self._judge(trial)
+            if cost < self._cost:
+                length = float(np.abs(trial - self._score).max())
+                self._score, self._residual_mm, self._cost = trial, residual_mm, cost
+                self._damping *= _DAMPING_FALL
+                return length
+            self._damping *= _DAMPING_RISE
+        return 0.0
+
+    def _judge(self, score: FloatArray) -> tuple[FloatArray, float]:
+        residual_mm = self._rests.tip_mm - predicted_mm(
+            self._scaling.parameters(score), self._rests
+        )
+        return residual_mm, _cost(residual_mm * self._weight, score)
 
 
-def tip_sensitivity(
-    scaling: Scaling, score: FloatArray, theta_rad: FloatArray, drive: Drive
-) -> FloatArray:
-    """df/dscore at rest, (N, 3, COUNT), by the implicit function theorem.
-
-    At rest g(theta, p) = 0, so df/dp = f_p - f_theta g_theta^-1 g_p.
-    """
-    here, near = scaling.parameters(score), scaling.perturbed(score, _PROBE, theta_rad.ndim - 1)
-    pose, moved = pose_at(here, theta_rad, drive), pose_at(near, theta_rad, drive)
-    tip_change = _vector(near, moved.tip) - _vector(here, pose.tip)
-    moment_1, moment_2 = moved.moment_1 - pose.moment_1, moved.moment_2 - pose.moment_2
-    k_11, k_12, k_22 = pose.stiffness_11, pose.stiffness_12, pose.stiffness_22
-    determinant = k_11 * k_22 - k_12 * k_12
-    yielding = np.stack(
-        [
-            (k_12 * moment_2 - k_22 * moment_1) / determinant,
-            (k_12 * moment_1 - k_11 * moment_2) / determinant,
-        ],
-        axis=-1,
-    )
-    jacobian = tip_jacobian_mm_rad(here, pose.tip)
-    change = tip_change + np.einsum("...ij,p...j->p...i", jacobian, yielding)
-    return np.asarray(np.moveaxis(change, 0, -1) / _PROBE, dtype=np.float64)
+def fit_statics(scaling: Scaling, rests: Rests, noise_mm: float) -> Fit:
+    """The fit, all steps at once."""
+    fit = StaticsFit(scaling, rests, noise_mm)
+    while fit.improve():
+        pass
+    return fit.result()
 
 
-def _vector(p: Parameters, tip: Tip) -> FloatArray:
-    return vector_mm(p, tip.across, tip.sagittal)
+def predicted_mm(p: Parameters, rests: Rests) -> FloatArray:
+    """Tips at the rests, (N, ..., 3), for parameters that are floats or arrays (...)."""
+    shape = np.shape(p.gain_1)
+    rest = first_rest(p, np.broadcast_to(rests.start_rad, (*shape, 2)))
+    tips = []
+    for setpoint in rests.setpoint_rad:
+        rest = moved(p, rest, np.broadcast_to(setpoint, (*shape, 2)))
+        tips.append(tip_mm(p, rest.theta_rad))
+    return np.array(tips)
 
 
-def _residual(
-    scaling: Scaling,
-    score: FloatArray,
-    drive: Drive,
-    tip_seen_mm: FloatArray,
-    start: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    p = scaling.parameters(score)
-    theta = rest_at(p, drive, start)
-    return theta, tip_seen_mm - tip_mm(p, theta)
+def _sensitivity(scaling: Scaling, score: FloatArray, rests: Rests) -> FloatArray:
+    """d tip / d score at each rest, (N, 3, COUNT), the way to it included."""
+    tips_mm = predicted_mm(scaling.perturbed(score, _PROBE), rests)
+    slope = np.moveaxis(tips_mm[:, :COUNT] - tips_mm[:, COUNT:], 1, -1) / _PROBE
+    slope[..., PUSHES] = 0.0
+    return slope
 
 
 def _cost(standardised: FloatArray, score: FloatArray) -> float:

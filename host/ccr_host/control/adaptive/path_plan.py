@@ -12,14 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.statics import (
-    Parameters,
-    setpoints_for,
-    tip_at,
-    tip_jacobian_mm_rad,
-    tip_mm,
-    vector_mm,
-)
+from ccr_host.control.adaptive.either import arc_at, split, within
+from ccr_host.control.adaptive.parameters import Parameters
+from ccr_host.control.adaptive.statics import unhindered_shafts_for
+from ccr_host.control.adaptive.tip import straight_tip_mm, tip_of
 from ccr_host.robot.workspace import MotorLimits
 
 FloatArray = NDArray[np.float64]
@@ -60,9 +56,9 @@ class Atlas:
         axis = np.linspace(-_MOST_BENDING_RAD, _MOST_BENDING_RAD, count)
         self._p = p
         self._theta = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
-        q_rad = setpoints_for(p, self._theta, np.zeros_like(self._theta))
+        q_rad = unhindered_shafts_for(p, self._theta)
         allowed = np.all(limits.clip(q_rad) == q_rad, axis=-1, keepdims=True)
-        self._tip_mm = np.where(allowed, tip_mm(p, self._theta), np.inf)
+        self._tip_mm = np.where(allowed, straight_tip_mm(p, self._theta), np.inf)
 
     def nearest(self, target_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Local nearest poses of one target: angles (C, 2) and distances (C,), nearest first."""
@@ -89,7 +85,7 @@ def plan_path(
     Args:
         p: parameters, floats.
         limits: of the motors.
-        target_mm: desired tips at the knots, (K, 3), disturbances subtracted.
+        target_mm: desired tips at the knots, (K, 3), in the robot's frame.
         knots: step index of each, (K,).
         near: bending angles that the plan should start from, (2,).
     """
@@ -103,7 +99,7 @@ def plan_path(
         exists[row, : len(angles)] = True
     targets = np.broadcast_to(target_mm[:, None], (*theta.shape[:2], 3))
     theta = polished(p, theta, targets, _POLISHING_STEPS)
-    squared_mm2 = ((tip_mm(p, theta) - targets) ** 2).sum(axis=-1)
+    squared_mm2 = ((straight_tip_mm(p, theta) - targets) ** 2).sum(axis=-1)
     squared_mm2[~exists] = np.inf
     return PathPlan(knots, _cheapest(theta, squared_mm2, near))
 
@@ -111,16 +107,32 @@ def plan_path(
 def polished(
     p: Parameters, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
 ) -> FloatArray:
-    """Damped Gauss-Newton towards the nearest pose, from a start close by; (..., 2)."""
+    """Damped Gauss-Newton towards the nearest pose, from a start close by; (..., 2).
+
+    Args:
+        p: parameters, floats.
+        theta_rad: bending angles to start from, (..., 2).
+        target_mm: desired tips in the robot's frame, (..., 3).
+        iterations: steps to make.
+    """
+    theta_1, theta_2 = split(theta_rad)
+    x_mm, y_mm, z_mm = np.moveaxis(target_mm, -1, 0)
+    wanted = -y_mm + 1j * z_mm
     for _ in range(iterations):
-        tip = tip_at(p, theta_rad)
-        error = vector_mm(p, tip.across, tip.sagittal) - target_mm
-        jacobian = tip_jacobian_mm_rad(p, tip)
-        gram = np.einsum("...ki,...kj->...ij", jacobian, jacobian) + _DAMPING_MM2 * np.eye(2)
-        slope = np.einsum("...ki,...k->...i", jacobian, error)
-        step = -np.linalg.solve(gram, slope[..., None])[..., 0]
-        theta_rad = theta_rad + np.clip(step, -_LONGEST_STEP_RAD, _LONGEST_STEP_RAD)
-    return theta_rad
+        tip = tip_of(p, theta_1, theta_2, arc_at(theta_1), arc_at(theta_2))
+        by_1, by_2 = tip.sagittal_1.conjugate(), tip.sagittal_2.conjugate()
+        off = tip.sagittal - wanted
+        slope_1 = (by_1 * off).real
+        slope_2 = (by_2 * off).real + tip.across_2 * (tip.across - x_mm)
+        gram_11 = (by_1 * tip.sagittal_1).real + _DAMPING_MM2
+        gram_12 = (by_1 * tip.sagittal_2).real
+        gram_22 = (by_2 * tip.sagittal_2).real + tip.across_2 * tip.across_2 + _DAMPING_MM2
+        determinant = gram_11 * gram_22 - gram_12 * gram_12
+        step_1 = (gram_12 * slope_2 - gram_22 * slope_1) / determinant
+        step_2 = (gram_12 * slope_1 - gram_11 * slope_2) / determinant
+        theta_1 = theta_1 + within(step_1, _LONGEST_STEP_RAD)
+        theta_2 = theta_2 + within(step_2, _LONGEST_STEP_RAD)
+    return np.stack([theta_1, theta_2], axis=-1)
 
 
 def _cheapest(theta: FloatArray, squared_mm2: FloatArray, near: FloatArray) -> FloatArray:

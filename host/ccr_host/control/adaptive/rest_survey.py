@@ -5,41 +5,54 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.identification import Fit, Scaling, fit_statics
+from ccr_host.control.adaptive.identification import Rests, Scaling, StaticsFit, predicted_mm
+from ccr_host.control.adaptive.parameters import COUNT
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
-from ccr_host.control.adaptive.statics import Drive
 
 FloatArray = NDArray[np.float64]
 
 SETTLED_AFTER_S = 0.15
 """A tip counts as resting so long after its servos."""
-_FEWEST_RESTS = 20
+_FEWEST_RESTS = 10
+_BELIEVABLE_MM = 60.0
+"""Random robots of the kind are 10 to 30 mm off the prior; markers mixed up are further."""
 _NOISE_MM = 0.35
 """Of a coordinate at rest: camera noise, ringing, the model's own error."""
 
 
 class RestSurvey:
-    """Collects measurements and fits the model to them.
+    """Collects measurements and prepares the fit of the model to them.
 
     Args:
         scaling: prior of the parameters.
+        start_rad: where the servos stood before, (2,).
     """
 
-    def __init__(self, scaling: Scaling) -> None:
+    def __init__(self, scaling: Scaling, start_rad: FloatArray) -> None:
         self._scaling = scaling
-        self._drives: list[Drive] = []
-        self._tips_mm: list[FloatArray] = []
+        self._start_rad = start_rad
+        self._setpoints_rad: list[FloatArray] = []
+        self._tips_mm: list[list[FloatArray]] = []
 
     def add(self, history: SetpointHistory, time_s: float, tip_mm: FloatArray) -> None:
         """Keep a measurement if the setpoints had stood for long enough by then."""
-        if time_s - history.resting_since(time_s) > SETTLED_AFTER_S:
-            self._drives.append(history.at(time_s)[0])
-            self._tips_mm.append(tip_mm)
+        if time_s - history.resting_since(time_s) < SETTLED_AFTER_S:
+            return
+        setpoint = history.at(time_s)
+        if not self._setpoints_rad or not np.array_equal(setpoint, self._setpoints_rad[-1]):
+            self._setpoints_rad.append(setpoint)
+            self._tips_mm.append([])
+        self._tips_mm[-1].append(tip_mm)
 
-    def fit(self) -> Fit | None:
-        """What the measurements say; None if they are too few."""
+    def fit(self) -> StaticsFit | None:
+        """The fit to what was measured, yet to be made; None if it makes no sense."""
         if len(self._tips_mm) < _FEWEST_RESTS:
             return None
-        setpoints_rad, sides = zip(*self._drives, strict=True)
-        drive = Drive(np.array(setpoints_rad), np.array(sides))
-        return fit_statics(self._scaling, drive, np.array(self._tips_mm), _NOISE_MM)
+        means_mm = np.array([np.mean(tips, axis=0) for tips in self._tips_mm])
+        counts = np.array([float(len(tips)) for tips in self._tips_mm])
+        rests = Rests(self._start_rad, np.array(self._setpoints_rad), means_mm, counts)
+        prior = self._scaling.parameters(np.zeros(COUNT))
+        off_mm = np.linalg.norm(means_mm - predicted_mm(prior, rests), axis=1)
+        if not np.median(off_mm) < _BELIEVABLE_MM:
+            return None
+        return StaticsFit(self._scaling, rests, _NOISE_MM)

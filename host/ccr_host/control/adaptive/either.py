@@ -1,0 +1,52 @@
+"""Arithmetic that serves floats and arrays alike; on floats it is some ten times faster."""
+
+from __future__ import annotations
+
+import cmath
+from typing import NamedTuple
+
+import numpy as np
+
+from ccr_host.control.adaptive.parameters import FloatArray, Number
+from ccr_host.robot.arc import arc_derivatives, arc_derivatives_at
+
+
+class Arc(NamedTuple):
+    """The unit arc E with its derivatives at an angle, and exp(i angle)."""
+
+    derivatives: tuple[Number, ...]
+    turn: Number
+
+
+def arc_at(theta: Number) -> Arc:
+    """E and its derivatives, see ``robot.arc``."""
+    if isinstance(theta, float):
+        return Arc(arc_derivatives_at(theta), cmath.exp(1j * theta))
+    return Arc(arc_derivatives(theta), np.exp(1j * theta))
+
+
+def split(pairs: FloatArray) -> tuple[Number, Number]:
+    """Both columns of (..., 2), as floats if there is but one pair."""
+    if pairs.ndim == 1:
+        return float(pairs[0]), float(pairs[1])
+    return pairs[..., 0], pairs[..., 1]
+
+
+def positive(x: Number) -> Number:
+    """max(x, 0)."""
+    return 0.5 * (x + abs(x))
+
+
+def sign(x: Number) -> Number:
+    """1 or -1."""
+    return 2.0 * (x > 0.0) - 1.0
+
+
+def within(x: Number, most: float) -> Number:
+    """The nearest to x within -most and most."""
+    return 0.5 * (abs(x + most) - abs(x - most))
+
+
+def largest(x: Number) -> float:
+    """The largest absolute value."""
+    return abs(x) if isinstance(x, float) else float(np.abs(x).max())

@@ -1,0 +1,129 @@
+"""What the static model does not know exactly, and what is believed of it beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.config import Robot
+
+FloatArray = NDArray[np.float64]
+Number = Any
+"""A float, a complex number, or an array of them: the same lines serve one pose and many."""
+
+SEGMENT_1_SHARE, MARKER_2_SHARE, SEGMENT_2_SHARE = 0.4, 0.25, 0.35
+"""Of the weight without the tip, a printed robot of the paper's kind. What the shares get wrong
+the stiffness ratio and the tip's weight take up."""
+
+
+class Parameters(NamedTuple):
+    """What the controller does not know exactly; floats, or arrays that broadcast."""
+
+    length_1_mm: Number
+    length_2_mm: Number
+    marker_offset_mm: Number
+    gain_1: Number
+    """theta_1 / phi_1 of inextensible, taut tendons: r_p / r_c."""
+    gain_ratio: Number
+    """That of segment 2 over that of segment 1."""
+    compliance_1: Number
+    """k_1 / (k_t r_c^2): how much further a motor must turn against stretching tendons."""
+    compliance_2: Number
+    slack_1_rad: Number
+    """Motor angle that takes up the slack of a straight segment."""
+    slack_2_rad: Number
+    sag_1: Number
+    """Slack in units of r_c that bending adds per theta_1^2: holes of a bent segment come closer
+    on both sides."""
+    sag_2: Number
+    body_per_mm: Number
+    """Weight of everything but the tip over k_1."""
+    tip_per_mm: Number
+    """Weight at the tip over k_1: marker, tool, payload."""
+    stiffness_ratio: Number
+    """k_2 / k_1."""
+    turn_x_rad: Number
+    """Rotation vector of the camera against the robot, 2 tan(angle / 2) long."""
+    turn_y_rad: Number
+    turn_z_rad: Number
+    play_rad: Number
+    """How far a servo stays behind its setpoint, on the side it came from."""
+    friction_1: Number
+    """Moment over k_1 that a segment's motion has to overcome."""
+    friction_ratio: Number
+    """That of segment 2 over that of segment 1."""
+    push_x_per_mm: Number
+    """Steady force on the tip over k_1, along x and y of (10); along z it counts as weight."""
+    push_y_per_mm: Number
+
+    @property
+    def gain_2(self) -> Number:
+        """theta_2 / phi_2."""
+        return self.gain_1 * self.gain_ratio
+
+    @property
+    def friction_2(self) -> Number:
+        """Moment over k_1."""
+        return self.friction_1 * self.friction_ratio
+
+
+COUNT = len(Parameters._fields)
+
+
+class Prior(NamedTuple):
+    """What the description and its kind of robot say of each parameter, (COUNT,) each."""
+
+    mean: FloatArray
+    deviation: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+def prior_of(robot: Robot) -> Prior:
+    """The prior, from the description alone.
+
+    The geometry is believed to some per cent. The rest are assumptions about a printed robot with
+    thread tendons: 1 mm of slack, tendons four times stiffer than the flexures, gravity bending it
+    by a third of a radian. Bounds keep the model meaningful, whatever is measured.
+    """
+    length_1, length_2 = robot.segment_lengths_mm
+    offset = robot.marker_offset_mm
+    gain = robot.pulley_radius_mm / robot.tendon_radius_mm
+    slack_unit = 1.0 / robot.pulley_radius_mm
+    length, turn = (0.07, 0.6, 1.5), (0.0, 0.06, -0.3, 0.3)
+    compliance, sag = (0.25, 0.15, 0.02, 1.2), (0.04, 0.03, 0.0, 0.15)
+    slack = (slack_unit, 0.6 * slack_unit, 0.0, 4.0 * slack_unit)
+    push = (0.0, 0.0015, -0.01, 0.01)
+    rows = Parameters(
+        length_1_mm=(length_1, *(length_1 * share for share in length)),
+        length_2_mm=(length_2, *(length_2 * share for share in length)),
+        marker_offset_mm=(offset, 0.1 * offset, 0.6 * offset, 1.5 * offset),
+        gain_1=(gain, 0.12 * gain, 0.6 * gain, 1.5 * gain),
+        gain_ratio=(1.0, 0.03, 0.8, 1.25),
+        compliance_1=compliance,
+        compliance_2=compliance,
+        slack_1_rad=slack,
+        slack_2_rad=slack,
+        sag_1=sag,
+        sag_2=sag,
+        body_per_mm=(0.008, 0.004, 0.0, 0.04),
+        tip_per_mm=(0.002, 0.002, 0.0, 0.02),
+        stiffness_ratio=(1.0, 0.3, 0.3, 3.0),
+        turn_x_rad=turn,
+        turn_y_rad=turn,
+        turn_z_rad=turn,
+        play_rad=(0.0, 0.01, 0.0, 0.03),
+        friction_1=(0.0, 0.15, 0.0, 0.8),
+        friction_ratio=(1.0, 0.3, 0.3, 3.0),
+        push_x_per_mm=push,
+        push_y_per_mm=push,
+    )
+    return Prior(*np.array(rows, dtype=np.float64).T)
+
+
+def parameters_of(vector: FloatArray | Sequence[float]) -> Parameters:
+    """Floats from a vector, (COUNT,)."""
+    return Parameters(*map(float, vector))

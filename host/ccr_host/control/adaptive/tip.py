@@ -1,0 +1,140 @@
+"""Where the tip is at given bending angles, as the turned camera sees it.
+
+As in ``robot.kinematics``, f[0] is carried as ``across`` and the other two coordinates as
+s = -f[1] + i f[2].
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccr_host.control.adaptive.either import Arc, arc_at, positive, sign, split
+from ccr_host.control.adaptive.parameters import (
+    SEGMENT_1_SHARE,
+    SEGMENT_2_SHARE,
+    FloatArray,
+    Number,
+    Parameters,
+)
+
+_LEAST_SOFTENED = 0.4
+"""Of a segment's stiffness against uneven bending: a model beyond it would have buckled."""
+_SHORTENING = 2.0 / 3.0 * 12.5
+"""A chain of n hinges ends short of its arc by theta^2 / (12 n^2), and its sag is
+L / (8 n^2 r_c): the former is 2/3 r_c / L of the latter, with r_c = r_p / gain and the paper's r_p.
+The effect is below 1 mm, so another pulley's r_p is not worth a parameter."""
+
+
+class Tip(NamedTuple):
+    """f before the camera's rotation, f[0] and -f[1] + i f[2], with derivatives in theta."""
+
+    across: Number
+    across_2: Number
+    sagittal: Number
+    sagittal_1: Number
+    sagittal_2: Number
+
+
+def tip_at(p: Parameters, theta_rad: FloatArray) -> Tip:
+    """The tip at bending angles (..., 2)."""
+    theta_1, theta_2 = split(theta_rad)
+    return tip_of(p, theta_1, theta_2, arc_at(theta_1), arc_at(theta_2))
+
+
+def tip_mm(p: Parameters, theta_rad: FloatArray) -> FloatArray:
+    """Tip in the camera's frame over bending angles (..., 2) -> (..., 3)."""
+    tip = tip_at(p, theta_rad)
+    return vector_mm(p, tip.across, tip.sagittal)
+
+
+def straight_tip_mm(p: Parameters, theta_rad: FloatArray) -> FloatArray:
+    """Tip in the robot's frame over bending angles (..., 2) -> (..., 3)."""
+    tip = tip_at(p, theta_rad)
+    return np.stack([tip.across, -tip.sagittal.real, tip.sagittal.imag], axis=-1)
+
+
+def vector_mm(p: Parameters, across: Number, sagittal: Number) -> FloatArray:
+    """Turn ``across`` and ``sagittal`` into the camera's frame, (..., 3)."""
+    point = (across, -sagittal.real, sagittal.imag)
+    return np.stack(np.broadcast_arrays(*_turned(_turn_of(p, 1.0), point)), axis=-1)
+
+
+def turned_back_mm(p: Parameters, seen_mm: FloatArray) -> FloatArray:
+    """A vector of the camera's frame in the robot's, (3,)."""
+    x, y, z = (float(coordinate) for coordinate in seen_mm)
+    return np.array(_turned(_turn_of(p, -1.0), (x, y, z)))
+
+
+def _turn_of(p: Parameters, sense: float) -> tuple[Number, ...]:
+    return sense * p.turn_x_rad, sense * p.turn_y_rad, sense * p.turn_z_rad
+
+
+def _turned(turn: tuple[Number, ...], point: tuple[Number, ...]) -> tuple[Number, ...]:
+    """By w = 2 tan(angle / 2) axis: v + (w x v + w x (w x v) / 2) / (1 + w^2 / 4), by Cayley."""
+    once = _cross(turn, point)
+    twice = _cross(turn, once)
+    share = 1.0 / (1.0 + 0.25 * sum(w * w for w in turn))
+    return tuple(
+        v + share * (first + 0.5 * second)
+        for v, first, second in zip(point, once, twice, strict=True)
+    )
+
+
+def _cross(a: tuple[Number, ...], b: tuple[Number, ...]) -> tuple[Number, ...]:
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def tip_of(p: Parameters, theta_1: Number, theta_2: Number, first: Arc, second: Arc) -> Tip:
+    """The tip, from the arcs of both segments."""
+    (arc_1, turn), arc_2 = first, second.derivatives
+    short_1 = _SHORTENING * p.sag_1 / (p.gain_1 * p.length_1_mm)
+    short_2 = _SHORTENING * p.sag_2 / (p.gain_2 * p.length_2_mm)
+    reach_1 = p.length_1_mm * (1.0 - short_1 * theta_1 * theta_1)
+    reach_2 = p.length_2_mm * (1.0 - short_2 * theta_2 * theta_2)
+    reach_1_slope = -2.0 * short_1 * theta_1 * p.length_1_mm
+    reach_2_slope = -2.0 * short_2 * theta_2 * p.length_2_mm
+    turning = (reach_2 * arc_2[0].real + 1j * p.marker_offset_mm) * turn
+    bulge, bulge_1, bulge_2 = _bulge_mm(p, theta_1, theta_2, arc_1, turn)
+    return Tip(
+        reach_2 * arc_2[0].imag,
+        reach_2 * arc_2[1].imag + reach_2_slope * arc_2[0].imag,
+        reach_1 * arc_1[0] + turning + bulge - 1j * p.marker_offset_mm,
+        reach_1 * arc_1[1] + reach_1_slope * arc_1[0] + 1j * turning + bulge_1,
+        (reach_2 * arc_2[1].real + reach_2_slope * arc_2[0].real) * turn + bulge_2,
+    )
+
+
+def _bulge_mm(
+    p: Parameters, theta_1: Number, theta_2: Number, arc_1: tuple[Number, ...], turn: Number
+) -> tuple[Number, Number, Number]:
+    """How gravity, strongest at the base, bends segment 1 unevenly; slopes in both angles.
+
+    Bending angle gamma (u - u^2) at the share u of the length moves the segment's end by
+    gamma L_1 D with D = E' + i E''; its energy is gamma^2 / 6 and the load's gamma load Im D.
+    Pulling tendons soften it, as they soften every bending of a chain with sag; how hard they
+    pull is taken from the loads of a straight robot.
+    """
+    load = ((1.0 - 0.5 * SEGMENT_1_SHARE) * p.body_per_mm + p.tip_per_mm) * p.length_1_mm
+    beyond = (0.5 * SEGMENT_2_SHARE * p.body_per_mm + p.tip_per_mm) * p.length_2_mm
+    weight = 0.5 * load + beyond
+    pull_1 = theta_1 + weight * turn.real
+    pull_2 = p.stiffness_ratio * theta_2
+    margin = 1.0 - _LEAST_SOFTENED - 2.0 * p.sag_1 * (abs(pull_1) + abs(pull_2))
+    softened = _LEAST_SOFTENED + positive(margin)
+    softening = 2.0 * p.sag_1 * (margin > 0.0) / softened
+    reach = arc_1[1] + 1j * arc_1[2]
+    reach_slope = arc_1[2] + 1j * arc_1[3]
+    amplitude = -3.0 * load * p.length_1_mm / softened
+    bulge = amplitude * reach.imag * reach
+    slope = amplitude * (reach_slope.imag * reach + reach.imag * reach_slope)
+    return (
+        bulge,
+        slope + bulge * softening * sign(pull_1) * (1.0 - weight * turn.imag),
+        bulge * softening * sign(pull_2) * p.stiffness_ratio,
+    )

@@ -1,0 +1,1 @@
+"""Controllers as the field builds them, to compare with; loaded by name, one module each."""
