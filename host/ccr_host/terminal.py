@@ -4,17 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from ccr_host.run.paper_results import PAPER_RESULTS
 from ccr_host.run.step_record import StepRecord
+from ccr_host.run.summary import ratio_to_twin_floor
 
 OnStep = Callable[[int, int, StepRecord], None]
+
+
+class OnCount(Protocol):
+    """Told how many more pieces of work are done."""
+
+    def __call__(self, pieces: int = 1) -> None: ...
 
 
 @contextmanager
@@ -37,12 +45,16 @@ def step_progress(console: Console, title: str) -> Iterator[OnStep]:
 
 
 @contextmanager
-def count_progress(console: Console, title: str, total: int) -> Iterator[Callable[[], None]]:
-    """Progress bar over equal pieces of work."""
+def count_progress(console: Console, title: str, total: int) -> Iterator[OnCount]:
+    """Progress bar over equal pieces of work; the function takes how many are done, one if not."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
+    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
         task = progress.add_task(title, total=total)
-        yield lambda: progress.advance(task)
+
+        def count(pieces: int = 1) -> None:
+            progress.advance(task, pieces)
+
+        yield count
 
 
 def run_table(summary: Mapping[str, Any]) -> Table:
@@ -64,6 +76,9 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     )
     if "true_mean_error_mm" in summary:
         table.add_row("  of the true position", _mm(summary["true_mean_error_mm"]), "")
+        floor_mm = summary["twin_floor_mean_error_mm"]
+        table.add_row("  floor: least of any motor path", _mm(floor_mm), "")
+        table.add_row("  ratio of these two", _ratio(ratio_to_twin_floor(summary)), "")
     table.add_row("  95 % of the steps below", _mm(summary["p95_error_mm"]), "")
     table.add_row("  greatest", _mm(summary["max_error_mm"]), "")
     unreachable = summary["unreachable_steps"]
@@ -95,12 +110,15 @@ def comparison_table(summaries: Sequence[Mapping[str, Any]]) -> Table:
     table = Table(
         title="|f_m - f| (mm)",
         title_justify="left",
-        caption="here, paper, true (position): means; floor: unavoidable, by the model",
+        caption=(
+            "here, paper, true (position): means; "
+            "floor: the least that any motor path reaches on the twin; ratio: true over floor"
+        ),
         caption_justify="left",
     )
     for heading in ("path", "controller"):
         table.add_column(heading, no_wrap=True)
-    for heading in ("here", "paper", "true", "p95", "max", "floor"):
+    for heading in ("here", "paper", "true", "floor", "ratio", "p95", "max"):
         table.add_column(heading, justify="right")
     previous = None
     for summary in summaries:
@@ -111,12 +129,54 @@ def comparison_table(summaries: Sequence[Mapping[str, Any]]) -> Table:
             _mm(summary["mean_error_mm"]),
             _mm(_paper_figure(path, controller)),
             _mm(summary.get("true_mean_error_mm")),
+            _mm(summary["twin_floor_mean_error_mm"]),
+            _ratio(ratio_to_twin_floor(summary)),
             _mm(summary["p95_error_mm"]),
             _mm(summary["max_error_mm"]),
-            _mm(summary["floor_mean_error_mm"]),
         )
         previous = path
     return table
+
+
+def sweep_table(groups: Sequence[Mapping[str, Any]]) -> Table:
+    """Distributions over random twins, a row for each controller and rate."""
+    table = Table(
+        title="mean true error over the floor of the same twin",
+        title_justify="left",
+        box=box.SIMPLE,
+        collapse_padding=True,
+        pad_edge=False,
+        caption="excess: median above the floor (mm); limits: left them; early: ended by a fault",
+        caption_justify="left",
+    )
+    table.add_column("Hz", justify="right")
+    table.add_column("controller", no_wrap=True)
+    headings = ("runs", "median", "p95", "worst", "excess", "diverged", "limits", "early")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for group in groups:
+        ratio = group["ratio"]
+        table.add_row(
+            f"{group['rate_hz']:g}",
+            group["controller"],
+            str(group["runs"]),
+            *(_ratio(ratio[name]) for name in ("median", "p95", "max")),
+            _mm(group["excess_mm"]["median"]),
+            *(str(group[name]) for name in ("diverged", "outside_limits", "ended_early")),
+        )
+    return table
+
+
+def worst_lines(groups: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """The worst twins of each controller and rate."""
+    for group in groups:
+        worst = ", ".join(f"{run['index']} ({_reached(run)})" for run in group["worst"])
+        yield f"worst twins of {group['controller']} at {group['rate_hz']:g} Hz: {worst}"
+
+
+def _reached(run: Mapping[str, Any]) -> str:
+    ratio = f"ratio {_ratio(run['ratio'])}"
+    return str(run["fault"]) or (f"{ratio}, diverged" if run["diverged"] else ratio)
 
 
 def reach_table(reach: Mapping[str, Any]) -> Table:
@@ -148,4 +208,8 @@ def _error_text(record: StepRecord) -> str:
 
 
 def _mm(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def _ratio(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"

@@ -27,8 +27,13 @@ from ccr_host.run.options import RunOptions
 def compare(
     controller: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Only this controller; may be repeated. Default: all."),
+        typer.Option(
+            metavar="NAME", help="Only this controller; may be repeated. Default: all but peers."
+        ),
     ] = None,
+    peers: Annotated[
+        bool, typer.Option("--peers", help="The field's usual controllers too; see the docs.")
+    ] = False,
     path: Annotated[
         list[str] | None,
         typer.Option(metavar="PATH", help="Only this path; may be repeated. Default: all three."),
@@ -47,16 +52,18 @@ def compare(
 
     Example: ccr-host compare --robot hard
     """
-    from ccr_host.control.registry import controller_names
+    from ccr_host.control.registry import controller_names, peer_names
     from ccr_host.run.campaign import execute_all
     from ccr_host.run.execute import reference_of
     from ccr_host.run.figure import write_comparison_figure
     from ccr_host.run.folder import make_run_folder, write_json
     from ccr_host.run.paper_results import PAPER_RESULTS
     from ccr_host.run.summary import summarise
+    from ccr_host.run.twin_floor import twin_floor_mm
 
     with stop_signals_interrupt():
-        names = controller or controller_names()
+        chosen = controller or controller_names()
+        names = list(dict.fromkeys([*chosen, *peer_names()] if peers else chosen))
         runs = [
             RunOptions(
                 path=one_path,
@@ -80,7 +87,10 @@ def compare(
             for index, result in execute_all(runs):
                 results[index] = result
                 count()
-        summaries = [summarise(results[index]) for index in range(len(runs))]
+        summaries = [
+            summarise(result, twin_floor_mm=twin_floor_mm(result))
+            for result in (results[index] for index in range(len(runs)))
+        ]
         groups = [
             (
                 reference,

@@ -13,16 +13,18 @@ from ccr_host.run.execute import execute_quietly
 from ccr_host.run.options import RunOptions
 from ccr_host.run.rig import is_simulated
 from ccr_host.run.summary import RunResult
+from ccr_host.run.twin_floor import keep_static_map
 
 
 @contextmanager
 def in_background(options: RunOptions) -> Iterator[Callable[[], RunResult]]:
     """Execute a run in another process; yields a function that waits for its result.
 
-    Leaving the context without asking for the result ends the process.
+    Before it returns, the static map of the twin is in the user's cache too. Leaving the context
+    without asking for the result ends the process.
     """
     with _workers(1) as pool:
-        yield pool.apply_async(execute_quietly, (options,)).get
+        yield pool.apply_async(_execute_and_keep_map, (options,)).get
 
 
 def execute_all(runs: Sequence[RunOptions]) -> Iterator[tuple[int, RunResult]]:
@@ -32,6 +34,11 @@ def execute_all(runs: Sequence[RunOptions]) -> Iterator[tuple[int, RunResult]]:
         return
     with _workers(min(len(runs), os.cpu_count() or 1)) as pool:
         yield from pool.imap_unordered(_execute_numbered, enumerate(runs))
+
+
+def _execute_and_keep_map(options: RunOptions) -> RunResult:
+    keep_static_map(options)
+    return execute_quietly(options)
 
 
 def _execute_numbered(numbered: tuple[int, RunOptions]) -> tuple[int, RunResult]:

@@ -29,12 +29,17 @@ class Clock(Protocol):
     def sleep_until_us(self, time_us: int) -> None:
         """Return at ``time_us`` or at once if that has passed; the world goes on meanwhile."""
 
+    def idle(self) -> None:
+        """Let a moment of real time pass; in virtual time the world stands still meanwhile."""
+
     def attach(self, part: Steppable) -> None:
         """Move ``part`` along from now on, after the parts attached before it."""
 
 
 _SLICE_US = 1000
 """The parts are moved along at least so often, so that none runs far ahead of the others."""
+_IDLE_US = 20_000
+"""Short for whoever waits for the end of a pause, and hardly any work."""
 
 
 class VirtualClock:
@@ -59,6 +64,9 @@ class VirtualClock:
             self._now_us = min(self._now_us + self._slice_us, time_us)
             for part in self._parts:
                 part.advance_to(self._now_us)
+
+    def idle(self) -> None:
+        time.sleep(_IDLE_US * 1e-6)
 
     def attach(self, part: Steppable) -> None:
         self._parts.append(part)
@@ -86,6 +94,9 @@ class RealClock:
                 return
             time.sleep(min(left_us, _SLICE_US) * 1e-6)
 
+    def idle(self) -> None:
+        self.sleep_until_us(self.now_us() + _IDLE_US)
+
     def attach(self, part: Steppable) -> None:
         self._parts.append(part)
 
@@ -99,3 +110,14 @@ class Stopwatch:
     def elapsed_us(self) -> float:
         """Since this stopwatch was made."""
         return (time.perf_counter_ns() - self._start_ns) / 1000
+
+
+class CpuStopwatch:
+    """Measures the CPU time of this thread: what something costs, however busy the machine is."""
+
+    def __init__(self) -> None:
+        self._start_ns = time.thread_time_ns()
+
+    def elapsed_s(self) -> float:
+        """Since this stopwatch was made."""
+        return (time.thread_time_ns() - self._start_ns) * 1e-9

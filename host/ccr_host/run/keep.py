@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from ccr_host.run.figure import write_run_figure
-from ccr_host.run.folder import write_json
+from ccr_host.run.folder import METRICS_FILE, write_json
 from ccr_host.run.summary import TIMING_KEYS, RunResult, summarise
+from ccr_host.run.twin_floor import twin_floor_mm
 from ccr_host.run.versions import versions
 
 
@@ -19,9 +20,9 @@ def keep_result(folder: Path, result: RunResult, open_loop: RunResult | None) ->
     Returns:
         The JSON summary.
     """
-    summary = summarise(result, open_loop)
+    summary = summarise(result, open_loop, twin_floor_mm(result))
     write_json(
-        folder / "run.json",
+        folder / METRICS_FILE,
         {
             "versions": versions(),
             "options": vars(result.options),

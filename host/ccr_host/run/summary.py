@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,9 +34,15 @@ class RunResult:
     failure: BaseException | None
     """What ended the run early: a CcrError or a KeyboardInterrupt."""
     wall_s: float
+    log_trouble: str = ""
+    """What is missing in the log and why; empty if nothing is."""
 
 
-def summarise(result: RunResult, open_loop: RunResult | None = None) -> dict[str, Any]:
+def summarise(
+    result: RunResult,
+    open_loop: RunResult | None = None,
+    twin_floor_mm: float | None = None,
+) -> dict[str, Any]:
     """One flat object for a run, with the open loop's error figures where it was run too."""
     reference, records = result.reference, result.records
     solved_us = [record.solve_us for record in records if record.solve_us > 0]
@@ -50,7 +56,7 @@ def summarise(result: RunResult, open_loop: RunResult | None = None) -> dict[str
         "tracker": result.options.tracker,
         **_error_figures(records),
         "floor_mean_error_mm": reference.floor_mean_mm,
-        "twin_floor_mean_error_mm": None,
+        "twin_floor_mean_error_mm": twin_floor_mm,
         "unreachable_steps": reference.unreachable_steps,
         "open": None if open_loop is None else _error_figures(open_loop.records),
         "solve_us": quantiles_us(np.array(solved_us)),
@@ -60,6 +66,12 @@ def summarise(result: RunResult, open_loop: RunResult | None = None) -> dict[str
         "wall_s": result.wall_s,
         "faults": [str(result.failure)] if isinstance(result.failure, CcrError) else [],
     }
+
+
+def ratio_to_twin_floor(summary: Mapping[str, Any]) -> float | None:
+    """Mean error of the true position over the least that the twin allows; None without a twin."""
+    error_mm, floor_mm = summary.get("true_mean_error_mm"), summary["twin_floor_mean_error_mm"]
+    return error_mm / floor_mm if error_mm is not None and floor_mm else None
 
 
 def _link_figures(link: LinkStatistics | None) -> dict[str, float | None] | None:

@@ -37,6 +37,11 @@ class Camera:
         self._newest: Sample | None = None
 
     @property
+    def rate_hz(self) -> float:
+        """Exposures a second."""
+        return self._tracker.rate_hz
+
+    @property
     def next_exposure_us(self) -> int:
         """When to call ``expose`` next; the first exposure is at 0."""
         return round(self._exposures * 1e6 / self._tracker.rate_hz)

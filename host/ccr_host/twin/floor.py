@@ -7,6 +7,7 @@ cells a motor may cross in a period, rounded up: the floor with rate is a lower 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ from ccr_host.twin.static_map import StaticMap
 
 Array = NDArray[np.float64]
 
+_BLOCK = 32
+"""Successive targets looked up at a time: they are near each other, so few cells matter."""
 _NEAR_MM = 5.0
 """Cells that may lie so much farther than the nearest one get their exact distance; a lower bound
 serves for the rest, which only a forced detour visits."""
@@ -41,26 +44,28 @@ def floor_of(static_map: StaticMap, target_mm: Array, period_s: float, rate_rad_
         rate_rad_s: greatest rate of the motors, (2,).
     """
     cells = _Cells(static_map.tip_mm)
-    reach = tuple(
-        int(np.ceil(rate * period_s / (axis[1] - axis[0])))
-        for rate, axis in zip(
-            rate_rad_s, (static_map.axis_1_rad, static_map.axis_2_rad), strict=True
-        )
+    reach = np.array(
+        [
+            math.ceil(rate * period_s / (axis[1] - axis[0]))
+            for rate, axis in zip(
+                rate_rad_s, (static_map.axis_1_rad, static_map.axis_2_rad), strict=True
+            )
+        ]
     )
-    least_sum_mm = 0.0
+    least_mm, cell = cells.nearest(target_mm)
+    per_step_mm = float(least_mm.mean())
+    if (np.abs(np.diff(cell, axis=0)) <= reach).all():
+        return Floor(per_step_mm, per_step_mm)
     cost_to_here = np.zeros(cells.shape)
     for point in target_mm:
-        distance = cells.distance_mm(point)
-        least_sum_mm += float(distance.min())
-        cost_to_here = distance + _least_within(cost_to_here, reach)
-    count = len(target_mm)
-    return Floor(least_sum_mm / count, float(cost_to_here.min()) / count)
+        cost_to_here = cells.distance_mm(point) + _least_within(cost_to_here, reach)
+    return Floor(per_step_mm, float(cost_to_here.min()) / len(target_mm))
 
 
-def _least_within(cost: Array, reach: tuple[int, ...]) -> Array:
+def _least_within(cost: Array, reach: NDArray[np.int_]) -> Array:
     """Least cost among the cells up to ``reach`` away along each axis."""
     for axis, width in enumerate(reach):
-        window = min(width, cost.shape[axis])
+        window = min(int(width), cost.shape[axis])
         padding = [(0, 0), (0, 0)]
         padding[axis] = (window, window)
         cost = _running_least(np.pad(cost, padding, constant_values=np.inf), 2 * window + 1, axis)
@@ -96,18 +101,46 @@ class _Cells:
         self._centre = corners.mean(axis=1)
         self._radius = np.linalg.norm(corners - self._centre[:, None], axis=2).max(axis=1)
 
+    def nearest(self, points: Array) -> tuple[Array, NDArray[np.int_]]:
+        """Least distance of each of (N, 3) points, (N,), and the cell that has it, (N, 2)."""
+        least_mm, cell = np.empty(len(points)), np.empty(len(points), dtype=int)
+        for start in range(0, len(points), _BLOCK):
+            block = points[start : start + _BLOCK]
+            around = self._may_be_nearest(block)
+            to_centre = np.linalg.norm(block[:, None] - self._centre[around], axis=2)
+            at_most = (to_centre + self._radius[around]).min(axis=1)
+            row, column = np.nonzero(to_centre - self._radius[around] <= at_most[:, None])
+            distance = self._exact_mm(around[column], block[row])
+            for offset in range(len(block)):
+                first, last = np.searchsorted(row, (offset, offset + 1))
+                best = first + distance[first:last].argmin()
+                least_mm[start + offset] = distance[best]
+                cell[start + offset] = around[column[best]]
+        return least_mm, np.stack(np.unravel_index(cell, self.shape), axis=1)
+
+    def _may_be_nearest(self, points: Array) -> NDArray[np.int_]:
+        """Cells among which the nearest of each of these points is."""
+        middle = points.mean(axis=0)
+        spread = np.linalg.norm(points - middle, axis=1).max()
+        to_centre = np.linalg.norm(self._centre - middle, axis=1)
+        at_most = (to_centre + self._radius).min() + 2 * spread
+        return np.flatnonzero(to_centre - self._radius <= at_most)
+
     def distance_mm(self, point: Array) -> Array:
         """Distance of each cell from a point, or a lower bound of it where it is far."""
         to_centre = np.linalg.norm(self._centre - point, axis=1)
         bound = to_centre - self._radius
         near = np.flatnonzero(bound < to_centre.min() + _NEAR_MM)
         distance = np.maximum(bound, 0.0)
-        distance[near] = np.minimum(*(_to_triangles(t[near], point) for t in self._triangles))
+        distance[near] = self._exact_mm(near, point)
         return np.asarray(distance.reshape(self.shape), dtype=np.float64)
+
+    def _exact_mm(self, cells: NDArray[np.int_], point: Array) -> Array:
+        return np.minimum(*(_to_triangles(t[cells], point) for t in self._triangles))
 
 
 def _to_triangles(triangles: Array, point: Array) -> Array:
-    """Distance of a point from triangles (N, 3 corners, 3)."""
+    """Distance of one point (3,), or of as many (N, 3), from triangles (N, 3 corners, 3)."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     edge_1, edge_2, offset = b - a, c - a, point - a
     g11, g12, g22 = _dot(edge_1, edge_1), _dot(edge_1, edge_2), _dot(edge_2, edge_2)

@@ -31,8 +31,15 @@ class TwinRobot:
     def __init__(self, twin: Twin) -> None:
         self._twin = twin
         self._servos = tuple(
-            ServoModel(math.radians(twin.servo_rate_deg_s), math.radians(twin.servo_deadband_deg))
-            for _ in range(2)
+            ServoModel(
+                neutral_us,
+                math.radians(90.0) / us_per_90_deg,
+                math.radians(twin.servo_rate_deg_s),
+                math.radians(twin.servo_deadband_deg),
+            )
+            for neutral_us, us_per_90_deg in zip(
+                twin.servo_neutral_us, twin.servo_us_per_90_deg, strict=True
+            )
         )
         self._mechanics = Mechanics(twin, twin.payload_g if twin.payload_start_s == 0 else 0.0)
         self._steps_done = 0

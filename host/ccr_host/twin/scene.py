@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.tracking.sample import Sample
-from ccr_host.twin.camera import Camera
 from ccr_host.twin.robot import TwinRobot
+
+
+class ExposedCamera(Protocol):
+    """A simulated camera, as the scene that it looks at knows it."""
+
+    @property
+    def next_exposure_us(self) -> int:
+        """When to call ``expose`` next."""
+
+    def expose(self, time_us: int, markers_mm: NDArray[np.float64]) -> None:
+        """Take a picture of the markers, (3, 3), one a row, in the robot's frame."""
 
 
 class TwinScene:
     """Moves the robot in time and lets the camera see it at each exposure."""
 
-    def __init__(self, robot: TwinRobot, camera: Camera) -> None:
+    def __init__(self, robot: TwinRobot, camera: ExposedCamera) -> None:
         self._robot = robot
         self._camera = camera
 
@@ -31,10 +42,6 @@ class TwinScene:
     def start_path_clock(self, time_us: int) -> None:
         """Zero of the disturbances that the description times."""
         self._robot.start_path_clock(time_us)
-
-    def newest_sample(self, time_us: int) -> Sample | None:
-        """Newest sample that has left the camera at ``time_us``."""
-        return self._camera.newest(time_us)
 
     def true_tip_mm(self) -> NDArray[np.float64]:
         """f of (10) as it really is, (3,): M3 - M1 without noise and latency."""

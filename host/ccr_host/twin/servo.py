@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import math
 
-NEUTRAL_PULSE_US = 1500.0
-"""The usual centre of hobby servos, MG996R included."""
-RAD_PER_US = math.pi / 2 / 1000.0
-"""1000 us a quarter turn: 500 to 2500 us over 180 deg."""
-
 
 class ServoModel:
     """A servo that turns towards its goal at a constant rate and stops at the deadband's edge.
 
     Without pulses it is passive: its gear train is taken to hold the shaft against the tendons.
 
+    It starts at 0 rad.
+
     Args:
+        neutral_us: pulse at which it stands at 0 rad.
+        rad_per_us: how far it turns for each microsecond more.
         rate_rad_s: no-load speed.
         deadband_rad: the shaft rests while its goal is no further away than this.
     """
 
-    def __init__(self, rate_rad_s: float, deadband_rad: float) -> None:
+    def __init__(
+        self, neutral_us: float, rad_per_us: float, rate_rad_s: float, deadband_rad: float
+    ) -> None:
+        self._neutral_us = neutral_us
+        self._rad_per_us = rad_per_us
         self._rate_rad_s = rate_rad_s
         self._deadband_rad = deadband_rad
         self._goal_rad = 0.0
@@ -30,7 +33,7 @@ class ServoModel:
     def set_pulse_us(self, pulse_us: float) -> None:
         """Take the width of the pulses that arrive from now on; 0 when none do."""
         if pulse_us > 0:
-            self._goal_rad = (pulse_us - NEUTRAL_PULSE_US) * RAD_PER_US
+            self._goal_rad = (pulse_us - self._neutral_us) * self._rad_per_us
             self.moving = abs(self._goal_rad - self.angle_rad) > self._deadband_rad
         else:
             self.moving = False

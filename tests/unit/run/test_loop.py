@@ -67,6 +67,9 @@ class LostAfter:
         exposed_us = min(self.rig.clock.now_us(), self.last_us)
         return Sample(exposed_us, np.zeros((3, 3)))
 
+    def trouble(self) -> str:
+        return ""
+
 
 @pytest.fixture
 def rig():
@@ -136,6 +139,9 @@ def test_a_robot_whose_markers_were_never_seen_is_not_armed(rig: Rig) -> None:
 
         def newest(self) -> Sample | None:
             return None
+
+        def trouble(self) -> str:
+            return ""
 
     with pytest.raises(TrackerError, match="no markers from blind:"):
         follow(replace(rig, tracker=Blind()), Counting(), reference())

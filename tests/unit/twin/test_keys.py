@@ -27,6 +27,8 @@ CHANGED = {
     "tendon_force_max_n": 1.0,
     "servo_rate_deg_s": 200.0,
     "servo_deadband_deg": 0.5,
+    "servo_neutral_us": (1500.0, 1510.0),
+    "servo_us_per_90_deg": (-1000.0, 1000.0),
     "gravity_m_s2": 9.7,
     "push": Push(force_n=(0, 0, 0.01), start_s=0.0, end_s=1.0),
     "time_step_ms": 0.4,

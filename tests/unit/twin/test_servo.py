@@ -9,8 +9,12 @@ from ccr_host.twin.servo import ServoModel
 RATE_RAD_S = math.radians(300)
 
 
+def usual_servo(deadband_rad: float) -> ServoModel:
+    return ServoModel(1500.0, math.radians(0.09), RATE_RAD_S, deadband_rad)
+
+
 def settled(deadband_rad: float, *pulses_us: float) -> float:
-    servo = ServoModel(RATE_RAD_S, deadband_rad)
+    servo = usual_servo(deadband_rad)
     for pulse_us in pulses_us:
         servo.set_pulse_us(pulse_us)
         servo.advance(10.0)
@@ -24,9 +28,16 @@ def test_pulse_width_is_an_angle(pulse_us, angle_deg):
     assert settled(0.0, pulse_us) == pytest.approx(math.radians(angle_deg))
 
 
+def test_a_servo_may_be_off_and_turn_the_other_way():
+    servo = ServoModel(1530.0, -math.radians(90) / 950, RATE_RAD_S, 0.0)
+    servo.set_pulse_us(1530.0 + 95.0)
+    servo.advance(10.0)
+    assert math.degrees(servo.angle_rad) == pytest.approx(-9.0)
+
+
 @given(st.lists(st.floats(500, 2500), min_size=1, max_size=20), st.floats(0, 0.2))
 def test_shaft_never_turns_faster_than_its_rate_and_stops_within_the_deadband(pulses, deadband):
-    servo = ServoModel(RATE_RAD_S, deadband)
+    servo = usual_servo(deadband)
     for pulse_us in pulses:
         servo.set_pulse_us(pulse_us)
         for _ in range(700):
@@ -47,7 +58,7 @@ def test_deadband_swallows_small_changes_and_holds_short_on_either_side():
 
 
 def test_zero_pulse_leaves_the_shaft_where_it_is():
-    servo = ServoModel(RATE_RAD_S, 0.0)
+    servo = usual_servo(0.0)
     servo.set_pulse_us(2500.0)
     servo.advance(0.1)
     angle_rad = servo.angle_rad

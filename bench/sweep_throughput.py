@@ -1,0 +1,57 @@
+"""Runs a minute of ``ccr-host sweep`` on this machine, and what a run's CPU time is spent on.
+
+    python bench/sweep_throughput.py [--twins N] [--workers N ...]
+
+Each twin makes four runs (1 and 20 Hz, ``adaptive`` and ``mpc``) and one static map. CPU seconds
+repeat on a busy machine better than runs a minute, which need it idle.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from ccr_host.robot.paths import path_names
+from ccr_host.run.clock import Stopwatch
+from ccr_host.run.sweep.job import Row
+from ccr_host.run.sweep.plan import SweepPlan
+from ccr_host.run.sweep.workers import local_workers, run_jobs
+
+DRIVES = [(rate_hz, name) for rate_hz in (1.0, 20.0) for name in ("adaptive", "mpc")]
+PARTS = ("twin", "emulator", "controller", "rest")
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--twins", type=int, default=6)
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
+    arguments = parser.parse_args()
+    jobs = SweepPlan(seed=1, paths=tuple(path_names())).jobs(range(arguments.twins), DRIVES)
+    rows: list[Row] = []
+    for workers in arguments.workers:
+        with local_workers(workers) as client:
+            stopwatch = Stopwatch()
+            rows = [row for of_a_twin in run_jobs(client, jobs) for row in of_a_twin]
+            minutes = stopwatch.elapsed_us() * 1e-6 / 60
+        print(f"{workers} workers: {len(rows) / minutes:.1f} runs a minute")
+    print_costs(rows)
+
+
+def print_costs(rows: list[Row]) -> None:
+    """Median CPU seconds of a run by controller and rate, and of a twin's static map."""
+    print("| Hz | controller | CPU s a run |", *(f"{part} |" for part in PARTS))
+    print("|---" * (3 + len(PARTS)) + "|")
+    for rate_hz, name in DRIVES:
+        group = [r for r in rows if (r["rate_hz"], r["controller"]) == (rate_hz, name)]
+        seconds = [
+            np.median([row[column] for row in group])
+            for column in ("cpu_s", *(f"cpu_{part}_s" for part in PARTS))
+        ]
+        print(f"| {rate_hz:g} | {name} |", *(f"{s:.2f} |" for s in seconds))
+    print(f"static map of a twin: {np.median([row['map_cpu_s'] for row in rows]):.2f} CPU s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+"""The command ``ccr-host sweep``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from ccr_host import terminal
+from ccr_host.commands.options import JsonOption, OutOption, RobotOption, SeedOption, SetOption
+from ccr_host.commands.output import print_json
+from ccr_host.commands.stopping import stop_signals_interrupt
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from contextlib import AbstractContextManager
+
+    from ccr_host.run.sweep.job import Row
+    from ccr_host.run.sweep.plan import TwinJob
+
+_DEFAULT_CONTROLLERS = ["adaptive", "mpc"]
+_DEFAULT_RATES_HZ = [1.0, 20.0]
+_DEFAULT_RUNS = 20
+
+
+def sweep(
+    runs: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help=f"Number of twins; {_DEFAULT_RUNS}, or all of --twins."
+        ),
+    ] = None,
+    seed: SeedOption = 1,
+    controller: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="May be repeated. Default: adaptive and mpc."),
+    ] = None,
+    path: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATH", help="May be repeated; twins take turns. Default: all three."),
+    ] = None,
+    rate: Annotated[
+        list[float] | None,
+        typer.Option(metavar="HZ", help="May be repeated. Default: 1 and 20."),
+    ] = None,
+    only: Annotated[
+        list[int] | None,
+        typer.Option(
+            metavar="INDEX", min=0, help="Only this twin, in this process; keeps nothing."
+        ),
+    ] = None,
+    twins: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Twins of one's own: a JSON object of keys a line."),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Processes; as many as there are cores."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Use the workers of this dask scheduler."),
+    ] = None,
+    robot: RobotOption = None,
+    overrides: SetOption = None,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run controllers on many random twins; an --out folder that holds a part of it is completed.
+
+    Example: ccr-host sweep --runs 100 --controller adaptive --out sweep1
+    """
+    from ccr_host.errors import ConfigError
+    from ccr_host.robot.paths import path_names
+    from ccr_host.run.folder import make_run_folder
+    from ccr_host.run.sweep.plan import SweepPlan, read_twins
+    from ccr_host.tracking.optional import import_optional
+
+    with stop_signals_interrupt():
+        given = None if twins is None else read_twins(twins)
+        known = _DEFAULT_RUNS if given is None else len(given)
+        count = known if runs is None else runs
+        if given is not None and max([count - 1, *(only or ())]) >= len(given):
+            raise ConfigError(f"--twins {twins}: has {len(given)} twins", "ask for no more")
+        if seed < 0:
+            raise ConfigError(f"seed {seed}: negative", "give 0 or more")
+        plan = SweepPlan(seed, tuple(path or path_names()), robot, tuple(overrides or ()), given)
+        names, rates = controller or _DEFAULT_CONTROLLERS, rate or _DEFAULT_RATES_HZ
+        drives = [(rate_hz, name) for rate_hz in rates for name in names]
+        jobs = plan.jobs(only or range(count), drives)
+        screen = Console(stderr=as_json)
+        if only:
+            rows = _run_here(jobs)
+            for row in rows:
+                screen.print(row["command"], highlight=False, soft_wrap=True)
+            _show(rows, screen, as_json=as_json)
+            return
+        for package in ("distributed", "pyarrow"):
+            import_optional(package, "sweep", "ccr-host sweep")
+        from ccr_host.run.sweep.session import run_missing, sum_up
+        from ccr_host.run.sweep.store import SweepFolder
+
+        folder = make_run_folder(out, "sweep")
+        store = SweepFolder(folder, plan)
+        try:
+            with _progress(jobs) as on_count:
+                run_missing(store, jobs, workers, scheduler, on_count)
+        finally:
+            if store.rows():
+                _show(sum_up(store, folder), screen, as_json=as_json)
+                screen.print(
+                    f"kept in {folder}/: runs.parquet, figure.png, summary.json; "
+                    "--only INDEX repeats a twin and tells its ccr-host track line",
+                    highlight=False,
+                    soft_wrap=True,
+                )
+
+
+def _run_here(jobs: Sequence[TwinJob]) -> list[Row]:
+    from ccr_host.run.sweep.job import run_job
+
+    rows: list[Row] = []
+    with _progress(jobs) as on_count:
+        for job in jobs:
+            rows += run_job(job)
+            on_count(len(job.drives))
+    return rows
+
+
+def _progress(jobs: Sequence[TwinJob]) -> AbstractContextManager[terminal.OnCount]:
+    total = sum(len(job.drives) for job in jobs)
+    return terminal.count_progress(Console(stderr=True), "runs", total)
+
+
+def _show(rows: Sequence[Row], screen: Console, *, as_json: bool) -> None:
+    from ccr_host.run.sweep.statistics import groups_of
+
+    groups = groups_of(rows)
+    screen.print(terminal.sweep_table(groups))
+    for line in terminal.worst_lines(groups):
+        screen.print(line, highlight=False, soft_wrap=True)
+    if as_json:
+        print_json({"runs": len(rows), "groups": groups})

@@ -1,0 +1,116 @@
+"""Runs one twin under everything that drives it."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from ccr_host.errors import CcrError
+from ccr_host.run.clock import CpuStopwatch
+from ccr_host.run.execute import execute, reference_of
+from ccr_host.run.step_record import true_errors_mm
+from ccr_host.run.summary import RunResult, ratio_to_twin_floor, summarise
+from ccr_host.run.sweep.costs import CpuSeconds, cpu_seconds_of
+from ccr_host.run.sweep.limit_watch import LimitWatch
+from ccr_host.run.sweep.plan import Drive, TwinJob
+from ccr_host.run.twin_floor import floor_on_map_mm, static_map_of
+from ccr_host.twin.static_map import StaticMap
+
+Row = dict[str, Any]
+
+_NO_FIGURES = ("path", "controller", "device", "tracker", "open", "faults")
+"""Of the JSON summary: told otherwise, or the same for all runs of a sweep."""
+
+LOST_MM = 15.0
+"""So far above its floor over the last quarter of the path a run counts as diverged: two thirds of
+what the open loop of the paper leaves, twice what its controller does."""
+
+
+def run_job(job: TwinJob) -> list[Row]:
+    """One row for each drive, the twin's static map made once for all of them.
+
+    Raises:
+        ConfigError: something of the job exists only on another machine.
+    """
+    stopwatch = CpuStopwatch()
+    static_map = _static_map(job)
+    map_s = stopwatch.elapsed_s()
+    return [{**_run(job, drive, static_map), "map_cpu_s": map_s} for drive in job.drives]
+
+
+def row_of_a_lost_job(job: TwinJob, drive: Drive, why: str) -> Row:
+    """The row of a run whose worker has died of it."""
+    return {**_identity(job, drive), "diverged": False, "within_limits": True, "fault": why}
+
+
+def _static_map(job: TwinJob) -> StaticMap | None:
+    try:
+        return static_map_of(job.options(job.drives[0]).description(), cache=None)
+    except CcrError:
+        return None
+
+
+def _run(job: TwinJob, drive: Drive, static_map: StaticMap | None) -> Row:
+    options = job.options(drive)
+    description, reference = options.description(), reference_of(options)
+    floor_mm = None if static_map is None else floor_on_map_mm(static_map, description, reference)
+    watch = LimitWatch()
+    with cpu_seconds_of(options) as spent:
+        result = execute(options, watch, lambda *_: None)
+    summary = summarise(result, twin_floor_mm=floor_mm)
+    end_error_mm = _last_quarter_mm(result)
+    return {
+        **_identity(job, drive),
+        **_flat(summary),
+        "ratio": ratio_to_twin_floor(summary),
+        "end_error_mm": end_error_mm,
+        "diverged": end_error_mm is not None and end_error_mm > (floor_mm or 0.0) + LOST_MM,
+        "within_limits": not watch.violations,
+        "violations": " ".join(sorted(watch.violations)),
+        "fault": summary["faults"][0] if summary["faults"] else "",
+        **_cpu_columns(spent),
+    }
+
+
+def _identity(job: TwinJob, drive: Drive) -> Row:
+    rate_hz, controller = drive
+    return {
+        "index": job.index,
+        "path": job.path,
+        "rate_hz": rate_hz,
+        "controller": controller,
+        "seed": job.seed,
+        "overrides": json.dumps(job.overrides),
+        "command": job.command(drive),
+    }
+
+
+def _flat(summary: dict[str, Any]) -> Row:
+    """Figures of the JSON summary, nested ones as ``outer_inner``."""
+    flat: Row = {}
+    for key, value in summary.items():
+        if isinstance(value, dict):
+            flat |= {f"{key}_{inner}": figure for inner, figure in value.items()}
+        elif key not in _NO_FIGURES:
+            flat[key] = value
+    return flat
+
+
+def _last_quarter_mm(result: RunResult) -> float | None:
+    """Mean true error over the last quarter of the steps that were done."""
+    errors_mm = true_errors_mm(result.records)
+    if errors_mm is None or not len(errors_mm):
+        return None
+    quarter = -(-len(errors_mm) // 4)
+    return float(np.linalg.norm(errors_mm[-quarter:], axis=1).mean())
+
+
+def _cpu_columns(spent: CpuSeconds) -> Row:
+    parts = spent.parts
+    rest = spent.total - sum(parts.values())
+    return {
+        "cpu_s": spent.total,
+        **{f"cpu_{part}_s": seconds for part, seconds in {**parts, "rest": rest}.items()},
+    }

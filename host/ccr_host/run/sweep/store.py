@@ -1,0 +1,145 @@
+"""The folder of a sweep: its plan, and a row for each run.
+
+Rows are written as they come, one Parquet file a twin; ``runs.parquet`` gathers them. Whatever
+kills the sweep loses only the twins that were being run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ccr_host.errors import ConfigError
+from ccr_host.run.folder import write_json
+from ccr_host.run.sweep.job import Row
+from ccr_host.run.sweep.plan import SweepPlan, TwinJob
+from ccr_host.run.versions import versions
+
+_PLAN = "sweep.json"
+_GATHERED = "runs.parquet"
+_PARTS = "parts"
+
+_MILLIMETRES = (
+    "mean_error_mm", "rmse_mm", "p95_error_mm", "max_error_mm", "mean_lateral_error_mm",
+    "true_mean_error_mm", "true_rmse_mm", "true_p95_error_mm", "true_max_error_mm",
+    "true_mean_lateral_error_mm", "floor_mean_error_mm", "twin_floor_mean_error_mm",
+)  # fmt: skip
+_SCHEMA = pa.schema(
+    [
+        ("index", pa.int64()),
+        ("path", pa.string()),
+        ("rate_hz", pa.float64()),
+        ("controller", pa.string()),
+        ("seed", pa.int64()),
+        ("steps", pa.int64()),
+        *((name, pa.float64()) for name in _MILLIMETRES),
+        ("ratio", pa.float64()),
+        ("end_error_mm", pa.float64()),
+        ("diverged", pa.bool_()),
+        ("within_limits", pa.bool_()),
+        ("violations", pa.string()),
+        ("fault", pa.string()),
+        ("unreachable_steps", pa.int64()),
+        ("missed_deadlines", pa.int64()),
+        ("tracker_lost_steps", pa.int64()),
+        *((f"link_{name}", pa.int64()) for name in ("sent", "received", "crc_errors", "retries")),
+        *((f"link_rtt_us_{name}", pa.float64()) for name in ("median", "p99")),
+        *((f"solve_us_{name}", pa.float64()) for name in ("median", "p99", "max")),
+        ("wall_s", pa.float64()),
+        ("map_cpu_s", pa.float64()),
+        *(
+            (f"cpu_{part}s", pa.float64())
+            for part in ("", "twin_", "emulator_", "controller_", "rest_")
+        ),
+        ("overrides", pa.string()),
+        ("command", pa.string()),
+    ]
+)
+_KEY = ("index", "rate_hz", "controller")
+
+
+class SweepFolder:
+    """Keeps and gives back the rows of one sweep.
+
+    Args:
+        folder: that exists; empty, or that of a sweep over the same twins, which goes on.
+        plan: of the sweep.
+
+    Raises:
+        ConfigError: another sweep is in the folder, or what is there cannot be read.
+    """
+
+    def __init__(self, folder: Path, plan: SweepPlan) -> None:
+        self._folder = folder
+        self._require_same(plan)
+        (folder / _PARTS).mkdir(exist_ok=True)
+
+    def rows(self) -> list[Row]:
+        """All that is there, by index, rate and controller."""
+        files = [self._folder / _GATHERED, *sorted((self._folder / _PARTS).glob("*.parquet"))]
+        found = {_key(row): row for file in files if file.exists() for row in _read(file)}
+        return [found[key] for key in sorted(found)]
+
+    def missing(self, jobs: Sequence[TwinJob]) -> list[TwinJob]:
+        """What of the jobs has no row yet."""
+        done = {_key(row) for row in self.rows()}
+        left = [
+            replace(job, drives=tuple(d for d in job.drives if (job.index, *d) not in done))
+            for job in jobs
+        ]
+        return [job for job in left if job.drives]
+
+    def keep(self, rows: Sequence[Row]) -> None:
+        """Write the rows of one twin; they are safe when this returns."""
+        names = "-".join(sorted({f"{row['controller']}{row['rate_hz']:g}" for row in rows}))
+        part = self._folder / _PARTS / f"{rows[0]['index']:06d}-{names}.parquet"
+        _write(part, rows)
+
+    def gather(self) -> list[Row]:
+        """Put all rows into one file; returns them."""
+        rows = self.rows()
+        _write(self._folder / _GATHERED, rows)
+        for part in (self._folder / _PARTS).glob("*.parquet"):
+            part.unlink()
+        return rows
+
+    def _require_same(self, plan: SweepPlan) -> None:
+        file, wanted = self._folder / _PLAN, json.loads(json.dumps(plan.as_json()))
+        if not file.exists():
+            write_json(file, {"plan": wanted, "versions": versions()})
+            return
+        try:
+            there: Any = json.loads(file.read_text(encoding="utf-8"))["plan"]
+            differing = [key for key in wanted if there[key] != wanted[key]]
+        except (OSError, ValueError, KeyError, TypeError):
+            raise ConfigError(f"{file} cannot be read", "name another folder") from None
+        if differing:
+            raise ConfigError(
+                f"--out {self._folder}: holds a sweep of other twins ({', '.join(differing)})",
+                "name another folder, or repeat its --seed, --path, --robot, --set and --twins",
+            )
+
+
+def _key(row: Row) -> tuple[Any, ...]:
+    return tuple(row[name] for name in _KEY)
+
+
+def _read(file: Path) -> list[Row]:
+    try:
+        rows: list[Row] = pq.read_table(file).to_pylist()
+    except (OSError, pa.ArrowException):
+        raise ConfigError(f"{file} cannot be read", "delete it: its runs are repeated") from None
+    return rows
+
+
+def _write(file: Path, rows: Sequence[Row]) -> None:
+    unfinished = file.with_suffix(f".{os.getpid()}")
+    pq.write_table(pa.Table.from_pylist(list(rows), schema=_SCHEMA), unfinished)
+    unfinished.replace(file)

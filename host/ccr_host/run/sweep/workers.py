@@ -1,0 +1,93 @@
+"""Jobs on dask.distributed: processes of this machine, or a cluster that is already there."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
+
+from ccr_host.errors import CcrError, ConfigError
+from ccr_host.run.sweep.job import Row, row_of_a_lost_job, run_job
+from ccr_host.run.sweep.plan import TwinJob
+
+_CONNECT_S = 10
+
+
+@contextmanager
+def local_workers(count: int) -> Iterator[Client]:
+    """Worker processes of one thread each; one that dies is replaced and its job repeated."""
+    _silence()
+    with (
+        LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client
+
+
+@contextmanager
+def existing_cluster(address: str) -> Iterator[Client]:
+    """Workers of a scheduler elsewhere, each with this version of ccr-host installed.
+
+    Raises:
+        ConfigError: nobody answers there, or it is no address.
+    """
+    _silence()
+    try:
+        client = Client(address, timeout=_CONNECT_S)
+    except (OSError, ValueError, TypeError) as error:
+        raise ConfigError(
+            f"--scheduler {address}: {_first_line(error)}",
+            "start one with: dask scheduler; give its address, e.g. tcp://127.0.0.1:8786",
+        ) from None
+    with client:
+        yield client
+
+
+def run_jobs(client: Client, jobs: Sequence[TwinJob]) -> Iterator[list[Row]]:
+    """Rows of each job, in the order in which the jobs end.
+
+    Raises:
+        CcrError: the workers cannot do such jobs.
+    """
+    job_of: dict[Future, TwinJob] = {
+        client.submit(run_job, job, key=f"twin-{job.index}", pure=False, priority=-job.index): job
+        for job in jobs
+    }
+    try:
+        for future in as_completed(list(job_of)):
+            yield _rows(future, job_of.pop(future))
+    finally:
+        client.cancel(list(job_of))
+
+
+def _rows(future: Future, job: TwinJob) -> list[Row]:
+    error = future.exception()
+    if error is None:
+        rows: list[Row] = future.result()
+        return rows
+    if isinstance(error, KilledWorker):
+        why = "the worker died, and so did those that tried again"
+        return [row_of_a_lost_job(job, drive, why) for drive in job.drives]
+    if isinstance(error, CcrError):
+        raise error
+    raise CcrError(
+        f"twin {job.index}: {type(error).__name__}: {_first_line(error)}",
+        f"see ccr-host sweep --only {job.index}; workers need this version of ccr-host",
+    )
+
+
+def _silence() -> None:
+    """What a worker's death means is told by its row, not by the log of a library."""
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0]

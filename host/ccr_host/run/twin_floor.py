@@ -1,0 +1,77 @@
+"""The least mean error that the twin's own statics leave on a path."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.config import Description
+from ccr_host.errors import CcrError
+from ccr_host.robot.reference import Reference
+from ccr_host.run.options import RunOptions
+from ccr_host.run.summary import RunResult
+from ccr_host.twin.floor import floor_of
+from ccr_host.twin.static_map import StaticMap, default_cache, load_static_map
+
+
+def twin_floor_mm(result: RunResult) -> float | None:
+    """Floor of a run's path on its twin, whose static map is kept in the user's cache.
+
+    It is that of the undisturbed robot: a payload that is hung on in mid-run and a push are left
+    out, and so are friction and deadband.
+
+    Returns:
+        mm; None where the robot was real, or where the twin has no rest for some motor angles.
+    """
+    if not result.records or result.records[0].true_mm is None:
+        return None
+    description = result.options.description()
+    with suppress(CcrError):
+        static_map = static_map_of(description, default_cache())
+        return floor_on_map_mm(static_map, description, result.reference)
+    return None
+
+
+def keep_static_map(options: RunOptions) -> None:
+    """Leave the static map of a run's twin in the user's cache, where it is missing."""
+    with suppress(CcrError):
+        static_map_of(options.description(), default_cache())
+
+
+def static_map_of(description: Description, cache: Path | None) -> StaticMap:
+    """Where the twin rests within the motor limits.
+
+    Args:
+        description: of the robot.
+        cache: folder that keeps the maps; None computes without keeping.
+
+    Raises:
+        CcrError: some motor angles leave the twin without a rest pose.
+    """
+    lower_deg, upper_deg = _shaft_limits_deg(description)
+    return load_static_map(description.twin, lower_deg, upper_deg, cache)
+
+
+def floor_on_map_mm(static_map: StaticMap, description: Description, reference: Reference) -> float:
+    """Least mean distance of any motor path within the rates of board and servo, mm."""
+    rate_deg_s = np.minimum(description.servo.slew_deg_s, description.twin.servo_rate_deg_s)
+    floor = floor_of(static_map, reference.target_mm, reference.period_s, np.radians(rate_deg_s))
+    return floor.within_rate_mm
+
+
+def _shaft_limits_deg(
+    description: Description,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the twin's shafts stand at the limits of the commanded angles, (2,) each."""
+    servo, twin = description.servo, description.twin
+    limits_deg = np.array([servo.angle_min_deg, servo.angle_max_deg])
+    pulses_us = np.clip(
+        np.array(servo.neutral_pulse_us) + limits_deg / 90.0 * np.array(servo.pulse_per_90_deg_us),
+        servo.pulse_min_us,
+        servo.pulse_max_us,
+    )
+    shafts_deg = (pulses_us - twin.servo_neutral_us) * 90.0 / np.array(twin.servo_us_per_90_deg)
+    return shafts_deg.min(axis=0), shafts_deg.max(axis=0)

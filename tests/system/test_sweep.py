@@ -1,0 +1,126 @@
+"""Sweeps as their user runs them; the static maps are kept small by narrow motor limits."""
+
+import json
+import os
+import shlex
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from tests.system.conftest import CcrHost
+from tests.system.test_bad_input import assert_one_clear_line
+
+NARROW = (
+    "--set", "servo.angle_min_deg=[-10, -50]", "--set", "servo.angle_max_deg=[35, 5]",
+)  # fmt: skip
+
+
+@pytest.fixture
+def short_sweep(short_path: str) -> tuple[str, ...]:
+    return ("sweep", "--path", short_path, "--controller", "mpc", "--rate", "2", *NARROW)
+
+
+def _rows(folder: Path) -> list[dict]:
+    return pq.read_table(folder / "runs.parquet").to_pylist()
+
+
+def _wait_for_a_part(sweep: subprocess.Popen[str], folder: Path) -> None:
+    while not list(folder.glob("parts/*.parquet")):
+        assert sweep.poll() is None, sweep.communicate()
+        time.sleep(0.05)
+
+
+def test_each_row_of_a_sweep_can_be_repeated_alone(
+    ccr_host: CcrHost, short_sweep: tuple[str, ...], short_path: str
+) -> None:
+    words = (*short_sweep, "--runs", "2", "--workers", "1", "--out", "kept", "--json")
+    ended = ccr_host(*words)
+    assert ended.status == 0, ended.err
+    (group,) = ended.summary["groups"]
+    rows = _rows(ccr_host.folder / "kept")
+    assert [row["index"] for row in rows] == [0, 1]
+    assert group["runs"] == 2
+    assert group["ratio"]["max"] == max(row["ratio"] for row in rows)
+    assert all(row["within_limits"] and not row["fault"] for row in rows)
+    assert "worst twins of mpc at 2 Hz" in ended.err
+    assert (ccr_host.folder / "kept" / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+    command = shlex.split(rows[1]["command"])
+    tracked = ccr_host(*command[1:], "--no-open", "--json").summary
+    for figure in ("true_mean_error_mm", "mean_error_mm", "twin_floor_mean_error_mm", "steps"):
+        assert tracked[figure] == rows[1][figure]
+    only = ccr_host(*short_sweep, "--only", "1")
+    assert rows[1]["command"] in only.out
+
+
+def test_a_sweep_that_was_killed_goes_on_and_ends_as_if_it_had_not_been(
+    ccr_host: CcrHost, short_sweep: tuple[str, ...]
+) -> None:
+    words = (*short_sweep, "--runs", "2", "--workers", "1", "--out", "kept")
+    killed = ccr_host.start(*words)
+    _wait_for_a_part(killed, ccr_host.folder / "kept")
+    killed.kill()
+    killed.communicate()
+    assert ccr_host(*words).status == 0
+    rows = _rows(ccr_host.folder / "kept")
+    assert [row["index"] for row in rows] == [0, 1]
+
+    ratios = [row["ratio"] for row in rows]
+    alone = ccr_host(*short_sweep, "--only", "0", "--only", "1", "--json").summary
+    (group,) = alone["groups"]
+    assert (group["runs"], group["ratio"]["max"]) == (2, max(ratios))
+    assert group["ratio"]["median"] == sum(ratios) / 2
+
+
+def test_ctrl_c_keeps_what_is_there(ccr_host: CcrHost, short_sweep: tuple[str, ...]) -> None:
+    words = (*short_sweep, "--runs", "40", "--workers", "1", "--out", "kept")
+    sweep = ccr_host.start(*words)
+    _wait_for_a_part(sweep, ccr_host.folder / "kept")
+    sweep.send_signal(signal.SIGINT)
+    out, err = sweep.communicate()
+    assert sweep.returncode == 130
+    assert "Traceback" not in err
+    assert "worst twins of mpc" in out
+    kept = json.loads((ccr_host.folder / "kept" / "summary.json").read_text())
+    assert 1 <= kept["groups"][0]["runs"] < 40
+
+
+def test_the_death_of_a_worker_loses_nothing(
+    ccr_host: CcrHost, short_sweep: tuple[str, ...]
+) -> None:
+    sweep = ccr_host.start(*short_sweep, "--runs", "2", "--workers", "1", "--out", "kept")
+    _wait_for_a_part(sweep, ccr_host.folder / "kept")
+    for worker in _children(sweep.pid):
+        os.kill(worker, signal.SIGKILL)
+    out, err = sweep.communicate()
+    assert sweep.returncode == 0, err
+    assert [row["index"] for row in _rows(ccr_host.folder / "kept")] == [0, 1]
+    assert "Traceback" not in out + err
+
+
+def _children(parent: int) -> list[int]:
+    """Worker processes of dask: those that multiprocessing has spawned."""
+    children = map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split())
+    return [c for c in children if b"spawn_main" in Path(f"/proc/{c}/cmdline").read_bytes()]
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--runs", "0"], ["--runs"]),
+        (["--path", "circle"], ["circle", "ellipse"]),
+        (["--controller", "pid9"], ["pid9", "mpc"]),
+        (["--rate", "0"], ["rate"]),
+        (["--twins", "gone.jsonl"], ["gone.jsonl"]),
+        (["--out", "/proc/nowhere"], ["/proc/nowhere"]),
+        (["--scheduler", "here"], ["here", "dask scheduler"]),
+    ],
+)
+def test_a_word_that_makes_no_sense_gets_one_line(
+    ccr_host: CcrHost, words: list[str], named: list[str]
+) -> None:
+    assert_one_clear_line(ccr_host("sweep", *words), 2, *named)
