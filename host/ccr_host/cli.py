@@ -8,11 +8,21 @@ from typing import NoReturn
 
 import typer
 
+from ccr_host.commands.calibrate import calibrate
 from ccr_host.commands.compare import compare
+from ccr_host.commands.doctor import doctor
 from ccr_host.commands.emulate import emulate
+from ccr_host.commands.export import export
 from ccr_host.commands.flash import flash
 from ccr_host.commands.jog import jog
+from ccr_host.commands.monitor import monitor
+from ccr_host.commands.register import register
+from ccr_host.commands.replay import replay
+from ccr_host.commands.report import report
+from ccr_host.commands.sweep import sweep
 from ccr_host.commands.track import track
+from ccr_host.commands.view import view
+from ccr_host.commands.view_option import with_default_address
 from ccr_host.commands.workspace import workspace
 from ccr_host.errors import CcrError
 
@@ -26,14 +36,20 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (track, compare, workspace, emulate, flash, jog):
+_COMMANDS = (
+    *(track, compare, workspace, sweep),
+    *(doctor, flash, calibrate, register, jog, monitor, emulate),
+    *(view, replay, report, export),
+)
+for command in _COMMANDS:
     app.command()(command)
 
 
 def main() -> None:
     """Entry point of ``ccr-host``: whatever goes wrong is one line on standard error."""
+    words = with_default_address(sys.argv[1:])
     try:
-        status = app(sys.argv[1:] or ["--help"], prog_name="ccr-host", standalone_mode=False)
+        status = app(words or ["--help"], prog_name="ccr-host", standalone_mode=False)
     except typer.TyperException as error:
         _leave(f"error: {error.format_message()} See ccr-host --help.", EXIT_USAGE)
     except CcrError as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from typing import Annotated
 
 import typer
@@ -24,6 +24,7 @@ from ccr_host.commands.options import (
 )
 from ccr_host.commands.output import print_json
 from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.commands.view_option import ViewOption
 from ccr_host.run.options import RunOptions
 
 
@@ -44,6 +45,7 @@ def track(
             help="Also run the open loop, to compare; by default where it costs no time.",
         ),
     ] = None,
+    view: ViewOption = None,
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -55,9 +57,12 @@ def track(
     from ccr_host.run.execute import execute_logged, reference_of
     from ccr_host.run.folder import make_run_folder
     from ccr_host.run.keep import keep_result
+    from ccr_host.run.operator import OperatorStop
     from ccr_host.run.rig import is_simulated
+    from ccr_host.view.address import parse_view_address
+    from ccr_host.view.live import live_page
 
-    with stop_signals_interrupt():
+    with stop_signals_interrupt(), ExitStack() as stack:
         options = RunOptions(
             path=path,
             controller=controller,
@@ -72,13 +77,26 @@ def track(
         reference = reference_of(options)
         folder = make_run_folder(out, f"{reference.name}-{controller}")
         screen = Console(stderr=as_json)
+        page = None
+        if view is not None:
+            address, realtime = parse_view_address(view), not is_simulated(options)
+            page = stack.enter_context(live_page(address, realtime=realtime))
+            Console(stderr=True).print(f"live page: {page.url}", highlight=False, soft_wrap=True)
         wanted = is_simulated(options) if with_open is None else with_open
         wanted = wanted and controller != "open-loop"
         twin_open_loop = options.with_controller("open-loop").on_the_twin()
         with in_background(twin_open_loop) if wanted else nullcontext() as open_loop_result:
             title = f"{reference.name}, {controller}"
             with terminal.step_progress(Console(stderr=True), title) as on_step:
-                result = execute_logged(options, folder, on_step)
+                result = execute_logged(
+                    options,
+                    folder,
+                    on_step,
+                    [page.feed] if page else [],
+                    page.operator if page else None,
+                )
+            if page:
+                page.end_run(folder)
             complete = result.failure is None
             open_loop = open_loop_result() if open_loop_result and complete else None
             summary = keep_result(folder, result, open_loop)
@@ -86,8 +104,15 @@ def track(
             screen.print(terminal.run_table(summary))
             for line in terminal.health_lines(summary):
                 screen.print(line, highlight=False)
-        screen.print(f"kept in {folder}/: figure.png, run.json, log.jsonl", highlight=False)
+        screen.print(f"kept in {folder}/: figure.png, run.json, log_0000.mcap", highlight=False)
+        if result.log_trouble:
+            Console(stderr=True).print(result.log_trouble, highlight=False)
+        if isinstance(result.failure, OperatorStop):
+            Console(stderr=True).print(f"{result.failure}; the board has acknowledged")
         if as_json:
             print_json(summary)
+        elif page and screen.is_terminal:
+            screen.print(f"the run can be played at {page.url}; Ctrl-C ends", highlight=False)
+            page.wait_until_interrupted()
         if result.failure is not None:
             raise result.failure

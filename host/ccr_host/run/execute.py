@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ccr_host.control.registry import make_controller
@@ -11,11 +13,13 @@ from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits, Workspace
 from ccr_host.run.clock import Stopwatch
-from ccr_host.run.json_log import JsonLog
+from ccr_host.run.inputs.recording import RecordedOperator
+from ccr_host.run.log.open_log import open_run_log
 from ccr_host.run.loop import Progress, follow_path
 from ccr_host.run.observer import Observers, RunObserver, RunSetup
+from ccr_host.run.operator import NoOperator, Operator, stopping_at_once
 from ccr_host.run.options import RunOptions
-from ccr_host.run.rig import Rig, open_rig
+from ccr_host.run.rig import Rig, is_simulated, open_rig
 from ccr_host.run.step_record import StepRecord
 from ccr_host.run.summary import RunResult
 
@@ -37,16 +41,22 @@ def workspace_of(options: RunOptions) -> Workspace:
     return Workspace(ConstantCurvature(description.robot), MotorLimits.of(description.servo))
 
 
-def execute(options: RunOptions, observer: RunObserver, on_step: Progress) -> RunResult:
+def execute(
+    options: RunOptions,
+    observer: RunObserver,
+    on_step: Progress,
+    operator: Operator | None = None,
+) -> RunResult:
     """Run, and come back with whatever was reached.
 
-    A device or tracker fault and Ctrl-C end the run early: the robot is made safe, the steps done
-    so far are in the result, and ``failure`` says why.
+    A device or tracker fault, Ctrl-C and the operator's stop end the run early: the robot is made
+    safe, the steps done so far are in the result, and ``failure`` says why.
 
     Raises:
         ConfigError: the options make no run; nothing was started.
     """
     stopwatch = Stopwatch()
+    operator = operator or NoOperator()
     description = options.description()
     reference = reference_of(options)
     controller = make_controller(options.controller, description)
@@ -61,7 +71,9 @@ def execute(options: RunOptions, observer: RunObserver, on_step: Progress) -> Ru
     rig: Rig | None = None
     try:
         with open_rig(options, description, observer) as rig:
-            follow_path(rig, controller, reference, description, observer, keep)
+            heard = RecordedOperator(operator, rig.tape)
+            with stopping_at_once(heard, rig.clock, rig.client):
+                follow_path(rig, controller, reference, description, observer, keep, heard)
     except ConfigError:
         raise
     except (CcrError, KeyboardInterrupt) as error:
@@ -82,11 +94,18 @@ def execute_quietly(options: RunOptions) -> RunResult:
     return execute(options, Observers(), lambda *_: None)
 
 
-def execute_logged(options: RunOptions, folder: Path, on_step: Progress) -> RunResult:
-    """Run with the log in its folder."""
-    with (folder / "log.jsonl").open("w", encoding="utf-8") as log:
-        return execute(options, JsonLog(log), on_step)
+def execute_logged(
+    options: RunOptions,
+    folder: Path,
+    on_step: Progress,
+    onlookers: Sequence[RunObserver] = (),
+    operator: Operator | None = None,
+) -> RunResult:
+    """Run with the log in its folder; the onlookers see what the log sees."""
+    with open_run_log(folder, realtime=not is_simulated(options)) as log:
+        result = execute(options, Observers((log, *onlookers)), on_step, operator)
+    return replace(result, log_trouble=log.trouble)
 
 
 def _describe(error: BaseException) -> str:
-    return "interrupted" if isinstance(error, KeyboardInterrupt) else str(error)
+    return str(error) or "interrupted"

@@ -31,10 +31,14 @@ LabelledRun = tuple[str, Sequence[StepRecord]]
 
 
 def write_run_figure(file: Path, reference: Reference, runs: Sequence[LabelledRun]) -> None:
-    """Draw desired and measured path in both planes and the error norm over time.
+    """Write ``run_figure`` as PNG."""
+    run_figure(reference, runs).savefig(file, dpi=110)
+
+
+def run_figure(reference: Reference, runs: Sequence[LabelledRun]) -> Figure:
+    """Desired and measured path in both planes and the error norm over time.
 
     Args:
-        file: PNG to write.
         reference: the desired path.
         runs: label and records of each run on it, the one that matters first.
     """
@@ -47,7 +51,7 @@ def write_run_figure(file: Path, reference: Reference, runs: Sequence[LabelledRu
     _draw_error(figure.add_subplot(grid[1, :]), reference, runs)
     _draw_legend(figure)
     figure.suptitle(f"{reference.name}, {len(reference.time_s)} steps of {reference.period_s:g} s")
-    figure.savefig(file, dpi=110)
+    return figure
 
 
 def write_comparison_figure(

@@ -9,6 +9,9 @@ from typing import Any
 
 from ccr_host.errors import ConfigError
 
+METRICS_FILE = "run.json"
+"""Configuration and summary of a run."""
+
 
 def make_run_folder(wanted: Path | None, title: str) -> Path:
     """Create the folder: the one asked for, or ``runs/<date>-<title>``.

@@ -7,7 +7,7 @@ aims at f_i; the error of step i is taken at the end of that period, before the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from ccr_host.errors import TrackerError
 from ccr_host.robot.reference import Reference
 from ccr_host.run.clock import Stopwatch
 from ccr_host.run.observer import RunObserver
+from ccr_host.run.operator import NoOperator, Operator
 from ccr_host.run.rig import Rig
 from ccr_host.run.step_record import StepRecord, Vector
 from ccr_host.tracking.sample import Sample
@@ -48,8 +49,11 @@ def follow_path(
     description: Description,
     observer: RunObserver,
     on_step: Progress,
+    operator: Operator | None = None,
 ) -> list[StepRecord]:
     """Arm the robot, approach the first point, follow the path, disarm.
+
+    While the operator wants a pause, the path's clock waits and the pose is held.
 
     Returns:
         One record for each step of the reference.
@@ -58,7 +62,8 @@ def follow_path(
         DeviceError: the board refused, was lost or latched a fault.
         TrackerError: the markers were lost for longer than coasting and holding allow.
     """
-    return _PathRun(rig, controller, reference, description, observer).execute(on_step)
+    run = _PathRun(rig, controller, reference, description, observer, operator or NoOperator())
+    return run.execute(on_step)
 
 
 class _PathRun:
@@ -69,11 +74,13 @@ class _PathRun:
         reference: Reference,
         description: Description,
         observer: RunObserver,
+        operator: Operator,
     ) -> None:
         self._rig = rig
         self._controller = controller
         self._reference = reference
         self._observer = observer
+        self._operator = operator
         self._settle_s = description.control.settle_s
         self._period_us = round(reference.period_s * 1e6)
         self._validity_ms = int(
@@ -93,6 +100,7 @@ class _PathRun:
         self._wait_for_whole_beat()
         self._note("approaching the first point")
         command = self._controller.start(self._reference)
+        self._observer.control(clock.now_us(), None, command)
         leads = self._controller if isinstance(self._controller, Approaching) else None
         if leads is None:
             self._hold_command(command, round(self._settle_s * 1e6))
@@ -107,6 +115,9 @@ class _PathRun:
         steps = len(self._reference.time_s)
         timing = _Timing(solve_us=0.0, late=False)
         for step in range(steps):
+            if self._operator.wants_pause:
+                start_us += self._pause(command)
+                rig.start_path_clock(start_us)
             if step > 0 or leads is not None:
                 command, timing = self._next_command(step, command)
             self._send(command)
@@ -140,12 +151,31 @@ class _PathRun:
             due_us = clock.now_us()
             tip_mm, age_us, must_hold = self._watch.look()
             if not must_hold:
-                led = controller.approach(self._observation(0, due_us, tip_mm, age_us))
+                observation = self._observation(0, due_us, tip_mm, age_us)
+                led = controller.approach(observation)
                 if led is None:
                     return command
                 command = led
+                self._observer.control(due_us, observation, command)
             self._send(command)
             clock.sleep_until_us(due_us + round(APPROACH_PERIOD_S * 1e6))
+
+    def _pause(self, command: Command) -> int:
+        """Hold the pose until the operator continues; by how much the path is late, us."""
+        clock, held = self._rig.clock, replace(command, ramp_s=0.0)
+        since_us = resend_us = clock.now_us()
+        self._note("paused")
+        while self._operator.wants_pause and not self._operator.wants_stop:
+            if clock.now_us() >= resend_us:
+                self._send(held)
+                resend_us += self._validity_ms * 1000 // 2
+            self._watch.fresh_sample()
+            clock.idle()
+        pause_us = -(-(clock.now_us() - since_us) // _BEAT_US) * _BEAT_US
+        clock.sleep_until_us(since_us + pause_us)
+        self._watch.start()
+        self._note("following the path")
+        return pause_us
 
     def _next_command(self, step: int, last: Command) -> tuple[Command, _Timing]:
         clock = self._rig.clock
@@ -157,6 +187,7 @@ class _PathRun:
         stopwatch = Stopwatch()
         command = self._controller.step(observation)
         timing = _Timing(stopwatch.elapsed_us(), late=False)
+        self._observer.control(due_us, observation, command)
         if clock.now_us() - due_us > _SOLVE_SHARE_OF_PERIOD * self._period_us:
             return _repeat(last, "solver late"), _Timing(timing.solve_us, late=True)
         return command, timing
@@ -251,9 +282,10 @@ class _MarkerWatch:
         return None, 0, lost_us > self._coast_us
 
     def _lost(self, lost_us: int) -> TrackerError:
+        trouble = self._rig.tracker.trouble()
         return TrackerError(
             f"no markers from {self._rig.tracker.name} for {lost_us / 1e6:.1f} s that were "
-            f"younger than {self._stale_us // 1000} ms",
+            f"younger than {self._stale_us // 1000} ms" + (f": {trouble}" if trouble else ""),
             "check line of sight and the camera's volume; "
             "for a slow tracker raise control.stale_after_ms",
         )

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from ccr_host.config import Description
+from ccr_host.control.base import Command, Observation
 from ccr_host.link.messages import StateReport
 from ccr_host.robot.reference import Reference
+from ccr_host.run.inputs.tape import TapePiece
 from ccr_host.run.options import RunOptions
 from ccr_host.run.step_record import StepRecord
+from ccr_host.tracking.frame import MarkerFrame
 from ccr_host.tracking.sample import Sample
 
 
@@ -27,8 +29,11 @@ class RunSetup:
     reference: Reference
 
 
-class RunObserver(Protocol):
-    """Looks on in the control loop's own thread: returns at once and never raises."""
+class RunObserver:
+    """Looks on in the control loop's own thread: returns at once and never raises.
+
+    To be inherited from: whoever looks on overrides what it wants to see.
+    """
 
     def begin(self, setup: RunSetup) -> None:
         """Before anything else."""
@@ -39,8 +44,17 @@ class RunObserver(Protocol):
     def state(self, time_us: int, report: StateReport) -> None:
         """A report of the board's state."""
 
+    def marker_frame(self, time_us: int, frame: MarkerFrame) -> None:
+        """What a camera has delivered, before its markers are identified."""
+
+    def tracker_sample(self, time_us: int, sample: Sample) -> None:
+        """A sample that has arrived, whether or not the control loop will use it."""
+
     def sample(self, sample: Sample) -> None:
         """A tracker sample that the control loop has used."""
+
+    def control(self, time_us: int, observation: Observation | None, command: Command) -> None:
+        """What the controller was told and what it answered; no observation at its start."""
 
     def step(self, record: StepRecord) -> None:
         """The end of one control period."""
@@ -48,8 +62,11 @@ class RunObserver(Protocol):
     def event(self, time_us: int, text: str) -> None:
         """Something worth knowing afterwards: phase changes, faults, interruptions."""
 
+    def inputs(self, piece: TapePiece) -> None:
+        """The next piece of all that has come to the host from outside."""
 
-class Observers:
+
+class Observers(RunObserver):
     """Several observers as one."""
 
     def __init__(self, observers: Sequence[RunObserver] = ()) -> None:
@@ -67,9 +84,21 @@ class Observers:
         for observer in self._observers:
             observer.state(time_us, report)
 
+    def marker_frame(self, time_us: int, frame: MarkerFrame) -> None:
+        for observer in self._observers:
+            observer.marker_frame(time_us, frame)
+
+    def tracker_sample(self, time_us: int, sample: Sample) -> None:
+        for observer in self._observers:
+            observer.tracker_sample(time_us, sample)
+
     def sample(self, sample: Sample) -> None:
         for observer in self._observers:
             observer.sample(sample)
+
+    def control(self, time_us: int, observation: Observation | None, command: Command) -> None:
+        for observer in self._observers:
+            observer.control(time_us, observation, command)
 
     def step(self, record: StepRecord) -> None:
         for observer in self._observers:
@@ -78,3 +107,7 @@ class Observers:
     def event(self, time_us: int, text: str) -> None:
         for observer in self._observers:
             observer.event(time_us, text)
+
+    def inputs(self, piece: TapePiece) -> None:
+        for observer in self._observers:
+            observer.inputs(piece)

@@ -17,28 +17,34 @@ from ccr_host.emulator.board import UnoEmulator
 from ccr_host.emulator.pty_port import PtyPort
 from ccr_host.emulator.serial_line import SerialLine
 from ccr_host.emulator.server import BackgroundServer, BoardServer
-from ccr_host.errors import ConfigError
+from ccr_host.errors import DeviceError
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client, TelemetryObserver
 from ccr_host.link.messages import StateReport
 from ccr_host.link.transport import Transport, open_transport
 from ccr_host.link.uri import DeviceKind, DeviceUri, parse_device_uri
 from ccr_host.run.clock import Clock, RealClock, VirtualClock
+from ccr_host.run.inputs.recording import (
+    RecordedClock,
+    RecordedTracker,
+    RecordedTransport,
+    passed_on,
+    recorded_end,
+    recorded_frames,
+)
+from ccr_host.run.inputs.tape import Tape
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.options import RunOptions
+from ccr_host.run.tracker_rig import TrackerRig
 from ccr_host.simavr.board import SimavrBoard
 from ccr_host.simavr.cosim import SimavrCoSimulation
 from ccr_host.simavr.files import find_firmware
 from ccr_host.simavr.flash_image import read_flash_image
 from ccr_host.simavr.line import SimavrLine
 from ccr_host.tracking.tracker import Tracker
-from ccr_host.tracking.twin_tracker import TwinTracker
-from ccr_host.twin.camera import Camera
+from ccr_host.tracking.uri import parse_tracker_uri
 from ccr_host.twin.cosim import CoSimulation
-from ccr_host.twin.robot import TwinRobot
 from ccr_host.twin.scene import TwinScene
-
-KNOWN_TRACKERS = "twin:"
 
 
 @dataclass(frozen=True)
@@ -48,71 +54,113 @@ class Rig:
     clock: Clock
     client: Client
     tracker: Tracker
-    scene: TwinScene | None
-    """The simulated robot; None where the robot is real."""
+    eyes: TrackerRig | None
+    """The camera, and the simulated robot where there is one; None in a replay."""
+    tape: Tape
+    """Of all that comes to the host through this rig."""
 
     def start_path_clock(self, time_us: int) -> None:
         """Zero of the disturbances that the description times."""
-        if self.scene is not None:
-            self.scene.start_path_clock(time_us)
+        if self.eyes is not None:
+            self.eyes.start_path_clock(time_us)
 
     def true_tip_mm(self) -> NDArray[np.float64] | None:
         """True f, (3,), for the metrics only; None where the robot is real."""
-        return None if self.scene is None else self.scene.true_tip_mm()
+        scene = None if self.eyes is None else self.eyes.scene
+        return None if scene is None else scene.true_tip_mm()
 
 
 def is_simulated(options: RunOptions) -> bool:
     """Whether a run needs nothing outside this process and no real time.
 
     Raises:
-        ConfigError: the device URI is not one.
+        ConfigError: the device or tracker URI is not one.
     """
-    return parse_device_uri(options.device).in_process and not options.realtime
+    device, tracker = parse_device_uri(options.device), parse_tracker_uri(options.tracker)
+    return device.in_process and tracker.in_process and not options.realtime
 
 
 @contextmanager
-def open_rig(options: RunOptions, description: Description, observer: RunObserver) -> Iterator[Rig]:
+def open_rig(
+    options: RunOptions,
+    description: Description,
+    observer: RunObserver,
+    *,
+    in_camera_frame: bool = False,
+) -> Iterator[Rig]:
     """Connect, configure the board, and make the robot safe on the way out, whatever happens.
 
+    Args:
+        options: of the run.
+        description: of the robot.
+        observer: sees all that passes.
+        in_camera_frame: samples stay in the camera's own frame, whatever was registered.
+
     Raises:
-        ConfigError: unknown URI, or a description that the board cannot take.
+        ConfigError: unknown URI, or a description that board or tracker cannot take.
         DeviceError: no board, or not one of ours.
+        TrackerError: no camera, or one that does not begin to track.
     """
     device = parse_device_uri(options.device)
-    if options.tracker != KNOWN_TRACKERS:
-        raise ConfigError(f"tracker {options.tracker}: unknown form", f"use {KNOWN_TRACKERS}")
     session_seed, camera_seed = np.random.SeedSequence(options.seed).spawn(2)
+    eyes = TrackerRig(parse_tracker_uri(options.tracker), description, camera_seed)
     clock: Clock = VirtualClock() if is_simulated(options) else RealClock()
-    robot = TwinRobot(description.twin)
-    camera = Camera(description.tracker, np.random.default_rng(camera_seed))
-    scene = TwinScene(robot, camera)
+    tape = Tape(observer.inputs)
+    hosts_clock = RecordedClock(clock, tape)
     with ExitStack() as stack:
+        stack.enter_context(passed_on(tape))
         on_telemetry = _shown_to(observer)
-        transport: Transport
-        if device.kind is DeviceKind.EMULATOR:
-            line = SerialLine(UnoEmulator())
-            clock.attach(CoSimulation(line, scene))
-            transport = line
-        elif device.kind is DeviceKind.SIMAVR:
-            transport = _simavr_line(device, stack)
-            clock.attach(SimavrCoSimulation(transport, scene))
-        else:
-            clock.attach(scene)
-            on_telemetry = _moving(scene, on_telemetry)
-            transport = _open_port(device, description.link.baud, stack)
+        if eyes.scene is not None and not device.in_process:
+            on_telemetry = _moving(eyes.scene, on_telemetry)
+        transport = connect_board(device, eyes.scene, clock, description.link.baud, stack)
+        stack.enter_context(eyes.running(clock))
         client = stack.enter_context(
             Client(
-                transport,
-                clock,
+                RecordedTransport(transport, tape),
+                hosts_clock,
                 _session_generator(device, session_seed),
-                on_frame=observer.frame,
+                on_frame=recorded_frames(observer.frame, tape),
                 on_telemetry=on_telemetry,
             )
         )
-        clock.attach(client)
+        stack.enter_context(recorded_end(tape))
+        hosts_clock.attach(client)
         client.connect()
         client.configure(board_config(description))
-        yield Rig(clock, client, TwinTracker(scene, clock), scene)
+        tracker = eyes.tracker(clock, lambda: believed_rad(client), in_camera_frame=in_camera_frame)
+        hosts_tracker = RecordedTracker(tracker, clock, tape, observer)
+        clock.attach(hosts_tracker)
+        eyes.wait_until_tracking(clock)
+        yield Rig(hosts_clock, client, hosts_tracker, eyes, tape)
+
+
+def connect_board(
+    device: DeviceUri, scene: TwinScene | None, clock: Clock, baud: int, stack: ExitStack
+) -> Transport:
+    """The way to the board; what of board and robot is simulated here moves with the clock.
+
+    Raises:
+        DeviceError: there is no such port.
+    """
+    if device.kind is DeviceKind.EMULATOR:
+        line = SerialLine(UnoEmulator())
+        clock.attach(line if scene is None else CoSimulation(line, scene))
+        return line
+    if device.kind is DeviceKind.SIMAVR:
+        simulated = _simavr_line(device, stack)
+        clock.attach(simulated if scene is None else SimavrCoSimulation(simulated, scene))
+        return simulated
+    if scene is not None:
+        clock.attach(scene)
+    return _open_port(device, baud, stack)
+
+
+def believed_rad(client: Client) -> NDArray[np.float64]:
+    """(2,): motor angles as they are believed now; zeros before arming."""
+    try:
+        return client.accepted_rad
+    except DeviceError:  # not armed yet
+        return np.zeros(2)
 
 
 def _session_generator(device: DeviceUri, seed: np.random.SeedSequence) -> np.random.Generator:

@@ -1,0 +1,59 @@
+"""The command ``ccr-host export``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ccr_host.commands.options import JsonOption, OutOption
+from ccr_host.commands.output import print_json
+from ccr_host.commands.replay import RunArgument
+from ccr_host.errors import ConfigError
+
+_FINISHED_LOG = "mcap"
+
+
+def export(
+    run: RunArgument,
+    form: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            metavar="FORMAT",
+            help="csv, parquet or jsonl; mcap: the log again, finished, after a kill.",
+        ),
+    ] = "csv",
+    out: OutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write the log of a run as tables: steps, commands, samples, states, frames, events.
+
+    Example: ccr-host export runs/20260101-120000-ellipse-mpc --format parquet
+    """
+    from rich.console import Console
+
+    from ccr_host.run.log.export import Format
+    from ccr_host.run.log.export import export as export_tables
+    from ccr_host.run.log.finish import finish_log
+    from ccr_host.run.log.reader import RunRecording
+
+    if form not in (*Format, _FINISHED_LOG):
+        known = ", ".join((*Format, _FINISHED_LOG))
+        raise ConfigError(f"--format {form}: unknown", f"one of {known}")
+    recording = RunRecording(run)
+    beside = run if run.is_dir() else run.parent
+    if form == _FINISHED_LOG:
+        folder = out or beside / "finished"
+        counts = {str(folder): finish_log(recording, folder)}
+    else:
+        written = export_tables(recording, Format(form), out or beside / "tables")
+        counts = {str(path): count for path, count in written}
+    screen = Console(stderr=as_json)
+    for path, count in counts.items():
+        what = "messages" if form == _FINISHED_LOG else "rows"
+        screen.print(f"{path}: {count} {what}", highlight=False)
+    if not recording.end.is_complete:
+        screen.print("the log was never closed: exported as far as it goes", highlight=False)
+    if as_json:
+        print_json(counts)

@@ -1,0 +1,67 @@
+"""The command ``ccr-host replay``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ccr_host.commands.options import JsonOption
+from ccr_host.commands.output import print_json
+from ccr_host.errors import CcrError
+
+RunArgument = Annotated[
+    Path, typer.Argument(metavar="RUN", help="Folder of a run, or one file of its log.")
+]
+
+
+class DifferentReplayError(CcrError):
+    """The host does not do any more what it did (exit status 3)."""
+
+
+def replay(run: RunArgument, as_json: JsonOption = False) -> None:
+    """Run the host again on a run's recorded inputs and compare what it sends, byte for byte.
+
+    Example: ccr-host replay runs/20260101-120000-ellipse-mpc
+    """
+    from rich.console import Console
+
+    from ccr_host.run.log.reader import RunRecording
+    from ccr_host.run.replay import replay as replay_run
+    from ccr_host.run.versions import versions
+
+    screen = Console(stderr=as_json)
+    recording = RunRecording(run)
+    written_by, ours = recording.setup["versions"], versions()
+    changed = {key: old for key, old in written_by.items() if ours.get(key) != old}
+    if changed:
+        told = ", ".join(f"{key} {old} (now {ours.get(key)})" for key, old in changed.items())
+        screen.print(f"written by other versions: {told}", highlight=False)
+    result = replay_run(recording)
+    whole = recording.end.is_complete
+    if not whole:
+        screen.print("the log was never closed: compared as far as it goes", highlight=False)
+    difference = result.difference
+    if as_json:
+        print_json(
+            {
+                "equal": difference is None,
+                "complete": whole,
+                "frames": result.frames,
+                "steps": result.steps,
+                "duration_s": result.end_us * 1e-6,
+                "written_by": written_by,
+                "difference": None if difference is None else vars(difference),
+            }
+        )
+    if difference is not None:
+        raise DifferentReplayError(
+            f"{run}: differs at {difference.time_us * 1e-6:.6f} s, "
+            f"after {difference.steps_done} steps and {result.frames} equal frames: "
+            f"{difference.what}",
+        )
+    screen.print(
+        f"equal: {result.frames} frames sent in {result.steps} steps, {result.end_us * 1e-6:.2f} s",
+        highlight=False,
+    )

@@ -1,0 +1,1 @@
+"""The log of a run: MCAP files that Foxglove and PlotJuggler open, written as things happen."""

@@ -1,0 +1,123 @@
+"""Writes the tables of a log into files that other programs read."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from contextlib import ExitStack
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Protocol
+
+from ccr_host.errors import ConfigError
+from ccr_host.run.log.reader import RunRecording
+from ccr_host.run.log.tables import TABLES, Row, Table, rows
+from ccr_host.tracking.optional import import_optional
+
+_ROW_GROUP = 20_000
+
+
+class Format(StrEnum):
+    """Of the exported files."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+    JSONL = "jsonl"
+
+
+class _TableFile(Protocol):
+    def add(self, row: Row) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def export(recording: RunRecording, form: Format, folder: Path) -> Sequence[tuple[Path, int]]:
+    """Write one file a table.
+
+    Returns:
+        Each file with its number of rows.
+
+    Raises:
+        ConfigError: a file cannot be written, the log cannot be read, or a package is missing.
+    """
+    counts = dict.fromkeys((table.name for table in TABLES), 0)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            files: dict[str, _TableFile] = {}
+            for table in TABLES:
+                file = _open(form, folder / f"{table.name}.{form}", table)
+                stack.callback(file.close)
+                files[table.name] = file
+            for table, row in rows(recording):
+                files[table.name].add(row)
+                counts[table.name] += 1
+    except OSError as error:
+        raise ConfigError(
+            f"--out {folder}: {error.strerror}", "name a folder that can be written"
+        ) from None
+    return [(folder / f"{name}.{form}", count) for name, count in counts.items()]
+
+
+def _open(form: Format, path: Path, table: Table) -> _TableFile:
+    match form:
+        case Format.CSV:
+            return _CsvFile(path, table)
+        case Format.JSONL:
+            return _JsonLinesFile(path)
+        case Format.PARQUET:
+            return _ParquetFile(path, table)
+
+
+class _CsvFile:
+    def __init__(self, path: Path, table: Table) -> None:
+        self._file = path.open("w", newline="", encoding="utf-8")
+        self._writer = csv.DictWriter(self._file, list(table.columns))
+        self._writer.writeheader()
+
+    def add(self, row: Row) -> None:
+        self._writer.writerow(row)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class _JsonLinesFile:
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w", encoding="utf-8")
+
+    def add(self, row: Row) -> None:
+        self._file.write(json.dumps(row) + "\n")
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class _ParquetFile:
+    def __init__(self, path: Path, table: Table) -> None:
+        arrow: Any = import_optional("pyarrow", "export", "--format parquet")
+        parquet: Any = import_optional("pyarrow.parquet", "export", "--format parquet")
+        types = {
+            int: arrow.int64(),
+            float: arrow.float64(),
+            bool: arrow.bool_(),
+            str: arrow.string(),
+        }
+        self._arrow = arrow
+        self._schema = arrow.schema([(name, types[kind]) for name, kind in table.columns.items()])
+        self._writer = parquet.ParquetWriter(str(path), self._schema)
+        self._rows: list[Row] = []
+
+    def add(self, row: Row) -> None:
+        self._rows.append(row)
+        if len(self._rows) >= _ROW_GROUP:
+            self._write()
+
+    def close(self) -> None:
+        self._write()
+        self._writer.close()
+
+    def _write(self) -> None:
+        self._writer.write_table(self._arrow.Table.from_pylist(self._rows, schema=self._schema))
+        self._rows = []

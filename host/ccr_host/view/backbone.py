@@ -1,0 +1,144 @@
+"""The shape of the robot as the markers show it.
+
+Three markers do not determine a backbone. The curve drawn here passes where M2 and M3 say that the
+two segments end, with the directions that the constant-curvature model needs to explain the
+markers best; between them it is as smooth as an arc.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ccr_host.robot.arc import arc_derivatives_at
+from ccr_host.robot.kinematics import ConstantCurvature
+
+FloatArray = NDArray[np.float64]
+
+_ITERATIONS = 8
+_CONVERGED_RAD = 1e-5
+_DAMPING = 1e-6
+"""Of the normal equations, mm^2: keeps the step finite at the fold, where J loses rank."""
+_GREATEST_STEP_RAD = 0.5
+
+
+def fitted_bending_rad(
+    model: ConstantCurvature, markers_mm: FloatArray, start_rad: ArrayLike
+) -> FloatArray:
+    """Bending (theta_1, theta_2) that explains M2 and M3 best, least squares over both.
+
+    Args:
+        model: geometry.
+        markers_mm: (3, 3), M1, M2, M3 in the frame of (10).
+        start_rad: where to begin, (2,); the commanded bending is a good choice.
+    """
+    theta = np.array(start_rad, dtype=np.float64)
+    for _ in range(_ITERATIONS):
+        residuals, jacobian = _marker_residuals(model, markers_mm - markers_mm[0], theta)
+        normal = jacobian.T @ jacobian + _DAMPING * np.eye(2)
+        step = np.linalg.solve(normal, -jacobian.T @ residuals)
+        theta += np.clip(step, -_GREATEST_STEP_RAD, _GREATEST_STEP_RAD)
+        if np.max(np.abs(step)) < _CONVERGED_RAD:
+            break
+    return theta
+
+
+def measured_backbone_mm(
+    model: ConstantCurvature, markers_mm: FloatArray, bending_rad: FloatArray, points: int = 41
+) -> FloatArray:
+    """Curve through the segment ends that the markers show, (points, 3), origin M1."""
+    theta_1, theta_2 = bending_rad
+    offset_mm = model.marker_offset_mm * _marker_direction(theta_1)
+    base = np.array((0.0, 0.0, -model.marker_offset_mm))
+    middle = markers_mm[1] - markers_mm[0] - offset_mm
+    tip = markers_mm[2] - markers_mm[0] - offset_mm
+    start, bent, end = _tangent(0.0, 0.0), _tangent(theta_1, 0.0), _tangent(theta_1, theta_2)
+    speed_1 = model.lengths_mm[0] * _hermite_speed(theta_1)
+    speed_2 = model.lengths_mm[1] * _hermite_speed(theta_2)
+    share = np.linspace(0.0, 1.0, points // 2 + 1)[:, None]
+    first = _hermite(share, base, middle, speed_1 * start, speed_1 * bent)
+    second = _hermite(share, middle, tip, speed_2 * bent, speed_2 * end)
+    return np.vstack([first, second[1:]])
+
+
+def marker_feet_mm(
+    model: ConstantCurvature, markers_mm: FloatArray, bending_rad: FloatArray
+) -> FloatArray:
+    """Where the markers' stalks leave the backbone, (3, 3), origin M1."""
+    offset_mm = model.marker_offset_mm * np.array(
+        [_marker_direction(0.0), *2 * [_marker_direction(bending_rad[0])]]
+    )
+    feet_mm: FloatArray = markers_mm - markers_mm[0] - offset_mm
+    return feet_mm
+
+
+def turns_to(directions: FloatArray) -> FloatArray:
+    """Quaternions (w, x, y, z) that turn the z axis along unit ``directions`` (N, 3) -> (N, 4)."""
+    x, y, z = directions.T
+    quaternions = np.stack([1.0 + z, -y, x, np.zeros_like(z)], axis=1)
+    backwards = z < -1.0 + 1e-9
+    quaternions[backwards] = (0.0, 1.0, 0.0, 0.0)
+    unit: FloatArray = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return unit
+
+
+def _marker_residuals(
+    model: ConstantCurvature, seen_mm: FloatArray, theta: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Expected minus seen coordinates of M2 and M3, and their derivatives, (5,) and (5, 2)."""
+    length_1, length_2 = model.lengths_mm
+    offset = 1j * model.marker_offset_mm
+    arc_1, arc_1_slope, *_ = arc_derivatives_at(float(theta[0]))
+    arc_2, arc_2_slope, *_ = arc_derivatives_at(float(theta[1]))
+    turn = complex(math.cos(theta[0]), math.sin(theta[0]))
+    marker_2 = length_1 * arc_1 + offset * (turn - 1)
+    marker_3 = marker_2 + length_2 * arc_2.real * turn
+    by_1_of_2 = length_1 * arc_1_slope + 1j * offset * turn
+    by_1_of_3 = by_1_of_2 + 1j * length_2 * arc_2.real * turn
+    by_2_of_3 = length_2 * arc_2_slope.real * turn
+    miss_2 = marker_2 - complex(-seen_mm[1, 1], seen_mm[1, 2])
+    miss_3 = marker_3 - complex(-seen_mm[2, 1], seen_mm[2, 2])
+    across = length_2 * arc_2.imag - seen_mm[2, 0]
+    return (
+        np.array((miss_2.real, miss_2.imag, miss_3.real, miss_3.imag, across)),
+        np.array(
+            (
+                (by_1_of_2.real, 0.0),
+                (by_1_of_2.imag, 0.0),
+                (by_1_of_3.real, by_2_of_3.real),
+                (by_1_of_3.imag, by_2_of_3.imag),
+                (0.0, length_2 * arc_2_slope.imag),
+            )
+        ),
+    )
+
+
+def _tangent(theta_1: float, theta_2: float) -> FloatArray:
+    along = math.cos(theta_2)
+    return np.array((math.sin(theta_2), -along * math.cos(theta_1), along * math.sin(theta_1)))
+
+
+def _marker_direction(theta_1: float) -> FloatArray:
+    """Unit vector from the backbone to a marker behind a bending of segment 1."""
+    return np.array((0.0, math.sin(theta_1), math.cos(theta_1)))
+
+
+def _hermite_speed(theta: float) -> float:
+    """Tangent length over arc length with which a cubic follows an arc best."""
+    quarter = min(abs(theta) / 4.0, 1.2)
+    return 1.0 if quarter < 1e-6 else math.tan(quarter) / quarter  # noqa: PLR2004
+
+
+def _hermite(
+    share: FloatArray, start: FloatArray, end: FloatArray, leaving: FloatArray, arriving: FloatArray
+) -> FloatArray:
+    square, cube = share**2, share**3
+    curve: FloatArray = (
+        (2 * cube - 3 * square + 1) * start
+        + (cube - 2 * square + share) * leaving
+        + (3 * square - 2 * cube) * end
+        + (cube - square) * arriving
+    )
+    return curve

@@ -1,0 +1,129 @@
+"""The plots over the time of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from viser import GuiApi, uplot
+
+from ccr_host.run.observer import RunSetup
+from ccr_host.tracking.uri import TrackerKind, parse_tracker_uri
+from ccr_host.view import palette
+from ccr_host.view.history import Moment, RunHistory
+from ccr_host.view.thinning import peak_rows
+
+FloatArray = NDArray[np.float64]
+
+_POINTS = 600
+"""More than the panel has pixels."""
+_HEIGHT_PX = 108
+_FONT = "11px sans-serif"
+_SIMULATED = (TrackerKind.TWIN, TrackerKind.NDI_EMULATOR)
+"""Only there is the true position known."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line of a chart."""
+
+    label: str
+    colour: palette.Rgb
+    dash: tuple[int, ...] = ()
+
+
+class Charts:
+    """Error, motor angles, computing time, link and tracker."""
+
+    def __init__(self, gui: GuiApi, setup: RunSetup) -> None:
+        servo, control = setup.description.servo, setup.description.control
+        self._limits_deg = sorted({*servo.angle_min_deg, *servo.angle_max_deg})
+        self._stale_ms = float(control.stale_after_ms)
+        self._knows_truth = parse_tracker_uri(setup.options.tracker).kind in _SIMULATED
+        self._error = _Chart(
+            gui,
+            "error (mm)",
+            Curve("measured |f_m - f|", palette.MOTOR_1),
+            Curve("unavoidable", palette.UNREACHABLE, dash=(4, 4)),
+            *([Curve("true", palette.HORIZON)] if self._knows_truth else []),
+        )
+        self._angles = _Chart(
+            gui,
+            "motor angles (deg)",
+            Curve("motor 1", palette.MOTOR_1),
+            Curve("motor 2", palette.MOTOR_2),
+            *(Curve(f"limit {deg:g}", palette.LIMIT, dash=(6, 4)) for deg in self._limits_deg),
+        )
+        self._solve = _Chart(
+            gui, "controller (ms a step)", Curve("computing time", palette.MOTOR_1)
+        )
+        self._link = _Chart(gui, "link (ms)", Curve("round trip", palette.MOTOR_1))
+        self._tracker = _Chart(
+            gui,
+            "tracker (ms)",
+            Curve("age of the sample", palette.MOTOR_1),
+            Curve("lost", palette.LIMIT, dash=(6, 4)),
+        )
+
+    def show(self, history: RunHistory, moment: Moment) -> None:
+        """Draw everything up to a moment."""
+        steps = moment.steps
+        at_s = steps.end_us * 1e-6
+        truth = (steps.true_error_mm,) if self._knows_truth else ()
+        self._error.show(at_s, (steps.error_mm, steps.unavoidable_mm, *truth))
+        setpoints = history.link.setpoints_until(moment.time_us)
+        angles_deg = np.degrees(setpoints[:, 1:]).T
+        limits = [np.full(len(setpoints), limit) for limit in self._limits_deg]
+        self._angles.show(setpoints[:, 0] * 1e-6, (*angles_deg, *limits))
+        self._solve.show(at_s, (steps.solve_us * 1e-3,))
+        trips = history.link.round_trips_until(moment.time_us)
+        self._link.show(trips[:, 0] * 1e-6, (trips[:, 1] * 1e-3,))
+        stale_ms = np.full(len(at_s), self._stale_ms)
+        age_ms = np.where(np.isnan(steps.age_us), stale_ms, steps.age_us * 1e-3)
+        self._tracker.show(at_s, (age_ms, stale_ms))
+
+
+class _Chart:
+    """One plot over time."""
+
+    def __init__(self, gui: GuiApi, title: str, *curves: Curve) -> None:
+        self._plot = gui.add_uplot(
+            # An empty first time axis would keep the browser from ever scaling it.
+            data=(np.array((0.0, 1.0)), *(np.zeros(2) for _ in curves)),
+            series=({"label": "time (s)"}, *(_series(curve) for curve in curves)),
+            title=title,
+            scales={"x": {"time": False}},
+            axes=(
+                {"label": "time (s)", "labelSize": 15, "size": 24, "font": _FONT,
+                 "labelFont": _FONT},
+                {"size": 44, "font": _FONT, "space": 20},
+            ),
+            legend={"live": False},
+            padding=(6, 12, 0, 0),
+            height=_HEIGHT_PX,
+        )  # fmt: skip
+
+    def show(self, at_s: FloatArray, curves: Sequence[FloatArray]) -> None:
+        """Draw curves of one length over their common time; rows with NaN are left out.
+
+        The browser finds no scale among NaN.
+        """
+        known = np.flatnonzero(np.isfinite(np.stack(curves)).all(axis=0))
+        if len(known) < 2:  # noqa: PLR2004 - no span to draw over yet
+            return
+        chosen = known[peak_rows(curves[0][known], _POINTS)]
+        self._plot.data = tuple(column[chosen] for column in (at_s, *curves))
+
+
+def _series(curve: Curve) -> uplot.Series:
+    series: uplot.Series = {
+        "label": curve.label,
+        "stroke": palette.css(curve.colour),
+        "width": 1.5,
+        "points": {"show": False},
+    }
+    if curve.dash:
+        series["dash"] = curve.dash
+    return series

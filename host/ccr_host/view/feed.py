@@ -1,0 +1,93 @@
+"""What the control loop's own process does for the page: hand on what it sees, or drop it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ccr_host.control.base import Command, Observation
+from ccr_host.run.observer import RunObserver, RunSetup
+from ccr_host.run.step_record import StepRecord
+from ccr_host.tracking.sample import Sample
+
+Item = tuple[str, tuple[Any, ...]]
+"""A method of :class:`RunObserver` and its arguments."""
+
+
+class Batch(NamedTuple):
+    """What happened in a little while, in order."""
+
+    items: Sequence[Item]
+    dropped_batches: int
+    """So far."""
+
+
+class RunEnded(NamedTuple):
+    """The last message of a run."""
+
+    folder: Path
+    """With its complete log."""
+
+
+_REAL_TIME_US = 40_000
+"""Of the run's clock between two batches: a little more often than the page draws."""
+_VIRTUAL_TIME_US = 1_000_000
+"""The same where a second passes in a few hundredths."""
+_STEP_EVERY_US = 5_000
+"""Steps of faster controllers are thinned out: nobody sees more than this."""
+
+
+class ViewFeed(RunObserver):
+    """Observer that collects what happens and hands it on in batches.
+
+    Args:
+        put: takes a batch and returns at once; False if there was no room for it.
+        realtime: whether the run's clock goes with the wall clock.
+    """
+
+    def __init__(self, put: Callable[[Batch], bool], *, realtime: bool) -> None:
+        self._put = put
+        self._items: list[Item] = []
+        self._batch_us = _REAL_TIME_US if realtime else _VIRTUAL_TIME_US
+        self._handed_on_us = 0
+        self._step_us = self._command_us = -_STEP_EVERY_US
+        self._dropped_batches = 0
+
+    def begin(self, setup: RunSetup) -> None:
+        self._items.append(("begin", (setup,)))
+        self._hand_on(0)
+
+    def frame(self, direction: str, time_us: int, data: bytes) -> None:
+        self._items.append(("frame", (direction, time_us, data)))
+        if time_us - self._handed_on_us >= self._batch_us:
+            self._hand_on(time_us)
+
+    def tracker_sample(self, time_us: int, sample: Sample) -> None:
+        self._items.append(("tracker_sample", (time_us, sample)))
+
+    def control(self, time_us: int, observation: Observation | None, command: Command) -> None:
+        if time_us - self._command_us >= _STEP_EVERY_US:
+            self._command_us = time_us
+            self._items.append(("control", (time_us, None, command)))
+
+    def step(self, record: StepRecord) -> None:
+        if record.end_us - self._step_us >= _STEP_EVERY_US:
+            self._step_us = record.end_us
+            self._items.append(("step", (record,)))
+
+    def event(self, time_us: int, text: str) -> None:
+        self._items.append(("event", (time_us, text)))
+        self._hand_on(time_us)
+
+    def _hand_on(self, time_us: int) -> None:
+        if not self._put(Batch(self._items, self._dropped_batches)):
+            self._dropped_batches += 1
+        self._items = []
+        self._handed_on_us = time_us
+
+
+def play(items: Sequence[Item], observer: RunObserver) -> None:
+    """Let an observer see a batch."""
+    for method, arguments in items:
+        getattr(observer, method)(*arguments)

@@ -1,0 +1,146 @@
+"""The robot in three dimensions: model, measurement, markers, disks, horizon and trail."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from viser import BatchedMeshHandle, IcosphereHandle, LineSegmentsHandle, SceneApi
+
+from ccr_host.config import Description
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.run.observer import RunSetup
+from ccr_host.view import palette
+from ccr_host.view.backbone import (
+    fitted_bending_rad,
+    marker_feet_mm,
+    measured_backbone_mm,
+    turns_to,
+)
+from ccr_host.view.history import Moment
+from ccr_host.view.surroundings import SCENE_UNIT_MM, draw_desired, draw_surroundings, joined
+
+FloatArray = NDArray[np.float64]
+
+_TRAIL_POINTS = 1500
+"""Longer trails show every second, third ... step."""
+_DISK_MARGIN_MM = 2.0
+"""From the tendon holes to the rim."""
+_DISK_THICKNESS_MM = 1.5
+_MARKER_RADIUS_MM = 3.5
+_TARGET_RADIUS_MM = 4.5
+_BACKBONE_POINTS = 41
+_NO_SEGMENTS = np.zeros((0, 2, 3), np.float32)
+
+
+class RobotScene:
+    """What stands still is drawn once; ``show`` and ``show_trail`` move the rest."""
+
+    def __init__(self, scene: SceneApi, setup: RunSetup) -> None:
+        self._model = ConstantCurvature(setup.description.robot)
+        draw_surroundings(scene, setup.description)
+        draw_desired(scene, setup.reference)
+        self._commanded = _line(scene, "/model", palette.MODEL, 5)
+        self._measured = _line(scene, "/measured", palette.MEASURED, 6)
+        self._stalks = _line(scene, "/markers/stalks", palette.MEASURED, 2)
+        self._horizon = _line(scene, "/horizon", palette.HORIZON, 4)
+        self._trail = scene.add_line_segments(
+            "/trail", _NO_SEGMENTS, np.zeros((0, 2, 3), np.uint8), thickness=4,
+            thickness_units="screen",
+        )  # fmt: skip
+        self._markers = [_add_marker(scene, number) for number in (1, 2, 3)]
+        radius = _TARGET_RADIUS_MM / SCENE_UNIT_MM
+        self._target = scene.add_icosphere(
+            "/target", radius, palette.HORIZON, subdivisions=1, wireframe=True, visible=False
+        )
+        self._disks = _add_disks(scene, setup.description)
+        self._disk_points = np.linspace(
+            0, _BACKBONE_POINTS - 1, len(self._disks.batched_positions) + 1
+        ).round().astype(int)[1:]  # fmt: skip
+
+    def show_disks(self, shown: bool) -> None:
+        """Draw the disks or leave them out."""
+        self._disks.visible = shown
+
+    def show(self, moment: Moment) -> None:
+        """Move robot, target and horizon to a moment."""
+        commanded_rad = np.zeros(2) if moment.board is None else moment.board.setpoint_rad
+        backbone_mm = self._model.backbone_mm(commanded_rad, _BACKBONE_POINTS)
+        self._commanded.points = joined(backbone_mm)
+        for measured in (self._measured, self._stalks, *self._markers):
+            measured.visible = moment.markers_mm is not None
+        if moment.markers_mm is not None:
+            start_rad = self._model.bending_rad(commanded_rad)
+            backbone_mm = self._show_measured(moment.markers_mm, start_rad)
+        self._place_disks(backbone_mm)
+        self._horizon.points = joined(moment.horizon_mm) if len(moment.horizon_mm) else _NO_SEGMENTS
+        self._target.visible = moment.record is not None
+        if moment.record is not None:
+            self._target.position = moment.record.target_mm / SCENE_UNIT_MM
+
+    def show_trail(self, moment: Moment, full_scale_mm: float) -> None:
+        """Draw where the tip was at the end of each step, coloured by its error."""
+        stride = 1 + len(moment.trail_mm) // _TRAIL_POINTS
+        segments = joined(moment.trail_mm[::stride])
+        colours = palette.error_colours(moment.steps.error_mm[::stride], full_scale_mm)
+        seen = np.isfinite(segments).all(axis=(1, 2))
+        self._trail.colors = np.stack([colours[:-1], colours[1:]], axis=1)[seen]
+        self._trail.points = segments[seen]
+
+    def _show_measured(self, markers_mm: FloatArray, start_rad: FloatArray) -> FloatArray:
+        bending_rad = fitted_bending_rad(self._model, markers_mm, start_rad)
+        backbone_mm = measured_backbone_mm(self._model, markers_mm, bending_rad, _BACKBONE_POINTS)
+        self._measured.points = joined(backbone_mm)
+        feet_mm = marker_feet_mm(self._model, markers_mm, bending_rad)
+        stalks = np.stack([feet_mm, markers_mm], axis=1) / SCENE_UNIT_MM
+        self._stalks.points = stalks.astype(np.float32)
+        for marker, position_mm in zip(self._markers, markers_mm, strict=True):
+            marker.position = position_mm / SCENE_UNIT_MM
+        return backbone_mm
+
+    def _place_disks(self, backbone_mm: FloatArray) -> None:
+        along = np.gradient(backbone_mm, axis=0)[self._disk_points]
+        directions = along / np.linalg.norm(along, axis=1, keepdims=True)
+        positions = backbone_mm[self._disk_points] / SCENE_UNIT_MM
+        self._disks.batched_positions = positions.astype(np.float32)
+        self._disks.batched_wxyzs = turns_to(directions).astype(np.float32)
+
+
+def _line(scene: SceneApi, name: str, colour: palette.Rgb, pixels: float) -> LineSegmentsHandle:
+    return scene.add_line_segments(
+        name, _NO_SEGMENTS, colour, thickness=pixels, thickness_units="screen"
+    )
+
+
+def _add_marker(scene: SceneApi, number: int) -> IcosphereHandle:
+    marker = scene.add_icosphere(
+        f"/markers/M{number}", _MARKER_RADIUS_MM / SCENE_UNIT_MM, palette.MARKER, subdivisions=2
+    )
+    scene.add_label(
+        f"/markers/M{number}/name",
+        f"M{number}",
+        position=(0.0, 0.0, 1.5 * _MARKER_RADIUS_MM / SCENE_UNIT_MM),
+        anchor="bottom-center",
+        font_screen_scale=0.8,
+    )
+    return marker
+
+
+def _add_disks(scene: SceneApi, description: Description) -> BatchedMeshHandle:
+    """As many as the description gives the twin; a real robot's are not described."""
+    disk = trimesh.creation.cylinder(
+        radius=(description.robot.tendon_radius_mm + _DISK_MARGIN_MM) / SCENE_UNIT_MM,
+        height=_DISK_THICKNESS_MM / SCENE_UNIT_MM,
+        sections=24,
+    )
+    count = sum(description.twin.flexures)
+    return scene.add_batched_meshes_simple(
+        "/disks",
+        disk.vertices,
+        disk.faces,
+        np.tile((1.0, 0.0, 0.0, 0.0), (count, 1)),
+        np.zeros((count, 3)),
+        batched_colors=palette.DESIRED,
+        opacity=0.8,
+        lod="off",
+    )

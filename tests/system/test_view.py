@@ -1,0 +1,174 @@
+"""The live page in a real browser, without a screen."""
+
+import re
+import shutil
+import signal
+import subprocess
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ccr_host.run.log import topics
+from ccr_host.run.log.reader import RunRecording
+from tests.system.conftest import CcrHost
+
+pytest.importorskip("viser", reason='the live page needs pip install "ccr-host[view]"')
+
+# A machine without a graphics card draws in software, as slowly as it likes.
+PATIENCE_MS = 60_000
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        pytest.skip("no Chromium: apt install chromium")
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(
+            executable_path=program,
+            args=[
+                "--use-angle=swiftshader",
+                "--enable-unsafe-swiftshader",
+                "--ignore-gpu-blocklist",
+                "--no-sandbox",
+            ],
+        )
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def tab(browser: Any) -> Iterator[Any]:
+    page = browser.new_page(viewport={"width": 900, "height": 400})
+    page.set_default_timeout(PATIENCE_MS)
+    yield page
+    page.close()
+
+
+def address_in(process: subprocess.Popen[str]) -> str:
+    """The first address that the command prints for a browser."""
+    assert process.stderr is not None
+    for line in process.stderr:
+        found = re.search(r"http://\S+", line)
+        if found:
+            return found[0].rstrip(";")
+    pytest.fail("no address was printed")
+
+
+@contextmanager
+def ended(process: subprocess.Popen[str], number: signal.Signals) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        if process.poll() is None:
+            process.send_signal(number)
+        process.communicate(timeout=30)
+
+
+def test_pause_continue_and_stop_reach_the_robot(
+    ccr_host: CcrHost, tab: Any, tmp_path: Path
+) -> None:
+    board = ccr_host.start("emulate", "--tcp", "127.0.0.1:0", "--boot-ms", "0")
+    with ended(board, signal.SIGTERM):
+        assert board.stdout is not None
+        uri = board.stdout.readline().split()[3].rstrip(";")
+        run = ccr_host.start(
+            "track", "8shape", "--device", uri, "--realtime", "--rate", "5", "--no-open",
+            "--out", "kept", "--view", "127.0.0.1:0",
+        )  # fmt: skip
+        with ended(run, signal.SIGINT):
+            tab.goto(address_in(run))
+            tab.get_by_text("following the path").wait_for()
+            tab.get_by_role("button", name="Pause").click()
+            tab.get_by_text("paused").wait_for()
+            assert tab.get_by_text("active").is_visible(), "held under the watchdog"
+            tab.get_by_role("button", name="Continue").click()
+            tab.get_by_text("following the path").wait_for()
+            tab.get_by_role("button", name="STOP the robot").click()
+            _, err = run.communicate(timeout=30)
+    assert run.returncode == 130
+    assert "stopped by the operator" in err
+    assert "Traceback" not in err
+    recording = RunRecording(tmp_path / "kept")
+    sent = [message.content["name"] for message in recording.messages(topics.SENT)]
+    assert "set_target" in sent[: sent.index("stop")]
+    assert not {"set_target", "disarm"} & set(sent[sent.index("stop") :])
+    reports = list(recording.messages(topics.STATE))
+    assert reports[-1].content["state"] == "stopped"
+    assert reports[-1].content["pulse_half_us"] == [0, 0], "at the pins, not only by the state"
+    events = {m.content["message"]: m.time_us for m in recording.messages(topics.EVENT)}
+    steps_us = [message.time_us for message in recording.messages(topics.STEP)]
+    paused_us, on_us = events["paused"], events["following the path"]
+    assert not [at_us for at_us in steps_us if paused_us < at_us < on_us]
+    during = [m.content["state"] for m in reports if paused_us + 100_000 < m.time_us < on_us]
+    assert during.count("active") > 0.9 * len(during), "the watchdog is fed all the while"
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[CcrHost, str]:
+    """A run that had a page but nobody before it, for a script."""
+    ccr_host = CcrHost(tmp_path_factory.mktemp("recorded"))
+    (ccr_host.folder / "short.csv").write_text("t_s,y_mm,z_mm\n0,0,30\n5,10,35\n")
+    run = ccr_host(
+        "track", "short.csv", "--no-open", "--out", "kept", "--json", "--view", "127.0.0.1:0"
+    )
+    assert run.status == 0, "it ends with the run"
+    assert run.summary["steps"] == 6
+    return ccr_host, run.err
+
+
+def test_a_script_reads_the_summary_alone(recorded: tuple[CcrHost, str]) -> None:
+    assert "live page: http://127.0.0.1:" in recorded[1]
+
+
+def test_a_recorded_run_is_played_and_scrubbed(recorded: tuple[CcrHost, str], tab: Any) -> None:
+    player = recorded[0].start("view", "kept", "--address", "127.0.0.1:0")
+    with ended(player, signal.SIGINT):
+        tab.goto(address_in(player))
+        tab.get_by_text("6 of 6").wait_for()
+        assert not tab.get_by_role("button", name="STOP").is_visible(), "there is nothing to stop"
+        slider = tab.get_by_role("slider").first
+        slider.focus()
+        slider.press("Home")
+        tab.get_by_text("0 of 6").wait_for()
+        tab.get_by_role("button", name="Play").click()
+        tab.get_by_text(re.compile(r"^[1-6] of 6")).wait_for()
+    assert player.returncode == 0
+
+
+def test_beyond_this_machine_only_the_token_opens_the_page(
+    recorded: tuple[CcrHost, str],
+) -> None:
+    player = recorded[0].start("view", "kept", "--address", "0.0.0.0:0")
+    with ended(player, signal.SIGINT):
+        address = address_in(player).replace("0.0.0.0", "127.0.0.1")
+        bare = address.partition("?")[0]
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(bare)
+        visitor = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+        with visitor.open(address) as page:
+            assert page.url == bare, "the token does not stay in the address"
+            assert b"viser" in page.read().lower()
+
+
+@pytest.mark.parametrize("address", ["nowhere", "192.0.2.1:80"])
+def test_an_address_that_cannot_be_had_is_one_line(
+    ccr_host: CcrHost, short_path: str, address: str
+) -> None:
+    run = ccr_host("track", short_path, "--no-open", f"--view={address}")
+    assert run.status == 2
+    assert run.err.startswith("ccr-host: error: --view")
+    assert len(run.err.splitlines()) == 1
+
+
+def test_a_folder_without_a_run_is_one_line(ccr_host: CcrHost) -> None:
+    viewed = ccr_host("view", "nowhere")
+    assert viewed.status == 2
+    assert "nowhere" in viewed.err
+    assert len(viewed.err.splitlines()) == 1

@@ -1,0 +1,61 @@
+import pytest
+
+from ccr_host.commands.view_option import with_default_address
+from ccr_host.errors import ConfigError
+from ccr_host.view.address import DEFAULT_ADDRESS, ViewAddress, parse_view_address
+from ccr_host.view.live import require_viser
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port", "local"),
+    [
+        (DEFAULT_ADDRESS, "127.0.0.1", 8642, True),
+        ("localhost:0", "localhost", 0, True),
+        ("127.3.2.1:80", "127.3.2.1", 80, True),
+        ("[::1]:80", "::1", 80, True),
+        ("0.0.0.0:80", "0.0.0.0", 80, False),
+        ("[::]:80", "::", 80, False),
+        ("lab.example:80", "lab.example", 80, False),
+    ],
+)
+def test_only_addresses_of_this_machine_are_local(
+    text: str, host: str, port: int, local: bool
+) -> None:
+    address = parse_view_address(text)
+    assert address == ViewAddress(host, port)
+    assert address.is_local is local
+
+
+@pytest.mark.parametrize("text", ["", "8642", ":8642", "host:", "host:x", "host:-1", "host:65536"])
+def test_what_is_no_address_is_refused_with_an_example(text: str) -> None:
+    with pytest.raises(ConfigError, match=DEFAULT_ADDRESS):
+        parse_view_address(text)
+
+
+def test_the_url_carries_the_token_and_brackets() -> None:
+    assert ViewAddress("::", 0).url(80, "abc") == "http://[::]:80/?token=abc"
+    assert ViewAddress("127.0.0.1", 0).url(80, None) == "http://127.0.0.1:80/"
+
+
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [
+        ("track star --view", f"track star --view={DEFAULT_ADDRESS}"),
+        ("track --view star", f"track --view={DEFAULT_ADDRESS} star"),
+        ("track --view --json star", f"track --view={DEFAULT_ADDRESS} --json star"),
+        ("track star --view 0.0.0.0:80", "track star --view 0.0.0.0:80"),
+        ("track star --view=0.0.0.0:80", "track star --view=0.0.0.0:80"),
+        ("track star", "track star"),
+        ("", ""),
+    ],
+)
+def test_the_address_may_be_left_out(words: str, completed: str) -> None:
+    assert with_default_address(words.split()) == completed.split()
+
+
+def test_a_missing_package_gives_the_line_that_installs_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("ccr_host.view.live.find_spec", lambda _: None)
+    with pytest.raises(ConfigError, match=r'pip install "ccr-host\[view\]"'):
+        require_viser()
