@@ -11,6 +11,7 @@ import numpy as np
 from ccr_host.bringup.jog_target import JogTarget, Wish, wish_of
 from ccr_host.config import Description
 from ccr_host.errors import DeviceError
+from ccr_host.link.client import Client
 from ccr_host.link.messages import StateReport
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rig import Rig
@@ -50,7 +51,8 @@ def jog(
 ) -> bool:
     """Arm, follow the keys until one asks to leave, disarm.
 
-    After a stop or a fault the board stays as it is until the key for clearing is pressed.
+    After a stop or a fault, also one from before, the board stays as it is until the key for
+    clearing is pressed.
 
     Args:
         rig: board and tracker.
@@ -63,12 +65,11 @@ def jog(
         Whether all that was wanted was entered.
 
     Raises:
-        DeviceError: the board cannot be armed at first, or not be disarmed at last.
+        DeviceError: the board cannot be disarmed at last.
     """
     rest_rad = np.radians(description.servo.rest_deg)
     target = JogTarget(rest_rad, MotorLimits.of(description.servo), rest_rad)
-    rig.client.arm()
-    trouble = ""
+    trouble = _armed(rig.client)
     done = False
     while not done:
         due_us = rig.clock.now_us()
@@ -83,8 +84,7 @@ def jog(
                 break
             elif Wish.CLEAR in wishes and trouble:
                 rig.client.clear_fault()
-                rig.client.arm()
-                target, trouble = replace(target, q_rad=rest_rad), ""
+                target, trouble = replace(target, q_rad=rest_rad), _armed(rig.client)
             if not trouble:
                 _send(rig, target)
                 if Wish.ENTER in wishes:
@@ -96,6 +96,15 @@ def jog(
     if not trouble:
         rig.client.disarm()
     return done
+
+
+def _armed(client: Client) -> str:
+    """Arm; why the board cannot be, empty if it is."""
+    try:
+        client.arm()
+    except DeviceError as error:
+        return error.cause
+    return ""
 
 
 def _send(rig: Rig, target: JogTarget) -> None:

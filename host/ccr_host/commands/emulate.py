@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ccr_host.commands.options import RobotOption, SeedOption, SetOption
 from ccr_host.errors import ConfigError
 
 
@@ -22,6 +23,19 @@ def emulate(
         bool,
         typer.Option("--simavr", help="The real firmware in simavr, on a pty, flashable."),
     ] = False,
+    polaris: Annotated[
+        bool,
+        typer.Option(
+            "--polaris",
+            help="Also an emulated Polaris on a pty; it sees the twin that the board moves.",
+        ),
+    ] = False,
+    polaris_tcp: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="The same on TCP.")
+    ] = None,
+    robot: RobotOption = None,
+    overrides: SetOption = None,
+    seed: SeedOption = 1,
     eeprom: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Keep the EEPROM in this file.")
     ] = None,
@@ -29,21 +43,43 @@ def emulate(
         int, typer.Option(min=0, help="How long the boot loader is deaf after the port is opened.")
     ] = 1000,
 ) -> None:
-    """Serve the emulated board in real time, for this host or for your own.
+    """Serve the emulated board, and an emulated Polaris, in real time, for this host or your own.
 
-    Example: ccr-host emulate --tcp 127.0.0.1:5025
+    Example: ccr-host emulate --tcp 127.0.0.1:5025 --polaris-tcp 127.0.0.1:8765
     """
-    from ccr_host.emulator.serve import open_server
+    from ccr_host import config
+    from ccr_host.emulator.serve import (
+        Served,
+        ServedBoard,
+        ServedCamera,
+        open_board,
+        open_board_with_camera,
+    )
 
     if tcp is not None and (pty or simavr):
         raise ConfigError("--tcp with --pty or --simavr", "start one board for each")
+    with_camera = polaris or polaris_tcp is not None
+    if polaris and polaris_tcp is not None:
+        raise ConfigError("--polaris with --polaris-tcp", "give one of them")
+    if simavr and with_camera:
+        raise ConfigError("a Polaris with --simavr", "leave out --simavr: the board is emulated")
     if simavr:
         from ccr_host.simavr.files import find_firmware
         from ccr_host.simavr.serve import open_pty_server
 
         server = open_pty_server(find_firmware(), eeprom_file=eeprom)
+        served = Served(server, server.uri)
     else:
-        server = open_server(tcp, eeprom, boot_loader_us=boot_ms * 1000)
-    typer.echo(f"emulated board on {server.uri}; Ctrl-C ends it")
-    typer.echo(f"try: ccr-host track 8shape --device {server.uri}")
-    server.run_until_signal()
+        board = ServedBoard(tcp, eeprom, boot_loader_us=boot_ms * 1000)
+        if with_camera:
+            description = config.load(robot, overrides or ())
+            served = open_board_with_camera(board, ServedCamera(polaris_tcp, description, seed))
+        else:
+            served = open_board(board)
+    typer.echo(f"emulated board on {served.device_uri}; Ctrl-C ends it")
+    tracking = ""
+    if served.tracker_uri is not None:
+        typer.echo(f"emulated Polaris on {served.tracker_uri}")
+        tracking = f" --tracker {served.tracker_uri}"
+    typer.echo(f"try: ccr-host track 8shape --device {served.device_uri}{tracking}")
+    served.server.run_until_signal()

@@ -1,6 +1,6 @@
-"""Serves an emulated board to other programs, in real time: on a pseudo-terminal or on TCP.
+"""Serves emulated devices to other programs, in real time: on pseudo-terminals or on TCP.
 
-Opening the port resets the board as the DTR line resets an UNO. Without a client the board goes on.
+Opening its port resets a board as the DTR line resets an UNO. Without a client the board goes on.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import selectors
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Thread
 from types import TracebackType
@@ -72,8 +72,36 @@ class Port(Protocol):
         """Send the client away and close."""
 
 
+class Station:
+    """One line behind one port.
+
+    Args:
+        line: to the emulated device.
+        port: for the client.
+        boot_loader_us: how long the device is deaf after its port was opened.
+    """
+
+    def __init__(self, line: Line, port: Port, *, boot_loader_us: int = 0) -> None:
+        self.line = line
+        self.port = port
+        self._boot_loader_us = boot_loader_us
+
+    def opened(self) -> None:
+        """A client has opened the port: a board is reset."""
+        self.line.open_port(self._boot_loader_us)
+
+    def received(self, data: bytes) -> None:
+        """Bytes from the client go onto the wire."""
+        self.line.write(data)
+
+    def deliver(self) -> None:
+        """Hand over what has arrived from the device."""
+        self.port.send(self.line.read())
+        self.port.look_for_client()
+
+
 class BoardServer:
-    """One emulated board behind one port.
+    """An emulated board behind its port, and whatever else is served beside it.
 
     Args:
         line: to the board.
@@ -81,6 +109,7 @@ class BoardServer:
         clock: real.
         boot_loader_us: how long the board is deaf after its port was opened.
         on_advance: lets a twin ride along.
+        beside: further devices, moved along after the board.
     """
 
     def __init__(
@@ -91,11 +120,10 @@ class BoardServer:
         *,
         boot_loader_us: int = BOOT_LOADER_US,
         on_advance: AdvanceObserver | None = None,
+        beside: Sequence[Station] = (),
     ) -> None:
-        self._line = line
-        self._port = port
+        self._stations = (Station(line, port, boot_loader_us=boot_loader_us), *beside)
         self._clock = clock
-        self._boot_loader_us = boot_loader_us
         self._on_advance = on_advance
         self._stopping = False
         self._wake_read, self._wake_write = os.pipe()
@@ -104,19 +132,21 @@ class BoardServer:
     @property
     def uri(self) -> str:
         """Device URI of the board."""
-        return self._port.uri
+        return self._stations[0].port.uri
 
     def run(self) -> None:
-        """Serve until :meth:`stop`; then close the port."""
+        """Serve until :meth:`stop`; then close the ports."""
         with selectors.SelectSelector() as selector:  # epoll rounds time-outs up to 1 ms
             selector.register(self._wake_read, selectors.EVENT_READ, self._note_stop)
-            self._port.register(selector, self)
+            for station in self._stations:
+                station.port.register(selector, station)
             try:
                 while not self._stopping:
                     self._advance()
                     self._wait(selector)
             finally:
-                self._port.close()
+                for station in self._stations:
+                    station.port.close()
                 os.close(self._wake_read)
                 os.close(self._wake_write)
 
@@ -132,26 +162,23 @@ class BoardServer:
     def _note_stop(self) -> None:
         self._stopping = True
 
-    def opened(self) -> None:
-        """A client has opened the port: the board is reset."""
-        self._line.open_port(self._boot_loader_us)
-
-    def received(self, data: bytes) -> None:
-        """Bytes from the client go onto the wire."""
-        self._line.write(data)
-
     def _advance(self) -> None:
-        now_us = self._clock.now_us()
-        self._line.advance_to(now_us)
+        now_us = self._advance_lines()
         if self._on_advance:
             self._on_advance(now_us)
-        self._port.send(self._line.read())
-        self._port.look_for_client()
+        for station in self._stations:
+            station.deliver()
+
+    def _advance_lines(self) -> int:
+        now_us = self._clock.now_us()
+        for station in self._stations:
+            station.line.advance_to(now_us)
+        return now_us
 
     def _wait(self, selector: selectors.BaseSelector) -> None:
-        wait_us = self._line.next_event_us - self._clock.now_us()
-        ready = selector.select(max(wait_us, 0) * 1e-6)
-        self._line.advance_to(self._clock.now_us())  # what was received now is on the wire from now
+        event_us = min(station.line.next_event_us for station in self._stations)
+        ready = selector.select(max(event_us - self._clock.now_us(), 0) * 1e-6)
+        self._advance_lines()  # what was received now is on the wire from now
         for key, _ in ready:
             key.data()
 

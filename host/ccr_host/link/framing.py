@@ -75,6 +75,12 @@ class FrameDecoder:
             self._unfinished += part
 
 
+def decode_single_frame(data: bytes) -> Frame | None:
+    """The frame that these bytes are, the closing zero included; None if they are none or more."""
+    found = FrameDecoder().feed(data)
+    return found[0] if len(found) == 1 and isinstance(found[0], Frame) else None
+
+
 def _decode(encoded: bytes) -> Frame | FramingError:
     try:
         decoded = cobs.decode(encoded)

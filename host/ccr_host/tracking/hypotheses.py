@@ -37,6 +37,9 @@ _GATE = 25.0
 """Squared Mahalanobis distance of three coordinates: 1.5e-5 of the true markers are lost to it."""
 _LOG_JUMP = math.log(1e-3)
 """Probability that the robot is suddenly elsewhere: a push, a knock, wrong motor angles."""
+_LOG_JUMP_IN_CLEAN_VIEW = math.log(0.3)
+"""A robot that rings leaves its gates frame after frame; where no phantom has been seen for long,
+the shape of the robot alone tells where it is."""
 
 _BASE_GATE_MM = 1.0
 _BASE_CREEP_MM = 0.1
@@ -111,6 +114,8 @@ class Scene:
     """(2,): how far they moved lately."""
     phantoms: float
     """To be expected within `NEAR_MM` of a marker."""
+    clean: bool
+    """No point too many has been seen for a while."""
 
     @property
     def log_phantoms(self) -> float:
@@ -152,12 +157,21 @@ def continuations(
 
 
 def jumps(parent: Hypothesis, scene: Scene, model: MotionModel) -> Iterator[Hypothesis]:
-    """Ways in which the robot may suddenly be elsewhere, on the same base."""
+    """Ways in which the robot may suddenly be elsewhere, on the same base.
+
+    In a clean view they are believed at once, if they are certain; otherwise they have to prove
+    themselves like a birth.
+    """
     index, base, score = _find_base(parent, scene)
     relative = scene.relative(base)
-    trunk = replace(parent, score=score + _LOG_JUMP, base=base)
+    log_prior = _LOG_JUMP_IN_CLEAN_VIEW if scene.clean else _LOG_JUMP
+    trunk = replace(parent, score=score + log_prior, base=base)
     for labels, seed in _seeded(relative, index, scene.q_rad, model):
-        yield _planted(trunk, labels, seed, scene, model)
+        jumped = _planted(trunk, labels, seed, scene, model)
+        if scene.clean and MISSING not in labels:
+            complete_frames = parent.complete_frames + 1
+            jumped = replace(jumped, complete_frames=complete_frames, harm_mm=(0.0, 0.0))
+        yield jumped
 
 
 def births(scene: Scene, model: MotionModel) -> Iterator[Hypothesis]:

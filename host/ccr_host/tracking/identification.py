@@ -58,6 +58,8 @@ _PHANTOMS_FLOOR = 0.3
 """Never fewer are expected near a marker, however clean the camera's view has been."""
 _PHANTOM_FRAMES = 100
 """Over which they are counted."""
+_CLEAN_FRAMES = 40
+"""Without a fourth point in view before phantoms are taken to be rare; one is enough to doubt."""
 _PHANTOM_MARGIN = 3.0
 """As many times more are expected as were counted: a mistake costs more than a lost frame."""
 
@@ -107,6 +109,7 @@ class Identifier:
         self._q_rad: Array | None = None
         self._stir_rad: Array = np.zeros(2)
         self._phantoms = _PHANTOMS_AT_START
+        self._clean_frames = 0
 
     def identify(self, exposed_us: int, points_mm: ArrayLike, q_rad: ArrayLike) -> Identified:
         """Take the next frame.
@@ -133,8 +136,18 @@ class Identifier:
         moved = np.zeros(2) if self._q_rad is None else np.abs(q_rad - self._q_rad)
         self._q_rad = q_rad
         self._stir_rad = self._stir_rad * math.exp(-duration_s / _STIR_S) + moved
-        phantoms = max(_PHANTOM_MARGIN * self._phantoms, _PHANTOMS_FLOOR)
-        return Scene(points, exposed_us, self._camera_to_robot, q_rad, self._stir_rad, phantoms)
+        self._clean_frames = self._clean_frames + 1 if len(points) <= len(MARKERS) else 0
+        clean = self._clean_frames >= _CLEAN_FRAMES
+        expected = 0.0 if clean else _PHANTOM_MARGIN * self._phantoms
+        return Scene(
+            points_mm=points,
+            time_us=exposed_us,
+            camera_to_robot=self._camera_to_robot,
+            q_rad=q_rad,
+            motor_motion_rad=self._stir_rad,
+            phantoms=max(expected, _PHANTOMS_FLOOR),
+            clean=clean,
+        )
 
     def _count_phantoms(self, scene: Scene) -> None:
         """What the best hypothesis leaves over near M2 or M3; without one, all points."""

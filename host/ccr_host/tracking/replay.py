@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ccr_host.errors import ConfigError
+from ccr_host.run.log import topics
+from ccr_host.run.log.reader import RunRecording
 from ccr_host.tracking.frame import FloatArray, MarkerFrame, Pose, StartsAndStops, TrackerHealth
 from ccr_host.tracking.frame_count import FrameCount
 
@@ -22,7 +24,7 @@ class ReplayTracker(StartsAndStops):
     The markers were identified when they were recorded, so they come as tools M1, M2 and M3.
 
     Args:
-        path: log of a run.
+        path: folder of a run, or one file of its log.
         latency_us: between an exposure and its delivery.
 
     Raises:
@@ -78,22 +80,19 @@ class ReplayTracker(StartsAndStops):
 
 def _read(path: Path) -> list[tuple[int, FloatArray]]:
     """Exposure times in us and markers, (3, 3), in order of time."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-        records = [json.loads(line) for line in lines if line.strip()]
-        samples = [_sample(record) for record in records if record.get("kind") == "sample"]
-    except OSError as error:
-        raise ConfigError(f"recording {path}: {error.strerror}", "give the log of a run") from None
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise ConfigError(f"recording {path}: not the log of a run", "record it anew") from None
+    recorded = RunRecording(path).messages(topics.SAMPLE)
+    samples = [_sample(path, message.content) for message in recorded]
     if not samples:
         raise ConfigError(f"recording {path}: no samples in it", "give the log of another run")
     return sorted(samples, key=lambda sample: sample[0])
 
 
-def _sample(record: dict[str, object]) -> tuple[int, FloatArray]:
-    markers_mm = np.array(record["markers_mm"], dtype=np.float64)
-    exposed_us = record["exposed_us"]
-    if not isinstance(exposed_us, int) or markers_mm.shape != (len(MARKER_NAMES), 3):
-        raise ValueError
+def _sample(path: Path, content: dict[str, Any]) -> tuple[int, FloatArray]:
+    try:
+        markers_mm = np.array(content["markers_mm"], dtype=np.float64)
+        exposed_us = content["exposed_us"]
+        if not isinstance(exposed_us, int) or markers_mm.shape != (len(MARKER_NAMES), 3):
+            raise ValueError
+    except (ValueError, KeyError, TypeError):
+        raise ConfigError(f"recording {path}: not the log of a run", "record it anew") from None
     return exposed_us, markers_mm

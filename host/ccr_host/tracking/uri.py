@@ -30,9 +30,9 @@ _EXAMPLES = {
     TrackerKind.NDI_TCP: "ndi+tcp://192.168.1.20:8765",
     TrackerKind.IGTL: "igtl://localhost:18944",
     TrackerKind.ARUCO: "aruco:0",
-    TrackerKind.REPLAY: "replay:runs/NAME/log.jsonl",
+    TrackerKind.REPLAY: "replay:runs/NAME",
 }
-_IN_PROCESS = (TrackerKind.TWIN, TrackerKind.NDI_EMULATOR)
+_WITHOUT_ADDRESS = (TrackerKind.TWIN, TrackerKind.NDI_EMULATOR)
 _ON_TCP = (TrackerKind.NDI_TCP, TrackerKind.IGTL)
 
 
@@ -47,6 +47,11 @@ class TrackerUri:
     def __str__(self) -> str:
         separator = "://" if self.kind in _ON_TCP else ":"
         return f"{self.kind.value}{separator}{self.address}"
+
+    @property
+    def in_process(self) -> bool:
+        """Whether it needs nothing outside this process and no real time."""
+        return self.kind in (*_WITHOUT_ADDRESS, TrackerKind.REPLAY)
 
     @property
     def host_and_port(self) -> tuple[str, int]:
@@ -66,7 +71,7 @@ def parse_tracker_uri(text: str) -> TrackerUri:
     if not colon or scheme not in kinds:
         raise ConfigError(f"tracker {text}: unknown form", f"use one of {KNOWN_FORMS}")
     kind = kinds[scheme]
-    if kind in _IN_PROCESS:
+    if kind in _WITHOUT_ADDRESS:
         if rest:
             raise ConfigError(
                 f"tracker {text}: nothing may follow the colon", f"write {kind.value}:"

@@ -31,10 +31,16 @@ class PolarisFaults:
     """Probability that an exposure is skipped: its frame is repeated instead."""
     out_of_volume: bool = False
     """The scene is moved beyond the far end of the volume."""
+    out_of_volume_us: tuple[Span, ...] = ()
+    """The same for a while."""
     bad_crc: float = 0.0
     """Probability that a byte of a reply is changed on its way."""
     silent_us: tuple[Span, ...] = ()
     """Commands are not heard."""
+    unplugged_us: tuple[Span, ...] = ()
+    """The host's port is gone."""
+    resets_us: tuple[int, ...] = ()
+    """The power fails for a moment."""
     too_hot: bool = False
     """Status bit for a temperature outside the operating range."""
     diagnostic_pending: bool = False
@@ -45,3 +51,8 @@ class PolarisFaults:
 
 
 NO_FAULTS = PolarisFaults()
+
+
+def is_within(time_us: int, spans: tuple[Span, ...]) -> bool:
+    """Whether a time lies in one of the spans."""
+    return any(start <= time_us < end for start, end in spans)

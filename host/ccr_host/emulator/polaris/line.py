@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from ccr_host.emulator.polaris.device import RESET_BAUD, Answer, PolarisDevice
-from ccr_host.emulator.polaris.sensor import is_within
+from ccr_host.emulator.polaris.faults import is_within
 from ccr_host.emulator.wire_time import bytes_in, wire_time_us
+from ccr_host.errors import TrackerError
 from ccr_host.tracking.ndi.crc import crc16_arc
 
 PROCESSING_US = 1000
@@ -60,12 +62,17 @@ class PolarisLine:
         self._command = bytearray()
         self._replies: deque[_Sending] = deque()
         self._reset_us = _NEVER_US
+        self._power_failed_us = -1
         self._in_break = False
 
     @property
     def next_event_us(self) -> int:
         """When something happens next if the host stays silent."""
-        events = [self.device.sensor.next_exposure_us, self._reset_us]
+        events = [
+            self.device.sensor.next_exposure_us,
+            self._reset_us,
+            self._next_power_failure_us(),
+        ]
         if self._to_device:
             events.append(self._to_device[0][0])
         if self._replies:
@@ -77,7 +84,10 @@ class PolarisLine:
         """Bring wire and device to `time_us`."""
         while (event_us := self._next_input_us()) <= time_us:
             self._now_us = max(self._now_us, event_us)
-            if self._reset_us <= event_us:
+            if self._next_power_failure_us() <= event_us:
+                self._power_failed_us = event_us
+                self._begin_reset(event_us)
+            elif self._reset_us <= event_us:
                 self._reset_us = _NEVER_US
                 self._send(event_us, "RESET")
             else:
@@ -86,6 +96,7 @@ class PolarisLine:
 
     def write(self, data: bytes) -> None:
         """Put bytes on the wire now; garbled where the rates differ."""
+        self._require_plug()
         baud = self._host_baud or self.device_baud
         start_us = max(self._now_us, self._host_free_us)
         self._host_free_us = start_us + self._wire_time_us(len(data), baud)
@@ -95,6 +106,7 @@ class PolarisLine:
 
     def read(self) -> bytes:
         """Bytes that have arrived from the device."""
+        self._require_plug()
         taken = bytearray()
         while self._replies:
             head = self._replies[0]
@@ -120,6 +132,15 @@ class PolarisLine:
             self._begin_reset(self._now_us)
         self._in_break = on
 
+    def open(self) -> Self:
+        """The host's end, as a driver opens it.
+
+        Raises:
+            TrackerError: the port is gone.
+        """
+        self._require_plug()
+        return self
+
     def open_port(self, _boot_loader_us: int = 0) -> None:
         """Nothing happens to a camera when its port is opened."""
 
@@ -129,7 +150,16 @@ class PolarisLine:
 
     def _next_input_us(self) -> int:
         first_us = self._to_device[0][0] if self._to_device else _NEVER_US
-        return min(first_us, self._reset_us)
+        return min(first_us, self._reset_us, self._next_power_failure_us())
+
+    def _next_power_failure_us(self) -> int:
+        resets_us = self.device.sensor.faults.resets_us
+        return min((at for at in resets_us if at > self._power_failed_us), default=_NEVER_US)
+
+    def _require_plug(self) -> None:
+        if is_within(self._now_us, self.device.sensor.faults.unplugged_us):
+            self._replies.clear()
+            raise TrackerError(f"{self.name} the port is gone", "plug the camera in again")
 
     def _receive(self, time_us: int, data: bytes) -> None:
         self._command += data

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.emulator.polaris.faults import NO_FAULTS, PolarisFaults, Span
+from ccr_host.emulator.polaris.faults import NO_FAULTS, PolarisFaults, is_within
 from ccr_host.emulator.polaris.placement import Placement
 from ccr_host.tracking.ndi.volume import VICRA
 
@@ -104,7 +104,7 @@ class PositionSensor:
         noise_mm = self._noise_per_coordinate_mm * rng.standard_normal(markers_mm.shape)
         hidden = rng.random(len(markers_mm)) < faults.occlusion
         measured_mm = self._placement.to_camera(markers_mm) + noise_mm
-        if faults.out_of_volume:
+        if faults.out_of_volume or is_within(time_us, faults.out_of_volume_us):
             measured_mm = measured_mm + np.array(_BEYOND_FAR_END_MM)
         seen = self.illuminated & ~hidden & (measured_mm[:, 2] > -_DETECTION_DEPTH_MM)
         if is_within(time_us, faults.occluded_us):
@@ -135,11 +135,6 @@ class Exposer:
         """Take the pictures due by now."""
         while (exposure_us := self._sensor.next_exposure_us) <= time_us:
             self._sensor.expose(exposure_us, self._source(exposure_us))
-
-
-def is_within(time_us: int, spans: tuple[Span, ...]) -> bool:
-    """Whether a time lies in one of the spans."""
-    return any(start <= time_us < end for start, end in spans)
 
 
 def is_in_volume(points_mm: Array) -> NDArray[np.bool_]:

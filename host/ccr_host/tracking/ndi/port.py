@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-import serial
-
 from ccr_host.errors import TrackerError
+from ccr_host.link.byte_port import BytePort, Peer
 
-_READ_BYTES = 4096
-_WRITE_TIMEOUT_S = 1.0
+_RESET_BAUD = 9600
+_CAMERA = Peer("camera", TrackerError, if_refused="check address and power of the camera")
 
 
 class Port(Protocol):
@@ -43,7 +41,7 @@ class Port(Protocol):
 PortOpener = Callable[[], Port]
 
 
-class SerialPort:
+class SerialPort(BytePort):
     """A serial port or a pseudo-terminal.
 
     Raises:
@@ -53,82 +51,25 @@ class SerialPort:
     has_baud = True
 
     def __init__(self, path: str) -> None:
-        self.name = f"ndi:{path}"
         self.has_break = not str(Path(path).resolve()).startswith("/dev/pts/")
-        self._port = _open(self.name, path, exclusive=True)
-
-    def write(self, data: bytes) -> None:
-        try:
-            self._port.write(data)
-        except (OSError, TypeError) as error:  # TypeError: pyserial after the port was closed
-            raise _lost(self.name, error) from None
-
-    def read(self) -> bytes:
-        try:
-            data: bytes = self._port.read(_READ_BYTES)
-        except (OSError, TypeError) as error:
-            raise _lost(self.name, error) from None
-        return data
-
-    def set_baud(self, baud: int) -> None:
-        try:
-            self._port.baudrate = baud
-        except (OSError, ValueError) as error:
-            raise _lost(self.name, error) from None
-
-    def set_break(self, on: bool) -> None:
-        try:
-            self._port.break_condition = on
-        except OSError as error:
-            raise _lost(self.name, error) from None
-
-    def close(self) -> None:
-        self._port.close()
+        super().__init__(f"ndi:{path}", path, _CAMERA, _RESET_BAUD)
 
 
-class TcpPort(SerialPort):
-    """A TCP socket: HOST:PORT of a camera (Polaris Vega: port 8765) or of an emulator."""
+class TcpPort(BytePort):
+    """A TCP socket: HOST:PORT of a camera (Polaris Vega: port 8765) or of an emulator.
+
+    Raises:
+        TrackerError: the port cannot be opened; the cure tells what to do.
+    """
 
     has_baud = False
+    has_break = False
 
     def __init__(self, address: str) -> None:
-        self.name = f"ndi+tcp://{address}"
-        self.has_break = False
-        self._port = _open(self.name, f"socket://{address}")
+        super().__init__(f"ndi+tcp://{address}", f"socket://{address}", _CAMERA, _RESET_BAUD)
 
     def set_baud(self, baud: int) -> None:
         """Nothing to set."""
 
     def set_break(self, on: bool) -> None:
         """Nothing to hold."""
-
-
-def _open(name: str, url: str, **options: bool) -> serial.SerialBase:
-    try:
-        return serial.serial_for_url(
-            url, baudrate=9600, timeout=0, write_timeout=_WRITE_TIMEOUT_S, **options
-        )
-    except (OSError, ValueError) as error:
-        raise _cannot_open(name, error) from None
-
-
-def _cannot_open(name: str, error: Exception) -> TrackerError:
-    text = str(error)
-    number = getattr(error, "errno", None)
-    if number == errno.EACCES or "Permission denied" in text:
-        return TrackerError(
-            f"{name}: permission denied", "sudo usermod -aG dialout $USER, then log in again"
-        )
-    if number == errno.ENOENT or "No such file" in text:
-        return TrackerError(f"{name}: there is no such port", "plug the camera in; ls /dev/tty*")
-    if "exclusively lock" in text or number == errno.EBUSY:
-        return TrackerError(f"{name}: in use by another program", "close that program")
-    if "refused" in text:
-        return TrackerError(f"{name}: connection refused", "check address and power of the camera")
-    return TrackerError(f"{name}: cannot be opened: {text}", "check the tracker URI and the cable")
-
-
-def _lost(name: str, error: Exception) -> TrackerError:
-    return TrackerError(
-        f"{name}: the port is gone ({error})", "check cable and power of the camera"
-    )

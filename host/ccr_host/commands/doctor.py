@@ -1,0 +1,61 @@
+"""The command ``ccr-host doctor``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+from rich.console import Console
+
+from ccr_host.commands.options import (
+    DeviceOption,
+    JsonOption,
+    RobotOption,
+    SeedOption,
+    SetOption,
+    TrackerOption,
+)
+from ccr_host.commands.output import print_json
+from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.run.options import RunOptions
+
+_COLOURS = {"good": "green", "warning": "yellow", "failure": "bold red"}
+
+
+def doctor(
+    robot: RobotOption = None,
+    device: DeviceOption = "emulator:",
+    tracker: TrackerOption = "twin:",
+    seed: SeedOption = 1,
+    overrides: SetOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Look at computer, board and tracker; say what is wrong and what to do. Moves nothing.
+
+    Example: ccr-host doctor --device serial:/dev/ttyACM0 --tracker ndi:/dev/ttyUSB0
+    """
+    from ccr_host.bringup.doctor import examine
+    from ccr_host.bringup.finding import exit_status
+
+    options = RunOptions(
+        path="",
+        robot=robot,
+        device=device,
+        tracker=tracker,
+        seed=seed,
+        overrides=tuple(overrides or ()),
+    )
+    screen = Console(stderr=as_json)
+    findings = []
+    with stop_signals_interrupt():
+        for finding in examine(options, Path()):
+            findings.append(finding)
+            severity = finding.severity.name.lower()
+            screen.print(f"{severity:8}", style=_COLOURS[severity], end="")
+            screen.print(f"{finding.subject}: {finding.text}", highlight=False, markup=False)
+            if finding.remedy:
+                screen.print(f"{'':8}-> {finding.remedy}", highlight=False, markup=False)
+    if as_json:
+        print_json({"findings": [finding.as_summary() for finding in findings]})
+    if status := exit_status(findings):
+        raise typer.Exit(status)

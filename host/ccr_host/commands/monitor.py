@@ -1,0 +1,89 @@
+"""The command ``ccr-host monitor``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from ccr_host.commands.options import JsonOption, RobotOption, SeedOption, SetOption, TrackerOption
+from ccr_host.commands.output import print_json
+from ccr_host.commands.stopping import stop_signals_interrupt
+
+if TYPE_CHECKING:
+    from ccr_host.run.monitor import Monitor, MonitorView
+
+_REFRESH_US = 200_000
+_LINE_US = 1_000_000
+
+
+def monitor(
+    tracker: TrackerOption = "twin:",
+    device: Annotated[
+        str | None,
+        typer.Option(metavar="URI", help="Also watch a board; without it none is needed."),
+    ] = None,
+    robot: RobotOption = None,
+    overrides: SetOption = None,
+    seed: SeedOption = 1,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", min=0.1, help="End after so long; else by Ctrl-C.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show live marker positions, rates, ages and losses; nothing moves.
+
+    With --json one line a second, or with --duration one object at the end.
+
+    Example: ccr-host monitor --tracker ndi:/dev/ttyUSB0
+    """
+    from ccr_host import config
+    from ccr_host.errors import TrackerError
+    from ccr_host.run.monitor import open_monitor
+
+    description = config.load(robot, overrides or ())
+    last: MonitorView | None = None
+    with (
+        stop_signals_interrupt(),
+        open_monitor(tracker, device, description, seed) as opened,
+        suppress(KeyboardInterrupt),
+    ):
+        if as_json:
+            for last in _looks(opened, duration, _LINE_US):
+                if duration is None:
+                    print_json(last.summary())
+        else:
+            last = _show(opened, duration)
+    if last is None:
+        return
+    if as_json and duration is not None:
+        print_json(last.summary())
+    if last.sample is None:
+        raise TrackerError(
+            f"{tracker}: no sample" + (f": {last.trouble}" if last.trouble else ""),
+            "check line of sight, the camera's volume and the markers",
+        )
+
+
+def _looks(opened: Monitor, duration_s: float | None, period_us: int) -> Iterator[MonitorView]:
+    """Look again and again, the last time at the end."""
+    left_us = None if duration_s is None else round(duration_s * 1e6)
+    while left_us is None or left_us > 0:
+        step_us = period_us if left_us is None else min(period_us, left_us)
+        yield opened.watch(step_us)
+        left_us = None if left_us is None else left_us - step_us
+
+
+def _show(opened: Monitor, duration_s: float | None) -> MonitorView | None:
+    from rich.live import Live
+
+    from ccr_host.tracker_screen import monitor_panel
+
+    last: MonitorView | None = None
+    with Live(console=Console(), auto_refresh=False) as live, suppress(KeyboardInterrupt):
+        for last in _looks(opened, duration_s, _REFRESH_US):
+            live.update(monitor_panel(last), refresh=True)
+    return last

@@ -1,0 +1,98 @@
+"""The command ``ccr-host register``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from ccr_host.commands.options import (
+    DeviceOption,
+    JsonOption,
+    RealtimeOption,
+    RobotOption,
+    SeedOption,
+    SetOption,
+    TrackerOption,
+)
+from ccr_host.commands.output import print_json
+from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.run.options import RunOptions
+
+
+def register(
+    robot: RobotOption = None,
+    device: DeviceOption = "emulator:",
+    tracker: TrackerOption = "twin:",
+    seed: SeedOption = 1,
+    overrides: SetOption = None,
+    realtime: RealtimeOption = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Robot description to keep the result in, made if it is not there; "
+            "by default the one of --robot.",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Move the robot through safe poses, find out how the camera stands, and keep it.
+
+    Example: ccr-host register --robot my-robot.toml --device serial:/dev/ttyACM0
+    --tracker ndi:/dev/ttyUSB0
+    """
+    import datetime
+
+    from ccr_host import terminal
+    from ccr_host.robot.workspace import MotorLimits
+    from ccr_host.run.observer import Observers
+    from ccr_host.run.register import register_robot, safe_poses_rad
+    from ccr_host.run.registration_file import (
+        file_to_keep_it_in,
+        registration_section,
+        save_registration,
+    )
+    from ccr_host.run.rig import open_rig
+    from ccr_host.tracker_screen import registration_table
+
+    options = RunOptions(
+        path="",
+        robot=robot,
+        device=device,
+        tracker=tracker,
+        seed=seed,
+        overrides=tuple(overrides or ()),
+        realtime=realtime,
+    )
+    description = options.description()
+    file = file_to_keep_it_in(robot, out)
+    screen = Console(stderr=as_json)
+    poses = len(safe_poses_rad(MotorLimits.of(description.servo)))
+    with (
+        stop_signals_interrupt(),
+        terminal.count_progress(Console(stderr=True), "poses", poses) as count,
+        open_rig(options, description, Observers(), in_camera_frame=True) as rig,
+    ):
+        found = register_robot(rig, description, lambda done, _: count() if done else None)
+    section = registration_section(found, datetime.date.today())
+    screen.print(registration_table(found))
+    if file is None:
+        screen.print("not kept: no file of yours was given; with --out FILE it is", highlight=False)
+    else:
+        save_registration(file, section, robot)
+        screen.print(f"kept in {file}, as section registration", highlight=False)
+    if as_json:
+        print_json(
+            {
+                **section,
+                "date": section["date"].isoformat(),
+                "segment_1_mm": found.segment_1_mm,
+                "device": device,
+                "tracker": tracker,
+                "seed": seed,
+                "kept_in": None if file is None else str(file),
+            }
+        )

@@ -1,0 +1,32 @@
+"""The command ``ccr-host report``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+
+def report(
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Folders of runs, finished or not.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="HTML to write; by default report.html in the first run's folder."
+        ),
+    ] = None,
+) -> None:
+    """Make one page of HTML about runs: figures, table, faults, configuration. It prints, too.
+
+    Example: ccr-host report runs/20260101-120000-ellipse-mpc
+    """
+    from ccr_host.run.report.report import write_report
+
+    first = runs[0] if runs[0].is_dir() else runs[0].parent
+    file = out or first / "report.html"
+    write_report(runs, file)
+    Console().print(f"written: {file}", highlight=False)

@@ -1,0 +1,1 @@
+"""``ccr-host report``: one page of HTML about one or several runs."""

@@ -1,0 +1,93 @@
+"""A run as its folder tells it, finished or not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ccr_host.errors import ConfigError
+from ccr_host.run.folder import METRICS_FILE
+from ccr_host.run.log.play import play_run
+from ccr_host.run.log.reader import RunRecording
+from ccr_host.run.metrics import ErrorFigures
+from ccr_host.run.observer import RunObserver, RunSetup
+from ccr_host.run.step_record import StepRecord, measured_errors_mm, true_errors_mm
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """What a report is made from."""
+
+    folder: Path
+    setup: RunSetup
+    records: Sequence[StepRecord]
+    events: Sequence[tuple[float, str]]
+    """Time on the run's clock, s, and what happened."""
+    metrics: Mapping[str, Any]
+    """Summary of the run; of a run that was killed, the error figures alone."""
+    versions: Mapping[str, str]
+    is_complete: bool
+    """Whether the run has closed its log."""
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        options = self.setup.options
+        return f"{self.setup.reference.name}, {options.controller}, {options.rate_hz:g} Hz"
+
+
+def read_run(folder: Path) -> RecordedRun:
+    """Read log and summary.
+
+    Raises:
+        ConfigError: no log of a run is there.
+    """
+    seen = _Seen()
+    play_run(folder, seen)
+    if seen.setup is None:
+        raise ConfigError(f"{folder}: not the log of a run", "give the folder of a run")
+    recording = RunRecording(folder)
+    return RecordedRun(
+        folder=folder,
+        setup=seen.setup,
+        records=seen.records,
+        events=seen.events,
+        metrics=_kept_metrics(folder) or _error_figures(seen.records),
+        versions=recording.setup["versions"],
+        is_complete=recording.end.is_complete,
+    )
+
+
+class _Seen(RunObserver):
+    def __init__(self) -> None:
+        self.setup: RunSetup | None = None
+        self.records: list[StepRecord] = []
+        self.events: list[tuple[float, str]] = []
+
+    def begin(self, setup: RunSetup) -> None:
+        self.setup = setup
+
+    def step(self, record: StepRecord) -> None:
+        self.records.append(record)
+
+    def event(self, time_us: int, text: str) -> None:
+        self.events.append((time_us * 1e-6, text))
+
+
+def _kept_metrics(folder: Path) -> Mapping[str, Any] | None:
+    try:
+        metrics: Mapping[str, Any] = json.loads((folder / METRICS_FILE).read_text())["metrics"]
+    except (OSError, ValueError, KeyError):
+        return None
+    return metrics
+
+
+def _error_figures(records: Sequence[StepRecord]) -> Mapping[str, Any]:
+    measured = ErrorFigures.of(measured_errors_mm(records))
+    figures: dict[str, Any] = {} if measured is None else {**measured.as_summary()}
+    truth = true_errors_mm(records)
+    true_figures = None if truth is None else ErrorFigures.of(truth)
+    return figures if true_figures is None else figures | true_figures.as_summary("true_")

@@ -1,0 +1,112 @@
+"""Poses at rest, one after the other: what registration and calibration are fitted to."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.run.rig import Rig
+from ccr_host.tracking.registration import RegistrationError, RestPose
+from ccr_host.tracking.sample import Sample
+
+Array = NDArray[np.float64]
+
+_SPEED_RAD_S = math.radians(25.0)
+"""Average speed of the motors between poses; 120 mm/s at the tip, which excites little ringing."""
+_COMMAND_PERIOD_US = 50_000
+_VALIDITY_MS = 500
+_SETTLE_US = 1_500_000
+_AVERAGE_US = 1_500_000
+_MIN_SAMPLES = 8
+"""In one pose; with fewer it is left out."""
+_OUTLIER_MM = 3.0
+_REST_MM = 0.5
+"""Both halves of the samples agree so well if the robot is at rest."""
+_ATTEMPTS_TO_REST = 4
+
+
+class RestMotion:
+    """Moves an armed robot slowly and averages its markers at rest.
+
+    Keeps the board's watchdog fed, and listens to the tracker meanwhile.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+
+    def start(self) -> None:
+        """Take over the pose into which arming has led the robot."""
+        self._q_rad: Array = np.asarray(self._rig.client.accepted_rad, dtype=np.float64)
+
+    def move_to(self, target_rad: Array) -> None:
+        """Go to motor angles, (2,), smoothly.
+
+        Raises:
+            DeviceError: the board was lost or latched a fault.
+        """
+        start_rad = self._q_rad
+        duration_s = float(np.max(np.abs(target_rad - start_rad))) / _SPEED_RAD_S
+        steps = max(1, math.ceil(duration_s * 1e6 / _COMMAND_PERIOD_US))
+        for step in range(1, steps + 1):
+            # Starts and ends without a jerk.
+            share = 0.5 - 0.5 * math.cos(math.pi * step / steps)
+            self._q_rad = start_rad + share * (target_rad - start_rad)
+            self._command()
+
+    def measure_at_rest(self) -> RestPose | None:
+        """Wait for rest and average; None if the markers are not seen.
+
+        Raises:
+            RegistrationError: the robot does not come to rest.
+        """
+        self._listen(_SETTLE_US)
+        for _ in range(_ATTEMPTS_TO_REST):
+            samples = self._listen(_AVERAGE_US)
+            if len(samples) < _MIN_SAMPLES:
+                return None
+            markers = _without_outliers(np.array([sample.markers_mm for sample in samples]))
+            if _is_at_rest(markers):
+                return RestPose(self._q_rad, markers.mean(axis=0))
+        raise RegistrationError(
+            "the robot does not come to rest",
+            "keep hands and draughts off the robot; check that the servos do not hunt",
+        )
+
+    def _listen(self, duration_us: int) -> list[Sample]:
+        """Hold the pose for a while; return what was exposed meanwhile."""
+        clock, tracker = self._rig.clock, self._rig.tracker
+        start_us = clock.now_us()
+        samples: dict[int, Sample] = {}
+        while clock.now_us() < start_us + duration_us:
+            self._command()
+            sample = tracker.newest()
+            if sample is not None and sample.exposed_us >= start_us and _is_complete(sample):
+                samples[sample.exposed_us] = sample
+        return list(samples.values())
+
+    def _command(self) -> None:
+        """Send the pose; the board leads the servos there over one period."""
+        client, clock = self._rig.client, self._rig.clock
+        ramp_ms = _COMMAND_PERIOD_US // 1000
+        client.set_target(self._q_rad, ramp_ms=ramp_ms, validity_ms=_VALIDITY_MS)
+        clock.sleep_until_us(clock.now_us() + _COMMAND_PERIOD_US)
+
+
+def _is_complete(sample: Sample) -> bool:
+    """Markers that are lost are NaN."""
+    return bool(np.all(np.isfinite(sample.markers_mm)))
+
+
+def _without_outliers(markers_mm: Array) -> Array:
+    """Exposures whose markers are all near the median, (n, 3, 3)."""
+    distances = np.linalg.norm(markers_mm - np.median(markers_mm, axis=0), axis=2)
+    kept: Array = markers_mm[np.all(distances < _OUTLIER_MM, axis=1)]
+    return kept if len(kept) >= _MIN_SAMPLES else markers_mm
+
+
+def _is_at_rest(markers_mm: Array) -> bool:
+    half = len(markers_mm) // 2
+    drift = markers_mm[:half].mean(axis=0) - markers_mm[half:].mean(axis=0)
+    return bool(np.all(np.linalg.norm(drift, axis=1) < _REST_MM))

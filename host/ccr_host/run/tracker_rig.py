@@ -1,0 +1,143 @@
+"""The part of a rig that sees: what a tracker URI stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.config import Description
+from ccr_host.emulator.polaris.camera import change_faults, faults_of, make_polaris
+from ccr_host.emulator.polaris.line import PolarisLine
+from ccr_host.run.clock import Clock
+from ccr_host.tracking.frame import RawTracker
+from ccr_host.tracking.marker_tracker import BelievedAngles, MarkerTracker
+from ccr_host.tracking.ndi.driver import NdiSettings, NdiTracker
+from ccr_host.tracking.ndi.rom import load_rom
+from ccr_host.tracking.ndi.session import Tool
+from ccr_host.tracking.open_tracker import open_tracker
+from ccr_host.tracking.ready import wait_until_tracking
+from ccr_host.tracking.rotation import rotation_matrix
+from ccr_host.tracking.tracker import WatchedTracker
+from ccr_host.tracking.twin_tracker import TwinTracker
+from ccr_host.tracking.uri import TrackerKind, TrackerUri
+from ccr_host.twin.camera import Camera
+from ccr_host.twin.robot import TwinRobot
+from ccr_host.twin.scene import TwinScene
+
+
+class TrackerRig:
+    """A camera, and the simulated robot where the camera is simulated here.
+
+    Args:
+        uri: of the tracker.
+        description: of the robot.
+        seed: of the simulated camera's noise.
+
+    Raises:
+        ConfigError: the description lacks what the tracker needs, or a package is missing.
+    """
+
+    def __init__(
+        self, uri: TrackerUri, description: Description, seed: np.random.SeedSequence
+    ) -> None:
+        self._description = description
+        self._is_recorded = uri.kind is TrackerKind.REPLAY
+        """Its samples have been through the registration."""
+        self._twin_camera: Camera | None = None
+        self._polaris: PolarisLine | None = None
+        self.camera: RawTracker | None = None
+        """None for ``twin:``, which speaks no protocol."""
+        self.scene: TwinScene | None = None
+        """None where the robot is not simulated here."""
+        match uri.kind:
+            case TrackerKind.TWIN:
+                self._twin_camera = Camera(description.tracker, np.random.default_rng(seed))
+                self.scene = TwinScene(TwinRobot(description.twin), self._twin_camera)
+            case TrackerKind.NDI_EMULATOR:
+                faults = faults_of(description.polaris_faults, None)
+                self._polaris = make_polaris(description.tracker, seed, faults=faults)
+                self.scene = TwinScene(TwinRobot(description.twin), self._polaris.device.sensor)
+                self.camera = NdiTracker(str(uri), self._polaris.open, _ndi_settings(description))
+            case _:
+                self.camera = _outside(uri, description)
+
+    @contextmanager
+    def running(self, clock: Clock) -> Iterator[None]:
+        """Start the camera and stop it at the end; attach the scene's movers to the clock before.
+
+        Raises:
+            TrackerError: there is no such camera.
+        """
+        with ExitStack() as stack:
+            if self._polaris is not None:
+                clock.attach(self._polaris)
+            if self.camera is not None:
+                stack.enter_context(self.camera)
+                clock.attach(self.camera)
+            yield
+
+    def tracker(
+        self, clock: Clock, believed_rad: BelievedAngles, *, in_camera_frame: bool = False
+    ) -> WatchedTracker:
+        """Samples of the running camera in the robot's frame, or in the camera's own.
+
+        A camera that was never registered is taken to be aligned with the robot.
+        """
+        stays = in_camera_frame or self._is_recorded
+        camera_to_robot = None if stays else camera_rotation(self._description)
+        if self._twin_camera is not None:
+            return TwinTracker(self._twin_camera, clock, camera_to_robot)
+        assert self.camera is not None
+        tracker = MarkerTracker(self.camera, self._description.robot, camera_to_robot, believed_rad)
+        clock.attach(tracker)
+        return tracker
+
+    def wait_until_tracking(self, clock: Clock) -> None:
+        """Let a camera that needs seconds to start have them.
+
+        Raises:
+            TrackerError: no frame in time.
+        """
+        if self.camera is not None:
+            wait_until_tracking(self.camera, clock)
+
+    def start_path_clock(self, time_us: int) -> None:
+        """Zero of whatever the description times."""
+        if self.scene is not None:
+            self.scene.start_path_clock(time_us)
+        if self._polaris is not None:
+            faults = faults_of(self._description.polaris_faults, time_us)
+            change_faults(self._polaris, faults, self._description.tracker)
+
+
+def camera_rotation(description: Description) -> NDArray[np.float64]:
+    """(3, 3): from the camera's frame to the robot's, as registered; else the identity."""
+    registration = description.registration
+    if registration is None:
+        return np.eye(3)
+    return rotation_matrix(np.radians(registration.camera_to_robot_deg))
+
+
+def _ndi_settings(description: Description) -> NdiSettings:
+    tracker = description.tracker
+    return NdiSettings(_tools(description), latency_us=round(tracker.latency_ms * 1000))
+
+
+def _tools(description: Description) -> list[Tool]:
+    files = description.tracker.tool_files
+    return [Tool(name, load_rom(Path(file))) for name, file in files.items()]
+
+
+def _outside(uri: TrackerUri, description: Description) -> RawTracker:
+    tracker = description.tracker
+    return open_tracker(
+        uri,
+        latency_us=round(tracker.latency_ms * 1000),
+        tools=_tools(description),
+        camera_file=None if tracker.camera_file is None else Path(tracker.camera_file),
+        tag_size_mm=tracker.tag_size_mm,
+    )

@@ -1,0 +1,85 @@
+"""Calibration of a robot whose servos are mounted askew, one of them the wrong way round."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ccr_host import config
+from tests.system.conftest import CcrHost
+from tests.system.driven_terminal import DOWN, LEFT, RIGHT, UP, DrivenTerminal
+
+NEUTRAL_US = (1540.0, 1475.0)
+PER_90_DEG_US = (950.0, -1050.0)
+TWIN = (f"twin.servo_neutral_us={[*NEUTRAL_US]}", f"twin.servo_us_per_90_deg={[*PER_90_DEG_US]}")
+STEPS_DEG = (10.0, 5.0, 2.0, 1.0, 0.5, 0.1)
+KEYS = ((UP, DOWN), (RIGHT, LEFT))
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    file = tmp_path / "robot.toml"
+    file.write_text('name = "mine"  # keep this\n')
+    return file
+
+
+@pytest.fixture
+def terminal(tmp_path: Path, robot: Path) -> Iterator[DrivenTerminal]:
+    overrides = [word for key in TWIN for word in ("--set", key)]
+    terminal = DrivenTerminal(tmp_path, "calibrate", "--by-eye", "--robot", robot.name, *overrides)
+    yield terminal
+    terminal.process.close(force=True)
+
+
+def keys_for(axis: int, motion_deg: float) -> str:
+    """From a step of 10 deg down to one of 0.1 and back."""
+    forwards, backwards = KEYS[axis]
+    keys, left_deg = "", abs(motion_deg)
+    for step_deg in STEPS_DEG:
+        count = int(left_deg / step_deg + 1e-6)
+        left_deg -= count * step_deg
+        keys += (forwards if motion_deg > 0 else backwards) * count + "-"
+    return keys + "+" * len(STEPS_DEG)
+
+
+def test_marks_of_the_eye_are_kept_in_file_and_board(terminal: DrivenTerminal, robot: Path) -> None:
+    terminal.wait_for("1 of 10")
+    terminal.press("+" * len(STEPS_DEG))
+    asked = 1
+    for axis in (0, 1):
+        here_deg = 0.0
+        for horn_deg in (0.0, 45.0, -45.0, -70.0, 60.0):
+            pulse_us = NEUTRAL_US[axis] + PER_90_DEG_US[axis] * horn_deg / 90
+            there_deg = round((pulse_us - 1500.0) * 0.09, 1)
+            terminal.press(keys_for(axis, there_deg - here_deg))
+            terminal.wait_for(rf"motor {axis + 1} +{there_deg:.2f} +{there_deg:.2f} ")
+            here_deg = there_deg
+            terminal.press("\r")
+            asked += 1
+            terminal.wait_for(f"{asked} of 10" if asked <= 10 else "kept in")
+    terminal.end()
+    assert terminal.status == 0
+    servo = config.load(str(robot)).servo
+    assert "# keep this" in robot.read_text()
+    assert servo.neutral_pulse_us == pytest.approx(NEUTRAL_US, abs=1.5)
+    assert servo.pulse_per_90_deg_us == pytest.approx(PER_90_DEG_US, abs=3.0)
+    assert servo.angle_min_deg == pytest.approx((-70.0, -70.0), abs=0.3)
+    assert servo.angle_max_deg == pytest.approx((60.0, 60.0), abs=0.3)
+
+
+def test_leaving_early_changes_nothing(terminal: DrivenTerminal, robot: Path) -> None:
+    terminal.wait_for("1 of 10")
+    terminal.press("\r")
+    terminal.wait_for("2 of 10")
+    terminal.press("q")
+    assert "nothing was changed" in terminal.end()
+    assert terminal.status == 0
+    assert robot.read_text() == 'name = "mine"  # keep this\n'
+
+
+def test_a_shipped_description_is_not_written_to(ccr_host: CcrHost) -> None:
+    ended = ccr_host("calibrate", "--by-eye", "--robot", "hard")
+    assert ended.status == 2
+    assert "no file of yours" in ended.err

@@ -1,0 +1,58 @@
+"""One page about runs that needs no other file."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.system.conftest import CcrHost
+
+
+@pytest.fixture
+def with_run(ccr_host: CcrHost) -> CcrHost:
+    assert ccr_host("track", "8shape", "--no-open", "--out", "kept").status == 0
+    return ccr_host
+
+
+def page_of(ccr_host: CcrHost, *words: str) -> str:
+    ended = ccr_host("report", *words)
+    assert ended.status == 0, ended.err
+    return Path(ccr_host.folder, ended.out.split()[-1]).read_text()
+
+
+def test_a_report_holds_figures_table_and_configuration_and_refers_to_nothing_outside(
+    with_run: CcrHost,
+) -> None:
+    page = page_of(with_run, "kept")
+    assert page.count("<svg") == 2
+    assert "8shape, mpc, 1 Hz" in page
+    assert "following the path" in page
+    assert "tendon_radius_mm" in page
+    references = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert all(reference.startswith("#") for reference in references)
+
+
+def test_a_run_that_was_killed_is_reported_as_far_as_its_log_goes(with_run: CcrHost) -> None:
+    kept = with_run.folder / "kept"
+    (kept / "run.json").unlink()
+    log = kept / "log_0000.mcap"
+    log.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
+    page = page_of(with_run, "kept")
+    assert "never closed its log" in page
+    assert page.count("<svg") == 2
+
+
+def test_what_ended_a_run_early_is_told(ccr_host: CcrHost) -> None:
+    lost = ("--set", "tracker.dropout=0.99", "--set", "control.coast_s=0.1")
+    ended = ccr_host("track", "8shape", *lost, "--no-open", "--out", "kept")
+    assert ended.status == 3
+    assert 'class="fault">no markers' in page_of(ccr_host, "kept")
+
+
+@pytest.mark.parametrize("words", [("nowhere",), ("kept", "--out", "no/such/folder.html")])
+def test_what_cannot_be_reported_is_one_line(with_run: CcrHost, words: tuple[str, ...]) -> None:
+    ended = with_run("report", *words)
+    assert ended.status == 2
+    assert ended.err.count("\n") == 1
