@@ -57,6 +57,8 @@ class Hostility:
     """At most, uniformly fewer."""
     kinds: str = "unm"
     """Of phantoms: uniform in the volume, near a marker, mirrored in the plane of the markers."""
+    first_frame: int = 0
+    """Until then the view is clear."""
 
 
 @dataclass
@@ -124,10 +126,11 @@ def hostile_frames(
     markers_mm: Array, hostility: Hostility, rng: np.random.Generator
 ) -> Iterator[tuple[Array, NDArray[np.intp]]]:
     """Points (n, 3) of each frame and what they are: 0 to 2 for the markers, -1 for phantoms."""
-    for true in markers_mm:
-        seen = rng.random(3) >= hostility.occlusion
+    for frame, true in enumerate(markers_mm):
+        clear = frame < hostility.first_frame
+        seen = (rng.random(3) >= hostility.occlusion) | clear
         points = [true + rng.normal(0.0, NOISE_MM, (3, 3))]
-        count = rng.integers(0, hostility.phantoms + 1)
+        count = 0 if clear else rng.integers(0, hostility.phantoms + 1)
         points.append(np.array([_phantom(true, hostility, rng) for _ in range(count)]))
         everything = np.concatenate([points[0][seen], points[1].reshape(-1, 3)])
         identity = np.concatenate([np.flatnonzero(seen), np.full(count, -1)])

@@ -57,6 +57,19 @@ def count_progress(console: Console, title: str, total: int) -> Iterator[OnCount
         yield count
 
 
+@contextmanager
+def steps_progress(console: Console, title: str) -> Iterator[Callable[[int, int], None]]:
+    """Progress bar over steps whose number is told while they are done."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(title, total=None)
+
+        def on_step(done: int, steps: int) -> None:
+            progress.update(task, total=steps, completed=done)
+
+        yield on_step
+
+
 def run_table(summary: Mapping[str, Any]) -> Table:
     """One run beside the paper's."""
     table = Table(title=f"{summary['path']} with {summary['controller']}", title_justify="left")

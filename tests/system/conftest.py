@@ -5,14 +5,19 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from ccr_host.link.framing import FrameDecoder
+from ccr_host.link.framing import decode_single_frame
 from ccr_host.link.messages import MESSAGES, Message
+from ccr_host.run.log import topics
+from ccr_host.run.log.files import LOG_PREFIX, log_files
+from ccr_host.run.log.reader import RunRecording
+from ccr_host.run.log.topics import Topic
 
 COMMAND = str(Path(sys.executable).with_name("ccr-host"))
 
@@ -55,20 +60,28 @@ class CcrHost:
         )
 
 
-def log_lines(folder: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+def logged(folder: Path, *wanted: Topic) -> list[dict[str, Any]]:
+    """Contents of the log's messages, in order."""
+    return [message.content for message in RunRecording(folder).messages(*wanted)]
 
 
-def messages_in(folder: Path, direction: str) -> list[Message]:
+def events(folder: Path) -> list[str]:
+    return [content["message"] for content in logged(folder, topics.EVENT)]
+
+
+def messages_in(folder: Path, topic: Topic) -> list[Message]:
     """Every message on the link in one direction, in order."""
-    decoder = FrameDecoder()
-    frames = [
-        frame
-        for line in log_lines(folder)
-        if line["kind"] == "frame" and line["dir"] == direction
-        for frame in decoder.feed(bytes.fromhex(line["hex"]))
-    ]
-    return [MESSAGES[frame.id].unpack(frame.payload) for frame in frames]
+    frames = [decode_single_frame(bytes.fromhex(c["hex"])) for c in logged(folder, topic)]
+    return [MESSAGES[frame.id].unpack(frame.payload) for frame in frames if frame]
+
+
+def wait_until_following(folder: Path, process: subprocess.Popen[str]) -> None:
+    deadline = time.monotonic() + 30
+    while process.poll() is None and time.monotonic() < deadline:
+        if log_files(folder, LOG_PREFIX) and "following the path" in events(folder):
+            return
+        time.sleep(0.05)
+    pytest.fail(f"the run did not start: {process.communicate()}")
 
 
 @pytest.fixture

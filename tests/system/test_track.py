@@ -3,7 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import CcrHost, log_lines
+from ccr_host.run.log import topics
+from tests.system.conftest import CcrHost, events, logged
 
 SUMMARY_KEYS = {
     "path", "controller", "rate_hz", "steps", "seed", "device", "tracker",
@@ -65,7 +66,7 @@ def test_equal_seeds_give_equal_results_and_logs(ccr_host: CcrHost, short_path: 
         for timing in ("solve_us", "wall_s"):
             del summary[timing]
         out = ccr_host.folder / folder
-        return summary, (out / "run.json").read_bytes(), (out / "log.jsonl").read_bytes()
+        return summary, (out / "run.json").read_bytes(), (out / "log_0000.mcap").read_bytes()
 
     first, again, other = run(7, "a"), run(7, "b"), run(8, "c")
     assert first == again
@@ -81,7 +82,7 @@ def test_a_run_leaves_configuration_log_and_figure(ccr_host: CcrHost, short_path
     assert run["description"]["twin"]["payload_g"] == 2
     assert run["versions"]["ccr_host"]
     assert run["metrics"]["steps"] == 6
-    assert len([line for line in log_lines(folder) if line["kind"] == "step"]) == 6
+    assert len(logged(folder, topics.STEP)) == 6
     assert (folder / "figure.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -93,9 +94,9 @@ def test_json_is_alone_on_standard_output(ccr_host: CcrHost, short_path: str) ->
 
 def test_every_step_records_what_the_board_was_sent(ccr_host: CcrHost, short_path: str) -> None:
     ccr_host("track", short_path, "--out", "kept")
-    steps = [line for line in log_lines(ccr_host.folder / "kept") if line["kind"] == "step"]
-    assert all(line["outcome"] == "solved" for line in steps)
-    assert all(len(line["q_rad"]) == 2 for line in steps)
+    steps = logged(ccr_host.folder / "kept", topics.STEP)
+    assert all(step["outcome"] == "solved" for step in steps)
+    assert all(len(step["q_rad"]) == 2 for step in steps)
 
 
 def test_a_weaker_camera_shows_in_the_summary(ccr_host: CcrHost, short_path: str) -> None:
@@ -121,4 +122,4 @@ def test_a_tracker_too_slow_to_be_fresh_ends_the_run_with_a_fault_and_keeps_the_
     assert ended.status == 3
     assert ended.summary["steps"] == 0
     assert "stale_after_ms" in ended.summary["faults"][0]
-    assert "no markers" in log_lines(ccr_host.folder / "kept")[-1]["text"]
+    assert "no markers" in events(ccr_host.folder / "kept")[-1]

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from ccr_host.commands.options import (
     DeviceOption,
+    RealtimeOption,
     RobotOption,
     SeedOption,
     SetOption,
@@ -28,6 +29,7 @@ def calibrate(
     tracker: TrackerOption = "twin:",
     seed: SeedOption = 1,
     overrides: SetOption = None,
+    realtime: RealtimeOption = False,
     by_eye: Annotated[
         bool,
         typer.Option(
@@ -36,7 +38,10 @@ def calibrate(
         ),
     ] = False,
 ) -> None:
-    """Find neutral pulse, direction and scale of the servos, and keep them.
+    """Find how servos and tendons are mounted, and keep it in file and board.
+
+    Under the tracker: neutral pulse, direction and slack, from a tour of some twenty poses.
+    By eye: neutral pulse, direction, scale and limits.
 
     Example: ccr-host calibrate --by-eye --robot my-robot.toml --device serial:/dev/ttyACM0
     """
@@ -56,18 +61,18 @@ def calibrate(
         tracker=tracker,
         seed=seed,
         overrides=tuple(overrides or ()),
-        realtime=by_eye,
+        realtime=realtime or by_eye,
     )
     description = options.description()
     console = Console()
     with stop_signals_interrupt(), open_rig(options, description, Observers()) as rig:
-        servo = _by_eye(console, rig, description) if by_eye else None
+        servo = (_by_eye if by_eye else _by_tracker)(console, rig, description)
         if servo is None:
             console.print("nothing was changed")
             return
         keep_calibration(rig.client, description, servo, file)
     for key, value in calibrated_section(servo).items():
-        console.print(f"{key} = {value}", highlight=False)
+        console.print(f"{key} = {value}", highlight=False, markup=False)
     console.print(f"kept in {file} and in the board's EEPROM", highlight=False)
 
 
@@ -87,3 +92,14 @@ def _by_eye(console: Console, rig: Rig, description: Description) -> Servo | Non
             live.update(jog_panel(view, asked), refresh=True)
 
         return calibrate_by_eye(rig, description, keyboard.pressed, show)
+
+
+def _by_tracker(console: Console, rig: Rig, description: Description) -> Servo:
+    from ccr_host import terminal
+    from ccr_host.bringup.calibrate_by_tracker import calibrate_by_tracker, corrected
+    from ccr_host.bringup.calibration_table import calibration_table
+
+    with terminal.steps_progress(Console(stderr=True), "poses") as on_pose:
+        fit = calibrate_by_tracker(rig, description, on_pose)
+    console.print(calibration_table(fit, description))
+    return corrected(description.servo, fit)

@@ -24,7 +24,14 @@ DeviceOption = Annotated[
         metavar="URI", help="emulator:, emulator+pty:, simavr:, serial:PORT or tcp://HOST:PORT."
     ),
 ]
-TrackerOption = Annotated[str, typer.Option(metavar="URI", help="twin:, the simulated camera.")]
+TrackerOption = Annotated[
+    str,
+    typer.Option(
+        metavar="URI",
+        help="twin:, ndi-emulator:, ndi:PORT, ndi+tcp://HOST:PORT, igtl://HOST:PORT, aruco:N "
+        "or replay:FILE.",
+    ),
+]
 RateOption = Annotated[float, typer.Option(metavar="HZ", help="Control steps a second.")]
 SeedOption = Annotated[int, typer.Option(metavar="N", help="Seed of every random number.")]
 SetOption = Annotated[

@@ -38,8 +38,8 @@ class ArucoSettings:
     """Edge of the black square."""
     dictionary: str = "DICT_APRILTAG_36h11"
     """Name of the OpenCV dictionary."""
-    tags: Mapping[int, str] = field(default_factory=lambda: {0: "M1", 1: "M3"})
-    """Names by tag number; f of (10) needs M1 at the base and M3 at the tip."""
+    tags: Mapping[int, str] = field(default_factory=lambda: {0: "M1", 1: "M3", 2: "M2"})
+    """Names by tag number; f of (10) needs M1 (base) and M3 (tip), registration M2 as well."""
 
 
 @dataclass(frozen=True, eq=False)

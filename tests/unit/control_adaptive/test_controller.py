@@ -3,14 +3,10 @@ import pytest
 
 from ccr_host.config import Description
 from ccr_host.control.adaptive.controller import AdaptiveStatics
+from ccr_host.control.adaptive.motion import first_rest, moved
+from ccr_host.control.adaptive.parameters import parameters_of, prior_of
 from ccr_host.control.adaptive.path_plan import polished
-from ccr_host.control.adaptive.statics import (
-    Drive,
-    parameters_of,
-    prior_of,
-    rest_at,
-    tip_mm,
-)
+from ccr_host.control.adaptive.tip import tip_mm
 from ccr_host.control.base import Observation, Outcome
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
@@ -68,12 +64,12 @@ def test_a_robot_as_believed_is_led_along_the_path():
     controller = AdaptiveStatics(DESCRIPTION)
     reference = _reference("8shape", 1.0)
     controller.start(reference)
-    p, theta = PRIOR, np.zeros(2)
+    rest = first_rest(PRIOR, np.zeros(2))
 
     def tip_of(q_rad):
-        nonlocal theta
-        theta = rest_at(p, Drive(q_rad, np.zeros(2)), theta)
-        return tip_mm(p, theta)
+        nonlocal rest
+        rest = moved(PRIOR, rest, q_rad)
+        return tip_mm(PRIOR, rest.theta_rad)
 
     q_rad, time_us = _approach(controller, tip_of, 1_000_000)
     errors, unavoidable = [], []
@@ -82,6 +78,6 @@ def test_a_robot_as_believed_is_led_along_the_path():
         q_rad = controller.step(observation).q_rad
         time_us += 1_000_000
         errors.append(np.linalg.norm(tip_of(q_rad) - target_mm))
-        nearest = polished(PRIOR, theta, target_mm, 30)
+        nearest = polished(PRIOR, rest.theta_rad, target_mm, 30)
         unavoidable.append(np.linalg.norm(tip_mm(PRIOR, nearest) - target_mm))
     assert np.mean(errors) < np.mean(unavoidable) + 0.1

@@ -4,56 +4,76 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ccr_host.config import Robot, Twin
+from ccr_host.control.adaptive.motion import first_rest
+from ccr_host.control.adaptive.parameters import Parameters, parameters_of, prior_of
 from ccr_host.control.adaptive.statics import (
     Drive,
-    Parameters,
+    forces_at,
+    hold_at,
     likely_bending_rad,
-    parameters_of,
-    pose_at,
-    prior_of,
     rest_at,
-    setpoints_for,
-    tip_at,
-    tip_jacobian_mm_rad,
-    tip_mm,
+    routes_at,
 )
+from ccr_host.control.adaptive.tip import tip_at, tip_mm, turned_back_mm, vector_mm
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.twin.static_map import Equilibrium
 
 PRIOR = parameters_of(prior_of(Robot()).mean)
-HINDERED = PRIOR._replace(play_rad=0.01, friction_1=0.1, friction_2=0.05, turn_x_rad=0.03)
+HINDERED = PRIOR._replace(
+    play_rad=0.01,
+    friction_1=0.1,
+    friction_ratio=0.5,
+    turn_x_rad=0.03,
+    push_x_per_mm=0.002,
+    push_y_per_mm=-0.001,
+)
 STILL = np.zeros(2)
 bends = st.tuples(st.floats(-1.9, 1.9), st.floats(-2.2, 2.2)).map(np.array)
-sides = st.sampled_from([-1.0, 0.0, 1.0])
+senses = st.tuples(*[st.sampled_from([-1.0, 1.0])] * 2).map(np.array)
+
+
+def _drive(p, theta, setpoint, slid=0.1):
+    return Drive(np.array(setpoint), STILL, routes_at(p, theta) + slid)
+
+
+@given(bends, st.sampled_from([0.1, 0.002]))
+def test_stiffness_is_the_derivative_of_the_moments_sliding_and_sticking(theta, slid):
+    drive, h = _drive(HINDERED, theta, (0.3, -0.5), slid), 1e-7
+    here = forces_at(HINDERED, theta, drive)
+    by_1 = forces_at(HINDERED, theta + np.array([h, 0.0]), drive)
+    by_2 = forces_at(HINDERED, theta + np.array([0.0, h]), drive)
+    assert (by_1.moment_1 - here.moment_1) / h == pytest.approx(here.stiffness_11, abs=1e-2)
+    assert (by_1.moment_2 - here.moment_2) / h == pytest.approx(here.stiffness_12, abs=1e-2)
+    assert (by_2.moment_1 - here.moment_1) / h == pytest.approx(here.stiffness_12, abs=1e-2)
+    assert (by_2.moment_2 - here.moment_2) / h == pytest.approx(here.stiffness_22, abs=1e-2)
+
+
+@given(bends, senses)
+def test_shafts_put_the_robot_at_rest_where_they_are_meant_to(theta, sense):
+    anchor = routes_at(HINDERED, theta - 0.05 * sense)
+    shaft = hold_at(HINDERED, theta, anchor, STILL).shaft_rad
+    rest = rest_at(HINDERED, Drive(shaft, STILL, anchor), theta - 0.05 * sense)
+    assert rest == pytest.approx(theta, abs=1e-4)
 
 
 @given(bends)
-def test_stiffness_is_the_derivative_of_the_moments(theta):
-    drive, h = Drive(np.array([0.3, -0.5]), STILL), 1e-6
-    here = pose_at(PRIOR, theta, drive)
-    by_1 = pose_at(PRIOR, theta + np.array([h, 0.0]), drive)
-    by_2 = pose_at(PRIOR, theta + np.array([0.0, h]), drive)
-    assert (by_1.moment_1 - here.moment_1) / h == pytest.approx(here.stiffness_11, abs=1e-3)
-    assert (by_1.moment_2 - here.moment_2) / h == pytest.approx(here.stiffness_12, abs=1e-3)
-    assert (by_2.moment_1 - here.moment_1) / h == pytest.approx(here.stiffness_12, abs=1e-3)
-    assert (by_2.moment_2 - here.moment_2) / h == pytest.approx(here.stiffness_22, abs=1e-3)
-
-
-@given(bends, st.tuples(sides, sides).map(np.array))
-def test_setpoints_put_the_robot_at_rest_where_they_are_meant_to(theta, side):
-    setpoint = setpoints_for(HINDERED, theta, side)
-    drive = Drive(setpoint, side)
-    assert rest_at(HINDERED, drive, theta) == pytest.approx(theta, abs=0.01)
+def test_the_tendon_that_pulls_goes_on_until_the_other_one_clearly_has_to(theta):
+    anchor = routes_at(PRIOR, theta)
+    free = hold_at(PRIOR, theta, anchor, STILL)
+    kept = hold_at(PRIOR, theta, anchor, -free.side)
+    moved = rest_at(PRIOR, Drive(kept.shaft_rad, STILL, anchor), theta)
+    assert moved == pytest.approx(theta, abs=0.02)
 
 
 @given(bends)
 def test_one_pose_and_many_agree(theta):
-    drive = Drive(np.array([0.2, 0.4]), np.ones(2))
-    many = Drive(np.array([drive.setpoint_rad] * 2), np.ones((2, 2)))
-    one = pose_at(HINDERED, theta, drive)
-    two = pose_at(HINDERED, np.array([theta, theta]), many)
+    drive = _drive(HINDERED, theta, (0.2, 0.4))
+    many = Drive(*(np.array([part] * 2) for part in drive))
+    one = forces_at(HINDERED, theta, drive)
+    two = forces_at(HINDERED, np.array([theta, theta]), many)
     assert two.moment_1[1] == pytest.approx(one.moment_1, abs=1e-9)
-    assert two.tip.sagittal[0] == pytest.approx(one.tip.sagittal, abs=1e-9)
+    rests = rest_at(HINDERED, many, np.array([theta, theta]))
+    assert rests[0] == pytest.approx(rest_at(HINDERED, drive, theta), abs=1e-6)
 
 
 @given(bends)
@@ -68,18 +88,27 @@ def test_without_weight_and_sag_the_tip_is_that_of_equation_10(theta):
 def test_jacobian_is_the_derivative_of_the_tip(theta):
     h = 1e-6
     assume(np.abs(theta).min() > 1e-3)
-    jacobian = tip_jacobian_mm_rad(PRIOR, tip_at(PRIOR, theta))
+    tip = tip_at(PRIOR, theta)
+    by_1 = vector_mm(PRIOR, 0.0, tip.sagittal_1)
+    by_2 = vector_mm(PRIOR, tip.across_2, tip.sagittal_2)
     moved = [
         (tip_mm(PRIOR, theta + h * e) - tip_mm(PRIOR, theta - h * e)) / 2 / h for e in np.eye(2)
     ]
-    assert jacobian == pytest.approx(np.array(moved).T, abs=1e-3)
+    assert np.array([by_1, by_2]) == pytest.approx(np.array(moved), abs=1e-3)
+
+
+def test_turning_a_vector_into_the_cameras_frame_and_back_changes_nothing():
+    turned = PRIOR._replace(turn_x_rad=0.05, turn_y_rad=-0.08, turn_z_rad=0.02)
+    point = np.array([10.0, -90.0, 25.0])
+    seen = vector_mm(turned, point[0], -point[1] + 1j * point[2])
+    assert np.linalg.norm(seen) == pytest.approx(np.linalg.norm(point))
+    assert turned_back_mm(turned, seen) == pytest.approx(point)
 
 
 def test_slack_hides_small_motor_angles_of_a_robot_that_weighs_nothing():
     light = PRIOR._replace(body_per_mm=0.0, tip_per_mm=0.0, slack_1_rad=0.1, slack_2_rad=0.1)
-    inside, outside = (Drive(np.full(2, q), STILL) for q in (0.09, 0.15))
-    assert rest_at(light, inside, STILL) == pytest.approx(STILL, abs=1e-9)
-    assert np.all(rest_at(light, outside, STILL) > 0.05)
+    assert first_rest(light, np.full(2, 0.09)).theta_rad == pytest.approx(STILL, abs=1e-9)
+    assert np.all(first_rest(light, np.full(2, 0.15)).theta_rad > 0.05)
 
 
 def test_known_parameters_predict_a_weightless_twin_within_a_tenth_of_a_millimetre():
@@ -87,10 +116,10 @@ def test_known_parameters_predict_a_weightless_twin_within_a_tenth_of_a_millimet
     compliance = 20.0 / (4.0 * 4.5**2)
     sags = [length / (8 * n**2 * 4.5) for length, n in zip((58.5, 43.5), (6, 5), strict=True)]
     known = Parameters(
-        58.5, 43.5, 15.0, 12.5 / 4.5, 12.5 / 4.5, compliance, compliance, 1.2 / 12.5, 1.2 / 12.5,
-        *sags, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        58.5, 43.5, 15.0, 12.5 / 4.5, 1.0, compliance, compliance, 1.2 / 12.5, 1.2 / 12.5,
+        *sags, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
     )  # fmt: skip
     equilibrium = Equilibrium(twin)
     for q in np.radians([[20.0, 30.0], [-30.0, 50.0], [10.0, -45.0], [3.0, 60.0]]):
-        rest = rest_at(known, Drive(q, STILL), likely_bending_rad(known, q))
+        rest = rest_at(known, _drive(known, STILL, q), likely_bending_rad(known, q))
         assert tip_mm(known, rest) == pytest.approx(equilibrium.tip_mm(*q), abs=0.1)

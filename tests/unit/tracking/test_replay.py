@@ -1,30 +1,40 @@
 """A recorded run as a tracker."""
 
-import io
+import json
 
 import numpy as np
 import pytest
 
 from ccr_host.errors import ConfigError
-from ccr_host.run.json_log import JsonLog
+from ccr_host.run.log import topics
+from ccr_host.run.log.files import LOG_PREFIX, LogFiles
+from ccr_host.run.log.sinks import DirectSink
+from ccr_host.run.log.topics import LOG_TOPICS
 from ccr_host.tracking.replay import ReplayTracker
-from ccr_host.tracking.sample import Sample
 
 LATENCY_US = 40_000
 
 
+def write_log(path, contents):
+    """A log with these samples among other messages."""
+    sink = DirectSink(LogFiles(path, LOG_PREFIX, LOG_TOPICS), LOG_TOPICS)
+    for index, content in enumerate(contents):
+        time_us = 1_000_000 + 100_000 * index
+        sink.write(topics.EVENT, time_us, b'{"message":"something else"}')
+        sink.write(topics.SAMPLE, time_us, json.dumps(content).encode())
+    sink.close()
+
+
+def sample(exposed_us):
+    markers_mm = np.arange(9.0).reshape(3, 3) + exposed_us
+    return {"exposed_us": exposed_us, "markers_mm": markers_mm.tolist()}
+
+
 @pytest.fixture
 def log(tmp_path):
-    """Three samples as a run records them, among other lines."""
-    text = io.StringIO()
-    recorder = JsonLog(text)
-    for exposed_us in (1_000_000, 1_050_000, 1_200_000):
-        recorder.event(exposed_us, "something else")
-        markers_mm = np.arange(9.0).reshape(3, 3) + exposed_us
-        recorder.sample(Sample(exposed_us, markers_mm))
-    path = tmp_path / "log.jsonl"
-    path.write_text(text.getvalue())
-    return path
+    """Three samples as a run records them."""
+    write_log(tmp_path, map(sample, (1_000_000, 1_050_000, 1_200_000)))
+    return tmp_path
 
 
 def test_samples_come_in_order_at_their_pace_and_after_the_latency(log):
@@ -52,21 +62,44 @@ def test_health_tells_the_end_of_the_recording(log):
     assert tracker.health.frames == 3
 
 
+def test_one_file_of_a_log_does_as_well(log):
+    tracker = ReplayTracker(log / "log_0000.mcap")
+    with tracker:
+        tracker.advance_to(0)
+        tracker.advance_to(10_000_000)
+    assert tracker.health.frames == 3
+
+
+def test_a_lost_marker_stays_lost(tmp_path):
+    content = sample(0)
+    content["markers_mm"][1] = [None, None, None]
+    write_log(tmp_path, [content])
+    tracker = ReplayTracker(tmp_path, latency_us=0)
+    with tracker:
+        tracker.advance_to(0)
+    assert np.isnan(tracker.newest_frame().tools["M2"].position_mm).all()
+    assert np.isfinite(tracker.newest_frame().tools["M3"].position_mm).all()
+
+
 @pytest.mark.parametrize(
-    ("text", "cause"),
+    ("contents", "cause"),
     [
-        ("", "no samples"),
-        ('{"kind":"run"}\n', "no samples"),
-        ("not json\n", "not the log"),
-        ('{"kind":"sample"}\n', "not the log"),
-        ('{"kind":"sample","exposed_us":1,"markers_mm":[[1,2]]}\n', "not the log"),
-        ("[1,2]\n", "not the log"),
+        ([], "no samples"),
+        ([{}], "not the log"),
+        ([{"exposed_us": 1, "markers_mm": [[1, 2]]}], "not the log"),
+        ([{"exposed_us": "1", "markers_mm": [[0, 0, 0]] * 3}], "not the log"),
     ],
 )
-def test_files_that_are_no_recording_are_refused(tmp_path, text, cause):
-    path = tmp_path / "log.jsonl"
-    path.write_text(text)
+def test_logs_without_samples_are_refused(tmp_path, contents, cause):
+    write_log(tmp_path, contents)
     with pytest.raises(ConfigError, match=cause):
+        ReplayTracker(tmp_path)
+
+
+def test_what_is_no_log_is_refused(tmp_path):
+    path = tmp_path / "log.jsonl"
+    path.write_text('{"kind":"sample"}')
+    with pytest.raises(ConfigError, match="not an MCAP file"):
         ReplayTracker(path)
 
 

@@ -21,7 +21,7 @@ from ccr_host.tracking.uri import TrackerKind, TrackerUri, parse_tracker_uri
         ("ndi+tcp://camera.lab:8765", TrackerKind.NDI_TCP, "camera.lab:8765"),
         ("igtl://localhost:18944", TrackerKind.IGTL, "localhost:18944"),
         ("aruco:0", TrackerKind.ARUCO, "0"),
-        ("replay:runs/a:b/log.jsonl", TrackerKind.REPLAY, "runs/a:b/log.jsonl"),
+        ("replay:runs/a:b/log_0000.mcap", TrackerKind.REPLAY, "runs/a:b/log_0000.mcap"),
     ],
 )
 def test_known_forms_are_read_and_written_back(text, kind, address):

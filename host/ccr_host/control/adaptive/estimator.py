@@ -67,6 +67,8 @@ class Tuning:
     gets there once in six thousand samples."""
     load_deviation: float = 0.7
     """Of a freed load, in prior deviations."""
+    usual_after_s: float = 3.0
+    """Time constant of the offset that a payload or push is set off against."""
     believed_after_s: float = 0.3
     """Time constant with which commands follow the estimate. A structure that resonates at 4 to
     10 Hz with 2 % damping answers 20 times stronger there, in whatever phase the latency makes of
@@ -96,6 +98,7 @@ class Estimator:
         self._considered = [] if fit is None else _settled(fit)
         self._believed = self._state.copy()
         self._since_believed_s = 0.0
+        self._usual_offset_mm = self._state[_OFFSET].copy()
         self._surprise = np.zeros(3)
         self.parameters: Parameters = scaling.parameters(self._state[:COUNT])
         self.releases = 0
@@ -178,6 +181,8 @@ class Estimator:
     def _believe(self) -> None:
         share = 1.0 - np.exp(-self._since_believed_s / self._tuning.believed_after_s)
         self._believed += share * (self._state - self._believed)
+        slowly = 1.0 - np.exp(-self._since_believed_s / self._tuning.usual_after_s)
+        self._usual_offset_mm += slowly * (self._state[_OFFSET] - self._usual_offset_mm)
         self._since_believed_s = 0.0
 
     def _free_load_if_surprised(self, standard: FloatArray) -> None:
@@ -188,6 +193,8 @@ class Estimator:
             free = np.maximum(self._covariance[_LOADS, _LOADS], tuning.load_deviation**2)
             self._covariance[_LOADS, _LOADS] = free
             self._surprise = np.zeros(3)
+            # What the offset has taken of it since is given back, for the load to explain.
+            self._state[_OFFSET] = self._usual_offset_mm
             self.releases += 1
 
 

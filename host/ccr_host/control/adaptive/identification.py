@@ -20,6 +20,7 @@ _PROBE = 1e-4
 _DONE = 1e-2
 """Of a prior deviation: smaller steps of the fit end it."""
 _HUBER_DEVIATIONS = 3.0
+TURNS = [Parameters._fields.index(f"turn_{axis}_rad") for axis in "xyz"]
 PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_per_mm")]
 """A robot at rest is taken to be pushed by nothing: pushes look like a turned camera."""
 
@@ -51,13 +52,20 @@ class Rests:
 
 
 class Scaling:
-    """Parameters as scores, (parameter - prior mean) / prior deviation, and their bounds."""
+    """Parameters as scores, (parameter - prior mean) / prior deviation, and their bounds.
 
-    def __init__(self, robot: Robot) -> None:
+    Args:
+        robot: what the prior knows.
+        turn_deviation_rad: of the camera's rotation about each axis, where it was registered.
+    """
+
+    def __init__(self, robot: Robot, turn_deviation_rad: float | None = None) -> None:
         prior = prior_of(robot)
         self._mean, self._deviation = prior.mean, prior.deviation
-        self._lower = (prior.lower - prior.mean) / prior.deviation
-        self._upper = (prior.upper - prior.mean) / prior.deviation
+        if turn_deviation_rad is not None:
+            self._deviation[TURNS] = turn_deviation_rad
+        self._lower = (prior.lower - prior.mean) / self._deviation
+        self._upper = (prior.upper - prior.mean) / self._deviation
 
     def parameters(self, score: FloatArray) -> Parameters:
         """Floats for the model."""

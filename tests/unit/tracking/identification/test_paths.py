@@ -36,3 +36,14 @@ def test_before_registration_labels_are_right_too_only_fewer(slow_motion):
     score = label(slow_motion, HOSTILE, seed=14, registered=False)
     assert (score.swaps, score.false_tips) == (0, 0)
     assert score.tips > 0.03 * score.visible
+
+
+def test_phantoms_that_come_after_a_long_clear_view_give_no_false_tip(jerky_motion):
+    """A clear view makes the identifier bold; the first phantoms must not profit from it."""
+    score = Score()
+    for start in range(0, len(jerky_motion.q_rad) - 90, 60):
+        part = slice(start, start + 90)
+        motion = Motion(jerky_motion.q_rad[part], jerky_motion.markers_mm[part])
+        judge(motion, Hostility(kinds="nm", first_frame=60), start, score)
+    assert (score.swaps, score.false_tips) == (0, 0)
+    assert score.tips > 0.6 * score.visible

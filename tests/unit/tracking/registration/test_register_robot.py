@@ -47,6 +47,9 @@ class InRobotFrame:
             return None
         return Sample(sample.exposed_us, sample.markers_mm @ self.camera_to_robot.T)
 
+    def trouble(self) -> str:
+        return ""
+
 
 def mean_errors_mm(options: RunOptions, camera_to_robot) -> tuple[float, float]:
     """As measured and true."""

@@ -1,0 +1,155 @@
+"""Trackers as their user meets them: runs over the emulated Polaris, registration, monitor."""
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+
+from tests.system.conftest import CcrHost
+
+
+def tracked(ccr_host: CcrHost, path: str, tracker: str, *words: str) -> dict:
+    ended = ccr_host("track", path, "--tracker", tracker, "--no-open", "--json", *words)
+    assert ended.status == 0, ended.err
+    return ended.summary
+
+
+@pytest.mark.parametrize("controller", ["mpc", "adaptive"])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "8shape",
+        pytest.param("ellipse", marks=pytest.mark.slow),
+        pytest.param("star", marks=pytest.mark.slow),
+    ],
+)
+def test_the_emulated_polaris_is_as_good_as_the_simulated_camera(
+    ccr_host: CcrHost, path: str, controller: str
+) -> None:
+    direct, polaris = (
+        tracked(ccr_host, path, tracker, "--controller", controller)
+        for tracker in ("twin:", "ndi-emulator:")
+    )
+    assert polaris["mean_error_mm"] == pytest.approx(direct["mean_error_mm"], rel=0.1)
+    assert polaris["true_mean_error_mm"] == pytest.approx(direct["true_mean_error_mm"], rel=0.1)
+    assert polaris["faults"] == []
+
+
+@pytest.mark.parametrize(
+    ("tracker", "rotation_deg"),
+    [
+        ("twin:", "17"),
+        ("twin:", "[0, 127.28, 127.28]"),
+        ("ndi-emulator:", "[50, -60, 45]"),
+        pytest.param("ndi-emulator:", "[0, 127.28, 127.28]", marks=pytest.mark.slow),
+        pytest.param("ndi-emulator:", "17", marks=pytest.mark.slow),
+    ],
+)
+def test_after_registration_a_turned_camera_is_as_good_as_an_aligned_one(
+    ccr_host: CcrHost, tracker: str, rotation_deg: str
+) -> None:
+    turned = ("--set", f"tracker.rotation_deg={rotation_deg}")
+    registered = ccr_host(
+        "register", "--tracker", tracker, "--out", "robot.toml", "--json", *turned
+    )
+    assert registered.status == 0, registered.err
+    assert json.loads(registered.out)["kept_in"] == "robot.toml"
+    aligned = tracked(ccr_host, "8shape", tracker)
+    corrected = tracked(ccr_host, "8shape", tracker, "--robot", "robot.toml", *turned)
+    assert corrected["mean_error_mm"] == pytest.approx(aligned["mean_error_mm"], rel=0.05)
+
+
+def test_register_keeps_what_it_found_in_the_users_own_description(ccr_host: CcrHost) -> None:
+    own = Path(ccr_host.folder / "mine.toml")
+    own.write_text('name = "mine"  # keep this\n')
+    assert ccr_host("register", "--robot", "mine.toml").status == 0
+    assert own.read_text().startswith('name = "mine"  # keep this\n')
+    assert "[registration]" in own.read_text()
+
+
+def test_register_refuses_a_robot_that_does_not_move_and_writes_nothing(ccr_host: CcrHost) -> None:
+    ended = ccr_host("register", "--out", "robot.toml", "--set", "twin.servo_rate_deg_s=0.01")
+    assert ended.status == 3
+    assert "swung by" in ended.err.strip().splitlines()[-1]
+    assert not (ccr_host.folder / "robot.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        ("occluded_s=[[2, 12]]", "lacks M1, M2, M3"),
+        ("unplugged_s=[[2, 12]]", "the port is gone"),
+        ("reset_s=[2]", "reset in mid-conversation"),
+    ],
+)
+def test_a_camera_that_fails_ends_the_run_and_says_why(
+    ccr_host: CcrHost, long_path: str, fault: str, told: str
+) -> None:
+    words = ("--tracker", "ndi-emulator:", "--set", f"polaris_faults.{fault}")
+    ended = ccr_host("track", long_path, "--no-open", "--json", *words)
+    assert ended.status == 3
+    assert told in ended.summary["faults"][0]
+    assert 0 < ended.summary["steps"] < 13, "the steps until then are kept"
+    assert ended.summary["tracker_lost_steps"] >= 4
+
+
+@pytest.mark.parametrize("fault", ["unplugged_s=[[2, 3]]", "reset_s=[2]"])
+def test_a_run_goes_on_when_the_camera_comes_back_in_time(
+    ccr_host: CcrHost, long_path: str, fault: str
+) -> None:
+    words = ("--set", f"polaris_faults.{fault}", "--set", "control.hold_s=9")
+    summary = tracked(ccr_host, long_path, "ndi-emulator:", *words)
+    assert summary["steps"] == 13
+    assert summary["tracker_lost_steps"] > 0
+    assert summary["faults"] == []
+
+
+def test_monitor_shows_a_tracker_without_any_board(ccr_host: CcrHost) -> None:
+    ended = ccr_host("monitor", "--tracker", "ndi-emulator:", "--duration", "5", "--json")
+    assert ended.status == 0, ended.err
+    seen = json.loads(ended.out)
+    assert seen["health"]["tracking"]
+    assert seen["link"] is None
+    assert len(seen["markers_mm"]) == 3
+
+
+def test_monitor_shows_a_board_too(ccr_host: CcrHost) -> None:
+    ended = ccr_host("monitor", "--device", "emulator:", "--duration", "1", "--json")
+    assert json.loads(ended.out)["link"]["state"] == "disarmed"
+
+
+def test_a_camera_that_is_not_there_is_one_line(ccr_host: CcrHost) -> None:
+    for command in (["monitor"], ["track", "8shape"], ["register"]):
+        ended = ccr_host(*command, "--tracker", "ndi:/dev/nowhere")
+        assert ended.status == 3
+        assert "there is no such port" in ended.err.strip().splitlines()[-1]
+        assert "Traceback" not in ended.err
+
+
+@pytest.mark.parametrize("words", [["--polaris"], ["--polaris-tcp", "127.0.0.1:0"]])
+def test_a_run_over_a_served_camera_that_sees_the_twin_of_the_served_board(
+    ccr_host: CcrHost, short_path: str, words: list[str]
+) -> None:
+    server = ccr_host.start("emulate", *words)
+    try:
+        assert server.stdout is not None
+        lines = [server.stdout.readline() for _ in range(3)]
+        assert lines[1].startswith("emulated Polaris on ndi")
+        uris = lines[2].split("8shape")[1].split()
+        ended = ccr_host("track", short_path, *uris, "--json")
+    finally:
+        server.send_signal(signal.SIGINT)
+        server.communicate(timeout=10)
+    assert ended.status == 0, ended.err
+    assert ended.summary["steps"] == 6
+    assert ended.summary["mean_error_mm"] < 15, "the camera sees what the board moves"
+    assert "true_mean_error_mm" not in ended.summary, "the host knows nothing of the twin"
+
+
+@pytest.fixture
+def long_path(tmp_path: Path) -> str:
+    """Twelve seconds well inside the workspace."""
+    file = tmp_path / "long.csv"
+    file.write_text("t_s,y_mm,z_mm\n0,0,30\n12,10,35\n")
+    return str(file)

@@ -1,0 +1,27 @@
+"""A log that was cut short, made whole for other readers."""
+
+import pytest
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from ccr_host.errors import ConfigError
+from ccr_host.run.log.finish import finish_log
+from ccr_host.run.log.reader import RunRecording
+
+
+def test_a_cut_log_gets_a_summary_and_keeps_its_messages(log_file, tmp_path):
+    cut = tmp_path / "log_0000.mcap"
+    whole = log_file.read_bytes()
+    cut.write_bytes(whole[: len(whole) // 2])
+    with cut.open("rb") as file, pytest.raises(McapError):
+        make_reader(file).get_summary()
+    count = finish_log(RunRecording(cut), tmp_path / "finished")
+    finished = RunRecording(tmp_path / "finished")
+    assert list(finished.messages()) == list(RunRecording(cut).messages())
+    with (tmp_path / "finished" / "log_0000.mcap").open("rb") as file:
+        assert make_reader(file).get_summary().statistics.message_count == count
+
+
+def test_no_log_is_written_over(recording):
+    with pytest.raises(ConfigError, match="holds a log"):
+        finish_log(recording, recording.source)
