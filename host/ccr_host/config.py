@@ -2,9 +2,9 @@
 
 One TOML file describes a robot: what the controller believes (``robot``, ``control``), the
 servos and their limits (``servo``, ``link``), how the twin and its camera differ from that belief
-(``twin``, ``tracker``), and how the camera was found to stand (``registration``). Every key has a
-unit in its name and a range; unknown keys are refused. ``--set section.key=value`` overrides one
-key.
+(``twin``, ``tracker``), how the camera was found to stand (``registration``), and where the robot
+was found to rest (``identified``). Every key has a unit in its name and a range; unknown keys are
+refused. ``--set section.key=value`` overrides one key.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class Control(_Section):
     step_bound_rad: float = Field(2.0, gt=0)
     """|u| of (15), per control step."""
     solver: Literal["daqp", "compiled"] = "daqp"
-    """What solves the QPs of `mpc`; `compiled` does its whole step in machine code (extra `fast`)."""
+    """What plans for `mpc`; `compiled` does its whole step in machine code (extra `fast`)."""
     settle_s: float = Field(2.0, ge=0)
     """From the first command to the start of the path's clock."""
     stale_after_ms: int = Field(250, ge=1)
@@ -269,6 +269,32 @@ class Registration(_Section):
     """Of the registration."""
 
 
+class Identified(_Section):
+    """What ``ccr-host calibrate --identify`` has measured; `adaptive` fits its model to it.
+
+    Kept as measured, one row a rest, so that it outlives changes of the model.
+    """
+
+    start_rad: Pair
+    """Motor angles that the tour came from."""
+    setpoint_rad: Annotated[tuple[Pair, ...], Field(min_length=10)]
+    """Motor angles of each rest, in the order of the tour."""
+    tip_mm: tuple[Vector3, ...]
+    """Mean of the tip measured at each rest."""
+    count: tuple[Annotated[int, Field(ge=1)], ...]
+    """Of the measurements behind each mean."""
+    valid_for: str
+    """Digest of the geometry, the servos' pulses and the registration that it was made with."""
+    date: Annotated[str, BeforeValidator(str)] = ""
+    """Of the tour."""
+
+    @model_validator(mode="after")
+    def _rows_belong_together(self) -> Identified:
+        if not len(self.setpoint_rad) == len(self.tip_mm) == len(self.count):
+            raise ValueError("setpoint_rad, tip_mm and count need a row for each rest")
+        return self
+
+
 class Description(_Section):
     """A whole robot description."""
 
@@ -282,6 +308,7 @@ class Description(_Section):
     tracker: Tracker = Tracker()
     polaris_faults: PolarisFaults = PolarisFaults()
     registration: Registration | None = None
+    identified: Identified | None = None
 
 
 def shipped_descriptions() -> list[str]:

@@ -42,7 +42,8 @@ _INTRODUCTION = """\
 
 One TOML file describes a robot: what the controller believes about it (`robot`, `control`), the
 servos and the link (`servo`, `link`), how the twin and its camera are in truth (`twin`,
-`tracker`), and how the camera stands against the robot (`registration`, by `ccr-host register`).
+`tracker`), how the camera stands against the robot (`registration`, by `ccr-host register`), and
+where the robot rests (`identified`, by `ccr-host calibrate --identify`).
 `--robot FILE.toml` reads it, `--set section.key=value` overrides one key. Keys that are left out
 have the default below; unknown keys and values out of range are refused. A key with two values has
 one per segment or servo; where one number is given, it stands for both, except for lengths and

@@ -92,6 +92,9 @@ def run_table(summary: Mapping[str, Any]) -> Table:
         floor_mm = summary["twin_floor_mean_error_mm"]
         table.add_row("  floor: least of any motor path", _mm(floor_mm), "")
         table.add_row("  ratio of these two", _ratio(ratio_to_twin_floor(summary)), "")
+    for number, lap in enumerate(summary["laps"] or (), start=1):
+        lap_mm = lap.get("true_mean_error_mm", lap["mean_error_mm"])
+        table.add_row(f"  lap {number}", _mm(lap_mm), "")
     table.add_row("  95 % of the steps below", _mm(summary["p95_error_mm"]), "")
     table.add_row("  greatest", _mm(summary["max_error_mm"]), "")
     unreachable = summary["unreachable_steps"]

@@ -19,6 +19,8 @@ from ccr_host.run.log.files import LOG_PREFIX, log_files
 from ccr_host.run.log.reader import RunRecording
 from ccr_host.run.log.topics import Topic
 
+PAPERS = ("--controller", "mpc")
+"""The quickest closed loop: it follows the path at once."""
 COMMAND = str(Path(sys.executable).with_name("ccr-host"))
 
 

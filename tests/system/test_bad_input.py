@@ -1,6 +1,6 @@
 import pytest
 
-from tests.system.conftest import CcrHost, Ended
+from tests.system.conftest import PAPERS, CcrHost, Ended
 
 
 def assert_one_clear_line(ended: Ended, status: int, *words: str) -> None:
@@ -71,7 +71,9 @@ def test_a_path_file_that_is_not_there(ccr_host: CcrHost) -> None:
 
 def test_a_broken_robot_description(ccr_host: CcrHost) -> None:
     (ccr_host.folder / "robot.toml").write_text("[twin\n")
-    assert_one_clear_line(ccr_host("track", "8shape", "--robot", "robot.toml"), 2, "robot.toml")
+    assert_one_clear_line(
+        ccr_host("track", "8shape", *PAPERS, "--robot", "robot.toml"), 2, "robot.toml"
+    )
 
 
 @pytest.mark.parametrize(
@@ -84,7 +86,7 @@ def test_a_broken_robot_description(ccr_host: CcrHost) -> None:
 def test_a_board_that_is_not_there_is_a_device_fault(
     ccr_host: CcrHost, words: list[str], named: list[str]
 ) -> None:
-    ended = ccr_host("track", "8shape", *words, "--json")
+    ended = ccr_host("track", "8shape", *PAPERS, *words, "--json")
     assert ended.status == 3
     last = ended.err.strip().splitlines()[-1]
     for word in named:

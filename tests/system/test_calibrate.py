@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from ccr_host import config
-from tests.system.conftest import CcrHost
+from ccr_host.run.log import topics
+from tests.system.conftest import CcrHost, logged
 from tests.system.driven_terminal import DOWN, LEFT, RIGHT, UP, DrivenTerminal
 
 NEUTRAL_US = (1540.0, 1475.0)
@@ -83,3 +84,33 @@ def test_a_shipped_description_is_not_written_to(ccr_host: CcrHost) -> None:
     ended = ccr_host("calibrate", "--by-eye", "--robot", "hard")
     assert ended.status == 2
     assert "no file of yours" in ended.err
+
+
+def test_an_identified_robot_is_followed_without_a_tour(ccr_host: CcrHost, robot: Path) -> None:
+    ended = ccr_host("calibrate", "--identify", "--robot", robot.name)
+    assert ended.status == 0, ended.err
+    assert "# keep this" in robot.read_text()
+
+    def track(out: str, *words: str) -> tuple[float, float]:
+        common = ("--controller", "adaptive", "--no-open", "--json", "--out", out)
+        summary = ccr_host("track", "8shape", *common, *words).summary
+        noted_s = {
+            content["message"]: content["timestamp"]["sec"] + content["timestamp"]["nsec"] * 1e-9
+            for content in logged(ccr_host.folder / out, topics.EVENT)
+        }
+        approach_s = noted_s["following the path"] - noted_s["approaching the first point"]
+        return approach_s, summary["true_mean_error_mm"]
+
+    tour_s, toured_mm = track("toured")
+    approach_s, identified_mm = track("identified", "--robot", robot.name)
+    assert approach_s < 5.0
+    assert tour_s > 20.0
+    assert identified_mm < 1.05 * toured_mm
+    changed = ("--robot", robot.name, "--set", "robot.marker_offset_mm=14")
+    refused = ccr_host("track", "8shape", "--controller", "adaptive", *changed)
+    assert refused.status == 2
+    assert "identify again" in refused.err
+
+
+def test_the_eye_cannot_identify(ccr_host: CcrHost, robot: Path) -> None:
+    assert ccr_host("calibrate", "--by-eye", "--identify", "--robot", robot.name).status == 2

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from tests.system.conftest import CcrHost
+from tests.system.conftest import PAPERS, CcrHost
 
 
 def served_uri(process: subprocess.Popen[str]) -> str:
@@ -19,7 +19,7 @@ def test_a_run_over_a_served_board_in_real_time_loses_nothing(
     server = ccr_host.start("emulate", *words)
     try:
         uri = served_uri(server)
-        summary = ccr_host("track", short_path, "--device", uri, "--json").summary
+        summary = ccr_host("track", short_path, *PAPERS, "--device", uri, "--json").summary
     finally:
         server.send_signal(signal.SIGINT)
         server.communicate(timeout=10)
@@ -34,7 +34,7 @@ def test_a_run_over_a_served_board_in_real_time_loses_nothing(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals as on Linux")
 def test_the_board_behind_a_pty_of_its_own(ccr_host: CcrHost, short_path: str) -> None:
-    summary = ccr_host("track", short_path, "--device", "emulator+pty:", "--json").summary
+    summary = ccr_host("track", short_path, *PAPERS, "--device", "emulator+pty:", "--json").summary
     assert summary["link"]["crc_errors"] == summary["missed_deadlines"] == 0
 
 

@@ -4,14 +4,16 @@ import pytest
 
 from ccr_host.link.messages import Disarm, SetTarget, State, Stop, Telemetry
 from ccr_host.run.log import topics
-from tests.system.conftest import CcrHost, events, messages_in, wait_until_following
+from tests.system.conftest import PAPERS, CcrHost, events, messages_in, wait_until_following
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_run_disarms_the_robot_first_and_keeps_its_log(
     ccr_host: CcrHost, number: signal.Signals
 ) -> None:
-    process = ccr_host.start("track", "8shape", "--realtime", "--rate", "5", "--out", "kept")
+    process = ccr_host.start(
+        "track", "8shape", *PAPERS, "--realtime", "--rate", "5", "--out", "kept"
+    )
     folder = ccr_host.folder / "kept"
     wait_until_following(folder, process)
     process.send_signal(number)

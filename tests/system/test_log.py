@@ -13,7 +13,7 @@ from ccr_host.link.messages import Fault, SetTarget, State
 from ccr_host.run.log import topics
 from ccr_host.run.log.reader import LogMessage, RunRecording
 from tests.system.board_tap import BoardTap
-from tests.system.conftest import CcrHost, logged, wait_until_following
+from tests.system.conftest import PAPERS, CcrHost, logged, wait_until_following
 from tests.system.test_emulate import served_uri
 from tests.unit.run_replay.rewrite import rewritten
 
@@ -28,8 +28,8 @@ def test_a_killed_host_leaves_its_log_and_a_robot_that_comes_to_rest(ccr_host: C
     folder = ccr_host.folder / "killed"
     try:
         host = ccr_host.start(
-            "track", "8shape", "--device", tap.uri, "--rate", "5", "--no-open", "--realtime",
-            "--out", str(folder), "--set", RELAX_AFTER,
+            "track", "8shape", *PAPERS, "--device", tap.uri, "--rate", "5", "--no-open",
+            "--realtime", "--out", str(folder), "--set", RELAX_AFTER,
         )  # fmt: skip
         wait_until_following(folder, host)
         time.sleep(2)
@@ -61,7 +61,7 @@ def test_a_killed_host_leaves_its_log_and_a_robot_that_comes_to_rest(ccr_host: C
 
 @pytest.fixture
 def run_folder(ccr_host: CcrHost, short_path: str) -> Path:
-    assert ccr_host("track", short_path, "--no-open", "--out", "kept").status == 0
+    assert ccr_host("track", short_path, *PAPERS, "--no-open", "--out", "kept").status == 0
     return ccr_host.folder / "kept"
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import CcrHost
+from tests.system.conftest import PAPERS, CcrHost
 
 
 @pytest.fixture
 def with_run(ccr_host: CcrHost) -> CcrHost:
-    assert ccr_host("track", "8shape", "--no-open", "--out", "kept").status == 0
+    assert ccr_host("track", "8shape", *PAPERS, "--no-open", "--out", "kept").status == 0
     return ccr_host
 
 
@@ -46,7 +46,7 @@ def test_a_run_that_was_killed_is_reported_as_far_as_its_log_goes(with_run: CcrH
 
 def test_what_ended_a_run_early_is_told(ccr_host: CcrHost) -> None:
     lost = ("--set", "tracker.dropout=0.99", "--set", "control.coast_s=0.1")
-    ended = ccr_host("track", "8shape", *lost, "--no-open", "--out", "kept")
+    ended = ccr_host("track", "8shape", *PAPERS, *lost, "--no-open", "--out", "kept")
     assert ended.status == 3
     assert 'class="fault">no markers' in page_of(ccr_host, "kept")
 

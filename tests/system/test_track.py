@@ -4,15 +4,15 @@ from pathlib import Path
 import pytest
 
 from ccr_host.run.log import topics
-from tests.system.conftest import CcrHost, events, logged
+from tests.system.conftest import PAPERS, CcrHost, events, logged
 
 SUMMARY_KEYS = {
     "path", "controller", "rate_hz", "steps", "seed", "device", "tracker",
     "mean_error_mm", "rmse_mm", "p95_error_mm", "max_error_mm", "mean_lateral_error_mm",
     "true_mean_error_mm", "true_rmse_mm", "true_p95_error_mm", "true_max_error_mm",
     "true_mean_lateral_error_mm", "floor_mean_error_mm", "twin_floor_mean_error_mm",
-    "unreachable_steps", "open", "solve_us", "missed_deadlines", "tracker_lost_steps", "link",
-    "wall_s", "faults",
+    "unreachable_steps", "laps", "open", "solve_us", "missed_deadlines", "tracker_lost_steps",
+    "link", "wall_s", "faults",
 }  # fmt: skip
 
 
@@ -47,7 +47,7 @@ def test_the_open_loop_comes_out_as_in_the_paper(
 def test_the_summary_has_the_keys_that_others_script_against(
     ccr_host: CcrHost, short_path: str
 ) -> None:
-    summary = ccr_host("track", short_path, "--json").summary
+    summary = ccr_host("track", short_path, *PAPERS, "--json").summary
     assert set(summary) == SUMMARY_KEYS
     assert set(summary["solve_us"]) == {"median", "p99", "max"}
     assert set(summary["link"]) == {
@@ -61,7 +61,7 @@ def test_the_summary_has_the_keys_that_others_script_against(
 
 def test_equal_seeds_give_equal_results_and_logs(ccr_host: CcrHost, short_path: str) -> None:
     def run(seed: int, folder: str) -> tuple[dict, bytes, bytes]:
-        words = ("track", short_path, "--seed", str(seed), "--out", folder, "--json")
+        words = ("track", short_path, *PAPERS, "--seed", str(seed), "--out", folder, "--json")
         summary = ccr_host(*words).summary
         for timing in ("solve_us", "wall_s"):
             del summary[timing]
@@ -74,7 +74,7 @@ def test_equal_seeds_give_equal_results_and_logs(ccr_host: CcrHost, short_path: 
 
 
 def test_a_run_leaves_configuration_log_and_figure(ccr_host: CcrHost, short_path: str) -> None:
-    ended = ccr_host("track", short_path, "--out", "kept", "--set", "twin.payload_g=2")
+    ended = ccr_host("track", short_path, *PAPERS, "--out", "kept", "--set", "twin.payload_g=2")
     assert ended.status == 0
     assert "kept in kept/" in ended.out
     folder = ccr_host.folder / "kept"
@@ -87,26 +87,26 @@ def test_a_run_leaves_configuration_log_and_figure(ccr_host: CcrHost, short_path
 
 
 def test_json_is_alone_on_standard_output(ccr_host: CcrHost, short_path: str) -> None:
-    ended = ccr_host("track", short_path, "--json")
+    ended = ccr_host("track", short_path, *PAPERS, "--json")
     assert json.loads(ended.out)
     assert "paper" in ended.err, "the table goes to standard error"
 
 
 def test_every_step_records_what_the_board_was_sent(ccr_host: CcrHost, short_path: str) -> None:
-    ccr_host("track", short_path, "--out", "kept")
+    ccr_host("track", short_path, *PAPERS, "--out", "kept")
     steps = logged(ccr_host.folder / "kept", topics.STEP)
     assert all(step["outcome"] == "solved" for step in steps)
     assert all(len(step["q_rad"]) == 2 for step in steps)
 
 
 def test_a_weaker_camera_shows_in_the_summary(ccr_host: CcrHost, short_path: str) -> None:
-    words = ("track", short_path, "--rate", "10", "--json", "--no-open")
+    words = ("track", short_path, *PAPERS, "--rate", "10", "--json", "--no-open")
     summary = ccr_host(*words, "--set", "tracker.dropout=0.9").summary
     assert summary["tracker_lost_steps"] > 0
 
 
 def test_runs_folder_is_named_for_the_run(ccr_host: CcrHost, short_path: str) -> None:
-    ccr_host("track", short_path)
+    ccr_host("track", short_path, *PAPERS)
     (folder,) = (ccr_host.folder / "runs").iterdir()
     assert folder.name.endswith("-short-mpc")
     assert (Path(folder) / "run.json").exists()
@@ -116,10 +116,34 @@ def test_a_tracker_too_slow_to_be_fresh_ends_the_run_with_a_fault_and_keeps_the_
     ccr_host: CcrHost, short_path: str
 ) -> None:
     ended = ccr_host(
-        "track", short_path, "--no-open", "--json", "--out", "kept",
+        "track", short_path, *PAPERS, "--no-open", "--json", "--out", "kept",
         "--set", "tracker.latency_ms=1000",
     )  # fmt: skip
     assert ended.status == 3
     assert ended.summary["steps"] == 0
     assert "stale_after_ms" in ended.summary["faults"][0]
     assert "no markers" in events(ccr_host.folder / "kept")[-1]
+
+
+def test_each_lap_is_judged_by_itself(ccr_host: CcrHost) -> None:
+    loop = "t_s,y_mm,z_mm\n0,0,50\n2,4,50\n4,4,46\n6,0,46\n8,0,50\n"
+    (ccr_host.folder / "loop.csv").write_text(loop)
+    summary = ccr_host("track", "loop.csv", "--laps", "3", "--controller", "mpc", "--json").summary
+    of_laps = [lap["true_mean_error_mm"] for lap in summary["laps"]]
+    assert summary["steps"] == 24
+    assert len(of_laps) == 3
+    assert summary["true_mean_error_mm"] == pytest.approx(sum(of_laps) / 3)
+
+
+def test_laps_of_an_open_path_are_refused(ccr_host: CcrHost) -> None:
+    (ccr_host.folder / "open.csv").write_text("t_s,y_mm,z_mm\n0,0,40\n20,20,40\n")
+    ended = ccr_host("track", "open.csv", "--laps", "2")
+    assert ended.status == 2
+    assert "mm from where it starts" in ended.err
+    assert "Traceback" not in ended.err
+
+
+def test_adaptive_is_better_in_its_third_lap_than_in_its_first(ccr_host: CcrHost) -> None:
+    words = ("--laps", "3", "--controller", "adaptive", "--no-open", "--json")
+    laps = ccr_host("track", "star", *words).summary["laps"]
+    assert laps[2]["true_mean_error_mm"] < laps[0]["true_mean_error_mm"]

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import CcrHost
+from tests.system.conftest import PAPERS, CcrHost
 
 
 def tracked(ccr_host: CcrHost, path: str, tracker: str, *words: str) -> dict:
-    ended = ccr_host("track", path, "--tracker", tracker, "--no-open", "--json", *words)
+    ended = ccr_host("track", path, *PAPERS, "--tracker", tracker, "--no-open", "--json", *words)
     assert ended.status == 0, ended.err
     return ended.summary
 
@@ -87,7 +87,7 @@ def test_a_camera_that_fails_ends_the_run_and_says_why(
     ccr_host: CcrHost, long_path: str, fault: str, told: str
 ) -> None:
     words = ("--tracker", "ndi-emulator:", "--set", f"polaris_faults.{fault}")
-    ended = ccr_host("track", long_path, "--no-open", "--json", *words)
+    ended = ccr_host("track", long_path, *PAPERS, "--no-open", "--json", *words)
     assert ended.status == 3
     assert told in ended.summary["faults"][0]
     assert 0 < ended.summary["steps"] < 13, "the steps until then are kept"
@@ -120,7 +120,7 @@ def test_monitor_shows_a_board_too(ccr_host: CcrHost) -> None:
 
 
 def test_a_camera_that_is_not_there_is_one_line(ccr_host: CcrHost) -> None:
-    for command in (["monitor"], ["track", "8shape"], ["register"]):
+    for command in (["monitor"], ["track", "8shape", *PAPERS], ["register"]):
         ended = ccr_host(*command, "--tracker", "ndi:/dev/nowhere")
         assert ended.status == 3
         assert "there is no such port" in ended.err.strip().splitlines()[-1]
@@ -137,7 +137,7 @@ def test_a_run_over_a_served_camera_that_sees_the_twin_of_the_served_board(
         lines = [server.stdout.readline() for _ in range(3)]
         assert lines[1].startswith("emulated Polaris on ndi")
         uris = lines[2].split("8shape")[1].split()
-        ended = ccr_host("track", short_path, *uris, "--json")
+        ended = ccr_host("track", short_path, *PAPERS, *uris, "--json")
     finally:
         server.send_signal(signal.SIGINT)
         server.communicate(timeout=10)

@@ -15,7 +15,7 @@ import pytest
 
 from ccr_host.run.log import topics
 from ccr_host.run.log.reader import RunRecording
-from tests.system.conftest import CcrHost
+from tests.system.conftest import PAPERS, CcrHost
 
 pytest.importorskip("viser", reason='the live page needs pip install "ccr-host[view]"')
 
@@ -79,7 +79,7 @@ def test_pause_continue_and_stop_reach_the_robot(
         assert board.stdout is not None
         uri = board.stdout.readline().split()[3].rstrip(";")
         run = ccr_host.start(
-            "track", "8shape", "--device", uri, "--realtime", "--rate", "5", "--no-open",
+            "track", "8shape", *PAPERS, "--device", uri, "--realtime", "--rate", "5", "--no-open",
             "--out", "kept", "--view", "127.0.0.1:0",
         )  # fmt: skip
         with ended(run, signal.SIGINT):
@@ -116,7 +116,15 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[CcrHost, str]:
     ccr_host = CcrHost(tmp_path_factory.mktemp("recorded"))
     (ccr_host.folder / "short.csv").write_text("t_s,y_mm,z_mm\n0,0,30\n5,10,35\n")
     run = ccr_host(
-        "track", "short.csv", "--no-open", "--out", "kept", "--json", "--view", "127.0.0.1:0"
+        "track",
+        "short.csv",
+        *PAPERS,
+        "--no-open",
+        "--out",
+        "kept",
+        "--json",
+        "--view",
+        "127.0.0.1:0",
     )
     assert run.status == 0, "it ends with the run"
     assert run.summary["steps"] == 6
@@ -161,7 +169,7 @@ def test_beyond_this_machine_only_the_token_opens_the_page(
 def test_an_address_that_cannot_be_had_is_one_line(
     ccr_host: CcrHost, short_path: str, address: str
 ) -> None:
-    run = ccr_host("track", short_path, "--no-open", f"--view={address}")
+    run = ccr_host("track", short_path, *PAPERS, "--no-open", f"--view={address}")
     assert run.status == 2
     assert run.err.startswith("ccr-host: error: --view")
     assert len(run.err.splitlines()) == 1

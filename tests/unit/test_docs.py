@@ -1,11 +1,20 @@
 """What the docs promise to cover is there."""
 
+import ast
 import re
+import textwrap
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from ccr_host import config
+from ccr_host.control import base
 from ccr_host.link.messages import REQUIREMENTS, Fault
+from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.execute import reference_of
+from ccr_host.run.options import RunOptions
 
 ROOT = Path(__file__).parents[2]
 FAULT_PAGES = ROOT / "docs" / "faults"
@@ -36,3 +45,53 @@ def test_safety_names_requirements_that_exist() -> None:
     named = re.findall(r"\b[A-Z]{3}-\d+\b", (ROOT / "SAFETY.md").read_text())
     assert named
     assert set(named) <= set(REQUIREMENTS)
+
+
+def quoted_messages() -> list[str]:
+    """What the first column of the troubleshooting tables quotes."""
+    lines = (ROOT / "docs" / "troubleshooting.md").read_text().splitlines()
+    symptoms = [line.split("|")[1] for line in lines if line.startswith("| ")]
+    spans = [span for symptom in symptoms for span in re.findall(r"`([^`]+)`", symptom)]
+    return [span for span in spans if " " in span]
+
+
+def strings_of_the_host() -> list[str]:
+    """Every string of the source; what is filled in is left out."""
+    found = []
+    for file in (ROOT / "host").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.JoinedStr):
+                parts = [part.value for part in node.values if isinstance(part, ast.Constant)]
+                found.append("\0".join(str(part) for part in parts))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found.append(node.value)
+    return found
+
+
+def test_messages_quoted_in_troubleshooting_are_those_of_the_host() -> None:
+    quoted, strings = quoted_messages(), strings_of_the_host()
+    assert len(quoted) > 10
+    unknown = []
+    for message in quoted:
+        pattern = re.compile(".*".join(re.escape(p.strip()) for p in message.split("...")), re.S)
+        if not any(pattern.search(text) for text in strings):
+            unknown.append(message)
+    assert not unknown
+
+
+def test_the_controller_shown_in_extending_follows_a_path() -> None:
+    page = (ROOT / "docs" / "extending.md").read_text()
+    shown = textwrap.dedent(re.findall(r"\n\n((?:(?:    .*)?\n)+)", page)[0])
+    names: dict[str, Any] = {
+        **vars(base),
+        "Description": config.Description,
+        "MotorLimits": MotorLimits,
+    }
+    exec(shown, names)
+    reference = reference_of(RunOptions(path="8shape"))
+    controller = names["Still"](config.load(None))
+    commands = [controller.start(reference)]
+    for step in range(1, len(reference)):
+        seen = base.Observation(step, 0, None, 0, commands[-1].q_rad)
+        commands.append(controller.step(seen))
+    assert np.allclose([command.q_rad for command in commands], reference.q_rad)

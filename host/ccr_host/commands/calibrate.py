@@ -19,6 +19,8 @@ from ccr_host.commands.stopping import stop_signals_interrupt
 from ccr_host.run.options import RunOptions
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ccr_host.config import Description, Servo
     from ccr_host.run.rig import Rig
 
@@ -37,11 +39,20 @@ def calibrate(
             help="Lead each servo to marked angles with the arrow keys; finds limits as well.",
         ),
     ] = False,
+    identify: Annotated[
+        bool,
+        typer.Option(
+            "--identify",
+            help="Measure how the robot rests, and keep that in the file alone: controller "
+            "`adaptive` then needs no tour before each path.",
+        ),
+    ] = False,
 ) -> None:
     """Find how servos and tendons are mounted, and keep it in file and board.
 
     Under the tracker: neutral pulse, direction and slack, from a tour of some twenty poses.
     By eye: neutral pulse, direction, scale and limits.
+    With --identify, once servos are calibrated and the camera registered: the rests themselves.
 
     Example: ccr-host calibrate --by-eye --robot my-robot.toml --device serial:/dev/ttyACM0
     """
@@ -50,9 +61,12 @@ def calibrate(
         keep_calibration,
         writable_description,
     )
+    from ccr_host.errors import ConfigError
     from ccr_host.run.observer import Observers
     from ccr_host.run.rig import open_rig
 
+    if by_eye and identify:
+        raise ConfigError("--identify needs the tracker", "leave --by-eye out")
     file = writable_description(robot)
     options = RunOptions(
         path="",
@@ -66,6 +80,9 @@ def calibrate(
     description = options.description()
     console = Console()
     with stop_signals_interrupt(), open_rig(options, description, Observers()) as rig:
+        if identify:
+            _identify(console, rig, description, file)
+            return
         servo = (_by_eye if by_eye else _by_tracker)(console, rig, description)
         if servo is None:
             console.print("nothing was changed")
@@ -103,3 +120,22 @@ def _by_tracker(console: Console, rig: Rig, description: Description) -> Servo:
         fit = calibrate_by_tracker(rig, description, on_pose)
     console.print(calibration_table(fit, description))
     return corrected(description.servo, fit)
+
+
+def _identify(console: Console, rig: Rig, description: Description, file: Path) -> None:
+    import datetime
+
+    from ccr_host import terminal
+    from ccr_host.bringup.identify import SECTION, identified_section, measure_rests, trial_fit
+    from ccr_host.description_file import update_description
+
+    with terminal.steps_progress(Console(stderr=True), "poses") as on_pose:
+        rests = measure_rests(rig, description, on_pose)
+    fit = trial_fit(rests, description)
+    section = identified_section(rests, description, datetime.date.today())
+    update_description(file, {SECTION: section})
+    console.print(
+        f"{len(rests.count)} rests; the model of `adaptive` leaves {fit.rms_mm:.2f} mm RMS of them",
+        highlight=False,
+    )
+    console.print(f"kept in {file}, as section {SECTION}", highlight=False)

@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 
 from ccr_host import terminal
+from ccr_host.commands import completion
 from ccr_host.commands.options import (
     DeviceOption,
     JsonOption,
@@ -28,7 +29,9 @@ def compare(
     controller: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME", help="Only this controller; may be repeated. Default: all but peers."
+            metavar="NAME",
+            help="Only this controller; may be repeated. Default: all but peers.",
+            autocompletion=completion.controllers,
         ),
     ] = None,
     peers: Annotated[
@@ -36,7 +39,11 @@ def compare(
     ] = False,
     path: Annotated[
         list[str] | None,
-        typer.Option(metavar="PATH", help="Only this path; may be repeated. Default: all three."),
+        typer.Option(
+            metavar="PATH",
+            help="Only this path; may be repeated. Default: all three.",
+            autocompletion=completion.paths,
+        ),
     ] = None,
     robot: RobotOption = None,
     device: DeviceOption = "emulator:",

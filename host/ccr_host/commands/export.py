@@ -29,7 +29,7 @@ def export(
 ) -> None:
     """Write the log of a run as tables: steps, commands, samples, states, frames, events.
 
-    Example: ccr-host export runs/20260101-120000-ellipse-mpc --format parquet
+    Example: ccr-host export runs/20260101-120000-ellipse-adaptive --format parquet
     """
     from rich.console import Console
 

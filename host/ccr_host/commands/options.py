@@ -7,16 +7,27 @@ from typing import Annotated
 
 import typer
 
+from ccr_host.commands import completion
+
 PathArgument = Annotated[
     str,
     typer.Argument(
-        metavar="PATH", help="ellipse, 8shape, star, or a CSV file (t_s,y_mm,z_mm[,x_mm])."
+        metavar="PATH",
+        help="ellipse, 8shape, star, or a CSV file (t_s,y_mm,z_mm[,x_mm]).",
+        autocompletion=completion.paths,
     ),
 ]
-ControllerOption = Annotated[str, typer.Option(metavar="NAME", help="Controller to use.")]
+ControllerOption = Annotated[
+    str,
+    typer.Option(metavar="NAME", help="Controller to use.", autocompletion=completion.controllers),
+]
 RobotOption = Annotated[
     str | None,
-    typer.Option(metavar="FILE", help="Robot description, or the name of a shipped one."),
+    typer.Option(
+        metavar="FILE",
+        help="Robot description, or the name of a shipped one.",
+        autocompletion=completion.robots,
+    ),
 ]
 DeviceOption = Annotated[
     str,
@@ -36,7 +47,9 @@ RateOption = Annotated[float, typer.Option(metavar="HZ", help="Control steps a s
 SeedOption = Annotated[int, typer.Option(metavar="N", help="Seed of every random number.")]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override one key of the description."),
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Override one key of the description; may be repeated."
+    ),
 ]
 RealtimeOption = Annotated[bool, typer.Option("--realtime", help="Run in real time.")]
 OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")]

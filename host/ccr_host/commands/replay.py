@@ -23,7 +23,7 @@ class DifferentReplayError(CcrError):
 def replay(run: RunArgument, as_json: JsonOption = False) -> None:
     """Run the host again on a run's recorded inputs and compare what it sends, byte for byte.
 
-    Example: ccr-host replay runs/20260101-120000-ellipse-mpc
+    Example: ccr-host replay runs/20260101-120000-ellipse-adaptive
     """
     from rich.console import Console
 

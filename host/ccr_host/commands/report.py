@@ -22,7 +22,7 @@ def report(
 ) -> None:
     """Make one page of HTML about runs: figures, table, faults, configuration. It prints, too.
 
-    Example: ccr-host report runs/20260101-120000-ellipse-mpc
+    Example: ccr-host report runs/20260101-120000-ellipse-adaptive
     """
     from ccr_host.run.report.report import write_report
 

@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from ccr_host import terminal
+from ccr_host.commands import completion
 from ccr_host.commands.options import JsonOption, OutOption, RobotOption, SeedOption, SetOption
 from ccr_host.commands.output import print_json
 from ccr_host.commands.stopping import stop_signals_interrupt
@@ -35,11 +36,19 @@ def sweep(
     seed: SeedOption = 1,
     controller: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="May be repeated. Default: adaptive and mpc."),
+        typer.Option(
+            metavar="NAME",
+            help="May be repeated. Default: adaptive and mpc.",
+            autocompletion=completion.controllers,
+        ),
     ] = None,
     path: Annotated[
         list[str] | None,
-        typer.Option(metavar="PATH", help="May be repeated; twins take turns. Default: all three."),
+        typer.Option(
+            metavar="PATH",
+            help="May be repeated; twins take turns. Default: all three.",
+            autocompletion=completion.paths,
+        ),
     ] = None,
     rate: Annotated[
         list[float] | None,

@@ -30,7 +30,7 @@ from ccr_host.run.options import RunOptions
 
 def track(
     path: PathArgument,
-    controller: ControllerOption = "mpc",
+    controller: ControllerOption = "adaptive",
     robot: RobotOption = None,
     device: DeviceOption = "emulator:",
     tracker: TrackerOption = "twin:",
@@ -38,6 +38,12 @@ def track(
     seed: SeedOption = 1,
     overrides: SetOption = None,
     realtime: RealtimeOption = False,
+    laps: Annotated[
+        int,
+        typer.Option(
+            metavar="N", help="Follow a closed path N times without a stop; `adaptive` learns."
+        ),
+    ] = 1,
     with_open: Annotated[
         bool | None,
         typer.Option(
@@ -73,6 +79,7 @@ def track(
             rate_hz=rate,
             seed=seed,
             realtime=realtime,
+            laps=laps,
         )
         reference = reference_of(options)
         folder = make_run_folder(out, f"{reference.name}-{controller}")

@@ -20,7 +20,7 @@ def view(
 ) -> None:
     """Play a recorded run in the browser: scrub, pause, change the speed. Ctrl-C ends it.
 
-    Example: ccr-host view runs/20260101-120000-8shape-mpc
+    Example: ccr-host view runs/20260101-120000-8shape-adaptive
     """
     from ccr_host.view.address import parse_view_address
     from ccr_host.view.live import require_viser

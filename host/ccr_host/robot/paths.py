@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ccr_host.errors import ConfigError
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.path_file import SampledPath, read_path_file
-from ccr_host.robot.reference import Reference
+from ccr_host.robot.reference import MAX_SAMPLES, Reference
 from ccr_host.robot.workspace import MotorLimits, Workspace
 
 __all__ = ["MAX_SAMPLES", "Reference", "load_path", "path_names"]
@@ -25,8 +25,6 @@ __all__ = ["MAX_SAMPLES", "Reference", "load_path", "path_names"]
 FloatArray = NDArray[np.float64]
 
 MIN_SAMPLES = 2
-MAX_SAMPLES = 100_000
-"""More than a thousand samples a second of the longest built-in path; the servos hear 50."""
 
 
 @dataclass(frozen=True)

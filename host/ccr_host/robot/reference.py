@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ccr_host.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
 
@@ -13,6 +15,12 @@ REACHABLE_MM = 0.01
 """Nearer than this a point counts as reachable: far above rounding (1e-12 mm), far below what
 the robot can show (half a microsecond of servo pulse moves the tip 0.1 mm, the camera's noise is
 0.25 mm)."""
+
+MAX_SAMPLES = 100_000
+"""More than a thousand samples a second of the longest built-in path; the servos hear 50."""
+_SMALL_GAP_MM = 1.0
+"""Any path may close so badly, however finely it is sampled."""
+_SAME_POINT_MM = 1e-6
 
 
 @dataclass(frozen=True)
@@ -22,7 +30,7 @@ class Reference:
     ``time_s`` (N,) starts at 0. ``target_mm`` (N, 3) is the desired tip in the frame of (10): the
     path's own lateral coordinates f[0] and f[2] even where they cannot be reached. ``q_rad``
     (N, 2) are the nearest reachable motor angles, ``unavoidable_mm`` (N,) the lateral distance
-    that remains there according to the model.
+    that remains there according to the model. All laps are alike.
     """
 
     name: str
@@ -31,9 +39,48 @@ class Reference:
     target_mm: FloatArray
     q_rad: FloatArray
     unavoidable_mm: FloatArray
+    laps: int = 1
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    @property
+    def lap_steps(self) -> int:
+        """Samples of one lap."""
+        return len(self) // self.laps
+
+    def repeated(self, laps: int) -> Reference:
+        """Lap after lap without a stop.
+
+        A last sample that is the first one again is left out: the next lap begins with it.
+
+        Raises:
+            ConfigError: the path's end is further from its start than one sample from the next.
+        """
+        if laps == 1:
+            return self
+        steps_mm = np.linalg.norm(np.diff(self.target_mm, axis=0), axis=1)
+        gap_mm = float(np.linalg.norm(self.target_mm[-1] - self.target_mm[0]))
+        if gap_mm > max(float(steps_mm.max()), _SMALL_GAP_MM):
+            raise ConfigError(
+                f"path {self.name} ends {gap_mm:.1f} mm from where it starts: no {laps} laps of it",
+                "close the path, or leave --laps out",
+            )
+        kept = slice(0, len(self) - (gap_mm < _SAME_POINT_MM))
+        lap = self.time_s[kept]
+        if laps * len(lap) > MAX_SAMPLES:
+            raise ConfigError(
+                f"{laps} laps of path {self.name} have more than {MAX_SAMPLES} samples",
+                "lower --laps or --rate",
+            )
+        return replace(
+            self,
+            time_s=np.arange(laps * len(lap), dtype=np.float64) * self.period_s,
+            target_mm=np.tile(self.target_mm[kept], (laps, 1)),
+            q_rad=np.tile(self.q_rad[kept], (laps, 1)),
+            unavoidable_mm=np.tile(self.unavoidable_mm[kept], laps),
+            laps=laps,
+        )
 
     @property
     def reachable(self) -> NDArray[np.bool_]:

@@ -28,11 +28,12 @@ def reference_of(options: RunOptions) -> Reference:
     """The desired path as the controller's model sees it.
 
     Raises:
-        ConfigError: unknown path, unusable file or description.
+        ConfigError: unknown path, unusable file or description, or laps of an open path.
     """
     description = options.description()
     model = ConstantCurvature(description.robot)
-    return load_path(options.path, options.rate_hz, model, MotorLimits.of(description.servo))
+    lap = load_path(options.path, options.rate_hz, model, MotorLimits.of(description.servo))
+    return lap.repeated(options.laps)
 
 
 def workspace_of(options: RunOptions) -> Workspace:

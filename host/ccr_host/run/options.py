@@ -14,11 +14,11 @@ class RunOptions:
     """One run, fully determined; small and picklable, so that other processes can execute it.
 
     Raises:
-        ConfigError: a seed below 0.
+        ConfigError: a seed below 0, or no lap.
     """
 
     path: str
-    controller: str = "mpc"
+    controller: str = "adaptive"
     robot: str | None = None
     overrides: tuple[str, ...] = ()
     device: str = "emulator:"
@@ -26,10 +26,13 @@ class RunOptions:
     rate_hz: float = 1.0
     seed: int = 1
     realtime: bool = False
+    laps: int = 1
 
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise ConfigError(f"seed {self.seed}: negative", "give 0 or more")
+        if self.laps < 1:
+            raise ConfigError(f"{self.laps} laps: none to run", "give 1 or more")
 
     def description(self) -> Description:
         """Robot description with the overrides applied.

@@ -68,7 +68,7 @@ class RestMotion:
                 return None
             markers = _without_outliers(np.array([sample.markers_mm for sample in samples]))
             if _is_at_rest(markers):
-                return RestPose(self._q_rad, markers.mean(axis=0))
+                return RestPose(self._q_rad, markers.mean(axis=0), len(markers))
         raise RegistrationError(
             "the robot does not come to rest",
             "keep hands and draughts off the robot; check that the servos do not hunt",

@@ -58,6 +58,7 @@ def summarise(
         "floor_mean_error_mm": reference.floor_mean_mm,
         "twin_floor_mean_error_mm": twin_floor_mm,
         "unreachable_steps": reference.unreachable_steps,
+        "laps": _lap_figures(records, reference) if reference.laps > 1 else None,
         "open": None if open_loop is None else _error_figures(open_loop.records),
         "solve_us": quantiles_us(np.array(solved_us)),
         "missed_deadlines": sum(record.late for record in records),
@@ -66,6 +67,14 @@ def summarise(
         "wall_s": result.wall_s,
         "faults": [str(result.failure)] if isinstance(result.failure, CcrError) else [],
     }
+
+
+def _lap_figures(
+    records: Sequence[StepRecord], reference: Reference
+) -> list[dict[str, float | None]]:
+    """Of each lap that was begun."""
+    starts = range(0, len(records), reference.lap_steps)
+    return [_error_figures(records[start : start + reference.lap_steps]) for start in starts]
 
 
 def ratio_to_twin_floor(summary: Mapping[str, Any]) -> float | None:

@@ -65,6 +65,8 @@ class RestPose:
     """(2,): motor angles believed."""
     markers_mm: Array
     """(3, 3): M1, M2 and M3, one a row, in the camera's frame."""
+    count: int = 1
+    """Of the exposures averaged."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,7 +56,7 @@ def test_the_slower_of_board_and_servo_bounds_the_floor(slow):
 
 def test_a_later_payload_and_a_push_leave_the_floor_as_it_is(short_path, narrow):
     def floor_mm(*overrides):
-        options = RunOptions(short_path, overrides=(*narrow, *overrides))
+        options = RunOptions(short_path, "mpc", overrides=(*narrow, *overrides))
         description = options.description()
         return floor_on_map_mm(static_map_of(description, None), description, reference_of(options))
 
@@ -86,7 +86,7 @@ def test_summary_and_floor_are_the_same_whether_or_not_the_map_was_kept(
 
 
 def test_a_run_without_a_twin_has_no_floor(short_path):
-    options = RunOptions(short_path)
+    options = RunOptions(short_path, "mpc")
     nothing = RunResult(options, reference_of(options), [], None, None, 0.0)
     assert twin_floor_mm(nothing) is None
     assert ratio_to_twin_floor(summarise(nothing)) is None
@@ -97,7 +97,7 @@ def test_a_twin_without_rest_has_no_floor(short_path, tmp_path, monkeypatch):
     result = execute_quietly(RunOptions(short_path, "open-loop", overrides=()))
     collapses = ("twin.payload_g=3000", "twin.bending_stiffness_nm_rad=0.0001")
     hopeless = RunResult(
-        RunOptions(short_path, overrides=collapses),
+        RunOptions(short_path, "mpc", overrides=collapses),
         result.reference, result.records, None, None, 0.0,
     )  # fmt: skip
     assert twin_floor_mm(hopeless) is None

@@ -13,7 +13,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> RunRecording:
     folder = tmp_path_factory.mktemp("run")
     path = folder / "short.csv"
     path.write_text("t_s,y_mm,z_mm\n0,0,30\n3,10,35\n")
-    options = RunOptions(str(path), rate_hz=10.0, overrides=("tracker.dropout=0.3",))
+    options = RunOptions(str(path), "mpc", rate_hz=10.0, overrides=("tracker.dropout=0.3",))
     result = execute_logged(options, folder, lambda *_: None)
     assert result.failure is None
     return RunRecording(folder)

@@ -20,7 +20,7 @@ NARROW = ("servo.angle_max_deg=[40, 85]", "servo.pulse_min_us=[600, 1000]")
 
 @pytest.fixture
 def watch():
-    options = RunOptions("8shape", overrides=NARROW)
+    options = RunOptions("8shape", "mpc", overrides=NARROW)
     made = LimitWatch()
     made.begin(RunSetup(options, config.load(None, NARROW), reference_of(options)))
     return made

@@ -22,7 +22,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunHistory, RunHistor
     path = folder / "short.csv"
     path.write_text("t_s,y_mm,z_mm\n0,0,30\n5,10,35\n")
     seen, played = RunHistory(), RunHistory()
-    execute_logged(RunOptions(str(path)), folder, lambda *_: None, [seen])
+    execute_logged(RunOptions(str(path), "mpc"), folder, lambda *_: None, [seen])
     path.unlink()
     play_run(folder, played)
     return seen, played

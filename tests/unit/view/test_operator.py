@@ -62,7 +62,7 @@ class Witness(RunObserver):
 def options(tmp_path: Path) -> RunOptions:
     path = tmp_path / "short.csv"
     path.write_text("t_s,y_mm,z_mm\n0,0,30\n5,10,35\n")
-    return RunOptions(str(path))
+    return RunOptions(str(path), "mpc")
 
 
 def run(options: RunOptions, witness: Witness) -> RunResult:

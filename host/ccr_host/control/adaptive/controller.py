@@ -12,10 +12,12 @@ from ccr_host.config import Description
 from ccr_host.control.adaptive.estimator import Estimator, Tuning
 from ccr_host.control.adaptive.excitation import tour, tour_bending_rad
 from ccr_host.control.adaptive.identification import Scaling, StaticsFit
-from ccr_host.control.adaptive.motion import setpoint_for
+from ccr_host.control.adaptive.identified import identified_rests
+from ccr_host.control.adaptive.lap_memory import LapMemory
+from ccr_host.control.adaptive.motion import Rest, setpoint_for
 from ccr_host.control.adaptive.path_plan import PathPlan, plan_path, polished
 from ccr_host.control.adaptive.pose_follower import PoseFollower
-from ccr_host.control.adaptive.rest_survey import SETTLED_AFTER_S, RestSurvey
+from ccr_host.control.adaptive.rest_survey import SETTLED_AFTER_S, RestSurvey, fit_to
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
 from ccr_host.control.adaptive.statics import hold_at, unhindered_shafts_for
 from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
@@ -44,14 +46,21 @@ class _Phase(enum.Enum):
     SURVEY = enum.auto()
     FIT = enum.auto()
     TO_FIRST_POINT = enum.auto()
+    PATH = enum.auto()
 
 
 class AdaptiveStatics:
-    """Identify during the approach, plan the branch, then follow with preview and learning.
+    """Identify, plan the branch, then follow with preview and learning.
+
+    Identification is a tour of rests during the approach, or that of the description. From lap to
+    lap of a closed path, what the model does not explain is remembered by phase.
 
     Every command is the static model's setpoint for the pose nearest to where the path will be when
     the command has taken effect, in view of the offset that the estimator sees. Without
     measurements it goes on with what it knows.
+
+    Raises:
+        ConfigError: the description's rests were measured on another robot.
     """
 
     name = "adaptive"
@@ -61,6 +70,7 @@ class AdaptiveStatics:
         self._slew_rad_s = np.radians(description.servo.slew_deg_s)
         self._settle_s = description.control.settle_s
         self._scaling = Scaling(description.robot)
+        self._identified = identified_rests(description)
 
     def start(self, reference: Reference) -> Command:
         """Plan from the prior; the command of step 0 without an approach."""
@@ -74,6 +84,7 @@ class AdaptiveStatics:
         self._approach_setpoints: deque[FloatArray] = deque()
         self._follower: PoseFollower | None = None
         self._seen_us: int | None = None
+        self._memory = LapMemory(reference.lap_steps, reference.period_s)
         self._plan = self._plan_path()
         self._shift_rad = np.zeros(2)
         self._side = np.zeros(2)
@@ -82,10 +93,10 @@ class AdaptiveStatics:
         return self._command(0.0, Outcome.SOLVED, self._ramp_s)
 
     def approach(self, observation: Observation) -> Command | None:
-        """Tour of rests, fit, then the first point; None once the path may begin."""
+        """Tour of rests unless identified, fit, first point; None once the path may begin."""
         now_s = _seconds(observation.time_us)
         if self._phase is None:
-            self._begin_survey(observation)
+            self._begin_approach(observation)
         if self._phase is _Phase.SURVEY:
             self._measure_rest(observation)
             if not self._approach_setpoints:
@@ -106,6 +117,7 @@ class AdaptiveStatics:
 
     def step(self, observation: Observation) -> Command:
         """Measurement in, command out; works without measurements too."""
+        self._phase = _Phase.PATH
         now_s = _seconds(observation.time_us)
         if np.abs(observation.q_rad - self._last_rad).max() > _OTHER_COMMAND_RAD:
             self._last_rad = observation.q_rad
@@ -119,10 +131,18 @@ class AdaptiveStatics:
         outcome = Outcome.SOLVED if seen else Outcome.COASTED
         return self._command(index, outcome, self._ramp_s)
 
-    def _begin_survey(self, observation: Observation) -> None:
-        self._phase = _Phase.SURVEY
+    def _begin_approach(self, observation: Observation) -> None:
         self._last_rad = observation.q_rad
         self._history = SetpointHistory(observation.q_rad)
+        if self._identified is not None:
+            self._fit = fit_to(self._scaling, self._identified)
+        if self._fit is None:
+            self._begin_survey(observation)
+        else:
+            self._phase = _Phase.FIT
+
+    def _begin_survey(self, observation: Observation) -> None:
+        self._phase = _Phase.SURVEY
         self._survey = RestSurvey(self._scaling, observation.q_rad)
         stops = unhindered_shafts_for(self._estimator.parameters, tour_bending_rad())
         self._go_through(self._limits.clip(stops), _TOUR_REST_S)
@@ -164,8 +184,25 @@ class AdaptiveStatics:
         follower = self._following(time_s)
         rest = follower.advance_to(estimator.parameters, time_s)
         rate_rad_s, jolt_rad = self._history.rate_at(time_s), self._history.jolt_at(time_s)
-        follower.rest = estimator.correct(rest, rate_rad_s, jolt_rad, observation.tip_mm)
+        remembered_mm = self._remember(observation, rest, jolt_rad)
+        seen_mm = observation.tip_mm - remembered_mm
+        follower.rest = estimator.correct(rest, rate_rad_s, jolt_rad, seen_mm)
         return True
+
+    def _remember(self, observation: Observation, rest: Rest, jolt_rad: float) -> FloatArray:
+        """Note for the next lap what the model does not explain; what the last one has noted."""
+        if self._phase is not _Phase.PATH or observation.tip_mm is None:
+            return np.zeros(3)
+        # The end of period i, when f_i is aimed at, is the beginning of step i + 1.
+        age_s = _seconds(observation.tip_age_us)
+        index = observation.step - 1.0 - age_s / self._reference.period_s
+        estimator, memory = self._estimator, self._memory
+        gained_mm = memory.turn(index)
+        if gained_mm is not None:
+            estimator.hand_over(gained_mm)
+        unexplained_mm = observation.tip_mm - tip_mm(estimator.parameters, rest.theta_rad)
+        memory.note(index, unexplained_mm, estimator.trust(jolt_rad))
+        return memory.at(index)
 
     def _following(self, time_s: float) -> PoseFollower:
         if self._follower is None:
@@ -190,7 +227,8 @@ class AdaptiveStatics:
         """Setpoint for the nearest pose to the path at a fractional step, next to the planned."""
         target_mm = [np.interp(index, self._samples, axis) for axis in self._reference.target_mm.T]
         p = self._estimator.believed
-        aim_mm = np.array(target_mm) - turned_back_mm(p, self._estimator.offset_mm)
+        expected_mm = self._estimator.offset_mm + self._memory.at(index)
+        aim_mm = np.array(target_mm) - turned_back_mm(p, expected_mm)
         planned = self._plan.bending_rad(index)
         theta = polished(p, planned + self._shift_rad, aim_mm, _REFINEMENTS)
         self._shift_rad = np.clip(theta - planned, -_LONGEST_SHIFT_RAD, _LONGEST_SHIFT_RAD)
@@ -213,7 +251,7 @@ class AdaptiveStatics:
 
     def _command(self, index: float, outcome: Outcome, ramp_s: float) -> Command:
         predicted_mm = tip_mm(self._estimator.believed, self._theta_rad)
-        expected = predicted_mm + self._estimator.offset_mm
+        expected = predicted_mm + self._estimator.offset_mm + self._memory.at(index)
         return Command(self._last_rad, expected[None], outcome, ramp_s=ramp_s)
 
 

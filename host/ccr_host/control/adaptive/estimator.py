@@ -119,6 +119,16 @@ class Estimator:
         tuning = self._tuning
         return tuning.delay_s + tuning.delay_deviation_s * float(self._state[_DELAY])
 
+    def trust(self, jolt_rad: float) -> float:
+        """Weight of a measurement against one without swings."""
+        return (self._tuning.noise_mm / self._noise_mm(jolt_rad)) ** 2
+
+    def hand_over(self, offset_mm: FloatArray) -> None:
+        """From now on a memory of earlier laps accounts for this much of the offset, (3,)."""
+        for state in (self._state, self._believed):
+            state[_OFFSET] -= offset_mm
+        self._usual_offset_mm -= offset_mm
+
     def elapse(self, duration_s: float) -> None:
         """Let time pass: parameters drift, the offset fades and is renewed."""
         tuning = self._tuning
@@ -155,7 +165,7 @@ class Estimator:
         expected_mm = tip_mm(self.parameters, rest.theta_rad) + self._state[_OFFSET]
         surprise = seen_mm - expected_mm
         cross = self._covariance @ slope.T
-        noise_mm = tuning.noise_mm + tuning.swing_mm_per_rad * jolt_rad
+        noise_mm = self._noise_mm(jolt_rad)
         spread = slope @ cross + noise_mm**2 * np.eye(3)
         standard = np.linalg.solve(np.linalg.cholesky(spread), surprise)
         share = min(
@@ -177,6 +187,9 @@ class Estimator:
         self._believe()
         theta = rest.theta_rad + by.theta_rad[:, :COUNT] @ (self._state[:COUNT] - score)
         return shifted(before, self.parameters, rest, theta)
+
+    def _noise_mm(self, jolt_rad: float) -> float:
+        return self._tuning.noise_mm + self._tuning.swing_mm_per_rad * jolt_rad
 
     def _believe(self) -> None:
         share = 1.0 - np.exp(-self._since_believed_s / self._tuning.believed_after_s)

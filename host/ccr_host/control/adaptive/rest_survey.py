@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +20,8 @@ _BELIEVABLE_MM = 60.0
 """Random robots of the kind are 10 to 30 mm off the prior; markers mixed up are further."""
 _NOISE_MM = 0.35
 """Of a coordinate at rest: camera noise, ringing, the model's own error."""
+_MOST_COUNTED = 10
+"""Measurements of one rest: the model itself leaves 0.11 mm of the twin, however many there are."""
 
 
 class RestSurvey:
@@ -46,13 +50,21 @@ class RestSurvey:
 
     def fit(self) -> StaticsFit | None:
         """The fit to what was measured, yet to be made; None if it makes no sense."""
-        if len(self._tips_mm) < _FEWEST_RESTS:
+        if not self._tips_mm:
             return None
         means_mm = np.array([np.mean(tips, axis=0) for tips in self._tips_mm])
         counts = np.array([float(len(tips)) for tips in self._tips_mm])
         rests = Rests(self._start_rad, np.array(self._setpoints_rad), means_mm, counts)
-        prior = self._scaling.parameters(np.zeros(COUNT))
-        off_mm = np.linalg.norm(means_mm - predicted_mm(prior, rests), axis=1)
-        if not np.median(off_mm) < _BELIEVABLE_MM:
-            return None
-        return StaticsFit(self._scaling, rests, _NOISE_MM)
+        return fit_to(self._scaling, rests)
+
+
+def fit_to(scaling: Scaling, rests: Rests) -> StaticsFit | None:
+    """The fit to rests, yet to be made; None if there are few, or no such robot rests there."""
+    if len(rests.setpoint_rad) < _FEWEST_RESTS:
+        return None
+    prior = scaling.parameters(np.zeros(COUNT))
+    off_mm = np.linalg.norm(rests.tip_mm - predicted_mm(prior, rests), axis=1)
+    if not np.median(off_mm) < _BELIEVABLE_MM:
+        return None
+    counted = replace(rests, count=np.minimum(rests.count, _MOST_COUNTED))
+    return StaticsFit(scaling, counted, _NOISE_MM)

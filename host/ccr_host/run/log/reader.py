@@ -132,7 +132,8 @@ class RunRecording:
             name: np.array([row for piece in pieces for row in piece[name]], dtype=np.float64)
             for name in ("time_s", "target_mm", "q_rad", "unavoidable_mm")
         }
-        return Reference(name=about["name"], period_s=about["period_s"], **columns)
+        laps = about.get("laps", 1)
+        return Reference(about["name"], period_s=about["period_s"], laps=laps, **columns)
 
     def foreign(self, what: str) -> ConfigError:
         """What to raise for content that this version cannot make sense of."""

@@ -65,6 +65,7 @@ class RunLog(RunObserver):
                 "name": reference.name,
                 "period_s": reference.period_s,
                 "samples": len(reference),
+                "laps": reference.laps,
             },
         }
         self._write(topics.SETUP, 0, content)

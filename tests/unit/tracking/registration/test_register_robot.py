@@ -24,7 +24,7 @@ from tests.unit.tracking.registration.conftest import TURNS
 def turned(rotation_rad, robot=None, **keys) -> RunOptions:
     degrees = ",".join(f"{angle:.9f}" for angle in np.degrees(rotation_rad))
     overrides = (f"tracker.rotation_deg=[{degrees}]",)
-    return RunOptions(path="8shape", robot=robot, overrides=overrides, **keys)
+    return RunOptions(path="8shape", controller="mpc", robot=robot, overrides=overrides, **keys)
 
 
 def registered(options: RunOptions):

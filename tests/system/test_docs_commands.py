@@ -1,0 +1,203 @@
+"""Every command line that docs and --help print is run, hardware replaced by its simulation."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+import tomlkit
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from ccr_host.cli import app
+from tests.system.conftest import COMMAND, CcrHost
+from tests.system.driven_terminal import DrivenTerminal
+
+ROOT = Path(__file__).parents[2]
+PAGES = [*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md"))]
+CLI = typer.main.get_command(app)
+assert isinstance(CLI, TyperGroup)
+
+SIMULATED = {
+    r"serial:/dev/ttyACM0": "emulator:",
+    r"ndi:/dev/ttyUSB0": "ndi-emulator:",
+    r"runs/\S+": "kept",
+    r"127\.0\.0\.1:\d+": "127.0.0.1:0",
+    r"--device emulator:": "",
+    r"--realtime": "",
+    r"--view$": "--view 127.0.0.1:0",
+    r"^(track|compare --path) (8shape|ellipse|star)": r"\1 short.csv",
+    r"^compare": "compare --path short.csv",
+    r"^track": "track --no-open --controller mpc",
+    r"--seed 1 --rate 1": "",
+    r"^monitor": "monitor --duration 4",
+    r"^view": "view --address 127.0.0.1:0",
+}
+"""What stands for hardware, real time, minutes of work and addresses that may be taken; `mpc` for
+the default controller, which approaches its path for half a minute of simulated time. A controller
+that is named comes later and counts."""
+TOLD_ELSEWHERE = {
+    r"flash": "tests/firmware flashes a simulated UNO",
+    r"tcp://127\.0\.0\.1:5025": "tests/system/test_emulate.py",
+    r"simavr:": "tests/firmware runs the binary in simavr",
+    r"sweep": "tests/system/test_sweep.py",
+}
+HELP = {"--help", "-h", "--with-open"}
+MINUTES_LONG = {"calibrate"}
+"""Under the tracker; by eye it is quick."""
+SERVES_UNTIL = {"emulate": "stdout", "view": "stderr"}
+"""Where they say that Ctrl-C ends them."""
+
+
+def printed_lines(page: Path) -> list[str]:
+    """Lines of indented code blocks, without comments and without what is said beside them."""
+    blocks = re.findall(r"(?:^|\n) *\n((?: {4,}\S.*\n?)+)", page.read_text())
+    lines = [line.split(" # ")[0].strip() for block in blocks for line in block.splitlines()]
+    return [re.sub(r" {2,}.*", "", line) for line in lines]
+
+
+def printed_commands() -> set[str]:
+    return {
+        line
+        for page in PAGES
+        for line in printed_lines(page)
+        if line.startswith("ccr-host ") and not re.search(r"\b[A-Z]{3,}(\.elf)?$", line)
+    }
+
+
+def example_of(command: TyperCommand) -> str:
+    told = inspect.cleandoc(command.help or "").split("Example: ")
+    return " ".join(told[1].split("\n\n")[0].split()) if len(told) == 2 else ""
+
+
+def simulated(command: str) -> str:
+    words = command.removeprefix("ccr-host ")
+    for hardware, simulation in SIMULATED.items():
+        words = re.sub(hardware, simulation, words)
+    return " ".join(words.split())
+
+
+def to_be_run() -> list[object]:
+    """One of all that come to the same."""
+    commands = printed_commands() | {example_of(command) for command in CLI.commands.values()}
+    here = {c for c in commands if not any(re.search(sign, c) for sign in TOLD_ELSEWHERE)}
+    lines = sorted({simulated(command) for command in here if command})
+    return [
+        pytest.param(line, marks=pytest.mark.slow)
+        if line.split()[0] in MINUTES_LONG and "--by-eye" not in line
+        else line
+        for line in lines
+    ]
+
+
+@pytest.fixture(scope="module")
+def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded")
+    write_short_path(folder)
+    options = ("--no-open", "--controller", "mpc", "--out", "kept")
+    subprocess.run([COMMAND, "track", "short.csv", *options], cwd=folder, check=True)
+    return folder / "kept"
+
+
+@pytest.fixture
+def at_work(ccr_host: CcrHost, recorded_run: Path) -> CcrHost:
+    """A folder with what the docs tell to put there."""
+    (ccr_host.folder / "my-robot.toml").write_text('name = "my robot"\n')
+    write_short_path(ccr_host.folder)
+    shutil.copytree(recorded_run, ccr_host.folder / "kept")
+    return ccr_host
+
+
+def write_short_path(folder: Path) -> None:
+    (folder / "short.csv").write_text("t_s,y_mm,z_mm\n0,0,30\n3,6,33\n")
+
+
+@pytest.mark.parametrize("line", to_be_run())
+def test_a_printed_command_works(at_work: CcrHost, line: str) -> None:
+    words = shlex.split(line)
+    if words[0] == "jog" or "--by-eye" in words:
+        assert_can_be_left_by_key(at_work, words)
+    elif words[0] in SERVES_UNTIL:
+        assert_serves_until_interrupted(at_work, words)
+    else:
+        ended = at_work(*words, timeout_s=300)
+        assert ended.status == 0, ended.err
+
+
+def assert_can_be_left_by_key(ccr_host: CcrHost, words: list[str]) -> None:
+    terminal = DrivenTerminal(ccr_host.folder, *words)
+    terminal.wait_for("board: (hold|active)")
+    terminal.press("q")
+    terminal.end()
+    assert terminal.status == 0
+
+
+def assert_serves_until_interrupted(ccr_host: CcrHost, words: list[str]) -> None:
+    process = ccr_host.start(*words)
+    said = getattr(process, SERVES_UNTIL[words[0]]).readline()
+    assert "Ctrl-C ends" in said
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert "Traceback" not in err
+    assert process.returncode in (0, 130)
+
+
+def test_each_command_shows_an_example_of_itself() -> None:
+    examples = {name: example_of(command) for name, command in CLI.commands.items()}
+    assert {n for n, line in examples.items() if not line.startswith(f"ccr-host {n}")} == set()
+
+
+def mentioned_commands() -> set[str]:
+    """Between backquotes anywhere, and in code blocks."""
+    told = [span for page in PAGES for span in re.findall(r"`(ccr-host [^`]+)`", page.read_text())]
+    return {
+        *told,
+        *(line for page in PAGES for line in printed_lines(page) if line.startswith("ccr-host ")),
+    }
+
+
+def test_every_mentioned_command_has_the_options_mentioned() -> None:
+    wrong = []
+    for line in mentioned_commands():
+        name, *words = line.removeprefix("ccr-host ").split()
+        command = CLI.commands.get(name, CLI)
+        given = {word.partition("=")[0] for word in words if word.startswith("--")}
+        if (not name.startswith("-") and command is CLI) or given - options_of(command):
+            wrong.append(line)
+    assert not wrong
+
+
+def options_of(command: TyperCommand) -> set[str]:
+    parameters = command.get_params(typer.Context(command))
+    return {option for p in parameters for option in (*p.opts, *p.secondary_opts)}
+
+
+def test_other_programs_that_are_printed_are_there() -> None:
+    project = tomlkit.parse((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    for page in PAGES:
+        for line in printed_lines(page):
+            first, _, rest = line.partition(" ")
+            if first == "pip" and (wanted := re.search(r"ccr-host\[([^]]+)]", rest)):
+                assert set(wanted[1].split(",")) <= set(extras), line
+            elif first in {"python", "pytest", ".venv/bin/pytest"} or first.startswith("scripts/"):
+                files = [w for w in line.split() if "/" in w and ":" not in w and w[0] != "."]
+                assert all((ROOT / file.partition("::")[0]).exists() for file in files), line
+
+
+def test_the_page_of_the_command_line_is_complete(recorded_run: Path) -> None:
+    page = (ROOT / "docs" / "command-line.md").read_text()
+    spans = " ".join(re.findall(r"`([^`]+)`", page))
+    missing = {name for name in CLI.commands if not re.search(rf"\b{name}\b", spans)}
+    options = set.union(*(options_of(command) for command in CLI.commands.values()))
+    missing |= {option for option in options - HELP if option not in spans}
+    metrics = json.loads((recorded_run / "run.json").read_text())["metrics"]
+    missing |= {key for key in metrics if key not in spans and not key.startswith("true_")}
+    assert not missing
