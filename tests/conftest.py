@@ -55,7 +55,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     for outcome in ("passed", "failed", "error", "skipped"):
         for report in terminalreporter.stats.get(outcome, []):
             reason = str(report.longrepr[2]) if outcome == "skipped" else ""
-            for kind, value in report.user_properties:
+            for kind, value in getattr(report, "user_properties", ()):  # none if collecting failed
                 if kind == "requirement":
                     board, name = value.split(" ")
                     coverage.note(board, name, report.outcome, reason.removeprefix("Skipped: "))

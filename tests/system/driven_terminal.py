@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -16,7 +17,13 @@ _STYLING = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 class DrivenTerminal:
     def __init__(self, folder: Path, *words: str) -> None:
         self.process = pexpect.spawn(
-            COMMAND, list(words), cwd=folder, dimensions=(40, 110), timeout=20, encoding="utf-8"
+            COMMAND,
+            list(words),
+            cwd=folder,
+            env=os.environ | {"TERM": "xterm-256color"},
+            dimensions=(40, 110),
+            timeout=20,
+            encoding="utf-8",
         )
 
     def press(self, keys: str) -> None:

@@ -49,7 +49,7 @@ def test_bash_is_offered_what_fits(line: str, wanted: set[str]) -> None:
 def test_bash_falls_back_on_files() -> None:
     shown = subprocess.run(
         [COMMAND, "--show-completion", "bash"],
-        env=os.environ | {"SHELL": "/bin/bash"},
+        env=os.environ | {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"},
         capture_output=True,
         text=True,
         check=True,

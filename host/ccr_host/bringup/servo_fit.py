@@ -2,7 +2,7 @@
 
 For given directions and neutral angles of the servos the statics of ``control.adaptive`` are fitted
 to the tips; the neutral angles are then moved by Gauss and Newton's method on what that leaves
-(variable projection). The wrong direction of a servo leaves centimetres.
+(variable projection).
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +23,7 @@ from ccr_host.control.adaptive.identification import (
     predicted_mm,
 )
 from ccr_host.errors import CcrError
+from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.tracking.registration import RestPose
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ _NOISE_MM = 0.1
 """Of a coordinate of a pose, an average over 1.5 s: the model's own error, mostly."""
 _TURN_DEVIATION_RAD = math.radians(0.5)
 """What registration is good for."""
-_SCAN_RAD = np.radians((-8.0, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0))
+_SCAN_RAD = np.radians((-8.0, -4.0, 0.0, 4.0, 8.0))
 """Neutral angles to begin with, half a tooth of a servo's horn: from afar Gauss and Newton's method
 can end where the model mistakes an offset for a gain."""
 _PROBE_RAD = math.radians(0.5)
@@ -44,6 +44,8 @@ _TRUSTED_RMS_MM = 1.0
 """Twins with friction, deadband and 0.5 mm of noise leave 0.13 mm."""
 _TRUSTED_DEVIATION_RAD = math.radians(1.0)
 _FEWEST_POSES = 12
+_SIDEWAYS, _UP = 0, 2
+"""Components of f of (10) in which motors 2 and 1 move the tip."""
 
 
 class CalibrationError(CcrError):
@@ -84,11 +86,8 @@ def fit_servos(poses: Sequence[RestPose], robot: Robot) -> ServoFit:
             "see that no marker is hidden: ccr-host monitor",
         )
     problem = _Problem(poses, robot)
-    directions = [np.array(signs) for signs in product((1.0, -1.0), repeat=2)]
-    still = np.zeros(2)
-    direction = min(directions, key=lambda signs: problem.fit(signs, still)[0].rms_mm)
-    neutral_rad, deviation_rad = _neutral(problem, direction)
-    fit, _ = problem.fit(direction, neutral_rad)
+    direction = _direction(poses, robot)
+    neutral_rad, deviation_rad, fit = _neutral(problem, direction)
     p = problem.scaling.parameters(fit.score)
     if fit.rms_mm > _TRUSTED_RMS_MM or deviation_rad.max() > _TRUSTED_DEVIATION_RAD:
         raise CalibrationError(
@@ -112,7 +111,9 @@ class _Problem:
         self._q_rad = np.array([pose.q_rad for pose in poses])
         self._tip_mm = np.array([pose.markers_mm[2] - pose.markers_mm[0] for pose in poses])
 
-    def fit(self, direction: Array, neutral_rad: Array) -> tuple[Fit, Array]:
+    def fit(
+        self, direction: Array, neutral_rad: Array, near: Fit | None = None
+    ) -> tuple[Fit, Array]:
         """Statics under given mounting, and the standardised residual, prior included."""
         rests = Rests(
             start_rad=direction * -neutral_rad,
@@ -120,7 +121,7 @@ class _Problem:
             tip_mm=self._tip_mm,
             count=np.ones(len(self._q_rad)),
         )
-        fit = fit_statics(self.scaling, rests, _NOISE_MM)
+        fit = fit_statics(self.scaling, rests, _NOISE_MM, None if near is None else near.score)
         off_mm = self._tip_mm - predicted_mm(self.scaling.parameters(fit.score), rests)
         return fit, np.concatenate([off_mm.ravel() / _NOISE_MM, fit.score])
 
@@ -130,31 +131,47 @@ class _Problem:
         return float(residual @ residual)
 
 
-def _neutral(problem: _Problem, direction: Array) -> tuple[Array, Array]:
-    """Neutral angles and their standard deviations, (2,) each, rad."""
+def _direction(poses: Sequence[RestPose], robot: Robot) -> Array:
+    """1 where the tip moves with the model's along the servo's own axis, -1 where against it."""
+    q_rad = np.array([pose.q_rad for pose in poses])
+    seen_mm = np.array([pose.markers_mm[2] - pose.markers_mm[0] for pose in poses])
+    expected_mm = ConstantCurvature(robot).tip_mm(q_rad)
+    together = ((seen_mm - seen_mm.mean(axis=0)) * (expected_mm - expected_mm.mean(axis=0))).sum(
+        axis=0
+    )
+    return np.where(together[[_UP, _SIDEWAYS]] < 0.0, -1.0, 1.0)
+
+
+def _neutral(problem: _Problem, direction: Array) -> tuple[Array, Array, Fit]:
+    """Neutral angles and their standard deviations, (2,) each, rad; the statics with them."""
     neutral = np.zeros(2)
     for axis in (1, 0):
         candidates = [neutral + (angle - neutral[axis]) * np.eye(2)[axis] for angle in _SCAN_RAD]
         neutral = min(candidates, key=lambda angles: problem.cost(direction, angles))
-    _, residual = problem.fit(direction, neutral)
+    fit, residual = problem.fit(direction, neutral)
     for _ in range(_ITERATIONS):
         slope = np.stack(
             [
-                (problem.fit(direction, neutral + probe)[1] - residual) / _PROBE_RAD
+                (problem.fit(direction, neutral + probe, fit)[1] - residual) / _PROBE_RAD
                 for probe in _PROBE_RAD * np.eye(2)
             ],
             axis=1,
         )
         step = -np.linalg.lstsq(slope, residual, rcond=None)[0]
         step = np.clip(step, -_LONGEST_STEP_RAD, _LONGEST_STEP_RAD)
-        share, trial = 1.0, problem.fit(direction, neutral + step)[1]
-        while trial @ trial > residual @ residual and share > _SHORTEST_SHARE:
+        share, trial = 1.0, problem.fit(direction, neutral + step, fit)
+        while _cost(trial) > residual @ residual and share > _SHORTEST_SHARE:
             share /= 2.0
-            trial = problem.fit(direction, neutral + share * step)[1]
-        if trial @ trial > residual @ residual:
+            trial = problem.fit(direction, neutral + share * step, fit)
+        if _cost(trial) > residual @ residual:
             break
-        neutral, residual = neutral + share * step, trial
+        neutral = neutral + share * step
+        fit, residual = trial
         if np.abs(share * step).max() < _DONE_RAD:
             break
     covariance = np.linalg.inv(slope.T @ slope)
-    return neutral, np.sqrt(np.diag(covariance))
+    return neutral, np.sqrt(np.diag(covariance)), fit
+
+
+def _cost(trial: tuple[Fit, Array]) -> float:
+    return float(trial[1] @ trial[1])

@@ -43,8 +43,10 @@ class Buttons:
         self.step = step
 
 
-def run(folder, path, *overrides, on_step=lambda *_: None, operator=None, **options):
-    options = RunOptions(path, seed=SEED, overrides=overrides, **options)
+def run(
+    folder, path, *overrides, controller="mpc", on_step=lambda *_: None, operator=None, **options
+):
+    options = RunOptions(path, controller, seed=SEED, overrides=overrides, **options)
     return execute_logged(options, folder, on_step, operator=operator)
 
 

@@ -90,13 +90,16 @@ class StaticsFit:
         scaling: prior.
         rests: what was measured.
         noise_mm: standard deviation of a coordinate of one measurement, model error included.
+        start: score to begin with, (COUNT,); the prior's mean without one.
     """
 
-    def __init__(self, scaling: Scaling, rests: Rests, noise_mm: float) -> None:
+    def __init__(
+        self, scaling: Scaling, rests: Rests, noise_mm: float, start: FloatArray | None = None
+    ) -> None:
         self._scaling = scaling
         self._rests = rests
         self._weight = np.sqrt(rests.count)[:, None] / noise_mm
-        self._score = np.zeros(COUNT)
+        self._score = np.zeros(COUNT) if start is None else start
         self._residual_mm, self._cost = self._judge(self._score)
         self._information = np.eye(COUNT)
         self._damping = _DAMPING_FIRST
@@ -139,9 +142,11 @@ class StaticsFit:
         return residual_mm, _cost(residual_mm * self._weight, score)
 
 
-def fit_statics(scaling: Scaling, rests: Rests, noise_mm: float) -> Fit:
+def fit_statics(
+    scaling: Scaling, rests: Rests, noise_mm: float, start: FloatArray | None = None
+) -> Fit:
     """The fit, all steps at once."""
-    fit = StaticsFit(scaling, rests, noise_mm)
+    fit = StaticsFit(scaling, rests, noise_mm, start)
     while fit.improve():
         pass
     return fit.result()
