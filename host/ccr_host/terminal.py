@@ -118,7 +118,10 @@ def health_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     if summary["missed_deadlines"]:
         yield f"missed deadlines: {summary['missed_deadlines']}"
     if summary["tracker_lost_steps"]:
-        yield f"steps without a fresh tracker sample: {summary['tracker_lost_steps']}"
+        yield (
+            f"steps without a fresh tracker sample: {summary['tracker_lost_steps']}; commands from "
+            f"the model alone: {summary['coasted_steps']}, pose held: {summary['held_steps']}"
+        )
 
 
 def comparison_table(summaries: Sequence[Mapping[str, Any]]) -> Table:

@@ -92,6 +92,8 @@ def test_a_camera_that_fails_ends_the_run_and_says_why(
     assert told in ended.summary["faults"][0]
     assert 0 < ended.summary["steps"] < 13, "the steps until then are kept"
     assert ended.summary["tracker_lost_steps"] >= 4
+    assert ended.summary["coasted_steps"] >= 1
+    assert ended.summary["held_steps"] >= 1
 
 
 @pytest.mark.parametrize("fault", ["unplugged_s=[[2, 3]]", "reset_s=[2]"])

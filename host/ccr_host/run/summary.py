@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ccr_host.control.base import Outcome
 from ccr_host.errors import CcrError
 from ccr_host.link.statistics import LinkStatistics
 from ccr_host.robot.reference import Reference
@@ -63,6 +64,8 @@ def summarise(
         "solve_us": quantiles_us(np.array(solved_us)),
         "missed_deadlines": sum(record.late for record in records),
         "tracker_lost_steps": sum(record.measured_mm is None for record in records),
+        "coasted_steps": _count(records, Outcome.COASTED),
+        "held_steps": _count(records, Outcome.HELD),
         "link": _link_figures(result.link),
         "wall_s": result.wall_s,
         "faults": [str(result.failure)] if isinstance(result.failure, CcrError) else [],
@@ -81,6 +84,10 @@ def ratio_to_twin_floor(summary: Mapping[str, Any]) -> float | None:
     """Mean error of the true position over the least that the twin allows; None without a twin."""
     error_mm, floor_mm = summary.get("true_mean_error_mm"), summary["twin_floor_mean_error_mm"]
     return error_mm / floor_mm if error_mm is not None and floor_mm else None
+
+
+def _count(records: Sequence[StepRecord], outcome: Outcome) -> int:
+    return sum(record.outcome is outcome for record in records)
 
 
 def _link_figures(link: LinkStatistics | None) -> dict[str, float | None] | None:

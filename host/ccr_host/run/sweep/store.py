@@ -49,6 +49,8 @@ _SCHEMA = pa.schema(
         ("unreachable_steps", pa.int64()),
         ("missed_deadlines", pa.int64()),
         ("tracker_lost_steps", pa.int64()),
+        ("coasted_steps", pa.int64()),
+        ("held_steps", pa.int64()),
         *((f"link_{name}", pa.int64()) for name in ("sent", "received", "crc_errors", "retries")),
         *((f"link_rtt_us_{name}", pa.float64()) for name in ("median", "p99")),
         *((f"solve_us_{name}", pa.float64()) for name in ("median", "p99", "max")),
