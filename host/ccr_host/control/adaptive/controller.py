@@ -14,8 +14,9 @@ from ccr_host.control.adaptive.excitation import tour, tour_bending_rad
 from ccr_host.control.adaptive.identification import Scaling, StaticsFit
 from ccr_host.control.adaptive.identified import identified_rests
 from ccr_host.control.adaptive.lap_memory import LapMemory
+from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.motion import Rest, setpoint_for
-from ccr_host.control.adaptive.path_plan import PathPlan, plan_path, polished
+from ccr_host.control.adaptive.path_plan import PathPlan, plan_path
 from ccr_host.control.adaptive.pose_follower import PoseFollower
 from ccr_host.control.adaptive.rest_survey import SETTLED_AFTER_S, RestSurvey, fit_to
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
@@ -60,7 +61,8 @@ class AdaptiveStatics:
     measurements it goes on with what it knows.
 
     Raises:
-        ConfigError: the description's rests were measured on another robot.
+        ConfigError: the description's rests were measured on another robot, or ``control.solver``
+            needs an extra that is not installed.
     """
 
     name = "adaptive"
@@ -71,14 +73,15 @@ class AdaptiveStatics:
         self._settle_s = description.control.settle_s
         self._scaling = Scaling(description.robot)
         self._identified = identified_rests(description)
+        self._model = make_model(description.control)
 
     def start(self, reference: Reference) -> Command:
         """Plan from the prior; the command of step 0 without an approach."""
         self._reference = reference
         self._samples = np.arange(len(reference), dtype=np.float64)
         self._ramp_s = min(_RAMP_SHARE * reference.period_s, _LONGEST_RAMP_S)
-        self._estimator = Estimator(self._scaling, None, Tuning())
-        self._survey = RestSurvey(self._scaling, np.zeros(2))
+        self._estimator = Estimator(self._scaling, None, Tuning(), self._model)
+        self._survey = RestSurvey(self._scaling, np.zeros(2), self._model.predicted_mm)
         self._phase: _Phase | None = None
         self._fit: StaticsFit | None = None
         self._approach_setpoints: deque[FloatArray] = deque()
@@ -135,7 +138,7 @@ class AdaptiveStatics:
         self._last_rad = observation.q_rad
         self._history = SetpointHistory(observation.q_rad)
         if self._identified is not None:
-            self._fit = fit_to(self._scaling, self._identified)
+            self._fit = fit_to(self._scaling, self._identified, self._model.predicted_mm)
         if self._fit is None:
             self._begin_survey(observation)
         else:
@@ -143,14 +146,14 @@ class AdaptiveStatics:
 
     def _begin_survey(self, observation: Observation) -> None:
         self._phase = _Phase.SURVEY
-        self._survey = RestSurvey(self._scaling, observation.q_rad)
+        self._survey = RestSurvey(self._scaling, observation.q_rad, self._model.predicted_mm)
         stops = unhindered_shafts_for(self._estimator.parameters, tour_bending_rad())
         self._go_through(self._limits.clip(stops), _TOUR_REST_S)
 
     def _begin_way_to_first_point(self) -> None:
         self._phase = _Phase.TO_FIRST_POINT
         fit = None if self._fit is None else self._fit.result()
-        self._estimator = Estimator(self._scaling, fit, Tuning())
+        self._estimator = Estimator(self._scaling, fit, Tuning(), self._model)
         self._plan = self._plan_path()
         self._follower = None
         self._go_through(self._first_setpoint()[None], self._settle_s)
@@ -206,7 +209,8 @@ class AdaptiveStatics:
 
     def _following(self, time_s: float) -> PoseFollower:
         if self._follower is None:
-            self._follower = PoseFollower(self._estimator.parameters, self._history, time_s)
+            p = self._estimator.parameters
+            self._follower = PoseFollower(p, self._history, time_s, self._model)
         return self._follower
 
     def _new_exposure_us(self, observation: Observation) -> int | None:
@@ -230,7 +234,7 @@ class AdaptiveStatics:
         expected_mm = self._estimator.offset_mm + self._memory.at(index)
         aim_mm = np.array(target_mm) - turned_back_mm(p, expected_mm)
         planned = self._plan.bending_rad(index)
-        theta = polished(p, planned + self._shift_rad, aim_mm, _REFINEMENTS)
+        theta = self._model.polished(p, planned + self._shift_rad, aim_mm, _REFINEMENTS)
         self._shift_rad = np.clip(theta - planned, -_LONGEST_SHIFT_RAD, _LONGEST_SHIFT_RAD)
         self._theta_rad = planned + self._shift_rad
         drive = self._following(-np.inf).hold_ahead(self._estimator.parameters)
@@ -247,7 +251,8 @@ class AdaptiveStatics:
         stride = max(1, round(_KNOT_PERIOD_S / self._reference.period_s))
         knots = np.unique(np.append(self._samples[::stride], self._samples[-1]))
         targets_mm = self._reference.target_mm[knots.astype(int)]
-        return plan_path(self._estimator.parameters, self._limits, targets_mm, knots, np.zeros(2))
+        p, near, polish = self._estimator.parameters, np.zeros(2), self._model.polished
+        return plan_path(p, self._limits, targets_mm, knots, near, polish)
 
     def _command(self, index: float, outcome: Outcome, ramp_s: float) -> Command:
         predicted_mm = tip_mm(self._estimator.believed, self._theta_rad)

@@ -32,6 +32,13 @@ def split(pairs: FloatArray) -> tuple[Number, Number]:
     return pairs[..., 0], pairs[..., 1]
 
 
+def stacked(*columns: Number) -> FloatArray:
+    """The reverse of ``split``: columns of (..., n), broadcast against each other."""
+    if all(isinstance(column, float) for column in columns):
+        return np.array(columns)
+    return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
 def positive(x: Number) -> Number:
     """max(x, 0)."""
     return 0.5 * (x + abs(x))
@@ -50,3 +57,8 @@ def within(x: Number, most: float) -> Number:
 def largest(x: Number) -> float:
     """The largest absolute value."""
     return abs(x) if isinstance(x, float) else float(np.abs(x).max())
+
+
+def anywhere(x: Number) -> bool:
+    """Whether a condition holds for one of them."""
+    return bool(np.any(x))

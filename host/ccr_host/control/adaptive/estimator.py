@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.identification import PUSHES, Fit, Scaling
+from ccr_host.control.adaptive.model import PLAIN, StaticModel
 from ccr_host.control.adaptive.motion import Rest, shifted
 from ccr_host.control.adaptive.parameters import COUNT, Parameters
-from ccr_host.control.adaptive.sensitivity import sensitivity
 from ccr_host.control.adaptive.tip import tip_mm
 
 FloatArray = NDArray[np.float64]
@@ -82,9 +82,13 @@ class Estimator:
         scaling: prior of the parameters.
         fit: what identification has found, None to start from the prior.
         tuning: of the filter.
+        model: what computes the slopes.
     """
 
-    def __init__(self, scaling: Scaling, fit: Fit | None, tuning: Tuning) -> None:
+    def __init__(
+        self, scaling: Scaling, fit: Fit | None, tuning: Tuning, model: StaticModel = PLAIN
+    ) -> None:
+        self._model = model
         self._scaling = scaling
         self._tuning = tuning
         self._state = np.zeros(_STATES)
@@ -157,7 +161,7 @@ class Estimator:
             The rest as the corrected model has it.
         """
         tuning = self._tuning
-        by = sensitivity(self._scaling, self._state[:COUNT], rest, rate_rad_s)
+        by = self._model.sensitivity(self._scaling, self._state[:COUNT], rest, rate_rad_s)
         slope = np.zeros((3, _STATES))
         slope[:, :COUNT] = by.tip[:, :COUNT]
         slope[:, _DELAY] = -tuning.delay_deviation_s * by.tip[:, COUNT]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +82,9 @@ class Scaling:
         return np.clip(score, self._lower, self._upper)
 
 
+Predict = Callable[[Parameters, Rests], FloatArray]
+
+
 class StaticsFit:
     """Levenberg and Marquardt's method from the prior, one step at a time.
 
@@ -91,11 +95,18 @@ class StaticsFit:
         rests: what was measured.
         noise_mm: standard deviation of a coordinate of one measurement, model error included.
         start: score to begin with, (COUNT,); the prior's mean without one.
+        predict: instead of ``predicted_mm``.
     """
 
     def __init__(
-        self, scaling: Scaling, rests: Rests, noise_mm: float, start: FloatArray | None = None
+        self,
+        scaling: Scaling,
+        rests: Rests,
+        noise_mm: float,
+        start: FloatArray | None = None,
+        predict: Predict | None = None,
     ) -> None:
+        self._predict = predict or predicted_mm
         self._scaling = scaling
         self._rests = rests
         self._weight = np.sqrt(rests.count)[:, None] / noise_mm
@@ -108,7 +119,7 @@ class StaticsFit:
     def improve(self) -> bool:
         """Make a step; whether another one may be worth it."""
         scaled = self._residual_mm * self._weight
-        slope = _sensitivity(self._scaling, self._score, self._rests) * self._weight[..., None]
+        slope = self._sensitivity() * self._weight[..., None]
         weighted = slope * _huber_weight(scaled)[:, None, None]
         self._information = np.einsum("nip,niq->pq", weighted, slope) + np.eye(COUNT)
         gradient = np.einsum("nip,ni->p", weighted, scaled) - self._score
@@ -136,10 +147,16 @@ class StaticsFit:
         return 0.0
 
     def _judge(self, score: FloatArray) -> tuple[FloatArray, float]:
-        residual_mm = self._rests.tip_mm - predicted_mm(
-            self._scaling.parameters(score), self._rests
-        )
+        predicted = self._predict(self._scaling.parameters(score), self._rests)
+        residual_mm = self._rests.tip_mm - predicted
         return residual_mm, _cost(residual_mm * self._weight, score)
+
+    def _sensitivity(self) -> FloatArray:
+        """d tip / d score at each rest, (N, 3, COUNT), the way to it included."""
+        tips_mm = self._predict(self._scaling.perturbed(self._score, _PROBE), self._rests)
+        slope = np.moveaxis(tips_mm[:, :COUNT] - tips_mm[:, COUNT:], 1, -1) / _PROBE
+        slope[..., PUSHES] = 0.0
+        return slope
 
 
 def fit_statics(
@@ -161,14 +178,6 @@ def predicted_mm(p: Parameters, rests: Rests) -> FloatArray:
         rest = moved(p, rest, np.broadcast_to(setpoint, (*shape, 2)))
         tips.append(tip_mm(p, rest.theta_rad))
     return np.array(tips)
-
-
-def _sensitivity(scaling: Scaling, score: FloatArray, rests: Rests) -> FloatArray:
-    """d tip / d score at each rest, (N, 3, COUNT), the way to it included."""
-    tips_mm = predicted_mm(scaling.perturbed(score, _PROBE), rests)
-    slope = np.moveaxis(tips_mm[:, :COUNT] - tips_mm[:, COUNT:], 1, -1) / _PROBE
-    slope[..., PUSHES] = 0.0
-    return slope
 
 
 def _cost(standardised: FloatArray, score: FloatArray) -> float:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccr_host.control.adaptive.either import within
-from ccr_host.control.adaptive.parameters import FloatArray, Parameters
+from ccr_host.control.adaptive.parameters import FloatArray, Number, Parameters
 from ccr_host.control.adaptive.statics import (
     STICKING,
     Drive,
@@ -19,7 +19,7 @@ from ccr_host.control.adaptive.statics import (
     routes_at,
 )
 
-_LONGEST_STEP_RAD = np.radians(8.0)
+LONGEST_STEP_RAD = np.radians(8.0)
 """Of a motor: over so much it moves the segments one way or the other, not to and fro."""
 _LEAST_PLAY_RAD = 1e-4
 _UNMOVED_RAD = np.radians(0.1)
@@ -53,7 +53,7 @@ def first_rest(p: Parameters, setpoint_rad: FloatArray) -> Rest:
 def moved(p: Parameters, rest: Rest, setpoint_rad: FloatArray) -> Rest:
     """The rest after the setpoints have gone straight to new ones, (2,) each."""
     travel = setpoint_rad - rest.drive.setpoint_rad
-    steps = int(np.ceil(np.abs(travel).max() / _LONGEST_STEP_RAD))
+    steps = int(np.ceil(np.abs(travel).max() / LONGEST_STEP_RAD))
     for _ in range(steps):
         rest = stepped(p, rest, travel / steps)
     return rest
@@ -84,5 +84,10 @@ def stepped(p: Parameters, rest: Rest, travel_rad: FloatArray) -> Rest:
 
 
 def _lag_after(p: Parameters, rest: Rest, travel_rad: FloatArray) -> FloatArray:
-    play = np.expand_dims(np.maximum(p.play_rad, _LEAST_PLAY_RAD), -1)
-    return np.asarray(within(rest.drive.lag + travel_rad / play, 1.0))
+    lag = rest.drive.lag
+    return np.asarray(lag_of(np.expand_dims(p.play_rad, -1), lag, travel_rad))
+
+
+def lag_of(play_rad: Number, lag: Number, travel_rad: Number) -> Number:
+    """Share of the play by which servos stay behind, -1 to 1, after they have turned on."""
+    return within(lag + travel_rad / np.maximum(play_rad, _LEAST_PLAY_RAD), 1.0)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ccr_host.control.adaptive.motion import Rest, first_rest, held_after, moved
+from ccr_host.control.adaptive.model import PLAIN, StaticModel
+from ccr_host.control.adaptive.motion import Rest, first_rest
 from ccr_host.control.adaptive.parameters import Parameters
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
 from ccr_host.control.adaptive.statics import Drive
@@ -17,9 +18,17 @@ class PoseFollower:
         p: parameters, floats.
         history: of the setpoints.
         time_s: from when on to follow it.
+        model: what computes the poses.
     """
 
-    def __init__(self, p: Parameters, history: SetpointHistory, time_s: float) -> None:
+    def __init__(
+        self,
+        p: Parameters,
+        history: SetpointHistory,
+        time_s: float,
+        model: StaticModel = PLAIN,
+    ) -> None:
+        self._model = model
         self._history = history
         self._time_s = time_s
         self.rest: Rest = first_rest(p, history.at(time_s))
@@ -28,7 +37,7 @@ class PoseFollower:
         """The rest at a time, or the present one if that is later."""
         if time_s > self._time_s:
             for setpoint_rad in self._history.corners(self._time_s, time_s):
-                self.rest = moved(p, self.rest, setpoint_rad)
+                self.rest = self._model.moved(p, self.rest, setpoint_rad)
             self._time_s = time_s
         return self.rest
 
@@ -36,5 +45,5 @@ class PoseFollower:
         """What will hold the robot once all commands are done."""
         rest = self.rest
         for setpoint_rad in self._history.corners(self._time_s, np.inf):
-            rest = held_after(p, rest, setpoint_rad)
+            rest = self._model.held_after(p, rest, setpoint_rad)
         return rest.drive

@@ -7,7 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.identification import Rests, Scaling, StaticsFit, predicted_mm
+from ccr_host.control.adaptive.identification import (
+    Predict,
+    Rests,
+    Scaling,
+    StaticsFit,
+    predicted_mm,
+)
 from ccr_host.control.adaptive.parameters import COUNT
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
 
@@ -30,9 +36,13 @@ class RestSurvey:
     Args:
         scaling: prior of the parameters.
         start_rad: where the servos stood before, (2,).
+        predict: for the fit, instead of ``predicted_mm``.
     """
 
-    def __init__(self, scaling: Scaling, start_rad: FloatArray) -> None:
+    def __init__(
+        self, scaling: Scaling, start_rad: FloatArray, predict: Predict | None = None
+    ) -> None:
+        self._predict = predict
         self._scaling = scaling
         self._start_rad = start_rad
         self._setpoints_rad: list[FloatArray] = []
@@ -55,10 +65,10 @@ class RestSurvey:
         means_mm = np.array([np.mean(tips, axis=0) for tips in self._tips_mm])
         counts = np.array([float(len(tips)) for tips in self._tips_mm])
         rests = Rests(self._start_rad, np.array(self._setpoints_rad), means_mm, counts)
-        return fit_to(self._scaling, rests)
+        return fit_to(self._scaling, rests, self._predict)
 
 
-def fit_to(scaling: Scaling, rests: Rests) -> StaticsFit | None:
+def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> StaticsFit | None:
     """The fit to rests, yet to be made; None if there are few, or no such robot rests there."""
     if len(rests.setpoint_rad) < _FEWEST_RESTS:
         return None
@@ -67,4 +77,4 @@ def fit_to(scaling: Scaling, rests: Rests) -> StaticsFit | None:
     if not np.median(off_mm) < _BELIEVABLE_MM:
         return None
     counted = replace(rests, count=np.minimum(rests.count, _MOST_COUNTED))
-    return StaticsFit(scaling, counted, _NOISE_MM)
+    return StaticsFit(scaling, counted, _NOISE_MM, predict=predict)

@@ -12,7 +12,7 @@ from ccr_host.control.adaptive.parameters import COUNT, FloatArray
 from ccr_host.control.adaptive.statics import forces_at
 from ccr_host.control.adaptive.tip import tip_at, vector_mm
 
-_PROBE = 1e-5
+PROBE = 1e-5
 
 
 class Sensitivity(NamedTuple):
@@ -38,9 +38,9 @@ def sensitivity(
     """
     drive, theta = rest
     here = scaling.parameters(score)
-    near = scaling.perturbed(score, _PROBE)
+    near = scaling.perturbed(score, PROBE)
     setpoints = np.repeat(drive.setpoint_rad[None], COUNT + 1, axis=0)
-    setpoints[-1] += _PROBE * rate_rad_s
+    setpoints[-1] += PROBE * rate_rad_s
     moved = forces_at(near, theta, drive._replace(setpoint_rad=setpoints))
     forces = forces_at(here, theta, drive)
     moment_1, moment_2 = moved.moment_1 - forces.moment_1, moved.moment_2 - forces.moment_2
@@ -58,4 +58,4 @@ def sensitivity(
     direct = vector_mm(near, tip_near.across, tip_near.sagittal).T
     change = direct - vector_mm(here, tip.across, tip.sagittal)[:, None]
     change += np.outer(by_1, yielding[0]) + np.outer(by_2, yielding[1])
-    return Sensitivity(change / _PROBE, yielding / _PROBE)
+    return Sensitivity(change / PROBE, yielding / PROBE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import numpy as np
@@ -51,7 +52,7 @@ class SetpointHistory:
     def jolt_at(self, time_s: float) -> float:
         """By how much, in rad, servos have jumped lately: the structure still swings from it."""
         return sum(
-            jolt_rad * float(np.exp((start_s - time_s) / _JOLT_MEMORY_S))
+            jolt_rad * math.exp((start_s - time_s) / _JOLT_MEMORY_S)
             for start_s, jolt_rad in self._jolts
             if start_s <= time_s
         )

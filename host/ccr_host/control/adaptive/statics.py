@@ -13,7 +13,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccr_host.control.adaptive.either import Arc, arc_at, largest, positive, split, within
+from ccr_host.control.adaptive.either import (
+    Arc,
+    anywhere,
+    arc_at,
+    largest,
+    positive,
+    sign,
+    split,
+    stacked,
+    within,
+)
 from ccr_host.control.adaptive.parameters import (
     MARKER_2_SHARE,
     SEGMENT_1_SHARE,
@@ -45,6 +55,10 @@ _STILL_STICKS = STICKING * (1.0 - 1e-9)
 """What has just slid stands at the limit and goes on sliding, whatever rounding makes of it."""
 
 
+Two = tuple[Number, Number]
+Four = tuple[Number, Number, Number, Number]
+
+
 class Drive(NamedTuple):
     """What holds the robot in its pose.
 
@@ -71,7 +85,7 @@ class Forces(NamedTuple):
 def forces_at(p: Parameters, theta_rad: FloatArray, drive: Drive) -> Forces:
     """Forces at bending angles (..., 2)."""
     theta_1, theta_2 = split(theta_rad)
-    return _forces(p, theta_1, theta_2, drive)
+    return forces_of(p, theta_1, theta_2, *_held(p, drive))
 
 
 def routes_at(p: Parameters, theta_rad: FloatArray) -> FloatArray:
@@ -79,29 +93,37 @@ def routes_at(p: Parameters, theta_rad: FloatArray) -> FloatArray:
 
     Those of motor 1 on both sides, then those of motor 2, which pass segment 1 too.
     """
-    theta_1, theta_2 = split(theta_rad)
+    return stacked(*routes_of(p, *split(theta_rad)))
+
+
+def routes_of(p: Parameters, theta_1: Number, theta_2: Number) -> Four:
+    """``routes_at`` one by one."""
     sag_1 = p.sag_1 * theta_1 * theta_1
     sag_2 = p.sag_2 * theta_2 * theta_2 + sag_1
-    routes = (theta_1 + sag_1, sag_1 - theta_1, theta_2 + sag_2, sag_2 - theta_2)
-    return np.stack(np.broadcast_arrays(*routes), axis=-1)
+    return theta_1 + sag_1, sag_1 - theta_1, theta_2 + sag_2, sag_2 - theta_2
 
 
 def rest_at(p: Parameters, drive: Drive, start_rad: FloatArray) -> FloatArray:
-    """Bending angles at rest, (..., 2), found by Newton's method from a guess.
+    """Bending angles at rest, (..., 2), found by Newton's method from a guess."""
+    theta = settled(p, *split(start_rad), *_held(p, drive))
+    return stacked(*theta)
+
+
+def settled(p: Parameters, theta_1: Number, theta_2: Number, shafts: Two, anchors: Four) -> Two:
+    """``rest_at`` one by one.
 
     Whole steps across the kinks of tendons and friction can go round in circles: one that
     overshoots is cut to where the forces along it vanish.
     """
-    theta_1, theta_2 = split(start_rad)
-    here = _forces(p, theta_1, theta_2, drive)
+    here = forces_of(p, theta_1, theta_2, shafts, anchors)
     for _ in range(_NEWTON_LIMIT):
         step_1, step_2 = _newton_step(here)
         if largest(step_1) < _REST_RAD and largest(step_2) < _REST_RAD:
             theta_1, theta_2 = theta_1 + step_1, theta_2 + step_2
             break
-        share, here = _searched(p, theta_1, theta_2, step_1, step_2, here, drive)
+        share, here = _searched(p, theta_1, theta_2, step_1, step_2, here, shafts, anchors)
         theta_1, theta_2 = theta_1 + share * step_1, theta_2 + share * step_2
-    return np.stack(np.broadcast_arrays(theta_1, theta_2), axis=-1)
+    return theta_1, theta_2
 
 
 def _searched(
@@ -111,23 +133,24 @@ def _searched(
     step_1: Number,
     step_2: Number,
     here: Forces,
-    drive: Drive,
+    shafts: Two,
+    anchors: Four,
 ) -> tuple[Number, Forces]:
     """Share of a step at which the forces along it nearly vanish, and the forces there."""
-    ahead = _forces(p, theta_1 + step_1, theta_2 + step_2, drive)
+    ahead = forces_of(p, theta_1 + step_1, theta_2 + step_2, shafts, anchors)
     first = step_1 * here.moment_1 + step_2 * here.moment_2
     last = step_1 * ahead.moment_1 + step_2 * ahead.moment_2
     enough = _LEFT_SHARE * abs(first) + _TINY
     too_far = last > enough
-    if not np.any(too_far):
+    if not anywhere(too_far):
         return 1.0, ahead
     low, high = 1.0 - too_far, 1.0 + 0.0 * last
     share = high
     for _ in range(_CUTS):
         share = high - too_far * (high - low) * last / (last - first + _TINY)
-        ahead = _forces(p, theta_1 + share * step_1, theta_2 + share * step_2, drive)
+        ahead = forces_of(p, theta_1 + share * step_1, theta_2 + share * step_2, shafts, anchors)
         along = step_1 * ahead.moment_1 + step_2 * ahead.moment_2
-        if np.all((abs(along) < enough) | (too_far == 0)):
+        if not anywhere((abs(along) >= enough) & too_far):
             break
         beyond = along > 0.0
         # Illinois's rule: an end that stays loses half its weight.
@@ -144,12 +167,16 @@ _TINY = 1e-18
 
 def likely_bending_rad(p: Parameters, q_rad: FloatArray) -> FloatArray:
     """Rest without gravity and sag, to start a search from; (..., 2)."""
-    gain = np.stack((p.gain_1, p.gain_2), axis=-1)
-    slack = np.stack((p.slack_1_rad, p.slack_2_rad), axis=-1)
-    compliance = np.stack((p.compliance_1, p.compliance_2), axis=-1)
-    taut = np.maximum(np.abs(q_rad) - slack, 0.0)
-    bending: FloatArray = np.sign(q_rad) * gain * taut / (1.0 + compliance)
-    return bending
+    return stacked(*likely_of(p, *split(q_rad)))
+
+
+def likely_of(p: Parameters, q_1: Number, q_2: Number) -> Two:
+    """``likely_bending_rad`` one by one."""
+    taut_1, taut_2 = positive(abs(q_1) - p.slack_1_rad), positive(abs(q_2) - p.slack_2_rad)
+    return (
+        sign(q_1) * p.gain_1 * taut_1 / (1.0 + p.compliance_1),
+        sign(q_2) * p.gain_1 * p.gain_ratio * taut_2 / (1.0 + p.compliance_2),
+    )
 
 
 def _newton_step(forces: Forces) -> tuple[Number, Number]:
@@ -261,24 +288,34 @@ def _loads(p: Parameters, theta_1: Number, theta_2: Number, first: Arc, second: 
     )
 
 
-def _forces(p: Parameters, theta_1: Number, theta_2: Number, drive: Drive) -> Forces:
+def _held(p: Parameters, drive: Drive) -> tuple[Two, Four]:
+    """Shaft angles, and anchors one by one."""
     lag_1, lag_2 = split(drive.lag)
     q_1, q_2 = split(drive.setpoint_rad)
-    anchors = [float(a) for a in drive.anchor] if drive.anchor.ndim == 1 else drive.anchor.T
+    is_one = drive.anchor.ndim == 1
+    first, second, third, fourth = drive.anchor.tolist() if is_one else drive.anchor.T
+    shafts = q_1 - p.play_rad * lag_1, q_2 - p.play_rad * lag_2
+    return shafts, (first, second, third, fourth)
+
+
+def forces_of(
+    p: Parameters, theta_1: Number, theta_2: Number, shafts: Two, anchors: Four
+) -> Forces:
+    """``forces_at`` one by one, at given shaft angles."""
     moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22 = _loads(
         p, theta_1, theta_2, arc_at(theta_1), arc_at(theta_2)
     )
     spring_1 = 1.0 / p.compliance_1
     spring_2 = p.stiffness_ratio / p.compliance_2
-    stick_1, stick_2 = 0.5 * p.friction_1 / STICKING, 0.5 * p.friction_2 / STICKING
+    stick_1 = 0.5 * p.friction_1 / STICKING
+    stick_2 = stick_1 * p.friction_ratio
     sag_1 = p.sag_1 * theta_1 * theta_1
     sag_1_slope = 2.0 * p.sag_1 * theta_1
     sag_2 = p.sag_2 * theta_2 * theta_2 + sag_1
     sag_2_slope = 2.0 * p.sag_2 * theta_2
-    shaft_1 = p.gain_1 * (q_1 - p.play_rad * lag_1)
-    shaft_2 = p.gain_2 * (q_2 - p.play_rad * lag_2)
-    excess_1 = p.gain_1 * p.slack_1_rad
-    excess_2 = p.gain_2 * p.slack_2_rad
+    gain_2 = p.gain_1 * p.gain_ratio
+    shaft_1, shaft_2 = p.gain_1 * shafts[0], gain_2 * shafts[1]
+    excess_1, excess_2 = p.gain_1 * p.slack_1_rad, gain_2 * p.slack_2_rad
     for side, anchor_1, anchor_2 in ((1.0, anchors[0], anchors[2]), (-1.0, anchors[1], anchors[3])):
         lever = side + sag_1_slope
         route = side * theta_1 + sag_1

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccr_host.control.adaptive.either import Arc, arc_at, positive, sign, split
+from ccr_host.control.adaptive.either import Arc, arc_at, positive, sign, split, stacked
 from ccr_host.control.adaptive.parameters import (
     SEGMENT_1_SHARE,
     SEGMENT_2_SHARE,
@@ -57,8 +57,12 @@ def straight_tip_mm(p: Parameters, theta_rad: FloatArray) -> FloatArray:
 
 def vector_mm(p: Parameters, across: Number, sagittal: Number) -> FloatArray:
     """Turn ``across`` and ``sagittal`` into the camera's frame, (..., 3)."""
-    point = (across, -sagittal.real, sagittal.imag)
-    return np.stack(np.broadcast_arrays(*_turned(_turn_of(p, 1.0), point)), axis=-1)
+    return stacked(*seen_of(p, across, sagittal))
+
+
+def seen_of(p: Parameters, across: Number, sagittal: Number) -> tuple[Number, ...]:
+    """``vector_mm`` one by one."""
+    return _turned(_turn_of(p, 1.0), (across, -sagittal.real, sagittal.imag))
 
 
 def turned_back_mm(p: Parameters, seen_mm: FloatArray) -> FloatArray:
@@ -75,10 +79,11 @@ def _turned(turn: tuple[Number, ...], point: tuple[Number, ...]) -> tuple[Number
     """By w = 2 tan(angle / 2) axis: v + (w x v + w x (w x v) / 2) / (1 + w^2 / 4), by Cayley."""
     once = _cross(turn, point)
     twice = _cross(turn, once)
-    share = 1.0 / (1.0 + 0.25 * sum(w * w for w in turn))
-    return tuple(
-        v + share * (first + 0.5 * second)
-        for v, first, second in zip(point, once, twice, strict=True)
+    share = 1.0 / (1.0 + 0.25 * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]))
+    return (
+        point[0] + share * (once[0] + 0.5 * twice[0]),
+        point[1] + share * (once[1] + 0.5 * twice[1]),
+        point[2] + share * (once[2] + 0.5 * twice[2]),
     )
 
 
@@ -94,7 +99,7 @@ def tip_of(p: Parameters, theta_1: Number, theta_2: Number, first: Arc, second: 
     """The tip, from the arcs of both segments."""
     (arc_1, turn), arc_2 = first, second.derivatives
     short_1 = _SHORTENING * p.sag_1 / (p.gain_1 * p.length_1_mm)
-    short_2 = _SHORTENING * p.sag_2 / (p.gain_2 * p.length_2_mm)
+    short_2 = _SHORTENING * p.sag_2 / (p.gain_1 * p.gain_ratio * p.length_2_mm)
     reach_1 = p.length_1_mm * (1.0 - short_1 * theta_1 * theta_1)
     reach_2 = p.length_2_mm * (1.0 - short_2 * theta_2 * theta_2)
     reach_1_slope = -2.0 * short_1 * theta_1 * p.length_1_mm
