@@ -30,7 +30,7 @@ from ccr_host.link.statistics import LinkCounts, LinkStatistics
 from ccr_host.link.target_log import TargetLog
 from ccr_host.link.transport import Transport
 from ccr_host.link.units import cdeg_to_rad, rad_to_cdeg
-from ccr_host.run.clock import Clock
+from ccr_host.run.clock import NEVER_US, Clock
 
 BOOT_TIMEOUT_US = 5_000_000
 """An UNO with its boot loader is there after 1 to 2 s."""
@@ -49,6 +49,8 @@ R = TypeVar("R", bound=m.Message)
 _MOVING_STATES: Final = frozenset(
     {State.ARMING, State.ACTIVE, State.HOLD, State.RELAXING, State.DISARMING}
 )
+
+_LATCHED_STATES: Final = frozenset({State.FAULT, State.STOPPED})
 
 TelemetryObserver = Callable[[m.StateReport, int], None]
 """A report and the host time in us at which it was read."""
@@ -306,6 +308,16 @@ class Client:
         self._exchange.poll(time_us)
         if self._watching and self._newest and not self._exchange.waiting:
             _raise_if_latched(self._newest.report)
+
+    @property
+    def next_turn_us(self) -> int:
+        """When to look in spite of a silent line, which alone knows when bytes arrive.
+
+        In every slice while an answer to a target is awaited, as that tells the round trip, and
+        once the board has latched, which may have to be raised yet.
+        """
+        latched = self._watching and self._newest and self._newest.report.state in _LATCHED_STATES
+        return 0 if latched or self._targets.awaits_answer else NEVER_US
 
     def read_state(self) -> m.StateReport:
         """Ask for the state; needs no session."""

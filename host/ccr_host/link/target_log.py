@@ -24,6 +24,11 @@ class TargetLog:
         self._given_up += sequence in self._open_since_us
         self._open_since_us[sequence] = time_us
 
+    @property
+    def awaits_answer(self) -> bool:
+        """Whether a target is unanswered."""
+        return bool(self._open_since_us)
+
     def answered(self, sequence: int, reply: TargetReply) -> int | None:
         """Take an answer; gives the time at which its target was sent."""
         sent_us = self._open_since_us.pop(sequence, None)

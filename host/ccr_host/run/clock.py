@@ -2,13 +2,14 @@
 
 Whoever waits calls :meth:`Clock.sleep_until_us`. While it waits, the clock lets the rest of the
 world go on: in virtual time it *is* the world's time and moves the emulated board, the wire and the
-twin forward; in real time it lets them catch up with the wall clock in short slices.
+twin forward, over stretches in which none of them has anything to do; in real time it lets them
+catch up with the wall clock in short slices.
 """
 
 from __future__ import annotations
 
 import time
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 class Steppable(Protocol):
@@ -16,6 +17,47 @@ class Steppable(Protocol):
 
     def advance_to(self, time_us: int) -> None:
         """Bring this part to ``time_us``, which never goes back."""
+
+
+@runtime_checkable
+class Foreseeing(Steppable, Protocol):
+    """Part that knows until when moving it along in one step or in many comes to the same."""
+
+    @property
+    def next_turn_us(self) -> int:
+        """When at the latest it has to be moved along next, provided that no other part moves.
+
+        A time that has passed asks for a turn in every slice, ``NEVER_US`` for none at all.
+        """
+
+
+NEVER_US = 1 << 62
+
+
+class Parts:
+    """Parts of the world that move together, in the order in which they were attached."""
+
+    def __init__(self) -> None:
+        self._parts: list[Steppable] = []
+        self._foreseeing: list[Foreseeing] = []
+
+    def attach(self, part: Steppable) -> None:
+        """Move ``part`` along from now on, too."""
+        self._parts.append(part)
+        if isinstance(part, Foreseeing):
+            self._foreseeing.append(part)
+
+    def advance_to(self, time_us: int) -> None:
+        """Bring all of them to ``time_us``."""
+        for part in self._parts:
+            part.advance_to(time_us)
+
+    @property
+    def next_turn_us(self) -> int:
+        """Earliest turn that one of them needs; 0, which has passed, if one cannot tell."""
+        if len(self._foreseeing) < len(self._parts):
+            return 0
+        return min([part.next_turn_us for part in self._foreseeing], default=NEVER_US)
 
 
 class Clock(Protocol):
@@ -37,7 +79,8 @@ class Clock(Protocol):
 
 
 _SLICE_US = 1000
-"""The parts are moved along at least so often, so that none runs far ahead of the others."""
+"""The parts are moved along at least so often, so that none runs far ahead of the others; in
+virtual time those that foresee their turns get them at multiples of it."""
 _IDLE_US = 20_000
 """Short for whoever waits for the end of a pause, and hardly any work."""
 
@@ -45,8 +88,11 @@ _IDLE_US = 20_000
 class VirtualClock:
     """Simulated time: moves only when somebody waits, then as fast as the world can be computed.
 
+    A wait is cut into slices, counted from its beginning. Those before the next turn of any part
+    are skipped; the parts see no other times than if they were moved along in every slice.
+
     Args:
-        slice_us: longest step in which the parts are moved along.
+        slice_us: longest step in which parts are moved along that do not foresee their turns.
     """
 
     realtime = False
@@ -54,22 +100,26 @@ class VirtualClock:
     def __init__(self, slice_us: int = _SLICE_US) -> None:
         self._slice_us = slice_us
         self._now_us = 0
-        self._parts: list[Steppable] = []
+        self._parts = Parts()
 
     def now_us(self) -> int:
         return self._now_us
 
     def sleep_until_us(self, time_us: int) -> None:
         while self._now_us < time_us:
-            self._now_us = min(self._now_us + self._slice_us, time_us)
-            for part in self._parts:
-                part.advance_to(self._now_us)
+            self._now_us = min(self._now_us + self._until_next_turn_us(), time_us)
+            self._parts.advance_to(self._now_us)
 
     def idle(self) -> None:
         time.sleep(_IDLE_US * 1e-6)
 
     def attach(self, part: Steppable) -> None:
-        self._parts.append(part)
+        self._parts.attach(part)
+
+    def _until_next_turn_us(self) -> int:
+        """Whole slices, at least one."""
+        slices = -((self._now_us - self._parts.next_turn_us) // self._slice_us)
+        return max(slices, 1) * self._slice_us
 
 
 class RealClock:
@@ -79,7 +129,7 @@ class RealClock:
 
     def __init__(self) -> None:
         self._start_ns = time.monotonic_ns()
-        self._parts: list[Steppable] = []
+        self._parts = Parts()
 
     def now_us(self) -> int:
         return (time.monotonic_ns() - self._start_ns) // 1000
@@ -87,8 +137,7 @@ class RealClock:
     def sleep_until_us(self, time_us: int) -> None:
         while True:
             now_us = self.now_us()
-            for part in self._parts:
-                part.advance_to(now_us)
+            self._parts.advance_to(now_us)
             left_us = time_us - self.now_us()
             if left_us <= 0:
                 return
@@ -98,7 +147,7 @@ class RealClock:
         self.sleep_until_us(self.now_us() + _IDLE_US)
 
     def attach(self, part: Steppable) -> None:
-        self._parts.append(part)
+        self._parts.attach(part)
 
 
 class Stopwatch:

@@ -57,7 +57,6 @@ def execute(
         ConfigError: the options make no run; nothing was started.
     """
     stopwatch = Stopwatch()
-    operator = operator or NoOperator()
     description = options.description()
     reference = reference_of(options)
     controller = make_controller(options.controller, description)
@@ -72,7 +71,7 @@ def execute(
     rig: Rig | None = None
     try:
         with open_rig(options, description, observer) as rig:
-            heard = RecordedOperator(operator, rig.tape)
+            heard = RecordedOperator(operator, rig.tape) if operator else NoOperator()
             with stopping_at_once(heard, rig.clock, rig.client):
                 follow_path(rig, controller, reference, description, observer, keep, heard)
     except ConfigError:

@@ -89,7 +89,7 @@ class _PathRun:
                 *_VALIDITY_LIMITS_MS,
             )
         )
-        self._watch = _MarkerWatch(rig, description.control, observer)
+        self._watch = _MarkerWatch(rig, description.control)
 
     def execute(self, on_step: Progress) -> list[StepRecord]:
         rig, clock = self._rig, self._rig.clock
@@ -240,9 +240,8 @@ def _repeat(last: Command, why: str) -> Command:
 class _MarkerWatch:
     """Decides what a missing sample means: coast on the model, hold the pose, give up."""
 
-    def __init__(self, rig: Rig, control: Control, observer: RunObserver) -> None:
+    def __init__(self, rig: Rig, control: Control) -> None:
         self._rig = rig
-        self._observer = observer
         self._stale_us = control.stale_after_ms * 1000
         self._coast_us = control.coast_s * 1e6
         self._hold_us = control.hold_s * 1e6
@@ -267,7 +266,6 @@ class _MarkerWatch:
             return None
         if sample.exposed_us != self._last_exposed_us:
             self._last_exposed_us = self._last_seen_us = sample.exposed_us
-            self._observer.sample(sample)
         return sample
 
     def look(self) -> tuple[Vector | None, int, bool]:

@@ -50,9 +50,6 @@ class RunObserver:
     def tracker_sample(self, time_us: int, sample: Sample) -> None:
         """A sample that has arrived, whether or not the control loop will use it."""
 
-    def sample(self, sample: Sample) -> None:
-        """A tracker sample that the control loop has used."""
-
     def control(self, time_us: int, observation: Observation | None, command: Command) -> None:
         """What the controller was told and what it answered; no observation at its start."""
 
@@ -91,10 +88,6 @@ class Observers(RunObserver):
     def tracker_sample(self, time_us: int, sample: Sample) -> None:
         for observer in self._observers:
             observer.tracker_sample(time_us, sample)
-
-    def sample(self, sample: Sample) -> None:
-        for observer in self._observers:
-            observer.sample(sample)
 
     def control(self, time_us: int, observation: Observation | None, command: Command) -> None:
         for observer in self._observers:

@@ -28,6 +28,8 @@ class TwinTracker:
         self._camera = camera
         self._clock = clock
         self._camera_to_robot = camera_to_robot
+        self._seen: Sample | None = None
+        self._newest: Sample | None = None
 
     @property
     def health(self) -> TrackerHealth:
@@ -38,10 +40,21 @@ class TwinTracker:
     def newest(self) -> Sample | None:
         """Newest sample that has arrived."""
         sample = self._camera.newest(self._clock.now_us())
-        if sample is None or self._camera_to_robot is None:
-            return sample
-        return Sample(sample.exposed_us, sample.markers_mm @ self._camera_to_robot.T)
+        if sample is not self._seen:
+            self._seen = sample
+            self._newest = None if sample is None else self._turned(sample)
+        return self._newest
+
+    @property
+    def next_arrival_us(self) -> int:
+        """Before then ``newest`` gives nothing new."""
+        return self._camera.next_arrival_us
 
     def trouble(self) -> str:
         """The simulated camera has none but those that the description gives it."""
         return ""
+
+    def _turned(self, sample: Sample) -> Sample:
+        if self._camera_to_robot is None:
+            return sample
+        return Sample(sample.exposed_us, sample.markers_mm @ self._camera_to_robot.T)

@@ -33,6 +33,8 @@ class Camera:
         self._robot_to_camera = rotation_matrix(np.radians(tracker.rotation_deg)).T
         self._latency_us = round(tracker.latency_ms * 1000)
         self._exposures = 0
+        self.next_exposure_us = 0
+        """When to call ``expose`` next."""
         self._in_flight: deque[Sample] = deque()
         self._newest: Sample | None = None
 
@@ -42,13 +44,15 @@ class Camera:
         return self._tracker.rate_hz
 
     @property
-    def next_exposure_us(self) -> int:
-        """When to call ``expose`` next; the first exposure is at 0."""
-        return round(self._exposures * 1e6 / self._tracker.rate_hz)
+    def next_arrival_us(self) -> int:
+        """Before then ``newest`` gives nothing new."""
+        exposed_us = self._in_flight[0].exposed_us if self._in_flight else self.next_exposure_us
+        return exposed_us + self._latency_us
 
     def expose(self, time_us: int, markers_mm: Array) -> None:
         """Take a picture of the markers, (3, 3), one a row, in the robot's frame."""
         self._exposures += 1
+        self.next_exposure_us = round(self._exposures * 1e6 / self._tracker.rate_hz)
         noise_mm = self._noise_per_coordinate_mm * self._rng.standard_normal((3, 3))
         dropped = self._rng.random() < self._tracker.dropout
         if not dropped:

@@ -16,6 +16,11 @@ class CoSimulation:
         self._line = line
         self._scene = scene
 
+    @property
+    def next_turn_us(self) -> int:
+        """When the host may hear something next; what else happens needs no turn of its own."""
+        return self._line.next_event_us
+
     def advance_to(self, time_us: int) -> None:
         """Bring wire, board, servos, structure and camera to ``time_us``."""
         board = self._line.board

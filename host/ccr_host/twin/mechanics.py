@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +49,10 @@ class Mechanics:
         self._model = mujoco.MjModel.from_xml_string(robot_mjcf(twin))
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
-        self._slack_lengths_m = self._data.ten_length + twin.slack_mm / _MM_PER_M
+        slack_lengths_m = self._data.ten_length + twin.slack_mm / _MM_PER_M
+        self._slack_lengths_m: list[float] = slack_lengths_m.tolist()
+        self._tendon_lengths_m = self._data.ctrl  # views: numpy's ways to a few numbers are long
+        self._angles_rad = self._data.qpos
         self._tip = self._model.body(TIP).id
         self._markers = [self._model.site(name).id for name in MARKERS]
         disks = range(sum(twin.flexures) + 1)
@@ -61,13 +66,11 @@ class Mechanics:
     def pull(self, pulley_1_rad: float, pulley_2_rad: float) -> None:
         """Turn the pulleys: equation (2), each winds up one tendon and lets out its opposite."""
         radius_m = self._twin.pulley_radius_mm / _MM_PER_M
-        wound_m = (
-            radius_m * pulley_1_rad,
-            radius_m * pulley_2_rad,
-            -radius_m * pulley_1_rad,
-            -radius_m * pulley_2_rad,
-        )
-        self._data.ctrl[:] = self._slack_lengths_m - wound_m
+        lengths_m, slack_m = self._tendon_lengths_m, self._slack_lengths_m
+        lengths_m[0] = slack_m[0] - radius_m * pulley_1_rad
+        lengths_m[1] = slack_m[1] - radius_m * pulley_2_rad
+        lengths_m[2] = slack_m[2] + radius_m * pulley_1_rad
+        lengths_m[3] = slack_m[3] + radius_m * pulley_2_rad
 
     def set_payload(self, payload_g: float) -> None:
         """Hang a point mass on the centre of the last disk."""
@@ -87,11 +90,13 @@ class Mechanics:
         """
         mujoco.mj_step(self._model, self._data, nstep=steps)
         # A flexure bent by more than half a turn is as far from physics as a NaN.
-        if not np.abs(self._data.qpos).max() < np.pi:
-            raise CcrError(
-                f"the twin became unstable at a step of {self.step_us / 1000:g} ms",
-                "raise twin.joint_damping, or lower twin.time_step_ms, the load or the stiffness",
-            )
+        for angle_rad in self._angles_rad.tolist():
+            if not -math.pi < angle_rad < math.pi:
+                raise CcrError(
+                    f"the twin became unstable at a step of {self.step_us / 1000:g} ms",
+                    "raise twin.joint_damping, or lower twin.time_step_ms, the load or the "
+                    "stiffness",
+                )
 
     def markers_mm(self) -> Array:
         """(3, 3): positions of M1, M2 and M3, one a row."""

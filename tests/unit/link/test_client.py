@@ -20,6 +20,7 @@ from ccr_host.link.device_errors import (
 )
 from ccr_host.link.framing import FrameDecoder, encode_frame
 from ccr_host.link.messages import State
+from ccr_host.run.clock import NEVER_US
 
 PERIOD_US = 100_000
 VALIDITY_MS = 300
@@ -229,6 +230,24 @@ def test_noisy_line_costs_retries_but_no_run(rig, config, kind, seed):
     board = rig.board.report().link_errors
     assert statistics.crc_errors > 0
     assert statistics.crc_errors >= board
+
+
+def test_client_asks_for_every_slice_of_time_while_a_target_is_unanswered(rig, config):
+    with armed(rig, config) as client:
+        assert client.next_turn_us == NEVER_US
+        client.set_target((0.1, 0.1), ramp_ms=0, validity_ms=VALIDITY_MS)
+        assert client.next_turn_us <= rig.clock.now_us()
+        rig.wait(10_000)
+        assert client.next_turn_us == NEVER_US
+
+
+def test_client_asks_for_every_slice_of_time_while_a_latch_is_to_be_raised(rig, config):
+    with pytest.raises(BoardFaultError), armed(rig, config) as client:
+        rig.board.inject_fault(m.Fault.STACK_LOW)
+        with pytest.raises(BoardFaultError):
+            rig.wait(100_000)
+        assert client.next_turn_us <= rig.clock.now_us()
+        rig.wait(1000)
 
 
 def test_lost_target_is_counted_and_not_sent_again(rig, config):

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 from ccr_host.errors import DeviceError
 from ccr_host.link.exchange import FrameObserver
 from ccr_host.link.transport import Transport
-from ccr_host.run.clock import Clock, Steppable
+from ccr_host.run.clock import Clock, Parts, Steppable
 from ccr_host.run.inputs.tape import Tape, Token
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.operator import Operator
@@ -24,7 +24,8 @@ class RecordedClock:
     def __init__(self, clock: Clock, tape: Tape) -> None:
         self._clock = clock
         self._tape = tape
-        self._parts: list[Steppable] = []
+        self._parts = Parts()
+        self._is_attached = False
         self.realtime = clock.realtime
 
     def now_us(self) -> int:
@@ -41,20 +42,25 @@ class RecordedClock:
         self._tape.note(Token.WOKE)
 
     def attach(self, part: Steppable) -> None:
-        if not self._parts:
+        self._parts.attach(part)
+        if not self._is_attached:
+            self._is_attached = True
             self._clock.attach(self)
-        self._parts.append(part)
 
     def advance_to(self, time_us: int) -> None:
         """Give the host's parts their turn, on behalf of the clock."""
         self._tape.begin_turn(time_us)
         try:
-            for part in self._parts:
-                part.advance_to(time_us)
+            self._parts.advance_to(time_us)
         except BaseException:
             self._tape.note_turn()
             raise
         self._tape.end_turn()
+
+    @property
+    def next_turn_us(self) -> int:
+        """When one of the host's parts needs a turn; those before it would leave nothing."""
+        return self._parts.next_turn_us
 
 
 class RecordedTransport:
@@ -89,6 +95,12 @@ class _ShowsFrames(Protocol):
     def frame(self) -> MarkerFrame | None: ...
 
 
+@runtime_checkable
+class _ForeseesArrivals(Protocol):
+    @property
+    def next_arrival_us(self) -> int: ...
+
+
 class RecordedTracker:
     """The tracker in the hands of the control loop; attach it to the clock behind the tracker.
 
@@ -99,6 +111,7 @@ class RecordedTracker:
         self.name = tracker.name
         self._tracker = tracker
         self._frames = tracker if isinstance(tracker, _ShowsFrames) else None
+        self._arrivals = tracker if isinstance(tracker, _ForeseesArrivals) else None
         self._clock = clock
         self._tape = tape
         self._observer = observer
@@ -109,6 +122,11 @@ class RecordedTracker:
     def advance_to(self, time_us: int) -> None:
         """Look for what is new."""
         self._look(time_us)
+
+    @property
+    def next_turn_us(self) -> int:
+        """When there may be something new; 0, which has passed, where the tracker cannot tell."""
+        return 0 if self._arrivals is None else self._arrivals.next_arrival_us
 
     def newest(self) -> Sample | None:
         sample = self._look(self._clock.now_us())
