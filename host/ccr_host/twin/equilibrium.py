@@ -54,7 +54,7 @@ class Equilibrium:
         self._compliance: Array | None = None
         self.joints_rad = np.zeros(self._model.nv)
         """Bending of each flexure, where the next search starts."""
-        self.motor_rad = np.zeros(2)
+        self.motor_rad = (0.0, 0.0)
         """Motor angles that belong to it."""
 
     def tip_mm(self, motor_1_rad: float, motor_2_rad: float) -> Array:
@@ -63,14 +63,16 @@ class Equilibrium:
         Raises:
             CcrError: no rest pose was found.
         """
-        there = np.array((motor_1_rad, motor_2_rad))
-        here = self.motor_rad
-        legs = max(1, math.ceil(np.abs(there - here).max() / LONGEST_LEG_RAD))
+        here_1, here_2 = self.motor_rad
+        travel_1, travel_2 = motor_1_rad - here_1, motor_2_rad - here_2
+        legs = max(1, math.ceil(max(abs(travel_1), abs(travel_2)) / LONGEST_LEG_RAD))
         for leg in range(1, legs + 1):
-            wound_m = self._radius_m * (here + leg / legs * (there - here))
-            self._data.ctrl[:] = self._slack_lengths_m - np.concatenate([wound_m, -wound_m])
+            wound_1_m = self._radius_m * (here_1 + leg / legs * travel_1)
+            wound_2_m = self._radius_m * (here_2 + leg / legs * travel_2)
+            wound_m = wound_1_m, wound_2_m, -wound_1_m, -wound_2_m
+            self._data.ctrl[:] = self._slack_lengths_m - wound_m
             self.joints_rad = self._rest(self.joints_rad)
-        self.motor_rad = there
+        self.motor_rad = (motor_1_rad, motor_2_rad)
         base, tip = self._data.site_xpos[self._markers]
         position: Array = (tip - base) * _MM_PER_M
         return position
