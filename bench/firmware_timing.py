@@ -122,7 +122,7 @@ def armed(elf: Path, *, profiling: bool = False) -> Iterator[Rig]:
         board.observe_pulses(pulses.append)
         line, clock = SimavrLine(board), VirtualClock()
         clock.attach(line)
-        client = Client(line, clock, np.random.default_rng(1))
+        client = Client(line, clock, session=0x7923)
         client.connect(telemetry_period_ticks=0)
         client.configure(board_config(config.load()))
         client.arm()

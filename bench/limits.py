@@ -2,8 +2,8 @@
 
     python bench/limits.py [--robot NAME] [--rate HZ ...] [--seed N ...] [--controller NAME ...]
 
-Mean true error in mm over the whole path. The feedforward knows the static map of the twin, its servos
-and the delay; it sees nothing, and of friction and deadband, which no map tells, it knows nothing.
+Mean true error in mm over the whole path. The feedforward knows the static map of the twin, its
+servos and the delay; it sees nothing, and friction and deadband, which no map tells, it leaves out.
 """
 
 from __future__ import annotations

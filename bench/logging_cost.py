@@ -54,11 +54,11 @@ class Remembering(RunObserver):
     def __init__(self) -> None:
         self.calls: list[Call] = []
 
-    def __getattribute__(self, name: str) -> Any:  # noqa: ANN401
+    def __getattribute__(self, name: str) -> Any:
         if name.startswith("_") or name == "calls":
             return super().__getattribute__(name)
 
-        def keep(*words: Any) -> None:  # noqa: ANN401
+        def keep(*words: Any) -> None:
             time_us = self.calls[-1][0] if self.calls else 0
             if words and isinstance(words[0], int):
                 time_us = words[0]

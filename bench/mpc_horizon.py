@@ -158,7 +158,7 @@ def casadi_ways(formulation: Formulation, folder: Path) -> dict[str, Callable[[]
     built: dict[str, Any] = {}
 
     def nlp(plugin: str) -> Way:
-        from bench.peers.mpc import casadi_nlp  # noqa: PLC0415
+        from bench.peers.mpc import casadi_nlp
 
         options = {"ipopt": casadi_nlp.IPOPT, "sqpmethod": casadi_nlp.SQP_DAQP}[plugin]
         if plugin not in built:
@@ -166,7 +166,7 @@ def casadi_ways(formulation: Formulation, folder: Path) -> dict[str, Callable[[]
         return casadi_nlp.Nlp(formulation, built[plugin])
 
     def generated() -> Way:
-        from bench.peers.mpc import casadi_nlp  # noqa: PLC0415
+        from bench.peers.mpc import casadi_nlp
 
         if formulation.control.horizon > LARGEST_GENERATED_HORIZON:
             raise ImportError("the code takes too long to compile")
@@ -183,14 +183,14 @@ def casadi_ways(formulation: Formulation, folder: Path) -> dict[str, Callable[[]
 
 def do_mpc(formulation: Formulation) -> Way:
     """The do-mpc package."""
-    from bench.peers.mpc.do_mpc_controller import DoMpc  # noqa: PLC0415
+    from bench.peers.mpc.do_mpc_controller import DoMpc
 
     return DoMpc(formulation)
 
 
 def slsqp(formulation: Formulation) -> Way:
     """SciPy."""
-    from bench.peers.mpc.scipy_slsqp import Slsqp  # noqa: PLC0415
+    from bench.peers.mpc.scipy_slsqp import Slsqp
 
     return Slsqp(formulation)
 

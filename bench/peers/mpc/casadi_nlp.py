@@ -42,7 +42,7 @@ SQP_QRQP = {
 class Nlp(ShiftedStart):
     """Solve with a CasADi solver over u_1..u_M, motor limits as constraints."""
 
-    def __init__(self, formulation: Formulation, solver: Any) -> None:  # noqa: ANN401
+    def __init__(self, formulation: Formulation, solver: Any) -> None:
         super().__init__(formulation)
         self._solver = solver
         live = formulation.live_steps
@@ -113,7 +113,7 @@ class GeneratedSqp(ShiftedStart):
         self.keep(problem, solver.solution.copy())
 
 
-def nlpsol(formulation: Formulation, plugin: str, options: dict[str, Any]) -> Any:  # noqa: ANN401
+def nlpsol(formulation: Formulation, plugin: str, options: dict[str, Any]) -> Any:
     """A CasADi solver of (15) over a whole horizon."""
     control, live = formulation.control, formulation.live_steps
     q = casadi.SX.sym("q", 2)
@@ -133,7 +133,7 @@ def nlpsol(formulation: Formulation, plugin: str, options: dict[str, Any]) -> An
     return casadi.nlpsol("mpc", plugin, problem, options)
 
 
-def tip_of(formulation: Formulation, q: Any) -> Any:  # noqa: ANN401 - casadi is untyped
+def tip_of(formulation: Formulation, q: Any) -> Any:
     """(10) of motor angles (2,)."""
     robot = formulation.robot
     length_1, length_2 = robot.segment_lengths_mm
@@ -149,7 +149,7 @@ def tip_of(formulation: Formulation, q: Any) -> Any:  # noqa: ANN401 - casadi is
     )
 
 
-def _compiled(solver: Any, folder: Path) -> Any:  # noqa: ANN401 - casadi is untyped
+def _compiled(solver: Any, folder: Path) -> Any:
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         raise ImportError("no C compiler")
@@ -163,7 +163,7 @@ def _compiled(solver: Any, folder: Path) -> Any:  # noqa: ANN401 - casadi is unt
     return casadi.external("mpc", str(library))
 
 
-def _sinc(x: Any) -> Any:  # noqa: ANN401
+def _sinc(x: Any) -> Any:
     series = 1 - x**2 / 6 + x**4 / 120 - x**6 / 5040
     small = casadi.fabs(x) < 0.02
     return casadi.if_else(small, series, casadi.sin(x) / casadi.if_else(small, 1, x))

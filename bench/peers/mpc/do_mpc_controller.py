@@ -60,7 +60,7 @@ class DoMpc:
         self._mpc: Any = mpc
         self._started = False
 
-    def _targets(self, _time: float) -> Any:  # noqa: ANN401 - casadi's structure
+    def _targets(self, _time: float) -> Any:
         targets = self.formulation.reference.target_mm
         for k in range(self.formulation.live_steps + 1):
             self._template["_tvp", k, "target"] = targets[max(0, self._step - 1 + k)]

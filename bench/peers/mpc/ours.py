@@ -50,15 +50,15 @@ class OtherQp(Ours):
 
 def piqp() -> QpSolver:
     """PIQP, dense; the tested alternative of the product."""
-    import piqp  # noqa: F401, PLC0415
+    import piqp  # noqa: F401 - here rather than in the first step, if it is missing
 
     return solve_box_qp_with_piqp
 
 
 def osqp() -> QpSolver:
     """OSQP, set up anew with all of its sparsity."""
-    import osqp as package  # noqa: PLC0415
-    from scipy import sparse  # noqa: PLC0415
+    import osqp as package
+    from scipy import sparse
 
     def solve(h: Array, g: Array, rows: Array, lower: Array, upper: Array) -> tuple[Array, float]:
         _refuse_indefinite(h)
@@ -75,8 +75,8 @@ def osqp() -> QpSolver:
 
 def clarabel() -> QpSolver:
     """Clarabel, an interior-point method in Rust."""
-    import clarabel as package  # noqa: PLC0415
-    from scipy import sparse  # noqa: PLC0415
+    import clarabel as package
+    from scipy import sparse
 
     settings = package.DefaultSettings()
     settings.verbose = False
@@ -96,7 +96,7 @@ def clarabel() -> QpSolver:
 
 def proxqp() -> QpSolver:
     """ProxQP, dense."""
-    from proxsuite import proxqp as package  # noqa: PLC0415
+    from proxsuite import proxqp as package
 
     def solve(h: Array, g: Array, rows: Array, lower: Array, upper: Array) -> tuple[Array, float]:
         _refuse_indefinite(h)
