@@ -11,13 +11,12 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping
-from importlib import resources
-from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from ccr_host.description_source import text_of
 from ccr_host.errors import ConfigError
 
 Pair = tuple[float, float]
@@ -110,7 +109,7 @@ class Control(_Section):
     step_bound_rad: float = Field(2.0, gt=0)
     """|u| of (15), per control step."""
     solver: Literal["daqp", "compiled"] = "daqp"
-    """What plans for `mpc`; `compiled` does its whole step in machine code (extra `fast`)."""
+    """`compiled`: `mpc` and the model of `adaptive` in machine code (extra `fast`)."""
     settle_s: float = Field(2.0, ge=0)
     """From the first command to the start of the path's clock."""
     stale_after_ms: int = Field(250, ge=1)
@@ -311,14 +310,6 @@ class Description(_Section):
     identified: Identified | None = None
 
 
-def shipped_descriptions() -> list[str]:
-    """Names of the descriptions that come with the package."""
-    folder = resources.files("ccr_host") / "descriptions"
-    return sorted(
-        f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")
-    )
-
-
 def load(source: str | None = None, overrides: Iterable[str] = ()) -> Description:
     """Read a description and apply overrides.
 
@@ -329,7 +320,7 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Descriptio
     Raises:
         ConfigError: names the file or key, what is wrong with it, and what is allowed.
     """
-    tree = _read(source)
+    tree = _tree(text_of(source), source)
     for override in overrides:
         _apply(tree, override)
     return _validated(tree, source)
@@ -341,10 +332,7 @@ def parse(text: str) -> Description:
     Raises:
         ConfigError: see :func:`load`.
     """
-    try:
-        return _validated(tomllib.loads(text), None)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"robot description: {error}", "mend the TOML") from None
+    return _validated(_tree(text, None), None)
 
 
 def _validated(tree: dict[str, Any], source: str | None) -> Description:
@@ -354,22 +342,12 @@ def _validated(tree: dict[str, Any], source: str | None) -> Description:
         raise ConfigError(*_explain(error, source)) from None
 
 
-def _read(source: str | None) -> dict[str, Any]:
-    name = source or "default"
-    shipped = shipped_descriptions()
+def _tree(text: str, source: str | None) -> dict[str, Any]:
     try:
-        if name in shipped:
-            text = (resources.files("ccr_host") / "descriptions" / f"{name}.toml").read_text()
-        else:
-            text = Path(name).read_text(encoding="utf-8")
         return tomllib.loads(text)
-    except OSError as error:
-        raise ConfigError(
-            f"robot description {name}: {error.strerror}",
-            f"give a TOML file or one of {', '.join(shipped)}",
-        ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"robot description {name}: {error}", "mend the TOML") from None
+    except tomllib.TOMLDecodeError as error:
+        name = f" {source}" if source else ""
+        raise ConfigError(f"robot description{name}: {error}", "mend the TOML") from None
 
 
 def _apply(tree: dict[str, Any], override: str) -> None:

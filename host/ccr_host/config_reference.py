@@ -8,7 +8,8 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from ccr_host.config import Description, Push, section_model, shipped_descriptions
+from ccr_host.config import Description, Push, section_model
+from ccr_host.description_source import shipped_descriptions
 
 Schema = dict[str, Any]
 

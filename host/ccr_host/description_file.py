@@ -1,4 +1,4 @@
-"""Writes what was measured into the user's robot description and leaves all else as it is."""
+"""Keeps what was measured in the user's robot description, and leaves all else in it as it is."""
 
 from __future__ import annotations
 
@@ -13,10 +13,59 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from ccr_host import config
+from ccr_host.description_source import own_file, text_of
 from ccr_host.errors import ConfigError
 
 Sections = Mapping[str, Mapping[str, Any]]
 """New values by section and key."""
+
+
+def file_to_keep_in(robot: str | None, out: Path | None) -> Path | None:
+    """Where a measurement goes: to `out`, else into the user's own description, if there is one.
+
+    To be asked before the robot moves.
+
+    Args:
+        robot: as given with ``--robot``.
+        out: as given with ``--out``; need not be there yet.
+
+    Raises:
+        ConfigError: it could not be written.
+    """
+    file = out or own_file(robot)
+    if file is not None:
+        writable = file if file.exists() else file.resolve().parent
+        if file.is_dir() or not os.access(writable, os.W_OK):
+            raise ConfigError(
+                f"robot description {file}: cannot be written", "name a TOML file that can be"
+            )
+    return file
+
+
+def keep_in(file: Path, sections: Sections, robot: str | None) -> None:
+    """Rewrite a robot description at once or not at all.
+
+    Args:
+        file: of `file_to_keep_in`; made from the description of `robot` if it is not there.
+        sections: what to put into it.
+        robot: as given with ``--robot``.
+
+    Raises:
+        ConfigError: it cannot be read, would not be a description, or cannot be replaced; it is
+            then as it was.
+    """
+    target = file.resolve()
+    text = updated(text_of(str(target) if target.exists() else robot), sections)
+    config.parse(text)
+    try:
+        if target.exists():
+            _replace(target, text)
+        else:
+            target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(
+            f"robot description {file}: {error.strerror}", "name a TOML file that can be written"
+        ) from None
 
 
 def updated(text: str, sections: Sections) -> str:
@@ -34,26 +83,6 @@ def updated(text: str, sections: Sections) -> str:
         return tomlkit.dumps(document)
     except (TOMLKitError, TypeError) as error:
         raise ConfigError(f"robot description: {error}", "mend the TOML") from None
-
-
-def update_description(file: Path, sections: Sections) -> None:
-    """Rewrite a robot description at once or not at all.
-
-    Raises:
-        ConfigError: it cannot be read, would not be a description, or cannot be replaced; it is
-            then as it was.
-    """
-    target = file.resolve()
-    try:
-        text = updated(target.read_text(encoding="utf-8"), sections)
-        config.parse(text)
-        _replace(target, text)
-    except OSError as error:
-        raise ConfigError(
-            f"robot description {file}: {error.strerror}", "name a TOML file that can be written"
-        ) from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"robot description {file}: {error}", "mend the TOML") from None
 
 
 def _replace(target: Path, text: str) -> None:

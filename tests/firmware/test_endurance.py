@@ -10,7 +10,7 @@ import pytest
 from ccr_host import config
 from ccr_host.link import messages as m
 from ccr_host.link.board_config import board_config
-from ccr_host.link.client import Client
+from ccr_host.link.client import Client, drawn_session
 from ccr_host.link.device_errors import BoardFaultError
 from ccr_host.run.clock import VirtualClock
 from ccr_host.simavr.board import SimavrBoard
@@ -30,7 +30,7 @@ def operate(seed: int, duration_s: float, board_time_at_reset_us: int = 0) -> No
         line, clock = SimavrLine(board), VirtualClock(slice_us=m.TICK_US)
         clock.attach(line)
         resets_at_start = board.statistics().resets
-        with Client(line, clock, rng) as client:
+        with Client(line, clock, drawn_session(rng)) as client:
             clock.attach(client)
             client.connect(telemetry_period_ticks=5)
             client.configure(board_config(config.load()))

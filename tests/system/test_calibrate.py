@@ -27,9 +27,16 @@ def robot(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def terminal(tmp_path: Path, robot: Path) -> Iterator[DrivenTerminal]:
+def calibrated(tmp_path: Path) -> Path:
+    """Not there yet."""
+    return tmp_path / "calibrated.toml"
+
+
+@pytest.fixture
+def terminal(tmp_path: Path, robot: Path, calibrated: Path) -> Iterator[DrivenTerminal]:
+    files = ("--robot", robot.name, "--out", calibrated.name)
     overrides = [word for key in TWIN for word in ("--set", key)]
-    terminal = DrivenTerminal(tmp_path, "calibrate", "--by-eye", "--robot", robot.name, *overrides)
+    terminal = DrivenTerminal(tmp_path, "calibrate", "--by-eye", *files, *overrides)
     yield terminal
     terminal.process.close(force=True)
 
@@ -45,7 +52,9 @@ def keys_for(axis: int, motion_deg: float) -> str:
     return keys + "+" * len(STEPS_DEG)
 
 
-def test_marks_of_the_eye_are_kept_in_file_and_board(terminal: DrivenTerminal, robot: Path) -> None:
+def test_marks_of_the_eye_are_kept_in_file_and_board(
+    terminal: DrivenTerminal, robot: Path, calibrated: Path
+) -> None:
     terminal.wait_for("1 of 10")
     terminal.press("+" * len(STEPS_DEG))
     asked = 1
@@ -62,15 +71,18 @@ def test_marks_of_the_eye_are_kept_in_file_and_board(terminal: DrivenTerminal, r
             terminal.wait_for(f"{asked} of 10" if asked <= 10 else "kept in")
     terminal.end()
     assert terminal.status == 0
-    servo = config.load(str(robot)).servo
-    assert "# keep this" in robot.read_text()
+    servo = config.load(str(calibrated)).servo
+    assert calibrated.read_text().startswith('name = "mine"  # keep this\n')
+    assert robot.read_text() == 'name = "mine"  # keep this\n'
     assert servo.neutral_pulse_us == pytest.approx(NEUTRAL_US, abs=1.5)
     assert servo.pulse_per_90_deg_us == pytest.approx(PER_90_DEG_US, abs=3.0)
     assert servo.angle_min_deg == pytest.approx((-70.0, -70.0), abs=0.3)
     assert servo.angle_max_deg == pytest.approx((60.0, 60.0), abs=0.3)
 
 
-def test_leaving_early_changes_nothing(terminal: DrivenTerminal, robot: Path) -> None:
+def test_leaving_early_changes_nothing(
+    terminal: DrivenTerminal, robot: Path, calibrated: Path
+) -> None:
     terminal.wait_for("1 of 10")
     terminal.press("\r")
     terminal.wait_for("2 of 10")
@@ -78,6 +90,7 @@ def test_leaving_early_changes_nothing(terminal: DrivenTerminal, robot: Path) ->
     assert "nothing was changed" in terminal.end()
     assert terminal.status == 0
     assert robot.read_text() == 'name = "mine"  # keep this\n'
+    assert not calibrated.exists()
 
 
 def test_a_shipped_description_is_not_written_to(ccr_host: CcrHost) -> None:

@@ -37,6 +37,7 @@ SIMULATED = {
     r"^compare": "compare --path short.csv",
     r"^track": "track --no-open --controller mpc",
     r"--seed 1 --rate 1": "",
+    r"^(calibrate .*) --tracker ndi-emulator:": r"\1",
     r"^monitor": "monitor --duration 4",
     r"^view": "view --address 127.0.0.1:0",
 }
@@ -50,8 +51,6 @@ TOLD_ELSEWHERE = {
     r"sweep": "tests/system/test_sweep.py",
 }
 HELP = {"--help", "-h", "--with-open"}
-MINUTES_LONG = {"calibrate"}
-"""Under the tracker; by eye it is quick."""
 SERVES_UNTIL = {"emulate": "stdout", "view": "stderr"}
 """Where they say that Ctrl-C ends them."""
 
@@ -84,17 +83,11 @@ def simulated(command: str) -> str:
     return " ".join(words.split())
 
 
-def to_be_run() -> list[object]:
+def to_be_run() -> list[str]:
     """One of all that come to the same."""
     commands = printed_commands() | {example_of(command) for command in CLI.commands.values()}
     here = {c for c in commands if not any(re.search(sign, c) for sign in TOLD_ELSEWHERE)}
-    lines = sorted({simulated(command) for command in here if command})
-    return [
-        pytest.param(line, marks=pytest.mark.slow)
-        if line.split()[0] in MINUTES_LONG and "--by-eye" not in line
-        else line
-        for line in lines
-    ]
+    return sorted({simulated(command) for command in here if command})
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from ccr_host.commands import completion
-from ccr_host.config import shipped_descriptions
 from ccr_host.control.registry import controller_names, peer_names
+from ccr_host.description_source import shipped_descriptions
 from ccr_host.robot.paths import path_names
 
 COMMAND = str(Path(sys.executable).with_name("ccr-host"))

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
+from ccr_host.bringup.measure_rests import measure_rests
 from ccr_host.bringup.servo_fit import ServoFit, fit_servos
 from ccr_host.config import Description, Servo
-from ccr_host.control.adaptive.excitation import tour_bending_rad
-from ccr_host.robot.workspace import MotorLimits
-from ccr_host.run.rest_motion import RestMotion
+from ccr_host.run.rest_motion import OnPose
 from ccr_host.run.rig import Rig
-
-OnPose = Callable[[int, int], None]
-"""Number of poses done, and of all."""
 
 
 def calibrate_by_tracker(rig: Rig, description: Description, on_pose: OnPose) -> ServoFit:
@@ -25,23 +19,8 @@ def calibrate_by_tracker(rig: Rig, description: Description, on_pose: OnPose) ->
         RegistrationError: the robot does not come to rest.
         CalibrationError: the poses give no calibration that could be trusted.
     """
-    robot = description.robot
-    gain = robot.pulley_radius_mm / robot.tendon_radius_mm
-    stops = MotorLimits.of(description.servo).clip(tour_bending_rad() / gain)
-    motion = RestMotion(rig)
-    rig.client.arm()
-    motion.start()
-    poses = []
-    for done, stop in enumerate(stops):
-        on_pose(done, len(stops))
-        motion.move_to(stop)
-        pose = motion.measure_at_rest()
-        if pose is not None:
-            poses.append(pose)
-    motion.move_to(np.zeros(2))
-    rig.client.disarm()
-    on_pose(len(stops), len(stops))
-    return fit_servos(poses, robot)
+    rests = measure_rests(rig, description, on_pose)
+    return fit_servos(rests, description.robot, registered=description.registration is not None)
 
 
 def corrected(servo: Servo, fit: ServoFit) -> Servo:

@@ -18,13 +18,13 @@ from ccr_host.errors import CcrError
 from ccr_host.link.client import Client
 from ccr_host.link.uri import DeviceUri, parse_device_uri
 from ccr_host.run.clock import Clock, RealClock, VirtualClock
-from ccr_host.run.options import RunOptions
-from ccr_host.run.rig import connect_board
+from ccr_host.run.options import RigOptions
+from ccr_host.run.rig import connect_board, session_number
 from ccr_host.run.tracker_rig import TrackerRig
 from ccr_host.tracking.uri import TrackerKind, TrackerUri, parse_tracker_uri
 
 
-def examine(options: RunOptions, folder: Path) -> Iterator[Finding]:
+def examine(options: RigOptions, folder: Path) -> Iterator[Finding]:
     """Computer, description, board and tracker, one finding after the other.
 
     What cannot be reached is a finding, and does not keep the rest from being looked at.
@@ -77,8 +77,8 @@ def _board(device: DeviceUri, description: Description, seed: int) -> Iterator[F
     clock: Clock = VirtualClock() if device.in_process else RealClock()
     with ExitStack() as stack:
         transport = connect_board(device, None, clock, description.link.baud, stack)
-        rng = np.random.default_rng(seed if device.in_process else None)
-        client = stack.enter_context(Client(transport, clock, rng))
+        session = session_number(device, np.random.SeedSequence(seed))
+        client = stack.enter_context(Client(transport, clock, session))
         clock.attach(client)
         client.connect()
         yield from check_board(client, clock, description)

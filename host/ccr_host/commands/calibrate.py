@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
 from ccr_host.commands.options import (
     DeviceOption,
+    KeepInOption,
     RealtimeOption,
     RobotOption,
     SeedOption,
@@ -16,11 +17,9 @@ from ccr_host.commands.options import (
     TrackerOption,
 )
 from ccr_host.commands.stopping import stop_signals_interrupt
-from ccr_host.run.options import RunOptions
+from ccr_host.run.options import RigOptions
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from ccr_host.config import Description, Servo
     from ccr_host.run.rig import Rig
 
@@ -32,6 +31,7 @@ def calibrate(
     seed: SeedOption = 1,
     overrides: SetOption = None,
     realtime: RealtimeOption = False,
+    out: KeepInOption = None,
     by_eye: Annotated[
         bool,
         typer.Option(
@@ -56,20 +56,21 @@ def calibrate(
 
     Example: ccr-host calibrate --by-eye --robot my-robot.toml --device serial:/dev/ttyACM0
     """
+    from ccr_host.bringup.identify import SECTION
     from ccr_host.bringup.keep_calibration import (
         calibrated_section,
+        file_for_calibration,
         keep_calibration,
-        writable_description,
     )
+    from ccr_host.description_file import keep_in
     from ccr_host.errors import ConfigError
     from ccr_host.run.observer import Observers
     from ccr_host.run.rig import open_rig
 
     if by_eye and identify:
         raise ConfigError("--identify needs the tracker", "leave --by-eye out")
-    file = writable_description(robot)
-    options = RunOptions(
-        path="",
+    file = file_for_calibration(robot, out)
+    options = RigOptions(
         robot=robot,
         device=device,
         tracker=tracker,
@@ -81,13 +82,15 @@ def calibrate(
     console = Console()
     with stop_signals_interrupt(), open_rig(options, description, Observers()) as rig:
         if identify:
-            _identify(console, rig, description, file)
+            section = _identify(console, rig, description)
+            keep_in(file, {SECTION: section}, robot)
+            console.print(f"kept in {file}, as section {SECTION}", highlight=False)
             return
         servo = (_by_eye if by_eye else _by_tracker)(console, rig, description)
         if servo is None:
             console.print("nothing was changed")
             return
-        keep_calibration(rig.client, description, servo, file)
+        keep_calibration(rig.client, description, servo, file, robot)
     for key, value in calibrated_section(servo).items():
         console.print(f"{key} = {value}", highlight=False, markup=False)
     console.print(f"kept in {file} and in the board's EEPROM", highlight=False)
@@ -122,20 +125,18 @@ def _by_tracker(console: Console, rig: Rig, description: Description) -> Servo:
     return corrected(description.servo, fit)
 
 
-def _identify(console: Console, rig: Rig, description: Description, file: Path) -> None:
+def _identify(console: Console, rig: Rig, description: Description) -> dict[str, Any]:
     import datetime
 
     from ccr_host import terminal
-    from ccr_host.bringup.identify import SECTION, identified_section, measure_rests, trial_fit
-    from ccr_host.description_file import update_description
+    from ccr_host.bringup.identify import identified_section, trial_fit
+    from ccr_host.bringup.measure_rests import measure_rests
 
     with terminal.steps_progress(Console(stderr=True), "poses") as on_pose:
         rests = measure_rests(rig, description, on_pose)
     fit = trial_fit(rests, description)
-    section = identified_section(rests, description, datetime.date.today())
-    update_description(file, {SECTION: section})
     console.print(
         f"{len(rests.count)} rests; the model of `adaptive` leaves {fit.rms_mm:.2f} mm RMS of them",
         highlight=False,
     )
-    console.print(f"kept in {file}, as section {SECTION}", highlight=False)
+    return identified_section(rests, description, datetime.date.today())

@@ -19,7 +19,7 @@ def paths(incomplete: str) -> list[str]:
 
 def robots(incomplete: str) -> list[str]:
     """Names of shipped descriptions; where none fits, the shell itself offers files."""
-    from ccr_host.config import shipped_descriptions
+    from ccr_host.description_source import shipped_descriptions
 
     return _beginning_with(incomplete, shipped_descriptions())
 

@@ -17,7 +17,7 @@ from ccr_host.commands.options import (
 )
 from ccr_host.commands.output import print_json
 from ccr_host.commands.stopping import stop_signals_interrupt
-from ccr_host.run.options import RunOptions
+from ccr_host.run.options import RigOptions
 
 _COLOURS = {"good": "green", "warning": "yellow", "failure": "bold red"}
 
@@ -37,8 +37,7 @@ def doctor(
     from ccr_host.bringup.doctor import examine
     from ccr_host.bringup.finding import exit_status
 
-    options = RunOptions(
-        path="",
+    options = RigOptions(
         robot=robot,
         device=device,
         tracker=tracker,

@@ -12,7 +12,7 @@ from ccr_host.commands.options import (
     TrackerOption,
 )
 from ccr_host.commands.stopping import stop_signals_interrupt
-from ccr_host.run.options import RunOptions
+from ccr_host.run.options import RigOptions
 
 
 def jog(
@@ -35,8 +35,7 @@ def jog(
     from ccr_host.run.observer import Observers
     from ccr_host.run.rig import open_rig
 
-    options = RunOptions(
-        path="",
+    options = RigOptions(
         robot=robot,
         device=device,
         tracker=tracker,

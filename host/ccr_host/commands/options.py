@@ -53,6 +53,15 @@ SetOption = Annotated[
 ]
 RealtimeOption = Annotated[bool, typer.Option("--realtime", help="Run in real time.")]
 OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")]
+KeepInOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        metavar="FILE",
+        help="Robot description to keep the result in, made if it is not there; "
+        "by default the one of --robot.",
+    ),
+]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the summary alone, as JSON, on standard output.")
 ]

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
-import typer
 from rich.console import Console
 
 from ccr_host.commands.options import (
     DeviceOption,
     JsonOption,
+    KeepInOption,
     RealtimeOption,
     RobotOption,
     SeedOption,
@@ -19,7 +16,7 @@ from ccr_host.commands.options import (
 )
 from ccr_host.commands.output import print_json
 from ccr_host.commands.stopping import stop_signals_interrupt
-from ccr_host.run.options import RunOptions
+from ccr_host.run.options import RigOptions
 
 
 def register(
@@ -29,14 +26,7 @@ def register(
     seed: SeedOption = 1,
     overrides: SetOption = None,
     realtime: RealtimeOption = False,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Robot description to keep the result in, made if it is not there; "
-            "by default the one of --robot.",
-        ),
-    ] = None,
+    out: KeepInOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Move the robot through safe poses, find out how the camera stands, and keep it.
@@ -47,19 +37,19 @@ def register(
     import datetime
 
     from ccr_host import terminal
+    from ccr_host.description_file import file_to_keep_in, keep_in
     from ccr_host.robot.workspace import MotorLimits
     from ccr_host.run.observer import Observers
-    from ccr_host.run.register import register_robot, safe_poses_rad
-    from ccr_host.run.registration_file import (
-        file_to_keep_it_in,
+    from ccr_host.run.register import (
+        SECTION,
+        register_robot,
         registration_section,
-        save_registration,
+        safe_poses_rad,
     )
     from ccr_host.run.rig import open_rig
     from ccr_host.tracker_screen import registration_table
 
-    options = RunOptions(
-        path="",
+    options = RigOptions(
         robot=robot,
         device=device,
         tracker=tracker,
@@ -68,7 +58,7 @@ def register(
         realtime=realtime,
     )
     description = options.description()
-    file = file_to_keep_it_in(robot, out)
+    file = file_to_keep_in(robot, out)
     screen = Console(stderr=as_json)
     poses = len(safe_poses_rad(MotorLimits.of(description.servo)))
     with (
@@ -82,8 +72,8 @@ def register(
     if file is None:
         screen.print("not kept: no file of yours was given; with --out FILE it is", highlight=False)
     else:
-        save_registration(file, section, robot)
-        screen.print(f"kept in {file}, as section registration", highlight=False)
+        keep_in(file, {SECTION: section}, robot)
+        screen.print(f"kept in {file}, as section {SECTION}", highlight=False)
     if as_json:
         print_json(
             {

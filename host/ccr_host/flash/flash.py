@@ -9,7 +9,7 @@ import numpy as np
 
 from ccr_host.flash.ports import choose_port
 from ccr_host.flash.upload import upload_file, upload_project
-from ccr_host.link.client import Client
+from ccr_host.link.client import Client, drawn_session
 from ccr_host.link.messages import HelloReply
 from ccr_host.link.transport import open_transport
 from ccr_host.link.uri import parse_device_uri
@@ -75,5 +75,5 @@ def say_hello(port: str) -> HelloReply:
     """
     clock = RealClock()
     transport = open_transport(parse_device_uri(f"serial:{port}"))
-    with Client(transport, clock, np.random.default_rng()) as client:
+    with Client(transport, clock, drawn_session(np.random.default_rng())) as client:
         return client.connect(telemetry_period_ticks=0)

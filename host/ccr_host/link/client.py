@@ -64,6 +64,11 @@ class ReceivedReport:
     time_us: int
 
 
+def drawn_session(rng: np.random.Generator) -> int:
+    """A session number; two hosts of one board must not draw from generators seeded alike."""
+    return int(rng.integers(1, 1 << 16))
+
+
 class Client:
     """Talks to one board; to be used as a context manager.
 
@@ -76,7 +81,7 @@ class Client:
     Args:
         transport: to the board; closed on leaving.
         clock: the only time.
-        rng: draws the session number; not seeded alike in two hosts of one board.
+        session: number that no other host of the board has, see `drawn_session`.
         on_frame: sees every frame, both ways.
         on_telemetry: sees every report of the stream.
     """
@@ -85,14 +90,14 @@ class Client:
         self,
         transport: Transport,
         clock: Clock,
-        rng: np.random.Generator,
+        session: int,
         *,
         on_frame: FrameObserver | None = None,
         on_telemetry: TelemetryObserver | None = None,
     ) -> None:
         self._transport = transport
         self._clock = clock
-        self._session = int(rng.integers(1, 1 << 16))
+        self._session = session
         self._on_telemetry = on_telemetry
         self._counts = LinkCounts()
         self._exchange = Exchange(transport, clock, self._counts, self._take, on_frame)

@@ -50,7 +50,7 @@ def arc_derivatives_at(theta_rad: float) -> tuple[complex, complex, complex, com
     return _upwards(theta_rad, turn)
 
 
-def _upwards(theta: Any, turn: Any) -> tuple[Any, Any, Any, Any]:  # noqa: ANN401
+def _upwards(theta: Any, turn: Any) -> tuple[Any, Any, Any, Any]:  # noqa: ANN401 - number or array
     e0 = (turn - 1.0) / (1j * theta)
     e1 = (turn - e0) / theta
     e2 = (1j * turn - 2.0 * e1) / theta
@@ -58,7 +58,7 @@ def _upwards(theta: Any, turn: Any) -> tuple[Any, Any, Any, Any]:  # noqa: ANN40
     return e0, e1, e2, e3
 
 
-def _downwards(theta: Any, turn: Any) -> tuple[Any, Any, Any, Any]:  # noqa: ANN401
+def _downwards(theta: Any, turn: Any) -> tuple[Any, Any, Any, Any]:  # noqa: ANN401 - number or array
     square = theta * theta
     odd = even = 0.0 * square
     for of_odd, of_even in _SERIES_PAIRS:

@@ -15,7 +15,7 @@ from ccr_host.config import Description
 from ccr_host.link.client import Client
 from ccr_host.link.uri import parse_device_uri
 from ccr_host.run.clock import Clock, CpuStopwatch, RealClock, Stopwatch
-from ccr_host.run.rig import believed_rad, connect_board
+from ccr_host.run.rig import believed_rad, connect_board, session_number
 from ccr_host.run.tracker_rig import TrackerRig
 from ccr_host.tracking.frame import TrackerHealth
 from ccr_host.tracking.sample import Sample
@@ -183,8 +183,8 @@ def open_monitor(
             clock.attach(eyes.scene)
         stack.enter_context(eyes.running(clock))
         if device is not None:
-            rng = np.random.default_rng(session_seed)
-            client = stack.enter_context(Client(transport, clock, rng))
+            session = session_number(device, session_seed)
+            client = stack.enter_context(Client(transport, clock, session))
             clock.attach(client)
             client.connect()
         tracker = eyes.tracker(clock, lambda: _angles(client), in_camera_frame=not registered)

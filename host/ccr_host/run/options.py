@@ -1,4 +1,4 @@
-"""What every run can be told."""
+"""What a rig, and a run on it, can be told."""
 
 from __future__ import annotations
 
@@ -9,30 +9,24 @@ from ccr_host.config import Description
 from ccr_host.errors import ConfigError
 
 
-@dataclass(frozen=True)
-class RunOptions:
-    """One run, fully determined; small and picklable, so that other processes can execute it.
+@dataclass(frozen=True, kw_only=True)
+class RigOptions:
+    """Which robot, board and tracker; small and picklable, so that other processes can have it.
 
     Raises:
-        ConfigError: a seed below 0, or no lap.
+        ConfigError: a seed below 0.
     """
 
-    path: str
-    controller: str = "adaptive"
     robot: str | None = None
     overrides: tuple[str, ...] = ()
     device: str = "emulator:"
     tracker: str = "twin:"
-    rate_hz: float = 1.0
     seed: int = 1
     realtime: bool = False
-    laps: int = 1
 
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise ConfigError(f"seed {self.seed}: negative", "give 0 or more")
-        if self.laps < 1:
-            raise ConfigError(f"{self.laps} laps: none to run", "give 1 or more")
 
     def description(self) -> Description:
         """Robot description with the overrides applied.
@@ -41,6 +35,25 @@ class RunOptions:
             ConfigError: see :func:`ccr_host.config.load`.
         """
         return config.load(self.robot, self.overrides)
+
+
+@dataclass(frozen=True)
+class RunOptions(RigOptions):
+    """One run, fully determined.
+
+    Raises:
+        ConfigError: a seed below 0, or no lap.
+    """
+
+    path: str
+    controller: str = "adaptive"
+    rate_hz: float = 1.0
+    laps: int = 1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.laps < 1:
+            raise ConfigError(f"{self.laps} laps: none to run", "give 1 or more")
 
     def with_controller(self, controller: str) -> RunOptions:
         """The same run under another controller."""

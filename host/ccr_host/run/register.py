@@ -5,7 +5,9 @@ The rig's tracker must give markers in the camera's own frame: open it without a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import datetime
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +15,14 @@ from numpy.typing import NDArray
 from ccr_host.config import Description
 from ccr_host.errors import TrackerError
 from ccr_host.robot.workspace import MotorLimits
-from ccr_host.run.rest_motion import RestMotion
+from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
 from ccr_host.tracking.registration import Registration, RestPose, register
 
 Array = NDArray[np.float64]
+
+SECTION = "registration"
+"""Of the robot description."""
 
 _SWING_DEG = 40.0
 """Of motor 1, inside the +-43 deg that the paper's paths need."""
@@ -28,9 +33,6 @@ _SHARE_OF_LIMITS = 0.6
 _SWINGS = (0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0)
 """Poses of motor 1, each from both sides so that friction cancels."""
 _SIDES = (1.0, -1.0)
-
-OnPose = Callable[[int, int], None]
-"""Number of poses done, and of all."""
 
 
 def safe_poses_rad(limits: MotorLimits) -> Array:
@@ -54,7 +56,7 @@ def register_robot(rig: Rig, description: Description, on_pose: OnPose) -> Regis
     return register(poses, description.robot)
 
 
-def collect_rest_poses(rig: Rig, description: Description, on_pose: OnPose) -> list[RestPose]:
+def collect_rest_poses(rig: Rig, description: Description, on_pose: OnPose) -> Sequence[RestPose]:
     """Measure the robot at rest in each of the safe poses; those without markers are left out.
 
     Raises:
@@ -62,23 +64,21 @@ def collect_rest_poses(rig: Rig, description: Description, on_pose: OnPose) -> l
         TrackerError: no markers in any pose.
         RegistrationError: the robot does not come to rest.
     """
-    targets = safe_poses_rad(MotorLimits.of(description.servo))
-    motion = RestMotion(rig)
-    rig.client.arm()
-    motion.start()
-    poses: list[RestPose] = []
-    for done, target in enumerate(targets):
-        on_pose(done, len(targets))
-        motion.move_to(target)
-        pose = motion.measure_at_rest()
-        if pose is not None:
-            poses.append(pose)
-    motion.move_to(np.zeros(2))
-    rig.client.disarm()
-    on_pose(len(targets), len(targets))
-    if not poses:
+    tour = visit(rig, safe_poses_rad(MotorLimits.of(description.servo)), on_pose)
+    if not tour.poses:
         raise TrackerError(
             f"no markers from {rig.tracker.name} in any pose",
             "check line of sight and the camera's volume; see ccr-host monitor",
         )
-    return poses
+    return tour.poses
+
+
+def registration_section(registration: Registration, date: datetime.date) -> dict[str, Any]:
+    """The keys of ``[registration]``, rounded to what they are good for."""
+    return {
+        "camera_to_robot_deg": [round(float(v), 4) for v in registration.camera_to_robot_deg],
+        "uncertainty_deg": [round(float(v), 2) for v in registration.uncertainty_deg],
+        "residual_mm": round(registration.residual_mm, 3),
+        "scale": round(registration.scale, 4),
+        "date": date,
+    }

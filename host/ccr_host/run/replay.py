@@ -157,7 +157,7 @@ class _Replay:
         client = Client(
             PlayedTransport(tape, self._feed.take_received()),
             clock,
-            _RecordedSession(_session(self._recording)),
+            _session(self._recording),
             on_frame=self._compare,
         )
         try:
@@ -217,17 +217,6 @@ class _Replay:
         """Keep the first difference; what the host does after it means nothing."""
         if self._result.difference is None:
             self._result.difference = Difference(self._tape.time_us, self._result.steps, what)
-
-
-class _RecordedSession(np.random.Generator):
-    """The only number that the client draws, drawn again."""
-
-    def __init__(self, session: int) -> None:
-        super().__init__(np.random.PCG64(0))
-        self._session = session
-
-    def integers(self, *_: Any, **__: Any) -> int:  # type: ignore[override]  # noqa: ANN401
-        return self._session
 
 
 def _session(recording: RunRecording) -> int:

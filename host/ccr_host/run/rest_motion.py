@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,8 @@ from ccr_host.tracking.registration import RegistrationError, RestPose
 from ccr_host.tracking.sample import Sample
 
 Array = NDArray[np.float64]
+OnPose = Callable[[int, int], None]
+"""Number of poses done, and of all."""
 
 _SPEED_RAD_S = math.radians(25.0)
 """Average speed of the motors between poses; 120 mm/s at the tip, which excites little ringing."""
@@ -27,18 +31,52 @@ _REST_MM = 0.5
 _ATTEMPTS_TO_REST = 4
 
 
-class RestMotion:
+@dataclass(frozen=True, eq=False)
+class RestTour:
+    """A robot seen at rest, one pose after the other.
+
+    ``start_rad`` (2,) is where it came from, ``poses`` are in the order in which it went straight
+    from one to the next; those without markers are left out.
+    """
+
+    start_rad: Array
+    poses: Sequence[RestPose]
+
+
+def visit(rig: Rig, stops_rad: Array, on_pose: OnPose) -> RestTour:
+    """Arm, measure at each stop, (K, 2), go back to where arming has led the robot, disarm.
+
+    An error or Ctrl-C ends the tour where it is; the rig disarms the robot on its way out.
+
+    Raises:
+        DeviceError: the board refused, was lost or latched a fault.
+        RegistrationError: the robot does not come to rest.
+    """
+    rig.client.arm()
+    start_rad = np.array(rig.client.accepted_rad)
+    motion = _RestMotion(rig, start_rad)
+    poses = []
+    for done, stop_rad in enumerate(stops_rad):
+        on_pose(done, len(stops_rad))
+        motion.move_to(stop_rad)
+        pose = motion.measure_at_rest()
+        if pose is not None:
+            poses.append(pose)
+    motion.move_to(start_rad)
+    rig.client.disarm()
+    on_pose(len(stops_rad), len(stops_rad))
+    return RestTour(start_rad, poses)
+
+
+class _RestMotion:
     """Moves an armed robot slowly and averages its markers at rest.
 
     Keeps the board's watchdog fed, and listens to the tracker meanwhile.
     """
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, q_rad: Array) -> None:
         self._rig = rig
-
-    def start(self) -> None:
-        """Take over the pose into which arming has led the robot."""
-        self._q_rad: Array = np.asarray(self._rig.client.accepted_rad, dtype=np.float64)
+        self._q_rad = q_rad
 
     def move_to(self, target_rad: Array) -> None:
         """Go to motor angles, (2,), smoothly.

@@ -19,7 +19,7 @@ from ccr_host.emulator.serial_line import SerialLine
 from ccr_host.emulator.server import BackgroundServer, BoardServer
 from ccr_host.errors import DeviceError
 from ccr_host.link.board_config import board_config
-from ccr_host.link.client import Client, TelemetryObserver
+from ccr_host.link.client import Client, TelemetryObserver, drawn_session
 from ccr_host.link.messages import StateReport
 from ccr_host.link.transport import Transport, open_transport
 from ccr_host.link.uri import DeviceKind, DeviceUri, parse_device_uri
@@ -34,7 +34,7 @@ from ccr_host.run.inputs.recording import (
 )
 from ccr_host.run.inputs.tape import Tape
 from ccr_host.run.observer import RunObserver
-from ccr_host.run.options import RunOptions
+from ccr_host.run.options import RigOptions
 from ccr_host.run.tracker_rig import TrackerRig
 from ccr_host.simavr.board import SimavrBoard
 from ccr_host.simavr.cosim import SimavrCoSimulation
@@ -70,8 +70,8 @@ class Rig:
         return None if scene is None else scene.true_tip_mm()
 
 
-def is_simulated(options: RunOptions) -> bool:
-    """Whether a run needs nothing outside this process and no real time.
+def is_simulated(options: RigOptions) -> bool:
+    """Whether a rig needs nothing outside this process and no real time.
 
     Raises:
         ConfigError: the device or tracker URI is not one.
@@ -82,7 +82,7 @@ def is_simulated(options: RunOptions) -> bool:
 
 @contextmanager
 def open_rig(
-    options: RunOptions,
+    options: RigOptions,
     description: Description,
     observer: RunObserver,
     *,
@@ -91,7 +91,7 @@ def open_rig(
     """Connect, configure the board, and make the robot safe on the way out, whatever happens.
 
     Args:
-        options: of the run.
+        options: device, tracker, seed and realtime count.
         description: of the robot.
         observer: sees all that passes.
         in_camera_frame: samples stay in the camera's own frame, whatever was registered.
@@ -118,7 +118,7 @@ def open_rig(
             Client(
                 RecordedTransport(transport, tape),
                 hosts_clock,
-                _session_generator(device, session_seed),
+                session_number(device, session_seed),
                 on_frame=recorded_frames(observer.frame, tape),
                 on_telemetry=on_telemetry,
             )
@@ -163,9 +163,9 @@ def believed_rad(client: Client) -> NDArray[np.float64]:
         return np.zeros(2)
 
 
-def _session_generator(device: DeviceUri, seed: np.random.SeedSequence) -> np.random.Generator:
-    """Two hosts on one board must not share a session number, whatever their seeds."""
-    return np.random.default_rng(seed) if device.in_process else np.random.default_rng()
+def session_number(device: DeviceUri, seed: np.random.SeedSequence) -> int:
+    """Of the seed, but another one each time where others may be on the same board."""
+    return drawn_session(np.random.default_rng(seed if device.in_process else None))
 
 
 def _simavr_line(device: DeviceUri, stack: ExitStack) -> SimavrLine:

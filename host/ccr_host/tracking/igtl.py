@@ -148,7 +148,7 @@ class IgtlTracker(StartsAndStops):
         if self._expected and self._expected <= self._tools.keys():
             self._publish()
 
-    def _add(self, message: Any) -> None:  # noqa: ANN401
+    def _add(self, message: Any) -> None:  # noqa: ANN401 - as above
         if message.message_type == "TRANSFORM":
             matrix = np.asarray(message.matrix, dtype=np.float64)
             if matrix.shape == (4, 4) and np.isfinite(matrix).all():

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import enum
 import hmac
+import re
 from dataclasses import dataclass
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
+_REQUEST_LINE = re.compile(r"GET (/[^ ]*) [^ ]*")
 _LOCAL_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
 _COOKIE = "ccr_host_view"
 
@@ -37,8 +39,8 @@ class RequestHead:
             BadRequestError: it is not what a browser sends.
         """
         first, *lines = data.decode("latin-1").rstrip("\r\n").split("\r\n")
-        words = first.split(" ")
-        if len(words) != 3 or words[0] != "GET" or not words[1].startswith("/"):  # noqa: PLR2004
+        request = _REQUEST_LINE.fullmatch(first)
+        if request is None:
             raise BadRequestError
         headers = {}
         for line in lines:
@@ -46,7 +48,7 @@ class RequestHead:
             if not colon:
                 raise BadRequestError
             headers[name.strip().lower()] = value.strip()
-        return cls(words[1], headers)
+        return cls(request[1], headers)
 
 
 class Verdict(enum.Enum):

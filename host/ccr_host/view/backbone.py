@@ -128,7 +128,7 @@ def _marker_direction(theta_1: float) -> FloatArray:
 def _hermite_speed(theta: float) -> float:
     """Tangent length over arc length with which a cubic follows an arc best."""
     quarter = min(abs(theta) / 4.0, 1.2)
-    return 1.0 if quarter < 1e-6 else math.tan(quarter) / quarter  # noqa: PLR2004
+    return 1.0 if quarter < 1e-6 else math.tan(quarter) / quarter  # noqa: PLR2004 - 0 over 0 has the limit 1
 
 
 def _hermite(

@@ -1,6 +1,5 @@
 """What the doctor finds, on boards and robots that lack something."""
 
-import numpy as np
 import pytest
 
 from ccr_host.bringup.board_checks import check_board
@@ -11,11 +10,11 @@ from ccr_host.emulator.board import UnoEmulator
 from ccr_host.emulator.serial_line import SerialLine
 from ccr_host.link.client import Client
 from ccr_host.run.clock import VirtualClock
-from ccr_host.run.options import RunOptions
+from ccr_host.run.options import RigOptions
 
 
 def examined(tmp_path, *overrides: str, **options: str) -> dict[str, Finding]:
-    wanted = RunOptions(path="", overrides=overrides, **options)
+    wanted = RigOptions(overrides=overrides, **options)
     return {finding.subject: finding for finding in examine(wanted, tmp_path)}
 
 
@@ -69,7 +68,7 @@ def test_a_stopped_board_is_a_failure_and_stays_stopped() -> None:
     clock = VirtualClock()
     line = SerialLine(UnoEmulator())
     clock.attach(line)
-    with Client(line, clock, np.random.default_rng(1)) as client:
+    with Client(line, clock, 1) as client:
         client.connect()
         client.stop()
         for _ in range(2):

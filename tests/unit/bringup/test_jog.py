@@ -3,10 +3,10 @@
 from ccr_host.bringup.jog import JogView, jog
 from ccr_host.link.messages import State
 from ccr_host.run.observer import Observers
-from ccr_host.run.options import RunOptions
+from ccr_host.run.options import RigOptions
 from ccr_host.run.rig import Rig, open_rig
 
-OPTIONS = RunOptions(path="")
+OPTIONS = RigOptions()
 
 
 def jogged(rig: Rig, keys: list[str]) -> list[JogView]:

@@ -4,9 +4,9 @@ import tomllib
 import pytest
 
 from ccr_host import config
-from ccr_host.description_file import update_description, updated
+from ccr_host.description_file import file_to_keep_in, keep_in, updated
+from ccr_host.description_source import text_of
 from ccr_host.errors import ConfigError
-from ccr_host.run.registration_file import save_registration
 
 REGISTRATION = {
     "camera_to_robot_deg": [1.5, -170.25, 0.0],
@@ -55,7 +55,7 @@ def test_the_same_update_twice_changes_nothing_more(text: str) -> None:
 def test_a_registration_can_be_read_back(tmp_path) -> None:
     file = tmp_path / "robot.toml"
     file.write_text("# mine\n")
-    save_registration(file, REGISTRATION)
+    keep_in(file, NEW, None)
     registration = config.load(str(file)).registration
     assert registration is not None
     assert registration.camera_to_robot_deg == (1.5, -170.25, 0.0)
@@ -67,7 +67,7 @@ def test_the_file_is_replaced_through_links_and_keeps_its_mode(tmp_path) -> None
     file.write_text("# mine\n", encoding="utf-8")
     file.chmod(0o640)
     link.symlink_to(file)
-    update_description(link, NEW)
+    keep_in(link, NEW, None)
     assert link.is_symlink()
     assert file.stat().st_mode & 0o777 == 0o640
     assert file.read_text(encoding="utf-8").startswith("# mine\n")
@@ -84,15 +84,46 @@ def test_what_would_be_no_description_is_refused_and_the_file_left_alone(
     file = tmp_path / "robot.toml"
     file.write_text('name = "mine"\n', encoding="utf-8")
     with pytest.raises(ConfigError, match=told):
-        update_description(file, sections)
+        keep_in(file, sections, None)
     assert file.read_text(encoding="utf-8") == 'name = "mine"\n'
     assert [path.name for path in tmp_path.iterdir()] == ["robot.toml"]
 
 
-@pytest.mark.parametrize("content", [None, b"[twin\n", b"\xff\xfe"])
-def test_an_unreadable_description_is_told(tmp_path, content) -> None:
+@pytest.mark.parametrize("content", [b"[twin\n", b"\xff\xfe"])
+def test_an_unreadable_description_is_told_and_left_alone(tmp_path, content) -> None:
     file = tmp_path / "robot.toml"
-    if content is not None:
-        file.write_bytes(content)
+    file.write_bytes(content)
     with pytest.raises(ConfigError, match=r"robot description"):
-        update_description(file, NEW)
+        keep_in(file, NEW, None)
+    assert file.read_bytes() == content
+
+
+@pytest.mark.parametrize("robot", [None, "hard"])
+def test_a_file_that_is_not_there_is_made_from_the_described_robot(tmp_path, robot) -> None:
+    file = tmp_path / "robot.toml"
+    keep_in(file, NEW, robot)
+    assert file.read_text(encoding="utf-8").startswith(text_of(robot).rstrip())
+    old, new = config.load(robot), config.load(str(file))
+    assert new.servo.neutral_pulse_us == (1520.5, 1490.0)
+    assert new.twin == old.twin
+
+
+def test_a_file_that_is_not_there_stays_so_if_it_would_be_no_description(tmp_path) -> None:
+    with pytest.raises(ConfigError, match="neutral_pulse_us"):
+        keep_in(tmp_path / "robot.toml", {"servo": {"neutral_pulse_us": -3}}, None)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_measured_goes_where_out_says_else_into_the_users_own_file(tmp_path) -> None:
+    own, other = tmp_path / "own.toml", tmp_path / "other.toml"
+    assert file_to_keep_in(str(own), other) == other
+    assert file_to_keep_in(str(own), None) == own
+    assert file_to_keep_in("hard", other) == other
+    assert file_to_keep_in("hard", None) is None
+    assert file_to_keep_in(None, None) is None
+
+
+@pytest.mark.parametrize("out", ["", "no/such/folder/robot.toml"])
+def test_a_place_that_cannot_be_written_is_told_beforehand(tmp_path, out) -> None:
+    with pytest.raises(ConfigError, match="cannot be written"):
+        file_to_keep_in(None, tmp_path / out)

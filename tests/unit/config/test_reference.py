@@ -6,6 +6,7 @@ import pytest
 
 from ccr_host import config
 from ccr_host.config_reference import reference
+from ccr_host.description_source import shipped_descriptions
 
 COMMITTED = Path(__file__).parents[3] / "docs" / "robot-description.md"
 
@@ -33,6 +34,6 @@ def test_every_key_tells_its_meaning(section):
     assert [key for key, field in section.model_fields.items() if not field.description] == []
 
 
-@pytest.mark.parametrize("name", config.shipped_descriptions())
+@pytest.mark.parametrize("name", shipped_descriptions())
 def test_shipped_description_loads_and_carries_its_name(name):
     assert config.load(name).name == ("paper" if name == "default" else name)

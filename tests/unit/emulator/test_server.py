@@ -18,7 +18,7 @@ from ccr_host.emulator.tcp_port import TcpPort
 from ccr_host.errors import ConfigError, DeviceError
 from ccr_host.link import messages as m
 from ccr_host.link.board_config import board_config
-from ccr_host.link.client import Client
+from ccr_host.link.client import Client, drawn_session
 from ccr_host.link.transport import open_transport
 from ccr_host.link.uri import parse_device_uri
 from ccr_host.run.clock import RealClock
@@ -43,7 +43,9 @@ def served(request):
 
 def connect(uri):
     clock = RealClock()
-    client = Client(open_transport(parse_device_uri(uri)), clock, np.random.default_rng())
+    client = Client(
+        open_transport(parse_device_uri(uri)), clock, drawn_session(np.random.default_rng())
+    )
     clock.attach(client)
     return client, clock
 

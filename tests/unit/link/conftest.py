@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 import pytest
 
 from ccr_host.config import load
@@ -26,8 +25,8 @@ class Rig:
     board: UnoEmulator
     line: SerialLine
 
-    def client(self, *, seed: int = 1, attach: bool = True, **observers: object) -> Client:
-        client = Client(self.line, self.clock, np.random.default_rng(seed), **observers)
+    def client(self, *, session: int = 0x1234, attach: bool = True, **observers: object) -> Client:
+        client = Client(self.line, self.clock, session, **observers)
         if attach:
             self.clock.attach(client)
         return client

@@ -372,7 +372,7 @@ def test_board_found_armed_is_disarmed_before_it_is_configured(rig, config):
     crashed = armed(rig, config, attach=False)
     crashed.set_target((0.5, 0.5), ramp_ms=0, validity_ms=10_000)
     rig.wait(500_000)
-    with rig.client(seed=2) as client:
+    with rig.client(session=2) as client:
         client.connect()
         assert client.read_state().state is State.ACTIVE
         client.configure(replace(config, slew=m.Slew((100, 100))))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ccr_host.config import Description
 from ccr_host.control.adaptive.estimator import Estimator, Tuning
-from ccr_host.control.adaptive.excitation import tour, tour_bending_rad
+from ccr_host.control.adaptive.excitation import tour
 from ccr_host.control.adaptive.identification import Scaling, StaticsFit
 from ccr_host.control.adaptive.identified import identified_rests
 from ccr_host.control.adaptive.lap_memory import LapMemory
@@ -22,6 +22,7 @@ from ccr_host.control.adaptive.rest_survey import SETTLED_AFTER_S, RestSurvey, f
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
 from ccr_host.control.adaptive.statics import hold_at, unhindered_shafts_for
 from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
+from ccr_host.control.adaptive.tour_stops import tour_stops_rad
 from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
@@ -147,8 +148,7 @@ class AdaptiveStatics:
     def _begin_survey(self, observation: Observation) -> None:
         self._phase = _Phase.SURVEY
         self._survey = RestSurvey(self._scaling, observation.q_rad, self._model.predicted_mm)
-        stops = unhindered_shafts_for(self._estimator.parameters, tour_bending_rad())
-        self._go_through(self._limits.clip(stops), _TOUR_REST_S)
+        self._go_through(tour_stops_rad(self._estimator.parameters, self._limits), _TOUR_REST_S)
 
     def _begin_way_to_first_point(self) -> None:
         self._phase = _Phase.TO_FIRST_POINT

@@ -1,0 +1,27 @@
+"""What the doctor knows of the package's extras."""
+
+import re
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+from ccr_host.bringup.host_checks import EXTRAS
+
+PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
+FOR_DEVELOPERS = {"test", "dev", "docs", "bench"}
+
+
+def test_the_doctor_looks_for_all_extras_of_users_and_for_no_other() -> None:
+    assert EXTRAS.keys() == PROJECT["optional-dependencies"].keys() - FOR_DEVELOPERS
+
+
+@pytest.mark.parametrize(("extra", "module"), EXTRAS.items())
+def test_an_extra_is_known_by_a_package_that_it_brings(extra: str, module: str) -> None:
+    required = PROJECT["optional-dependencies"][extra]
+    brought = {re.split(r"[<>=!~\[; ]", name)[0] for name in required}
+    installed = packages_distributions().get(module)
+    if installed is None:
+        pytest.skip(f"extra {extra} is not installed")
+    assert brought & {name.lower() for name in installed}
