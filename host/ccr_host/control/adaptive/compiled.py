@@ -10,15 +10,23 @@ import cmath
 import hashlib
 import inspect
 import math
-from collections.abc import Callable
+import sys
 from functools import lru_cache
 from types import ModuleType
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 from numba.extending import overload
 
-from ccr_host.control.adaptive import either, motion, path_plan, statics, tip
+from ccr_host.control.adaptive import (
+    either,
+    motion,
+    parameters,
+    path_plan,
+    sensitivity,
+    statics,
+    tip,
+)
 from ccr_host.control.adaptive.either import Arc, arc_at
 from ccr_host.control.adaptive.identification import Rests, Scaling
 from ccr_host.control.adaptive.motion import LONGEST_STEP_RAD, Rest
@@ -30,10 +38,9 @@ from ccr_host.control.compiled.jit import callable_when_compiled, compiled, comp
 from ccr_host.robot import arc
 
 _SOURCES: tuple[ModuleType, ...] = (
-    *(arc, either, motion, path_plan, statics, tip),
+    *(arc, either, motion, parameters, path_plan, sensitivity, statics, tip),
     *(jit, model),
 )
-
 
 _arc_derivatives_at = callable_when_compiled(arc.arc_derivatives_at)
 overload(either.arc_at)(
@@ -75,21 +82,14 @@ class _Pose(NamedTuple):
 class CompiledModel:
     """``PlainModel`` in machine code.
 
-    Building one compiles, or loads what was compiled before.
+    Building one compiles, or loads what was compiled before; using it never does.
     """
 
     def __init__(self) -> None:
-        self._entries = _entries()
-        prior = Parameters(*([0.1] * len(Parameters._fields)))
-        rest = Rest(Drive(np.zeros(2), np.zeros(2), np.zeros(4)), np.zeros(2))
-        self.moved(prior, rest, np.zeros(2))
-        self.polished(prior, np.zeros(2), np.zeros(3), 1)
-        nowhere = np.zeros((1, 2))
-        self.predicted_mm(prior, Rests(np.zeros(2), nowhere, np.zeros((1, 3)), np.ones(1)))
-        self._entries.sensitivity(np.array([prior]), _packed(rest), np.zeros(2))
+        self._entries = _ready_entries()
 
     def moved(self, p: Parameters, rest: Rest, setpoint_rad: FloatArray) -> Rest:
-        return _unpacked(self._entries.moved(np.array(p), _packed(rest), setpoint_rad))
+        return _unpacked(self._entries.moved(np.array(p), _packed(rest), np.array(setpoint_rad)))
 
     def held_after(self, p: Parameters, rest: Rest, setpoint_rad: FloatArray) -> Rest:
         if p.friction_1 > 0.0:
@@ -99,33 +99,41 @@ class CompiledModel:
     def sensitivity(
         self, scaling: Scaling, score: FloatArray, rest: Rest, rate_rad_s: FloatArray
     ) -> Sensitivity:
-        near = np.array(scaling.perturbed(score, PROBE)).T
-        columns = self._entries.sensitivity(near, _packed(rest), rate_rad_s)
+        near = np.array(scaling.perturbed(score, PROBE)).T.copy()
+        columns = self._entries.sensitivity(near, _packed(rest), np.array(rate_rad_s))
         return Sensitivity(columns[:3], columns[3:])
 
     def predicted_mm(self, p: Parameters, rests: Rests) -> FloatArray:
         rows = np.array(p).T
         tips_mm = self._entries.predicted_mm(
-            np.ascontiguousarray(np.atleast_2d(rows)), rests.start_rad, rests.setpoint_rad
+            np.atleast_2d(rows).copy(), np.array(rests.start_rad), np.array(rests.setpoint_rad)
         )
         return tips_mm if rows.ndim > 1 else tips_mm[:, 0]
 
     def polished(
         self, p: Parameters, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
     ) -> FloatArray:
-        theta = np.ascontiguousarray(theta_rad).reshape(-1, 2)
-        target = np.ascontiguousarray(target_mm).reshape(-1, 3)
+        theta = np.array(theta_rad).reshape(-1, 2)
+        target = np.array(target_mm).reshape(-1, 3)
         found = self._entries.polished(np.array(p), theta, target, iterations)
         return found.reshape(theta_rad.shape)
+
+
+class _Entry(Protocol):
+    """A compiled function; array arguments are contiguous and writable floats."""
+
+    def __call__(self, *arguments: FloatArray | int) -> FloatArray: ...
+
+    def disable_compile(self) -> None: ...
 
 
 class _Entries(NamedTuple):
     """What Python calls; arguments are few and flat since numba takes time to pass each."""
 
-    moved: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-    sensitivity: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-    predicted_mm: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-    polished: Callable[[FloatArray, FloatArray, FloatArray, int], FloatArray]
+    moved: _Entry
+    sensitivity: _Entry
+    predicted_mm: _Entry
+    polished: _Entry
 
 
 def _make_entries(fingerprint: int) -> _Entries:
@@ -167,19 +175,28 @@ def _make_entries(fingerprint: int) -> _Entries:
             found[i, 0], found[i, 1] = theta_1, theta_2
         return found
 
-    return _Entries(
-        compiled_on_disk(moved),
-        compiled_on_disk(sensitivity),
-        compiled_on_disk(predicted_mm),
-        compiled_on_disk(polished),
-    )
+    entries = moved, sensitivity, predicted_mm, polished
+    return _Entries(*(cast(_Entry, compiled_on_disk(entry)) for entry in entries))
 
 
 @lru_cache(maxsize=1)
 def _entries() -> _Entries:
-    here = inspect.getsource(inspect.getmodule(_make_entries) or arc)
-    sources = "".join(map(inspect.getsource, _SOURCES)) + here
+    sources = "".join(map(inspect.getsource, (*_SOURCES, sys.modules[__name__])))
     return _make_entries(int.from_bytes(hashlib.sha256(sources.encode()).digest()[:7], "big"))
+
+
+def _ready_entries() -> _Entries:
+    """Compiled or loaded by first calls; from then on they refuse arguments of other types."""
+    entries = _entries()
+    anything = np.full(len(Parameters._fields), 0.1)
+    pose, pair, pairs = np.zeros(10), np.zeros(2), np.zeros((1, 2))
+    entries.moved(anything, pose, pair)
+    entries.sensitivity(anything[None].copy(), pose, pair)
+    entries.predicted_mm(anything[None].copy(), pair, pairs)
+    entries.polished(anything, pairs, np.zeros((1, 3)), 1)
+    for entry in entries:
+        entry.disable_compile()
+    return entries
 
 
 def _packed(rest: Rest) -> FloatArray:
