@@ -30,9 +30,7 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
             f"{len(rests.count)} rests were seen, and no robot as described rests there",
             "check the markers with ccr-host monitor, and segment lengths and pulleys in [robot]",
         )
-    while fit.improve():
-        pass
-    return fit.result()
+    return fit.finish()
 
 
 def identified_section(

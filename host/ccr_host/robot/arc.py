@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 ComplexArray = NDArray[np.complex128]
+Number = Any
+"""A float, a complex number, or an array of them: the same lines serve one angle and many."""
 
 # At 1 rad both directions are good to a few units in the last place.
 _SERIES_BELOW_RAD = 1.0
@@ -50,7 +52,7 @@ def arc_derivatives_at(theta_rad: float) -> tuple[complex, complex, complex, com
     return _upwards(theta_rad, turn)
 
 
-def _upwards(theta: Any, turn: Any) -> tuple[Any, Any, Any, Any]:  # noqa: ANN401 - number or array
+def _upwards(theta: Number, turn: Number) -> tuple[Number, Number, Number, Number]:
     e0 = (turn - 1.0) / (1j * theta)
     e1 = (turn - e0) / theta
     e2 = (1j * turn - 2.0 * e1) / theta
@@ -58,7 +60,7 @@ def _upwards(theta: Any, turn: Any) -> tuple[Any, Any, Any, Any]:  # noqa: ANN40
     return e0, e1, e2, e3
 
 
-def _downwards(theta: Any, turn: Any) -> tuple[Any, Any, Any, Any]:  # noqa: ANN401 - number or array
+def _downwards(theta: Number, turn: Number) -> tuple[Number, Number, Number, Number]:
     square = theta * theta
     odd = even = 0.0 * square
     for of_odd, of_even in _SERIES_PAIRS:

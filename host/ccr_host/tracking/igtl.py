@@ -25,6 +25,9 @@ from ccr_host.tracking.rotation import rotation_vector
 
 DEFAULT_LATENCY_US = 60_000
 """Exposure to time stamp plus the fastest way here; our estimate, PLUS adds its own buffers."""
+_Message = Any
+"""Of pyigtl, which has no types."""
+
 _SILENCE_US = 2_000_000
 _RETRY_US = 1_000_000
 
@@ -132,7 +135,7 @@ class IgtlTracker(StartsAndStops):
         self._running = self._tracking = False
         self._let_go()
 
-    def _take(self, message: Any, time_us: int) -> None:  # noqa: ANN401 - pyigtl has no types
+    def _take(self, message: _Message, time_us: int) -> None:
         stamp_s = float(message.timestamp)
         if not math.isfinite(stamp_s) or stamp_s <= 0:
             self._unstamped = True
@@ -148,7 +151,7 @@ class IgtlTracker(StartsAndStops):
         if self._expected and self._expected <= self._tools.keys():
             self._publish()
 
-    def _add(self, message: Any) -> None:  # noqa: ANN401 - as above
+    def _add(self, message: _Message) -> None:
         if message.message_type == "TRANSFORM":
             matrix = np.asarray(message.matrix, dtype=np.float64)
             if matrix.shape == (4, 4) and np.isfinite(matrix).all():

@@ -22,6 +22,8 @@ _CONVERGED_RAD = 1e-5
 _DAMPING = 1e-6
 """Of the normal equations, mm^2: keeps the step finite at the fold, where J loses rank."""
 _GREATEST_STEP_RAD = 0.5
+_STRAIGHT_RAD = 1e-6
+"""Below it tan(x) / x is its limit, 1."""
 
 
 def fitted_bending_rad(
@@ -128,7 +130,7 @@ def _marker_direction(theta_1: float) -> FloatArray:
 def _hermite_speed(theta: float) -> float:
     """Tangent length over arc length with which a cubic follows an arc best."""
     quarter = min(abs(theta) / 4.0, 1.2)
-    return 1.0 if quarter < 1e-6 else math.tan(quarter) / quarter  # noqa: PLR2004 - 0 over 0 has the limit 1
+    return math.tan(quarter) / quarter if quarter > _STRAIGHT_RAD else 1.0
 
 
 def _hermite(

@@ -10,7 +10,6 @@ from ccr_host.control.adaptive.identification import (
     Rests,
     Scaling,
     StaticsFit,
-    fit_statics,
     predicted_mm,
 )
 from ccr_host.control.adaptive.motion import Rest, first_rest, moved
@@ -52,13 +51,13 @@ def _tips_elsewhere(p):
 
 def test_the_tour_tells_all_parameters_well_enough_to_predict_other_taut_poses():
     truth = _believable(1)
-    found = SCALING.parameters(fit_statics(SCALING, _tour_of(truth, 0.15), 0.15).score)
+    found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.15), 0.15).finish().score)
     assert _tips_elsewhere(found) == pytest.approx(_tips_elsewhere(truth), abs=0.5)
 
 
 def test_the_tour_tells_play_from_friction():
     truth = PRIOR._replace(play_rad=0.008, friction_1=0.22)
-    found = SCALING.parameters(fit_statics(SCALING, _tour_of(truth, 0.3), 0.3).score)
+    found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.3), 0.3).finish().score)
     assert found.play_rad == pytest.approx(0.008, abs=0.003)
     assert found.friction_1 == pytest.approx(0.22, abs=0.06)
 
@@ -66,7 +65,7 @@ def test_the_tour_tells_play_from_friction():
 def test_a_wild_rest_does_not_spoil_the_fit():
     rests = _tour_of(PRIOR)
     rests.tip_mm[7] += 30.0
-    found = SCALING.parameters(fit_statics(SCALING, rests, 0.3).score)
+    found = SCALING.parameters(StaticsFit(SCALING, rests, 0.3).finish().score)
     assert np.median(np.linalg.norm(predicted_mm(found, rests) - rests.tip_mm, axis=1)) < 0.3
 
 
@@ -105,7 +104,7 @@ def test_sensitivity_is_the_derivative_of_the_rest_pose():
 
 @functools.cache
 def _fit_to_the_prior():
-    return fit_statics(SCALING, _tour_of(PRIOR), 0.3)
+    return StaticsFit(SCALING, _tour_of(PRIOR), 0.3).finish()
 
 
 def _estimator_at_rest():

@@ -38,20 +38,36 @@ from ccr_host.control.compiled.jit import callable_when_compiled, compiled, comp
 from ccr_host.robot import arc
 
 _SOURCES: tuple[ModuleType, ...] = (
-    *(arc, either, motion, parameters, path_plan, sensitivity, statics, tip),
-    *(jit, model),
+    arc,
+    either,
+    motion,
+    parameters,
+    path_plan,
+    sensitivity,
+    statics,
+    tip,
+    jit,
+    model,
 )
 
 _arc_derivatives_at = callable_when_compiled(arc.arc_derivatives_at)
 overload(either.arc_at)(
     lambda theta: lambda theta: Arc(_arc_derivatives_at(theta), cmath.exp(1j * theta))
 )
-overload(either.largest)(lambda x: lambda x: abs(x))  # noqa: PLW0108 - numba compiles no built-in
+overload(either.largest)(lambda x: lambda x: x if x > 0.0 else -x)
 overload(either.anywhere)(lambda x: lambda x: x)
 for _function in (
-    *(either.positive, either.sign, either.within),
-    *(statics._loads, statics._shortfall, statics._newton_step, statics._searched),
-    *(tip._cross, tip._turned, tip._turn_of, tip._bulge_mm),
+    either.positive,
+    either.sign,
+    either.within,
+    statics._loads,
+    statics._shortfall,
+    statics._newton_step,
+    statics._searched,
+    tip._cross,
+    tip._turned,
+    tip._turn_of,
+    tip._bulge_mm,
 ):
     callable_when_compiled(_function)
 _forces_of = callable_when_compiled(statics.forces_of)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccr_host.control.adaptive.parameters import FloatArray, Number
-from ccr_host.robot.arc import arc_derivatives, arc_derivatives_at
+from ccr_host.control.adaptive.parameters import FloatArray
+from ccr_host.robot.arc import Number, arc_derivatives, arc_derivatives_at
 
 
 class Arc(NamedTuple):

@@ -94,7 +94,6 @@ class StaticsFit:
         scaling: prior.
         rests: what was measured.
         noise_mm: standard deviation of a coordinate of one measurement, model error included.
-        start: score to begin with, (COUNT,); the prior's mean without one.
         predict: instead of ``predicted_mm``.
     """
 
@@ -103,14 +102,13 @@ class StaticsFit:
         scaling: Scaling,
         rests: Rests,
         noise_mm: float,
-        start: FloatArray | None = None,
         predict: Predict | None = None,
     ) -> None:
         self._predict = predict or predicted_mm
         self._scaling = scaling
         self._rests = rests
         self._weight = np.sqrt(rests.count)[:, None] / noise_mm
-        self._score = np.zeros(COUNT) if start is None else start
+        self._score = np.zeros(COUNT)
         self._residual_mm, self._cost = self._judge(self._score)
         self._information = np.eye(COUNT)
         self._damping = _DAMPING_FIRST
@@ -125,6 +123,12 @@ class StaticsFit:
         gradient = np.einsum("nip,ni->p", weighted, scaled) - self._score
         self._steps_left -= 1
         return self._descend(gradient) > _DONE and self._steps_left > 0
+
+    def finish(self) -> Fit:
+        """All steps that are left at once."""
+        while self.improve():
+            pass
+        return self.result()
 
     def result(self) -> Fit:
         """What has been found so far."""
@@ -157,16 +161,6 @@ class StaticsFit:
         slope = np.moveaxis(tips_mm[:, :COUNT] - tips_mm[:, COUNT:], 1, -1) / _PROBE
         slope[..., PUSHES] = 0.0
         return slope
-
-
-def fit_statics(
-    scaling: Scaling, rests: Rests, noise_mm: float, start: FloatArray | None = None
-) -> Fit:
-    """The fit, all steps at once."""
-    fit = StaticsFit(scaling, rests, noise_mm, start)
-    while fit.improve():
-        pass
-    return fit.result()
 
 
 def predicted_mm(p: Parameters, rests: Rests) -> FloatArray:

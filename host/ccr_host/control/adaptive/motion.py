@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccr_host.control.adaptive.either import within
-from ccr_host.control.adaptive.parameters import FloatArray, Number, Parameters
+from ccr_host.control.adaptive.parameters import FloatArray, Parameters
 from ccr_host.control.adaptive.statics import (
     STICKING,
     Drive,
@@ -18,6 +18,7 @@ from ccr_host.control.adaptive.statics import (
     rest_at,
     routes_at,
 )
+from ccr_host.robot.arc import Number
 
 LONGEST_STEP_RAD = np.radians(8.0)
 """Of a motor: over so much it moves the segments one way or the other, not to and fro."""

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.config import Robot
+from ccr_host.robot.arc import Number
 
 FloatArray = NDArray[np.float64]
-Number = Any
-"""A float, a complex number, or an array of them: the same lines serve one pose and many."""
 
 SEGMENT_1_SHARE, MARKER_2_SHARE, SEGMENT_2_SHARE = 0.4, 0.25, 0.35
 """Of the weight without the tip, a printed robot of the paper's kind. What the shares get wrong

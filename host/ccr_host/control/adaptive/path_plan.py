@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.either import arc_at, split, stacked, within
-from ccr_host.control.adaptive.parameters import Number, Parameters
+from ccr_host.control.adaptive.parameters import Parameters
 from ccr_host.control.adaptive.statics import unhindered_shafts_for
 from ccr_host.control.adaptive.tip import straight_tip_mm, tip_of
+from ccr_host.robot.arc import Number
 from ccr_host.robot.workspace import MotorLimits
 
 FloatArray = NDArray[np.float64]

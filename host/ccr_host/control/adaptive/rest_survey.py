@@ -77,4 +77,4 @@ def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> St
     if not np.median(off_mm) < _BELIEVABLE_MM:
         return None
     counted = replace(rests, count=np.minimum(rests.count, _MOST_COUNTED))
-    return StaticsFit(scaling, counted, _NOISE_MM, predict=predict)
+    return StaticsFit(scaling, counted, _NOISE_MM, predict)

@@ -29,9 +29,9 @@ from ccr_host.control.adaptive.parameters import (
     SEGMENT_1_SHARE,
     SEGMENT_2_SHARE,
     FloatArray,
-    Number,
     Parameters,
 )
+from ccr_host.robot.arc import Number
 
 _NEWTON_LIMIT = 15
 _LONGEST_STEP_RAD = 0.5

@@ -15,9 +15,9 @@ from ccr_host.control.adaptive.parameters import (
     SEGMENT_1_SHARE,
     SEGMENT_2_SHARE,
     FloatArray,
-    Number,
     Parameters,
 )
+from ccr_host.robot.arc import Number
 
 _LEAST_SOFTENED = 0.4
 """Of a segment's stiffness against uneven bending: a model beyond it would have buckled."""
