@@ -1,5 +1,7 @@
 """Resets, EEPROM, statistics and determinism of the simulated board."""
 
+import ctypes
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,19 @@ def test_write_beyond_the_sram_stops_the_board_with_one_clear_line(board, exchan
     uno.advance_to(1000)
     with pytest.raises(DeviceError, match=r"^simavr: the firmware crashed: .*0f00.*"):
         exchange(uno, b"c")
+
+
+def test_a_stray_write_changes_nothing_but_the_boards_own_memory(board, exchange):
+    """simavr carries it out; one byte of the host's heap was overwritten, and CI crashed later."""
+    uno = board("resets")
+    size_of = ctypes.CDLL(None).malloc_usable_size
+    size_of.argtypes, size_of.restype = (ctypes.c_void_p,), ctypes.c_size_t
+    for memory in (uno._mcu.memory, uno._mcu.flash):
+        assert size_of(memory.ctypes.data) >= 1 << 16
+    uno.advance_to(1000)
+    with pytest.raises(DeviceError):
+        exchange(uno, b"c")
+    assert ctypes.string_at(uno._mcu.memory.ctypes.data + 0x0F00, 1) == b"\x01"
 
 
 def test_eeprom_write_takes_its_time(board, exchange):

@@ -12,6 +12,7 @@ enum {
     /* Datasheet, "Interrupt Response Time"; simavr serves interrupts in no time. */
     RESPONSE_CYCLES = 4,
     WAKE_UP_CYCLES = 4,
+    ADDRESS_SPACE = 1 << 16,
     OPCODE_OUT_SPH = 0xBE0E,
     OPCODE_OUT_SPL = 0xBE0D,
     OPCODE_OUT_MASK = 0xFE0F,
@@ -78,6 +79,7 @@ static void arrange_stop(rig_t *rig) {
 }
 
 static uint16_t opcode_at(const avr_t *avr, avr_flashaddr_t pc) {
+    if (pc >= avr->flashend) return 0; /* simavr reports such a jump in its next step */
     return avr->flash[pc] | avr->flash[pc + 1] << 8;
 }
 
@@ -202,6 +204,13 @@ void rig_fill_sram(rig_t *rig, uint8_t value) {
     memset(avr->data + avr->ioend + 1, value, avr->ramend - avr->ioend);
 }
 
+/* simavr reports an access beyond a memory's end and carries it out all the same. */
+static uint8_t *with_room_for_any_address(uint8_t *memory, size_t size) {
+    uint8_t *roomy = realloc(memory, ADDRESS_SPACE);
+    memset(roomy + size, 0xFF, ADDRESS_SPACE - size);
+    return roomy;
+}
+
 rig_t *rig_new(void) {
     rig_t *rig = calloc(1, sizeof *rig);
     avr_global_logger_set(keep_first_error);
@@ -212,6 +221,9 @@ rig_t *rig_new(void) {
     }
     avr->custom.data = rig;
     avr_init(avr);
+    avr->data = with_room_for_any_address(avr->data, avr->ramend + 1);
+    /* Behind its end simavr keeps an opcode that catches what runs on. */
+    avr->flash = with_room_for_any_address(avr->flash, avr->flashend + 3);
     avr->log = LOG_ERROR;
     avr->frequency = CLOCK_HZ;
     avr->run = step;
