@@ -85,6 +85,14 @@ def test_eeprom_write_takes_its_time(board, exchange):
     assert exchange(uno, b"r\x05") == b"\x77"
 
 
+def test_address_bits_that_the_eeprom_has_not_got_are_ignored(board, exchange):
+    uno = board("eeprom")
+    uno.advance_to(1000)
+    exchange(uno, b"W\x05\x77")
+    assert exchange(uno, b"r\x05") == b"\x77"
+    assert uno.eeprom_content()[5] == 0x77
+
+
 def test_eeprom_is_kept_in_the_emulators_file(board, exchange, tmp_path):
     kept = EepromFile(tmp_path / "eeprom.bin")
     uno = board("eeprom", eeprom=kept)
