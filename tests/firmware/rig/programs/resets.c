@@ -1,6 +1,6 @@
 // After each reset, and on '?', tells MCUSR and a count kept in SRAM. 'w' lets the watchdog bite, 's' sleeps
 // for good with interrupts off under the watchdog, 'l' makes a running watchdog slower and waits for
-// it, 'c' writes where there is no SRAM.
+// it, 'c' writes where there is no SRAM, 'j' jumps where there is no flash.
 #include <avr/interrupt.h>
 #include <avr/sleep.h>
 #include <avr/wdt.h>
@@ -39,6 +39,9 @@ int main(void) {
                 break;
             case 'c':
                 *(volatile uint8_t *)0x0F00 = 1;
+                break;
+            case 'j':
+                ((void (*)(void))0x7000)();
                 break;
         }
     }
