@@ -1,10 +1,10 @@
 """Robot description: load, validate, override.
 
 One TOML file describes a robot: what the controller believes (``robot``, ``control``), the
-servos and their limits (``servo``, ``link``), how the twin and its camera differ from that belief
-(``twin``, ``tracker``), how the camera was found to stand (``registration``), and where the robot
-was found to rest (``identified``). Every key has a unit in its name and a range; unknown keys are
-refused. ``--set section.key=value`` overrides one key.
+servos and their limits (``servo``, ``link``), how the camera was found to stand
+(``registration``), how the twin and its camera differ from all that (``twin``, ``tracker``), and
+where the robot was found to rest (``identified``). Every key has a unit in its name and a range;
+unknown keys are refused. ``--set section.key=value`` overrides one key.
 """
 
 from __future__ import annotations
@@ -14,7 +14,17 @@ from collections.abc import Iterable, Mapping
 from types import NoneType
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from pydantic.fields import FieldInfo
 
 from ccr_host.description_source import text_of
 from ccr_host.errors import ConfigError
@@ -27,6 +37,17 @@ Vector3 = tuple[float, float, float]
 def _both_axes(value: object) -> object:
     """Let one number stand for both axes."""
     return (value, value) if isinstance(value, int | float) else value
+
+
+def _as_in(key: str) -> dict[str, Any]:
+    """Marks a key of the simulation that is taken from another section unless it is set."""
+    return {"as_in": key}
+
+
+def followed_key(field: FieldInfo) -> str | None:
+    """The key, with its section, that a field of the simulation follows unless it is set."""
+    extra = field.json_schema_extra
+    return str(extra["as_in"]) if isinstance(extra, dict) and "as_in" in extra else None
 
 
 class _Section(BaseModel):
@@ -142,13 +163,15 @@ class Twin(_Section):
 
     flexures: tuple[Annotated[int, Field(ge=1, le=40)], Annotated[int, Field(ge=1, le=40)]] = (6, 5)
     """Hinges of each segment, evenly spaced."""
-    segment_lengths_mm: PositivePair = (58.5, 43.5)
+    segment_lengths_mm: PositivePair = Field(
+        (58.5, 43.5), json_schema_extra=_as_in("robot.segment_lengths_mm")
+    )
     """True L_1 and L_2."""
-    tendon_radius_mm: float = Field(4.5, gt=0)
+    tendon_radius_mm: float = Field(4.5, gt=0, json_schema_extra=_as_in("robot.tendon_radius_mm"))
     """True r_c."""
-    marker_offset_mm: float = Field(15.0, ge=0)
+    marker_offset_mm: float = Field(15.0, ge=0, json_schema_extra=_as_in("robot.marker_offset_mm"))
     """True d_m."""
-    pulley_radius_mm: float = Field(12.5, gt=0)
+    pulley_radius_mm: float = Field(12.5, gt=0, json_schema_extra=_as_in("robot.pulley_radius_mm"))
     """True r_p."""
     bending_stiffness_nm_rad: Annotated[PositivePair, BeforeValidator(_both_axes)] = (0.02, 0.02)
     """Of a whole segment: its moment over its total bending angle."""
@@ -174,9 +197,13 @@ class Twin(_Section):
     """Speed at which the shaft turns towards its goal."""
     servo_deadband_deg: float = Field(0.0, ge=0)
     """The shaft rests while its goal is no further away."""
-    servo_neutral_us: Annotated[PositivePair, BeforeValidator(_both_axes)] = (1500.0, 1500.0)
+    servo_neutral_us: Annotated[PositivePair, BeforeValidator(_both_axes)] = Field(
+        (1500.0, 1500.0), json_schema_extra=_as_in("servo.neutral_pulse_us")
+    )
     """True pulse width at which the shaft stands at 0 deg."""
-    servo_us_per_90_deg: Annotated[Pair, BeforeValidator(_both_axes)] = (1000.0, 1000.0)
+    servo_us_per_90_deg: Annotated[Pair, BeforeValidator(_both_axes)] = Field(
+        (1000.0, 1000.0), json_schema_extra=_as_in("servo.pulse_per_90_deg_us")
+    )
     """True pulse change for +90 deg; negative for a servo that turns the other way."""
     gravity_m_s2: float = 9.81
     """Along -z; negative hangs the robot upside down."""
@@ -208,10 +235,13 @@ class Tracker(_Section):
     """From an exposure to the earliest time at which the host can have it; of a real camera too."""
     dropout: float = Field(0.0, ge=0, lt=1)
     """Share of exposures without a sample."""
-    rotation_deg: Annotated[Vector3, BeforeValidator(_rotation)] = (0.0, 0.0, 0.0)
-    """Rotation vector of the camera's frame against the robot's that nobody has corrected.
+    rotation_deg: Annotated[Vector3, BeforeValidator(_rotation)] = Field(
+        (0.0, 0.0, 0.0), json_schema_extra=_as_in("registration.camera_to_robot_deg")
+    )
+    """Rotation vector of the camera's frame against the robot's.
 
-    One number turns it about the axis (1, 1, 1). Only simulated cameras are turned.
+    One number turns it about the axis (1, 1, 1). Only simulated cameras are turned; unless told
+    otherwise they stand as the registration says, so that nothing is left to correct.
     """
     tool_files: dict[str, str] = Field(default_factory=dict)
     """Tool definitions (.rom) of a Polaris by name: M1, M2, M3 stand for the markers, any other
@@ -303,11 +333,23 @@ class Description(_Section):
     servo: Servo = Servo()
     link: Link = Link()
     control: Control = Control()
-    twin: Twin = Twin()
-    tracker: Tracker = Tracker()
-    polaris_faults: PolarisFaults = PolarisFaults()
     registration: Registration | None = None
+    twin: Twin = Field(Twin(), validate_default=True)
+    tracker: Tracker = Field(Tracker(), validate_default=True)
+    polaris_faults: PolarisFaults = PolarisFaults()
     identified: Identified | None = None
+
+    @field_validator("twin", "tracker", mode="after")
+    @classmethod
+    def _simulated_as_described(cls, section: _Section, info: ValidationInfo) -> _Section:
+        """Without hardware a user's robot is simulated, not the paper's."""
+        followed: dict[str, Any] = {}
+        for name, field in type(section).model_fields.items():
+            source, _, key = (followed_key(field) or "").partition(".")
+            described = info.data.get(source)
+            if described is not None and name not in section.model_fields_set:
+                followed[name] = getattr(described, key)
+        return section.model_copy(update=followed)
 
 
 def load(source: str | None = None, overrides: Iterable[str] = ()) -> Description:

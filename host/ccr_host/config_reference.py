@@ -14,6 +14,7 @@ from ccr_host.description_source import shipped_descriptions
 Schema = dict[str, Any]
 
 _UNITS_BY_SUFFIX = {
+    "_us_per_90_deg": "µs",
     "_nm_rad": "N m/rad",
     "_n_m": "N/m",
     "_m_s2": "m/s²",
@@ -42,13 +43,15 @@ _INTRODUCTION = """\
 <!-- Made by `python -m ccr_host.config_reference`; edit host/ccr_host/config.py instead. -->
 
 One TOML file describes a robot: what the controller believes about it (`robot`, `control`), the
-servos and the link (`servo`, `link`), how the twin and its camera are in truth (`twin`,
-`tracker`), how the camera stands against the robot (`registration`, by `ccr-host register`), and
-where the robot rests (`identified`, by `ccr-host calibrate --identify`).
+servos and the link (`servo`, `link`), how the camera stands against the robot (`registration`, by
+`ccr-host register`), how the twin and its camera are in truth (`twin`, `tracker`), and where the
+robot rests (`identified`, by `ccr-host calibrate --identify`).
 `--robot FILE.toml` reads it, `--set section.key=value` overrides one key. Keys that are left out
-have the default below; unknown keys and values out of range are refused. A key with two values has
-one per segment or servo; where one number is given, it stands for both, except for lengths and
-flexures.
+have the default below; unknown keys and values out of range are refused. The twin and its camera
+follow the description where a default reads "as ...": without hardware it is your robot that is
+simulated. Set both keys to simulate a robot that differs from what is believed of it. A key with
+two values has one per segment or servo; where one number is given, it stands for both, except for
+lengths and flexures.
 """
 
 
@@ -93,7 +96,7 @@ def _unit(key: str) -> str:
 def _default(field: Schema) -> str:
     if "default" not in field:
         return "none" if field.get("type") == "object" else "required"
-    default = field["default"]
+    default = f"as `{field['as_in']}`" if "as_in" in field else field["default"]
     if default is None or default == "":
         return "none"
     if isinstance(default, str):

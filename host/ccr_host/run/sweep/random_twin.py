@@ -29,6 +29,14 @@ PAYLOAD_G = 5.0
 PUSH_N = 0.05
 PUSH_S = 5.0
 
+_GEOMETRY = (
+    "segment_lengths_mm",
+    "tendon_radius_mm",
+    "marker_offset_mm",
+    "pulley_radius_mm",
+)
+"""Stays the description's own while the controller's belief of it is drawn."""
+
 Settings = dict[str, Any]
 """Values of the robot description by their dotted keys."""
 
@@ -52,6 +60,7 @@ def draw_twin(rng: np.random.Generator, base: Description, duration_s: float) ->
     push_start_s = rng.uniform(0.0, max(duration_s - push_s, 0.0))
     force_n = rng.uniform(0.0, PUSH_N) * _direction(rng)
     settings = {
+        **{f"twin.{key}": getattr(twin, key) for key in _GEOMETRY},
         "twin.slack_mm": slack_mm,
         "twin.bending_stiffness_nm_rad": stiffness,
         "twin.disk_mass_g": disk_mass_g,
