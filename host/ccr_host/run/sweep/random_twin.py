@@ -115,7 +115,7 @@ def _readable(value: Any) -> Any:  # noqa: ANN401 - any TOML value
     """Four digits: a command line that can be read, and repeats the twin exactly."""
     if isinstance(value, dict):
         return {key: _readable(part) for key, part in value.items()}
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return [_readable(part) for part in value]
     return float(f"{value:.4g}")
 
