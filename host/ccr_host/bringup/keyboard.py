@@ -7,6 +7,7 @@ import select
 import sys
 import termios
 import tty
+from contextlib import suppress
 from types import TracebackType
 from typing import Self, TextIO
 
@@ -23,20 +24,27 @@ class Keyboard:
     """Takes keys as they are pressed; to be used as a context manager.
 
     Args:
-        stream: the terminal.
+        stream: the terminal; None for standard input.
 
     Raises:
-        ConfigError: it is not a terminal.
+        ConfigError: it is not a terminal, or not one that gives keys one by one.
     """
 
-    def __init__(self, stream: TextIO = sys.stdin) -> None:
-        if not stream.isatty():
+    def __init__(self, stream: TextIO | None = None) -> None:
+        stream = stream or sys.stdin  # None where the shell has closed it
+        if stream is None or stream.closed or not stream.isatty():
             raise ConfigError("standard input is not a terminal", "start it from a terminal")
         self._file = stream.fileno()
 
     def __enter__(self) -> Self:
-        self._before = termios.tcgetattr(self._file)
-        tty.setcbreak(self._file)
+        try:
+            self._before = termios.tcgetattr(self._file)
+            tty.setcbreak(self._file)
+        except (termios.error, OSError) as error:
+            raise ConfigError(
+                f"the terminal does not give keys one by one ({error})",
+                "start it from another terminal",
+            ) from None
         return self
 
     def __exit__(
@@ -45,7 +53,8 @@ class Keyboard:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
+        with suppress(termios.error, OSError):  # it may be gone
+            termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
 
     def pressed(self) -> list[str]:
         """Keys since the last call; arrows as `UP` and so on.
@@ -53,9 +62,12 @@ class Keyboard:
         Raises:
             KeyboardInterrupt: the terminal is gone.
         """
-        if not select.select([self._file], [], [], 0)[0]:
-            return []
-        data = os.read(self._file, _CHUNK)
+        try:
+            if not select.select([self._file], [], [], 0)[0]:
+                return []
+            data = os.read(self._file, _CHUNK)
+        except (OSError, ValueError):
+            raise KeyboardInterrupt from None
         if not data:
             raise KeyboardInterrupt
         return split_keys(data.decode("utf-8", errors="replace"))

@@ -9,21 +9,33 @@ import select
 import selectors
 import termios
 import tty
+from contextlib import suppress
 
 from ccr_host.emulator.server import PortListener
+from ccr_host.errors import ConfigError
 
 _READ_BYTES = 4096
 _LFLAG = 3
 
 
 class PtyPort:
-    """A pseudo-terminal whose other end is opened like a serial port."""
+    """A pseudo-terminal whose other end is opened like a serial port.
+
+    Raises:
+        ConfigError: this computer gives none.
+    """
 
     def __init__(self) -> None:
-        self._master, slave = pty.openpty()
-        self._path = os.ttyname(slave)
+        try:
+            self._master, slave = pty.openpty()
+            self._path = os.ttyname(slave)
+            tty.setraw(slave)
+        except (OSError, termios.error) as error:
+            raise ConfigError(
+                f"no pseudo-terminal to serve on ({error})",
+                "see that /dev/pts is mounted and not full, or serve on --tcp",
+            ) from None
         self.uri = f"serial:{self._path}"
-        tty.setraw(slave)
         os.set_blocking(self._master, False)
         os.close(slave)  # only with no end open here can it be told whether a client has one
         self._hang_up = select.poll()
@@ -71,5 +83,6 @@ class PtyPort:
 
     def _make_raw(self) -> None:
         """The kernel restores a cooked terminal on the last close; a client may not care."""
-        if termios.tcgetattr(self._master)[_LFLAG] & (termios.ECHO | termios.ICANON):
-            tty.setraw(self._master)
+        with suppress(termios.error):  # the client may be gone again
+            if termios.tcgetattr(self._master)[_LFLAG] & (termios.ECHO | termios.ICANON):
+                tty.setraw(self._master)

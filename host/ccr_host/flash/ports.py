@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Final, Protocol
 
 from serial.tools import list_ports
 
 from ccr_host.errors import ConfigError, DeviceError
+from ccr_host.link.transport import open_transport
+from ccr_host.link.uri import parse_device_uri
 
 _UNO: Final = frozenset(
     {(0x2341, 0x0043), (0x2341, 0x0001), (0x2A03, 0x0043), (0x2341, 0x0243), (0x2341, 0x006A)}
@@ -36,16 +36,11 @@ def choose_port(given: str | None, ports: Iterable[PortInfo] | None = None) -> s
 
     Raises:
         ConfigError: several fit.
-        DeviceError: none fits, or it may not be opened.
+        DeviceError: none fits, or it cannot be opened.
     """
     if given is None:
         given = _only_candidate(list_ports.comports() if ports is None else ports)
-    if not Path(given).exists():
-        raise DeviceError(f"{given}: there is no such port", "plug the board in; see ls /dev/tty*")
-    if not os.access(given, os.R_OK | os.W_OK):
-        raise DeviceError(
-            f"{given}: permission denied", "sudo usermod -aG dialout $USER, then log in again"
-        )
+    open_transport(parse_device_uri(f"serial:{given}")).close()
     return given
 
 

@@ -42,5 +42,5 @@ def open_transport(uri: DeviceUri, baud: int = BAUD) -> Transport:
         case DeviceKind.SERIAL:
             return BytePort(str(uri), uri.address, _BOARD, baud)
         case DeviceKind.TCP:
-            return BytePort(str(uri), f"socket://{uri.address}", _BOARD, baud)
+            return BytePort(str(uri), uri.address, _BOARD, baud=None)
     raise ConfigError(f"device {uri}: not a port", "use serial:PORT or tcp://HOST:PORT")

@@ -1,3 +1,6 @@
+import os
+import pty
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -65,3 +68,12 @@ def test_a_lone_escape_is_a_key() -> None:
 def test_a_pipe_is_no_keyboard(tmp_path) -> None:
     with (tmp_path / "pipe").open("w") as pipe, pytest.raises(ConfigError, match="terminal"):
         Keyboard(pipe)
+
+
+def test_a_terminal_that_goes_away_ends_like_ctrl_c() -> None:
+    master, slave = pty.openpty()
+    with os.fdopen(slave) as stream, Keyboard(stream) as keyboard:
+        assert keyboard.pressed() == []
+        os.close(master)
+        with pytest.raises(KeyboardInterrupt):
+            keyboard.pressed()

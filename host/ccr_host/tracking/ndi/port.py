@@ -66,7 +66,7 @@ class TcpPort(BytePort):
     has_break = False
 
     def __init__(self, address: str) -> None:
-        super().__init__(f"ndi+tcp://{address}", f"socket://{address}", _CAMERA, _RESET_BAUD)
+        super().__init__(f"ndi+tcp://{address}", address, _CAMERA, baud=None)
 
     def set_baud(self, baud: int) -> None:
         """Nothing to set."""

@@ -46,7 +46,7 @@ def test_driver_tracks_and_leaves_the_camera_for_the_next_one(kind):
     ("open_port", "cause"),
     [
         (lambda: SerialPort("/dev/nosuchport"), "ndi:/dev/nosuchport: there is no such port"),
-        (lambda: SerialPort("/dev/null"), "cannot be opened"),
+        (lambda: SerialPort("/dev/null"), "not a serial port"),
         (lambda: TcpPort("127.0.0.1:1"), "connection refused"),
     ],
 )
