@@ -77,12 +77,13 @@ def test_what_is_no_port_is_refused_before_the_build(tmp_path):
 
 def test_missing_programs_are_told_with_what_installs_them(device, monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
+    port = device("ttyACM0")
     with pytest.raises(ConfigError, match="pip install platformio"):
-        upload_project(device("ttyACM0"), project=CHECKOUT)
+        upload_project(port, project=CHECKOUT)
     image = tmp_path / "a.hex"
     image.write_text(":0200000000C03E\n:00000001FF\n")
     with pytest.raises(ConfigError, match="apt install avrdude"):
-        upload_file(device("ttyACM0"), image)
+        upload_file(port, image)
 
 
 def test_file_that_is_no_firmware_is_refused_before_the_board_is_touched(device, tmp_path):
