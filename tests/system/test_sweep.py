@@ -11,6 +11,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from tests.foreign_servers import FOREIGN, foreign_server
 from tests.system.conftest import CcrHost
 from tests.system.test_bad_input import assert_one_clear_line
 
@@ -124,3 +125,13 @@ def test_a_word_that_makes_no_sense_gets_one_line(
     ccr_host: CcrHost, words: list[str], named: list[str]
 ) -> None:
     assert_one_clear_line(ccr_host("sweep", *words), 2, *named)
+
+
+@pytest.mark.parametrize("kind", [*FOREIGN, "hangs"])
+def test_what_is_no_dask_scheduler_gets_one_line_within_seconds(
+    ccr_host: CcrHost, kind: str
+) -> None:
+    with foreign_server(kind) as port:
+        address = f"tcp://127.0.0.1:{port}"
+        ended = ccr_host("sweep", "--runs", "1", "--scheduler", address, timeout_s=40)
+    assert_one_clear_line(ended, 2, address, "no dask scheduler")

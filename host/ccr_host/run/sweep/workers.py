@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
+from distributed.core import rpc
 
 from ccr_host.errors import CcrError, ConfigError
 from ccr_host.run.sweep.job import Row, row_of_a_lost_job, run_job
 from ccr_host.run.sweep.plan import TwinJob
 
 _CONNECT_S = 10
+_IDENTIFY_S = 5
+"""A scheduler tells who it is within milliseconds; a client would wait minutes for one."""
 
 
 @contextmanager
@@ -37,14 +41,17 @@ def existing_cluster(address: str) -> Iterator[Client]:
     """Workers of a scheduler elsewhere, each with this version of ccr-host installed.
 
     Raises:
-        ConfigError: nobody answers there, or it is no address.
+        ConfigError: no scheduler answers there, or it is no address.
     """
     _silence()
     try:
+        asyncio.run(asyncio.wait_for(_require_scheduler(address), _IDENTIFY_S))
         client = Client(address, timeout=_CONNECT_S)
-    except (OSError, ValueError, TypeError) as error:
+    except Exception as error:  # whatever else listens there is decoded as if it were dask's
+        telling = isinstance(error, OSError | TypeError) and str(error)
         raise ConfigError(
-            f"--scheduler {address}: {_first_line(error)}",
+            f"--scheduler {address}: no dask scheduler answers there"
+            + (f" ({_first_line(error)})" if telling else ""),
             "start one with: dask scheduler; give its address, e.g. tcp://127.0.0.1:8786",
         ) from None
     with client:
@@ -82,6 +89,13 @@ def _rows(future: Future, job: TwinJob) -> list[Row]:
         f"twin {job.index}: {type(error).__name__}: {_first_line(error)}",
         f"see ccr-host sweep --only {job.index}; workers need this version of ccr-host",
     )
+
+
+async def _require_scheduler(address: str) -> None:
+    async with rpc(address, timeout=_IDENTIFY_S) as peer:
+        identity = await peer.identity()
+    if identity["type"] != "Scheduler":
+        raise TypeError(f"it is a {identity['type']}")
 
 
 def _silence() -> None:
