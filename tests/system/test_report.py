@@ -34,6 +34,17 @@ def test_a_report_holds_figures_table_and_configuration_and_refers_to_nothing_ou
     assert all(reference.startswith("#") for reference in references)
 
 
+def test_runs_on_one_path_are_laid_over_each_other(with_run: CcrHost, short_path: str) -> None:
+    assert (
+        with_run("track", "8shape", *PAPERS, "--seed", "2", "--no-open", "--out", "b").status == 0
+    )
+    assert with_run("track", short_path, *PAPERS, "--no-open", "--out", "c").status == 0
+    page = page_of(with_run, "kept", "b", "c")
+    assert page.count("<svg") == 1 + 2 * 3
+    assert page.count("8shape, mpc, 1 Hz, kept</a>") == 1, "equal titles are told apart"
+    assert page.count("short, mpc, 1 Hz</a>") == 1
+
+
 def test_a_run_that_was_killed_is_reported_as_far_as_its_log_goes(with_run: CcrHost) -> None:
     kept = with_run.folder / "kept"
     (kept / "run.json").unlink()

@@ -62,7 +62,7 @@ def compare(
     from ccr_host.control.registry import controller_names, peer_names
     from ccr_host.run.campaign import execute_all
     from ccr_host.run.execute import reference_of
-    from ccr_host.run.figure import write_comparison_figure
+    from ccr_host.run.figure import PlottedRun, write_comparison_figure
     from ccr_host.run.folder import make_run_folder, write_json
     from ccr_host.run.paper_results import PAPER_RESULTS
     from ccr_host.run.summary import summarise
@@ -99,14 +99,11 @@ def compare(
             for result in (results[index] for index in range(len(runs)))
         ]
         groups = [
-            (
-                reference,
-                [
-                    (run.controller, results[index].records)
-                    for index, run in enumerate(runs)
-                    if run.path == one_path
-                ],
-            )
+            [
+                PlottedRun(run, reference, results[index].records)
+                for index, run in enumerate(runs)
+                if run.path == one_path
+            ]
             for one_path, reference in references.items()
         ]
         write_comparison_figure(folder / "figure.png", groups)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ccr_host.run.figure import write_run_figure
+from ccr_host.run.figure import PlottedRun, write_run_figure
 from ccr_host.run.folder import METRICS_FILE, write_json
 from ccr_host.run.summary import TIMING_KEYS, RunResult, summarise
 from ccr_host.run.twin_floor import twin_floor_mm
@@ -13,7 +13,7 @@ from ccr_host.run.versions import versions
 
 
 def keep_result(folder: Path, result: RunResult, open_loop: RunResult | None) -> dict[str, Any]:
-    """Write run.json, timing.json and figure.png.
+    """Write run.json, timing.json and the figure as PNG, PDF and SVG.
 
     ``run.json`` repeats with the seed in virtual time; what measures the machine is apart.
 
@@ -32,8 +32,7 @@ def keep_result(folder: Path, result: RunResult, open_loop: RunResult | None) ->
     )
     write_json(folder / "timing.json", {key: summary[key] for key in TIMING_KEYS})
     if result.records:
-        runs = [(result.options.controller, result.records)]
-        if open_loop is not None:
-            runs.append((open_loop.options.controller, open_loop.records))
-        write_run_figure(folder / "figure.png", result.reference, runs)
+        shown = [result] if open_loop is None else [result, open_loop]
+        runs = [PlottedRun(run.options, run.reference, run.records) for run in shown]
+        write_run_figure(folder / "figure.png", runs)
     return summary

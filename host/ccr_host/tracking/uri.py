@@ -54,6 +54,11 @@ class TrackerUri:
         return self.kind in (*_WITHOUT_ADDRESS, TrackerKind.REPLAY)
 
     @property
+    def is_simulated(self) -> bool:
+        """Whether it sees the twin, whose true position is known."""
+        return self.kind in _WITHOUT_ADDRESS
+
+    @property
     def host_and_port(self) -> tuple[str, int]:
         """Of a tracker on TCP."""
         host, _, port = self.address.rpartition(":")

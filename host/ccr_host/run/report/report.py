@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, Undefined
 
 from ccr_host.errors import ConfigError
-from ccr_host.run.report.figures import health_svg, path_svg
+from ccr_host.run.report.figures import health_svg, overlay_svgs, path_svg
 from ccr_host.run.report.recorded_run import RecordedRun, read_run
 
 _DASH = "-"
@@ -45,9 +45,18 @@ def report_page(runs: Sequence[RecordedRun]) -> str:
         "configuration": _configuration,
     }
     figures = [(path_svg(run), health_svg(run)) if run.records else ("", "") for run in runs]
-    titles = {run.title for run in runs}
-    title = titles.pop() if len(titles) == 1 else f"{len(runs)} runs"
-    return environment.get_template("page.html.j2").render(title=title, runs=runs, figures=figures)
+    titles = [run.title for run in runs]
+    names = [
+        title if titles.count(title) == 1 else f"{title}, {run.folder.name}"
+        for run, title in zip(runs, titles, strict=True)
+    ]
+    return environment.get_template("page.html.j2").render(
+        title=titles[0] if len({*titles}) == 1 else f"{len(runs)} runs",
+        runs=runs,
+        names=names,
+        figures=figures,
+        overlays=list(overlay_svgs(runs, names)),
+    )
 
 
 def _mm(value: float | Undefined | None) -> str:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ccr_host.run.figure_style import controller_colours, plain, save_figure
 from ccr_host.run.sweep.job import Row
 from ccr_host.run.sweep.statistics import WORST, worst_first
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_COLOURS = ("#1b7837", "#2166ac", "#762a83", "#b35806", "#c51b7d", "#4d9221", "#01665e")
 _MARKERS = {True: "X", False: "o"}
 
 
@@ -22,14 +22,16 @@ def write_sweep_figure(file: Path, rows: Sequence[Row]) -> None:
     """A row of panels for each rate: distribution of the ratio, and error against floor.
 
     Args:
-        file: PNG to write.
+        file: PNG to write; PDF and SVG come beside it.
         rows: of the sweep; those without figures are left out.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - costs 0.7 s
 
     known = [row for row in rows if row["ratio"] is not None]
     rates = sorted({row["rate_hz"] for row in known}) or [1.0]
-    colours = dict(zip(sorted({row["controller"] for row in known}), _COLOURS * 9, strict=False))
+    names = sorted({row["controller"] for row in known})
+    palette = controller_colours(names)
+    colours = {name: palette[name] for name in names}
     figure = Figure(figsize=(11, 1.0 + 4.2 * len(rates)), layout="constrained")
     panels = figure.subplots(len(rates), 2, squeeze=False)
     for (distribution, scatter), rate_hz in zip(panels, rates, strict=True):
@@ -38,7 +40,7 @@ def write_sweep_figure(file: Path, rows: Sequence[Row]) -> None:
         _draw_distribution(distribution, groups, colours)
         _draw_scatter(scatter, groups, colours)
         distribution.set_title(f"{rate_hz:g} Hz", loc="left")
-    figure.savefig(file, dpi=110)
+    save_figure(figure, file)
 
 
 def _draw_distribution(axes: Axes, groups: dict[str, list[Row]], colours: dict[str, str]) -> None:
@@ -46,7 +48,7 @@ def _draw_distribution(axes: Axes, groups: dict[str, list[Row]], colours: dict[s
         ratios = np.sort([row["ratio"] for row in rows])
         if len(ratios):
             share = np.arange(1, len(ratios) + 1) / len(ratios)
-            axes.step(ratios, share, where="post", color=colours[name], label=name)
+            axes.step(ratios, share, where="post", color=colours[name], label=plain(name))
     axes.set_xscale("log")
     axes.set_xlim(left=1.0)
     _write_out_numbers(axes)
