@@ -387,9 +387,9 @@ def _validated(tree: dict[str, Any], source: str | None) -> Description:
 def _tree(text: str, source: str | None) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         name = f" {source}" if source else ""
-        raise ConfigError(f"robot description{name}: {error}", "mend the TOML") from None
+        raise ConfigError(f"robot description{name}: {error}", "correct the TOML") from None
 
 
 def _apply(tree: dict[str, Any], override: str) -> None:
@@ -411,7 +411,7 @@ def _apply(tree: dict[str, Any], override: str) -> None:
 def _parse_value(text: str) -> Any:  # noqa: ANN401 - any TOML value
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return text
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,8 +14,10 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from ccr_host import config
-from ccr_host.description_source import own_file, text_of
+from ccr_host.description_source import own_file, text_and_encoding_of
 from ccr_host.errors import ConfigError
+
+_BARE_LINE_END = re.compile(r"(?<!\r)\n")
 
 Sections = Mapping[str, Mapping[str, Any]]
 """New values by section and key."""
@@ -55,13 +58,15 @@ def keep_in(file: Path, sections: Sections, robot: str | None) -> None:
             then as it was.
     """
     target = file.resolve()
-    text = updated(text_of(str(target) if target.exists() else robot), sections)
+    text, encoding = text_and_encoding_of(str(target) if target.exists() else robot)
+    text = updated(text, sections)
     config.parse(text)
+    content = text.encode(encoding)
     try:
         if target.exists():
-            _replace(target, text)
+            _replace(target, content)
         else:
-            target.write_text(text, encoding="utf-8")
+            target.write_bytes(content)
     except OSError as error:
         raise ConfigError(
             f"robot description {file}: {error.strerror}", "name a TOML file that can be written"
@@ -69,7 +74,7 @@ def keep_in(file: Path, sections: Sections, robot: str | None) -> None:
 
 
 def updated(text: str, sections: Sections) -> str:
-    """The text of a description with new values; comments, order and other keys stay.
+    """The text of a description with new values; comments, order, line ends and other keys stay.
 
     Raises:
         ConfigError: the text is no TOML, or a section is no table.
@@ -80,17 +85,19 @@ def updated(text: str, sections: Sections) -> str:
             table = document.setdefault(name, tomlkit.table())
             for key, value in values.items():
                 table[key] = value
-        return tomlkit.dumps(document)
-    except (TOMLKitError, TypeError) as error:
-        raise ConfigError(f"robot description: {error}", "mend the TOML") from None
+        new = tomlkit.dumps(document)
+    except (TOMLKitError, TypeError, ValueError, RecursionError) as error:
+        raise ConfigError(f"robot description: {error}", "correct the TOML") from None
+    has_windows_ends = "\r\n" in text and not _BARE_LINE_END.search(text)
+    return _BARE_LINE_END.sub("\r\n", new) if has_windows_ends else new
 
 
-def _replace(target: Path, text: str) -> None:
+def _replace(target: Path, content: bytes) -> None:
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
     draft = Path(name)
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
         draft.chmod(target.stat().st_mode)

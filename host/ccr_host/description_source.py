@@ -5,9 +5,10 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-from ccr_host.errors import ConfigError
+from ccr_host.user_file import read_text
 
 _DEFAULT = "default"
+_MOST_BYTES = 1_000_000
 
 
 def shipped_descriptions() -> list[str]:
@@ -24,7 +25,7 @@ def own_file(source: str | None) -> Path | None:
 
 
 def text_of(source: str | None) -> str:
-    """The TOML text of a description.
+    """The TOML text of a description, with its own line ends.
 
     Args:
         source: a TOML file, or the name of a shipped description; None for the default.
@@ -32,14 +33,18 @@ def text_of(source: str | None) -> str:
     Raises:
         ConfigError: there is no such file, or it is not text.
     """
-    name = source or _DEFAULT
-    file = own_file(source) or resources.files("ccr_host") / "descriptions" / f"{name}.toml"
-    try:
-        return file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(
-            f"robot description {name}: {error.strerror}",
-            f"give a TOML file or one of {', '.join(shipped_descriptions())}",
-        ) from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"robot description {name}: {error}", "mend the TOML") from None
+    return text_and_encoding_of(source)[0]
+
+
+def text_and_encoding_of(source: str | None) -> tuple[str, str]:
+    """The same, and the encoding of the file.
+
+    Raises:
+        ConfigError: see `text_of`.
+    """
+    file = own_file(source)
+    if file is None:
+        shipped = resources.files("ccr_host") / "descriptions" / f"{source or _DEFAULT}.toml"
+        return shipped.read_text(encoding="utf-8"), "utf-8"
+    cure = f"give a TOML file or one of {', '.join(shipped_descriptions())}"
+    return read_text(file, "robot description", cure, _MOST_BYTES)

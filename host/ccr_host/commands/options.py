@@ -13,7 +13,7 @@ PathArgument = Annotated[
     str,
     typer.Argument(
         metavar="PATH",
-        help="ellipse, 8shape, star, or a CSV file (t_s,y_mm,z_mm[,x_mm]).",
+        help="ellipse, 8shape, star, or a table in a file (t_s,y_mm,z_mm[,x_mm]).",
         autocompletion=completion.paths,
     ),
 ]

@@ -1,24 +1,44 @@
-"""Paths from CSV files: columns t_s, y_mm, z_mm and optionally x_mm, in any order."""
+"""Paths from tables of text: a time, y, z and optionally x, in any order, each with its unit."""
 
 from __future__ import annotations
 
 import csv
 import math
+import re
+from array import array
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.errors import ConfigError
+from ccr_host.user_file import lines_of, printable, read_text
 
 FloatArray = NDArray[np.float64]
+Line = tuple[int, str]
+"""Number, and content without comments."""
 
-_REQUIRED = ("t_s", "y_mm", "z_mm")
-_OPTIONAL = ("x_mm",)
+_SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+_MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3}
+_UNITS = {"t": _SECONDS, "y": _MILLIMETRES, "z": _MILLIMETRES, "x": _MILLIMETRES}
+_OWN = ("s", "mm")
+_REQUIRED = {"t": "t_s", "y": "y_mm", "z": "z_mm"}
 _HEADER = "t_s,y_mm,z_mm[,x_mm]"
+_COLUMN = re.compile(r"(time|[txyz])(?:[\s_]*[(\[]\s*(\w+)\s*[)\]]|[\s_]+(\w+))?")
+"""``t_s``, ``time (ms)``, ``y [mm]``, or ``y`` alone, whose unit has to be asked for."""
+_COMMENT = re.compile(r"#(.*)|^\s*(?:%|//)(.*)")
+_SEPARATORS = ";\t,|"
+_MOST_BYTES = 40_000_000
+_MOST_ROWS = 1_000_000
 _FEWEST_ROWS = 2
 _LONGEST_SHOWN = 20
+_NEAR_MM = 1.0
+"""A path that stays so near to the straight robot has probably been written in metres."""
+_SLOW_MM_S, _SPARSE_S = 0.02, 5.0
+"""A path so slow, with rows so far apart, has probably been written in milliseconds: the paper's
+paths run at 3 to 10 mm/s."""
 
 
 @dataclass(frozen=True)
@@ -38,81 +58,184 @@ class SampledPath:
         return SampledPath(time_s, y, z, x)
 
 
+@dataclass(frozen=True)
+class _Header:
+    separator: str | None
+    """None for spaces."""
+    written: list[str]
+    """Names as they stand in the file."""
+    names: list[str]
+    """``t``, ``y``, ``z`` or ``x``, for each column."""
+    units: list[str]
+
+
 def read_path_file(file: Path) -> SampledPath:
     """Read and check a path file.
+
+    Commas, semicolons, tabs or spaces separate the columns; quotes, comments, capitals and decimal
+    commas are read where they can mean one thing only.
 
     Raises:
         ConfigError: names the file, the line, what is wrong with it and the cure.
     """
-    reader = csv.reader(_read_text(file).splitlines(), strict=True)
-    try:
-        lines = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except csv.Error as error:
-        raise _bad_line(
-            file, reader.line_num, str(error), "write plain numbers and commas"
-        ) from None
-    if not lines:
-        raise ConfigError(
-            f"path file {file}: empty", f"give a header {_HEADER} and two rows or more"
+    text, _ = read_text(
+        file, "path file", f"give a text file with the columns {_HEADER}", _MOST_BYTES
+    )
+    lines, comment = _without_comments(text)
+    if "\0" in text or not lines:
+        why = (
+            "empty" if not text.strip() else "not text" if "\0" in text else "nothing but comments"
         )
-    columns = _columns(file, *lines[0])
-    rows = [_numbers(file, line, row, columns) for line, row in lines[1:]]
-    if len(rows) < _FEWEST_ROWS:
+        raise ConfigError(f"path file {file}: {why}", f"give a header {_HEADER} and two rows")
+    # The header may be a comment, as numpy.savetxt writes it.
+    starts_with = re.split(r"[;\t,| ]", lines[0][1])[0]
+    header = _header(comment[1]) if comment is not None and _is_number(starts_with) else None
+    rows = lines
+    if not isinstance(header, _Header):
+        header, rows = _header(lines[0][1]), lines[1:]
+    if isinstance(header, str):
+        _refuse(file, lines[0][0], header, f"the header is {_HEADER}")
+    if not _FEWEST_ROWS <= len(rows) <= _MOST_ROWS:
         raise ConfigError(
             f"path file {file}: {len(rows)} row{'s' * (len(rows) != 1)} of numbers",
-            "give two rows or more below the header",
+            f"give {_FEWEST_ROWS} to {_MOST_ROWS} rows below the header",
         )
-    table = dict(zip(columns, np.array(rows).T, strict=True))
-    later = table["t_s"][1:] > table["t_s"][:-1]
-    for (line, _), increases in zip(lines[2:], later, strict=True):
+    table = _table(file, header, rows)
+    later = table["t"][1:] > table["t"][:-1]
+    for (line, _), increases in zip(rows[1:], later, strict=True):
         if not increases:
-            raise _bad_line(file, line, "t_s does not increase", "sort the rows by time, once each")
-    return SampledPath(table["t_s"], table["y_mm"], table["z_mm"], table.get("x_mm"))
+            _refuse(file, line, "the time does not increase", "sort the rows by time, once each")
+    _require_plausible_units(file, header, table)
+    return SampledPath(table["t"], table["y"], table["z"], table.get("x"))
 
 
-def _read_text(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8-sig")
-    except OSError as error:
+def _without_comments(text: str) -> tuple[list[Line], Line | None]:
+    """The lines that say something, and the last comment above them."""
+    lines: list[Line] = []
+    comment: Line | None = None
+    for number, whole in enumerate(lines_of(text), 1):
+        found = _COMMENT.search(whole)
+        content = (whole if found is None else whole[: found.start()]).strip(" ")
+        if content.strip() and not content.lower().startswith("sep="):  # a spreadsheet's own
+            lines.append((number, content))
+        elif found is not None and not lines:
+            comment = number, found[1] or found[2] or ""
+    return lines, comment
+
+
+def _header(line: str) -> _Header | str:
+    """What the columns are, or why that is not clear."""
+    separators = [None, *(separator for separator in _SEPARATORS if separator in line)][::-1]
+    found = [_columns(separator, _cells(line, separator)) for separator in separators]
+    return next((header for header in found if isinstance(header, _Header)), found[0])
+
+
+def _columns(separator: str | None, cells: list[str]) -> _Header | str:
+    while cells and not cells[-1]:
+        cells.pop()
+    if all(map(_is_number, cells)):
+        return f"numbers without a header {_HEADER}"
+    seen = printable(", ".join(map(repr, cells)), at_most=80)
+    names: list[str] = []
+    units: list[str] = []
+    unknown: list[str] = []
+    for cell in cells:
+        column = _COLUMN.fullmatch(cell.lower().replace("µ", "u").replace("μ", "u"))
+        if column is None:
+            unknown.append(cell)
+            continue
+        name, unit = column[1][0], column[2] or column[3]
+        if unit not in _UNITS[name]:
+            what = "no unit" if unit is None else f"the unit {unit}"
+            return f"column {_shown(cell)} has {what}, not one of {', '.join(_UNITS[name])}"
+        names.append(name)
+        units.append(unit)
+    missing = [shown for name, shown in _REQUIRED.items() if name not in names]
+    if missing:
+        return f"no column {missing[0]!r} in {seen}"
+    if unknown:
+        return f"unknown column {_shown(unknown[0])}"
+    if len(set(names)) < len(names):
+        return f"a column repeated in {seen}"
+    return _Header(separator, cells, names, units)
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        cells = line.split()
+    else:
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    return [cell.strip().strip("'\"").strip() for cell in cells]
+
+
+def _table(file: Path, header: _Header, rows: list[Line]) -> dict[str, FloatArray]:
+    """Columns in s and mm, by name."""
+    values = array("d")
+    decimal_mark = ""
+    for line, text in rows:
+        try:
+            cells = _cells(text, header.separator)
+        except csv.Error as error:
+            _refuse(file, line, str(error), "write plain numbers")
+        while len(cells) > len(header.names) and not cells[-1]:
+            cells.pop()
+        if len(cells) != len(header.names):
+            _refuse(
+                file,
+                line,
+                f"{len(cells)} values for {len(header.names)} columns",
+                "give one value for each column; where commas are decimal, separate them by ;",
+            )
+        for column, cell in zip(header.written, cells, strict=True):
+            mark = "".join(sorted(set(cell) & {",", "."}))
+            value = _number(cell)
+            if mark and mark != (decimal_mark or mark):
+                value = math.nan
+            if not math.isfinite(value):
+                cure = "give a finite number" + ", with the decimal mark of the others" * bool(mark)
+                _refuse(file, line, f"{column} = {_shown(cell)}", cure)
+            decimal_mark = decimal_mark or mark
+            values.append(value)
+    columns = np.array(values).reshape(len(rows), -1).T
+    with np.errstate(over="ignore"):
+        return {
+            name: column * _UNITS[name][unit]
+            for name, unit, column in zip(header.names, header.units, columns, strict=True)
+        }
+
+
+def _require_plausible_units(file: Path, header: _Header, table: dict[str, FloatArray]) -> None:
+    """Ask where the file has our own units, and in these the path makes no sense."""
+    own = {name for name, unit in zip(header.names, header.units, strict=True) if unit in _OWN}
+    mm = np.stack([table[name] for name in "yzx" if name in table])
+    largest_mm = float(np.abs(mm).max())
+    if own.issuperset(name for name in "yzx" if name in table) and 0 < largest_mm < _NEAR_MM:
         raise ConfigError(
-            f"path file {file}: {error.strerror}", "give an existing, readable CSV file"
-        ) from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"path file {file}: not text", "give a CSV file in UTF-8") from None
-    except ValueError as error:
-        raise ConfigError(f"path file {file}: {error}", "give the name of a CSV file") from None
+            f"path file {file}: no coordinate above {largest_mm:.3g} mm; are these metres?",
+            "name the columns y_m and z_m then; for a path so small give y_um and z_um",
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        period_s = float(np.median(np.diff(table["t"])))
+        length_mm = float(np.linalg.norm(np.diff(mm, axis=1), axis=0).sum())
+        speed_mm_s = length_mm / (table["t"][-1] - table["t"][0])
+    if "t" in own and period_s > _SPARSE_S and 0 < speed_mm_s < _SLOW_MM_S:
+        raise ConfigError(
+            f"path file {file}: rows {period_s:g} s apart, {speed_mm_s:.2g} mm/s along the path; "
+            "are these milliseconds?",
+            "name the column t_ms then; for a path so slow give t_min",
+        )
 
 
-def _columns(file: Path, line: int, header: list[str]) -> list[str]:
-    names = [name.strip() for name in header]
-    missing = [name for name in _REQUIRED if name not in names]
-    unknown = [name for name in names if name not in _REQUIRED + _OPTIONAL]
-    repeated = [name for name in names if names.count(name) > 1]
-    for problem, found in (
-        ("no column", missing),
-        ("unknown column", unknown),
-        ("repeated", repeated),
-    ):
-        if found:
-            raise _bad_line(file, line, f"{problem} {found[0]!r}", f"the header is {_HEADER}")
-    return names
-
-
-def _numbers(file: Path, line: int, row: list[str], columns: list[str]) -> list[float]:
-    if len(row) != len(columns):
-        cause = f"{len(row)} values for {len(columns)} columns"
-        raise _bad_line(file, line, cause, "give one value for each column")
-    return [_number(file, line, *pair) for pair in zip(columns, row, strict=True)]
-
-
-def _number(file: Path, line: int, column: str, text: str) -> float:
+def _number(text: str) -> float:
+    """NaN where it is none."""
     try:
-        value = float(text)
+        return float(text.replace(",", ".").replace("\N{MINUS SIGN}", "-"))
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise _bad_line(file, line, f"{column} = {_shown(text)}", "give a finite number")
-    return value
+        return math.nan
+
+
+def _is_number(text: str) -> bool:
+    return not math.isnan(_number(text))
 
 
 def _shown(text: str) -> str:
@@ -120,5 +243,5 @@ def _shown(text: str) -> str:
     return repr(text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "...")
 
 
-def _bad_line(file: Path, line: int, cause: str, cure: str) -> ConfigError:
-    return ConfigError(f"path file {file}, line {line}: {cause}", cure)
+def _refuse(file: Path, line: int, cause: str, cure: str) -> NoReturn:
+    raise ConfigError(f"path file {file}, line {line}: {cause}", cure)

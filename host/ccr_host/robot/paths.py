@@ -19,12 +19,14 @@ from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.path_file import SampledPath, read_path_file
 from ccr_host.robot.reference import MAX_SAMPLES, Reference
 from ccr_host.robot.workspace import MotorLimits, Workspace
+from ccr_host.user_file import is_there, printable
 
 __all__ = ["MAX_SAMPLES", "Reference", "load_path", "path_names"]
 
 FloatArray = NDArray[np.float64]
 
 MIN_SAMPLES = 2
+_LONGEST_TITLE = 60
 
 
 @dataclass(frozen=True)
@@ -65,10 +67,10 @@ def path_names() -> list[str]:
 def load_path(
     name_or_file: str, rate_hz: float, model: ConstantCurvature, limits: MotorLimits
 ) -> Reference:
-    """Sample a built-in path, or a CSV file, at the control rate.
+    """Sample a built-in path, or a file, at the control rate.
 
     Args:
-        name_or_file: one of ``path_names()`` or a file with t_s, y_mm, z_mm[, x_mm].
+        name_or_file: one of ``path_names()`` or a file, see `path_file`.
         rate_hz: control steps a second.
         model: the robot as the controller believes it.
         limits: of the motor angles.
@@ -87,13 +89,19 @@ def load_path(
     duration_s = float(rows.time_s[-1]) - float(rows.time_s[0])
     # A file names both of its ends, so the last row is a sample too.
     time_s = _clock(name_or_file, duration_s * rate_hz + 1.0, rate_hz)
-    name = Path(name_or_file).stem
+    name = _title(Path(name_or_file))
     return _reference(name, rate_hz, rows.resampled(time_s), model, limits)
+
+
+def _title(file: Path) -> str:
+    """Short and printable, and never that of a built-in path, to which the paper has results."""
+    name = file.stem if file.stem not in _SHAPES else f"{file.stem} (file)"
+    return printable(name, _LONGEST_TITLE)
 
 
 def _existing_file(name_or_file: str) -> Path:
     file = Path(name_or_file)
-    looks_like_file = file.suffix != "" or len(file.parts) > 1 or file.exists()
+    looks_like_file = file.suffix != "" or len(file.parts) > 1 or is_there(file)
     if not looks_like_file:
         raise ConfigError(
             f"unknown path {name_or_file}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from ccr_host.errors import ConfigError
 
 METRICS_FILE = "run.json"
 """Configuration and summary of a run."""
+_LONGEST_SLUG = 80
 
 
 def make_run_folder(wanted: Path | None, title: str) -> Path:
@@ -19,7 +21,7 @@ def make_run_folder(wanted: Path | None, title: str) -> Path:
     Raises:
         ConfigError: it cannot be created or written to.
     """
-    folder = wanted or _unused(Path("runs") / f"{datetime.now():%Y%m%d-%H%M%S}-{title}")
+    folder = wanted or _unused(Path("runs") / f"{datetime.now():%Y%m%d-%H%M%S}-{_slug(title)}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".writable"
@@ -35,6 +37,11 @@ def make_run_folder(wanted: Path | None, title: str) -> Path:
 def write_json(file: Path, content: dict[str, Any]) -> None:
     """Indented, with a final newline."""
     file.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def _slug(title: str) -> str:
+    """Short, and without what a shell or another system could take amiss in a name."""
+    return re.sub(r"[^A-Za-z0-9._+-]+", "-", title)[:_LONGEST_SLUG].strip("-.")
 
 
 def _unused(folder: Path) -> Path:

@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from ccr_host.errors import ConfigError
+from ccr_host.user_file import read_bytes
 
 FLASH_BYTES: Final = 32 * 1024
+_MOST_BYTES = 16_000_000
+"""Of an ELF file with all its debugging information."""
 _ELF_MAGIC = b"\x7fELF\x01\x01"
 """32 bits, little-endian."""
 _EM_AVR = 83
@@ -45,10 +48,7 @@ def read_flash_image(path: Path) -> FlashImage:
     Raises:
         ConfigError: it cannot be read, is not for an AVR, or is too long for an UNO.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"firmware {path}: {error.strerror}", "build it first: pio run") from None
+    content = read_bytes(path, "firmware", "build it first: pio run", _MOST_BYTES)
     try:
         image = _read_elf(content) if content[:4] == _ELF_MAGIC[:4] else _read_hex(content)
     except (ValueError, IndexError, struct.error) as error:

@@ -5,6 +5,7 @@ The frame is OpenCV's: x to the right, y down, z away from the camera, mm.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,12 +19,17 @@ from ccr_host.tracking.frame import FloatArray, MarkerFrame, Pose, StartsAndStop
 from ccr_host.tracking.frame_count import FrameCount
 from ccr_host.tracking.optional import import_optional
 from ccr_host.tracking.quaternion import quaternion
+from ccr_host.user_file import read_text
 
 Image = NDArray[np.uint8]
 
 DEFAULT_LATENCY_US = 60_000
 """From the middle of an exposure to its image in the host; our estimate, two frames at 30 Hz."""
 _RETRY_US = 1_000_000
+_CAMERA_FILE_BYTES = 1_000_000
+_MATRIX_NUMBERS = 9
+_DISTORTION_NUMBERS = (4, 5, 8, 12, 14)
+"""As many as OpenCV's models have."""
 _PIXEL_CENTRE_PX = 0.5
 """That refinement counts from a pixel's corner, the rest of OpenCV from its centre."""
 _POLL_NS = 1
@@ -243,27 +249,33 @@ class Webcam:
 
 
 def load_camera_file(path: Path) -> CameraModel:
-    """Read the file that OpenCV's calibration writes (YAML, XML or JSON).
+    """Read the file that OpenCV's calibration writes (YAML, XML or JSON), or ROS's (YAML).
 
     Raises:
-        ConfigError: OpenCV is not installed; no such file, or no calibration in it.
+        ConfigError: no such file, or no calibration in it.
     """
-    cv2 = _opencv()
-    if not path.is_file():
-        raise ConfigError(f"camera file {path}: no such file", "calibrate the camera, see docs")
-    try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        matrix = storage.getNode("camera_matrix").mat()
-        distortion = storage.getNode("distortion_coefficients").mat()
-        storage.release()
-    except (cv2.error, SystemError):
-        matrix = distortion = None
-    if matrix is None or matrix.shape != (3, 3) or distortion is None:
+    cure = "calibrate the camera, see docs/trackers.md"
+    text, _ = read_text(path, "camera file", cure, _CAMERA_FILE_BYTES)
+    matrix = _numbers_of("camera_matrix", text)
+    distortion = _numbers_of("distortion_coefficients", text)
+    finite = np.isfinite(matrix).all() and np.isfinite(distortion).all()
+    if len(matrix) != _MATRIX_NUMBERS or len(distortion) not in _DISTORTION_NUMBERS or not finite:
         raise ConfigError(
-            f"camera file {path}: no camera_matrix (3 x 3) and distortion_coefficients in it",
-            "calibrate the camera, see docs/trackers.md",
+            f"camera file {path}: no camera_matrix (3 x 3) and distortion_coefficients in it", cure
         )
-    return CameraModel(matrix.astype(np.float64), np.ravel(distortion).astype(np.float64))
+    return CameraModel(matrix.reshape(3, 3), distortion)
+
+
+def _numbers_of(name: str, text: str) -> FloatArray:
+    """The data of a matrix; empty if it is not there.
+
+    OpenCV's own reader takes the process with it where a file is nested deeply.
+    """
+    found = re.search(rf"\b{name}\b[\s\S]{{1,300}}?\bdata\b[\"\s:>\[]*([-+.\deE,\s]*)", text)
+    try:
+        return np.array(found[1].replace(",", " ").split() if found else [], dtype=np.float64)
+    except ValueError:
+        return np.empty(0)
 
 
 def _opencv() -> Any:  # noqa: ANN401 - OpenCV has no types

@@ -62,6 +62,20 @@ def test_a_registration_can_be_read_back(tmp_path) -> None:
     assert registration.date == "2025-03-01"
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-32"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS)
+def test_encoding_byte_order_mark_and_line_ends_stay(tmp_path, text, end, encoding) -> None:
+    file = tmp_path / "robot.toml"
+    file.write_bytes(text.replace("\n", end).encode(encoding))
+    keep_in(file, NEW, None)
+    new = file.read_bytes().decode(encoding)
+    assert "\ufeff" not in new
+    assert end == "\n" or "\n" not in text or "\n" not in new.replace("\r\n", "")
+    assert tomllib.loads(new) == tomllib.loads(updated(text, NEW))
+    assert config.load(str(file)).registration is not None
+
+
 def test_the_file_is_replaced_through_links_and_keeps_its_mode(tmp_path) -> None:
     file, link = tmp_path / "robot.toml", tmp_path / "link.toml"
     file.write_text("# mine\n", encoding="utf-8")
@@ -89,7 +103,7 @@ def test_what_would_be_no_description_is_refused_and_the_file_left_alone(
     assert [path.name for path in tmp_path.iterdir()] == ["robot.toml"]
 
 
-@pytest.mark.parametrize("content", [b"[twin\n", b"\xff\xfe"])
+@pytest.mark.parametrize("content", [b"[twin\n", b"\xff\xfe\x00", b"[" * 50_000])
 def test_an_unreadable_description_is_told_and_left_alone(tmp_path, content) -> None:
     file = tmp_path / "robot.toml"
     file.write_bytes(content)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 
@@ -93,6 +95,86 @@ def test_file_may_give_the_third_coordinate_and_any_column_order(tmp_path):
     assert reference.target_mm == pytest.approx(np.array([[2, -90, 1], [4, -100, 3]]))
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t_s;y_mm;z_mm\n0;1,5;-2\n1;3;4,25\n",
+        "t_s\ty_mm\tz_mm\n0\t1.5\t-2\n1\t3\t4.25\n",
+        "t_s y_mm  z_mm\n0 1.5 -2\n 1  3 4.25\n",
+        "# drawn by hand\n\nt_s, y_mm, z_mm  # as ever\n0,1.5,-2 # start\n1,3,4.25\n# end\n",
+        "# t_s,y_mm,z_mm\n0.0e+00,1.5e+00,-2.0\n1.0,3.0,4.25\n",
+        "% t_s y_mm z_mm\n0 1.5 -2\n1 3 4.25\n",
+        "T_S, Y_mm, Z_MM\n0,1.5,-2\n1,3,4.25\n",
+        '"t_s" , "y_mm", "z_mm"\n"0","1.5","-2"\n"1","3","4.25"\n',
+        '"t_s","y_mm","z_mm"\n"0","1,5","-2"\n"1","3","4,25"\n',
+        "sep=;\nt_s;y_mm;z_mm\n0;1,5;-2\n1;3;4,25\n",
+        "t_s,y_mm,z_mm,,\n0,1.5,-2,,\n1,3,4.25\n",
+        "t_s,y_mm,z_mm\r0,1.5,-2\r1,3,4.25\r",
+        "t_s,y_mm,z_mm\r\n0,1.5,-2\r\n1,3,4.25",
+        "\ufefft_s,y_mm,z_mm\n0,1.5,-2\n1,3,4.25\n",
+        "t_s,y_mm,z_mm\n0,1.5,-2\n1,3,4.25\n".encode("utf-16"),
+        "t_s,y_mm,z_mm\n0,1.5,-2\n1,3,4.25\n".encode("utf-32"),
+        "t_ms,y_mm,z_cm\n0,1.5,-0.2\n1000,3,0.425\n",
+        "time (ms), y (m), z [mm]\n0,0.0015,-2\n1000,0.003,4.25\n",
+        "Time [s];y_µm;z\u00a0(mm)\n0;1500;\N{MINUS SIGN}2\n1;3000;4,25\n",
+    ],
+)
+def test_a_table_that_can_mean_one_thing_only_is_read(tmp_path, text):
+    reference = load(write(tmp_path, text))
+    assert reference.time_s == pytest.approx([0, 1])
+    assert reference.target_mm[:, [0, 2]] == pytest.approx(np.array([[1.5, -2], [3, 4.25]]))
+
+
+@pytest.mark.parametrize(
+    ("text", "question"),
+    [
+        ("t_s,y_mm,z_mm\n0,0,0.03\n3,0.01,0.035\n", "metres"),
+        ("t_s,y_mm,z_mm,x_mm\n0,0,0.03,-0.09\n3,0.01,0.035,-0.1\n", "metres"),
+        ("t_s,y_mm,z_mm\n0,0,30\n1000,5,32\n2000,10,35\n3000,12,35\n", "milliseconds"),
+        ("time [s]\ty (mm)\tz (mm)\n0\t0\t30\n50\t0,2\t30\n100\t0,4\t30\n", "milliseconds"),
+    ],
+)
+def test_units_that_make_no_sense_are_asked_for(tmp_path, text, question):
+    with pytest.raises(ConfigError, match=rf"are these {question}\?.*(y_m|t_ms)"):
+        load(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t_s,y_mm,z_mm\n0,0,0\n3600,0,0\n",
+        "t_s,y_mm,z_mm\n0,0,30\n86400,0,30\n",
+        "t_s,y_mm,z_mm\n0,0,30\n60,10,35\n",
+        "t_s,y_um,z_um\n0,0,0\n5,100,50\n",
+        "t_min,y_mm,z_mm\n0,0,30\n60,1,30\n",
+    ],
+)
+def test_a_pose_that_is_held_and_a_slow_or_small_path_on_purpose_are_not(tmp_path, text):
+    assert len(load(write(tmp_path, text), 0.5)) > 1
+
+
+def test_a_file_too_long_is_refused_at_once_and_says_so(tmp_path):
+    file = tmp_path / "p.csv"
+    with file.open("wb") as sparse:
+        sparse.truncate(300_000_000)
+    with pytest.raises(ConfigError, match=r"longer than 40 MB"):
+        load(file)
+
+
+def test_a_title_is_short_printable_and_not_that_of_a_built_in_path(tmp_path):
+    rows = HEADER + "0,1,2\n1,2,3\n"
+    for name, title in (
+        ("a\nb$x_1$.csv", r"a\nb$x_1$"),
+        ("x" * 250 + ".csv", "x" * 60 + "..."),
+        ("-dashed.csv", "-dashed"),
+        (os.fsdecode(b"\xff[bold]"), r"\udcff[bold]"),
+        ("star.csv", "star (file)"),
+        ("star", "star (file)"),
+    ):
+        (tmp_path / name).write_text(rows)
+        assert load(tmp_path / name).name == title
+
+
 def test_file_with_the_samples_of_a_built_in_path_gives_the_same_reference(tmp_path):
     star = load("star")
     rows = zip(star.time_s, star.target_mm[:, 0], star.target_mm[:, 2], strict=True)
@@ -111,7 +193,12 @@ HEADER = "t_s,y_mm,z_mm\n"
         ("t_s,y_mm\n0,1\n1,2\n", 1, "z_mm"),
         ("t_s,y_mm,z_mm,w\n0,1,2,3\n1,2,3,4\n", 1, "'w'"),
         ("t_s,y_mm,z_mm,z_mm\n0,1,2,3\n1,2,3,4\n", 1, "repeated"),
-        ("t_s;y_mm;z_mm\n0;1;2\n", 1, "t_s"),
+        ("time;y;z\n0;1;2\n1;2;3\n", 1, "'time' has no unit"),
+        ("t_s,y_in,z_in\n0,1,2\n1,2,3\n", 1, "the unit in"),
+        ("a,b,c\n0,1,2\n1,2,3\n", 1, "'a', 'b', 'c'"),
+        ("t_s;y_mm;z_mm\n0;1,5;2\n1;2.5;3\n", 3, "'2.5'"),
+        ("t_s;y_mm;z_mm\n0;1;2\n1;1.234,5;3\n", 3, "'1.234,5'"),
+        ("t_s,y_mm,z_mm\n0,0,1,5,2,0\n1,0,2,5,3,0\n", 2, "6 values for 3"),
         ("0,1,2\n1,2,3\n", 1, "t_s"),
         (HEADER + "0,1,2\n1,nan,3\n", 3, "y_mm"),
         (HEADER + "0,1,2\n1,2,-inf\n", 3, "z_mm"),
@@ -172,7 +259,7 @@ def test_file_without_a_usable_path_is_refused(tmp_path, text):
 
 
 def test_missing_file_folder_and_impossible_name_are_refused(tmp_path):
-    for name in (tmp_path / "no.csv", tmp_path, "a\0b.csv"):
+    for name in (tmp_path / "no.csv", tmp_path, "a\0b.csv", "x" * 300 + ".csv"):
         with pytest.raises(ConfigError, match="path file"):
             load(name)
 

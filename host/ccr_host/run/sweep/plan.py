@@ -17,7 +17,9 @@ from ccr_host.errors import ConfigError
 from ccr_host.run.execute import reference_of
 from ccr_host.run.options import RunOptions
 from ccr_host.run.sweep.random_twin import Settings, as_overrides, draw_twin
+from ccr_host.user_file import lines_of, read_text
 
+_MOST_BYTES = 64_000_000
 _DURATION_RATE_HZ = 10.0
 """Samples the path to see how long it takes: the same twin at every control rate."""
 
@@ -127,11 +129,8 @@ def read_twins(file: Path) -> tuple[Settings, ...]:
     Raises:
         ConfigError: the file cannot be read, or names the line that is no such object.
     """
-    try:
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"--twins {file}: {error}", "give a file of JSON lines") from None
-    twins = [_twin(file, number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    text, _ = read_text(file, "--twins", "give a file of JSON lines", _MOST_BYTES)
+    twins = [_twin(file, n, line) for n, line in enumerate(lines_of(text), 1) if line.strip()]
     if not twins:
         raise ConfigError(f"--twins {file}: empty", "give one JSON object a line")
     return tuple(twins)
@@ -140,8 +139,8 @@ def read_twins(file: Path) -> tuple[Settings, ...]:
 def _twin(file: Path, number: int, line: str) -> Settings:
     try:
         twin = json.loads(line)
-    except json.JSONDecodeError as error:
-        twin = str(error)
+    except (ValueError, RecursionError):
+        twin = None
     if not isinstance(twin, dict):
         raise ConfigError(
             f"--twins {file}, line {number}: not a JSON object",

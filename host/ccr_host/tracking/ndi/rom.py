@@ -16,6 +16,7 @@ import numpy as np
 
 from ccr_host.errors import ConfigError
 from ccr_host.tracking.frame import FloatArray
+from ccr_host.user_file import read_bytes
 
 BLOCK_BYTES = 64
 MEMORY_BYTES = 1024
@@ -99,11 +100,8 @@ def load_rom(path: Path) -> bytes:
     Raises:
         ConfigError: no such file, or none of a passive tool's size and form.
     """
-    try:
-        rom = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"tool definition {path}: {error.strerror}", "give a .rom file") from None
-    if not rom.startswith(_MAGIC[:3]) or len(rom) > MEMORY_BYTES:
+    rom = read_bytes(path, "tool definition", "give a .rom file", MEMORY_BYTES)
+    if not rom.startswith(_MAGIC[:3]):
         raise ConfigError(f"tool definition {path}: not a .rom file", "make one with NDI Architect")
     if len(rom) >= _FILE_BYTES and checksum(rom) != int.from_bytes(rom[4:6], "little"):
         raise ConfigError(f"tool definition {path}: wrong check sum", "copy the file again")
