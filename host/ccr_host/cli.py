@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from contextlib import suppress
+import tempfile
+import traceback
 from typing import NoReturn
 
 import typer
@@ -16,9 +17,11 @@ from ccr_host.commands.export import export
 from ccr_host.commands.flash import flash
 from ccr_host.commands.jog import jog
 from ccr_host.commands.monitor import monitor
+from ccr_host.commands.output import keep_streams_writable, lost_output, one_line
 from ccr_host.commands.register import register
 from ccr_host.commands.replay import replay
 from ccr_host.commands.report import report
+from ccr_host.commands.stopping import stop_signals_interrupt
 from ccr_host.commands.sweep import sweep
 from ccr_host.commands.track import track
 from ccr_host.commands.view import view
@@ -27,6 +30,8 @@ from ccr_host.commands.workspace import workspace
 from ccr_host.errors import CcrError
 
 EXIT_USAGE = 2
+EXIT_DEFECT = 3
+"""Nothing that the user could correct, as with a device that fails."""
 EXIT_INTERRUPTED = 130
 
 app = typer.Typer(
@@ -45,27 +50,53 @@ for command in _COMMANDS:
     app.command()(command)
 
 
-def main() -> None:
+def main() -> NoReturn:
     """Entry point of ``ccr-host``: whatever goes wrong is one line on standard error."""
+    keep_streams_writable()
     words = with_default_address(sys.argv[1:])
+    error: BaseException | None = None
     try:
-        status = app(words or ["--help"], prog_name="ccr-host", standalone_mode=False)
-    except typer.TyperException as error:
-        _leave(f"error: {error.format_message()} See ccr-host --help.", EXIT_USAGE)
-    except CcrError as error:
-        cure = f"; {error.cure}" if error.cure else ""
-        _leave(f"error: {error.cause}{cure}", error.exit_status)
-    except (KeyboardInterrupt, typer.Abort):
-        status = EXIT_INTERRUPTED
-    if status == EXIT_INTERRUPTED:
+        with stop_signals_interrupt():
+            status = app(words or ["--help"], prog_name="ccr-host", standalone_mode=False)
         # Typer turns Ctrl-C into this status without a word.
-        _leave("interrupted", EXIT_INTERRUPTED)
+        error = KeyboardInterrupt() if status == EXIT_INTERRUPTED else None
+    except BaseException as caught:
+        error = caught
+    if error is not None:
+        status, message = _verdict(error)
+        sys.stderr.write(f"ccr-host: {one_line(message)}\n" if message else "")
+    sys.stdout.flush()
+    if why := lost_output():
+        sys.stderr.write(f"ccr-host: standard output is incomplete: {why}\n")
     sys.exit(status)
 
 
-def _leave(message: str, status: int) -> NoReturn:
-    # The terminal may be gone, which must not change the status.
-    with suppress(OSError):
-        sys.stderr.write(f"ccr-host: {message}\n")
-        sys.stderr.flush()
-    sys.exit(status)
+def _verdict(error: BaseException) -> tuple[int, str]:
+    """Exit status and message."""
+    match error:
+        case typer.TyperException():
+            return EXIT_USAGE, f"error: {error.format_message()} See ccr-host --help."
+        case CcrError():
+            cure = f"; {error.cure}" if error.cure else ""
+            return error.exit_status, f"error: {error.cause}{cure}"
+        case KeyboardInterrupt() | typer.Abort():
+            return EXIT_INTERRUPTED, "interrupted"
+        case SystemExit(code=None | 0):
+            return 0, ""
+    return EXIT_DEFECT, (
+        f"error: a defect of ccr-host: {type(error).__name__}: {error}; "
+        f"please report it with {_kept_traceback(error)}"
+    )
+
+
+def _kept_traceback(error: BaseException) -> str:
+    """Where the traceback was written."""
+    text = "".join(traceback.format_exception(error))
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="ccr-host-", suffix=".txt", encoding="utf-8", errors="replace", delete=False
+        ) as file:
+            file.write(text)
+    except OSError as failure:
+        return f"what led to it (its traceback could not be kept: {failure.strerror})"
+    return file.name

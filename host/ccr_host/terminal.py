@@ -9,7 +9,14 @@ from typing import Any, Protocol
 import numpy as np
 from rich import box
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 from ccr_host.run.paper_results import PAPER_RESULTS
@@ -29,13 +36,13 @@ class OnCount(Protocol):
 def step_progress(console: Console, title: str) -> Iterator[OnStep]:
     """Progress bar over control steps, with the error of the last one."""
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[state]}"),
+        TextColumn("{task.fields[state]}", markup=False),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, transient=True) as progress:
+    with _progress(console, *columns) as progress:
         task = progress.add_task(title, total=None, state="arming")
 
         def on_step(step: int, steps: int, record: StepRecord) -> None:
@@ -47,8 +54,8 @@ def step_progress(console: Console, title: str) -> Iterator[OnStep]:
 @contextmanager
 def count_progress(console: Console, title: str, total: int) -> Iterator[OnCount]:
     """Progress bar over equal pieces of work; the function takes how many are done, one if not."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+    with _progress(console, *columns, TimeRemainingColumn()) as progress:
         task = progress.add_task(title, total=total)
 
         def count(pieces: int = 1) -> None:
@@ -60,8 +67,8 @@ def count_progress(console: Console, title: str, total: int) -> Iterator[OnCount
 @contextmanager
 def steps_progress(console: Console, title: str) -> Iterator[Callable[[int, int], None]]:
     """Progress bar over steps whose number is told while they are done."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+    with _progress(console, *columns) as progress:
         task = progress.add_task(title, total=None)
 
         def on_step(done: int, steps: int) -> None:
@@ -211,6 +218,11 @@ def reach_table(reach: Mapping[str, Any]) -> Table:
         table.add_row(f"motor {axis + 1} (deg)", f"{low:.1f} .. {high:.1f}")
         table.add_row("  greatest step (deg)", f"{reach['motor_step_max_deg'][axis]:.1f}")
     return table
+
+
+def _progress(console: Console, *columns: ProgressColumn) -> Progress:
+    """Shown on terminals only, and gone at the end."""
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 def _paper_figure(path: str, controller: str) -> float | None:

@@ -35,7 +35,7 @@ def monitor_panel(view: MonitorView) -> RenderableType:
         parts.append(Text(f"! {view.trouble}", style="bold red"))
     if view.link is not None:
         parts.append(_link(view.link))
-    title = f"{view.tracker}, {view.seconds:.0f} s"
+    title = Text(f"{view.tracker}, {view.seconds:.0f} s")
     return Panel(Group(*parts), title=title, title_align="left")
 
 

@@ -6,12 +6,14 @@ import json
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from ccr_host.errors import ConfigError
 from ccr_host.link.framing import decode_single_frame
 from ccr_host.link.messages import MESSAGES, Message
 from ccr_host.run.log import topics
@@ -80,8 +82,9 @@ def messages_in(folder: Path, topic: Topic) -> list[Message]:
 def wait_until_following(folder: Path, process: subprocess.Popen[str]) -> None:
     deadline = time.monotonic() + 30
     while process.poll() is None and time.monotonic() < deadline:
-        if log_files(folder, LOG_PREFIX) and "following the path" in events(folder):
-            return
+        with suppress(ConfigError):  # a file that has only just been made
+            if log_files(folder, LOG_PREFIX) and "following the path" in events(folder):
+                return
         time.sleep(0.05)
     pytest.fail(f"the run did not start: {process.communicate()}")
 

@@ -15,7 +15,7 @@ _STYLING = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
 class DrivenTerminal:
-    def __init__(self, folder: Path, *words: str) -> None:
+    def __init__(self, folder: Path, *words: str, ignore_sighup: bool = False) -> None:
         self.process = pexpect.spawn(
             COMMAND,
             list(words),
@@ -24,6 +24,7 @@ class DrivenTerminal:
             dimensions=(40, 110),
             timeout=20,
             encoding="utf-8",
+            ignore_sighup=ignore_sighup,
         )
 
     def press(self, keys: str) -> None:

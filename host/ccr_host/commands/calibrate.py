@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from ccr_host.commands.options import (
     DeviceOption,
@@ -16,10 +15,12 @@ from ccr_host.commands.options import (
     SetOption,
     TrackerOption,
 )
-from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.commands.output import console
 from ccr_host.run.options import RigOptions
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from ccr_host.config import Description, Servo
     from ccr_host.run.rig import Rig
 
@@ -79,24 +80,24 @@ def calibrate(
         realtime=realtime or by_eye,
     )
     description = options.description()
-    console = Console()
-    with stop_signals_interrupt(), open_rig(options, description, Observers()) as rig:
+    screen = console()
+    with open_rig(options, description, Observers()) as rig:
         if identify:
-            section = _identify(console, rig, description)
+            section = _identify(screen, rig, description)
             keep_in(file, {SECTION: section}, robot)
-            console.print(f"kept in {file}, as section {SECTION}", highlight=False)
+            screen.print(f"kept in {file}, as section {SECTION}")
             return
-        servo = (_by_eye if by_eye else _by_tracker)(console, rig, description)
+        servo = (_by_eye if by_eye else _by_tracker)(screen, rig, description)
         if servo is None:
-            console.print("nothing was changed")
+            screen.print("nothing was changed")
             return
         keep_calibration(rig.client, description, servo, file, robot)
     for key, value in calibrated_section(servo).items():
-        console.print(f"{key} = {value}", highlight=False, markup=False)
-    console.print(f"kept in {file} and in the board's EEPROM", highlight=False)
+        screen.print(f"{key} = {value}")
+    screen.print(f"kept in {file} and in the board's EEPROM")
 
 
-def _by_eye(console: Console, rig: Rig, description: Description) -> Servo | None:
+def _by_eye(screen: Console, rig: Rig, description: Description) -> Servo | None:
     from rich.live import Live
 
     from ccr_host.bringup.calibrate_by_eye import calibrate_by_eye
@@ -105,7 +106,7 @@ def _by_eye(console: Console, rig: Rig, description: Description) -> Servo | Non
     from ccr_host.bringup.keyboard import Keyboard
     from ccr_host.bringup.servo_marks import QUESTIONS, Question
 
-    with Keyboard() as keyboard, Live(console=console, auto_refresh=False) as live:
+    with Keyboard() as keyboard, Live(console=screen, auto_refresh=False) as live:
 
         def show(view: JogView, question: Question, answered: int) -> None:
             asked = f"{answered + 1} of {len(QUESTIONS)}: {question.text}"
@@ -114,29 +115,28 @@ def _by_eye(console: Console, rig: Rig, description: Description) -> Servo | Non
         return calibrate_by_eye(rig, description, keyboard.pressed, show)
 
 
-def _by_tracker(console: Console, rig: Rig, description: Description) -> Servo:
+def _by_tracker(screen: Console, rig: Rig, description: Description) -> Servo:
     from ccr_host import terminal
     from ccr_host.bringup.calibrate_by_tracker import calibrate_by_tracker, corrected
     from ccr_host.bringup.calibration_table import calibration_table
 
-    with terminal.steps_progress(Console(stderr=True), "poses") as on_pose:
+    with terminal.steps_progress(console(on_stderr=True), "poses") as on_pose:
         fit = calibrate_by_tracker(rig, description, on_pose)
-    console.print(calibration_table(fit, description))
+    screen.print(calibration_table(fit, description))
     return corrected(description.servo, fit)
 
 
-def _identify(console: Console, rig: Rig, description: Description) -> dict[str, Any]:
+def _identify(screen: Console, rig: Rig, description: Description) -> dict[str, Any]:
     import datetime
 
     from ccr_host import terminal
     from ccr_host.bringup.identify import identified_section, trial_fit
     from ccr_host.bringup.measure_rests import measure_rests
 
-    with terminal.steps_progress(Console(stderr=True), "poses") as on_pose:
+    with terminal.steps_progress(console(on_stderr=True), "poses") as on_pose:
         rests = measure_rests(rig, description, on_pose)
     fit = trial_fit(rests, description)
-    console.print(
-        f"{len(rests.count)} rests; the model of `adaptive` leaves {fit.rms_mm:.2f} mm RMS of them",
-        highlight=False,
+    screen.print(
+        f"{len(rests.count)} rests; the model of `adaptive` leaves {fit.rms_mm:.2f} mm RMS of them"
     )
     return identified_section(rests, description, datetime.date.today())

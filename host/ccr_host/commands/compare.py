@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from ccr_host import terminal
 from ccr_host.commands import completion
@@ -20,8 +19,7 @@ from ccr_host.commands.options import (
     SetOption,
     TrackerOption,
 )
-from ccr_host.commands.output import print_json
-from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.commands.output import console, print_json
 from ccr_host.run.options import RunOptions
 
 
@@ -68,51 +66,50 @@ def compare(
     from ccr_host.run.summary import summarise
     from ccr_host.run.twin_floor import twin_floor_mm
 
-    with stop_signals_interrupt():
-        chosen = controller or controller_names()
-        names = list(dict.fromkeys([*chosen, *peer_names()] if peers else chosen))
-        runs = [
-            RunOptions(
-                path=one_path,
-                controller=name,
-                robot=robot,
-                overrides=tuple(overrides or ()),
-                device=device,
-                tracker=tracker,
-                rate_hz=rate,
-                seed=seed,
-                realtime=realtime,
-            )
-            for one_path in path or PAPER_RESULTS
-            for name in names
+    chosen = controller or controller_names()
+    names = list(dict.fromkeys([*chosen, *peer_names()] if peers else chosen))
+    runs = [
+        RunOptions(
+            path=one_path,
+            controller=name,
+            robot=robot,
+            overrides=tuple(overrides or ()),
+            device=device,
+            tracker=tracker,
+            rate_hz=rate,
+            seed=seed,
+            realtime=realtime,
+        )
+        for one_path in path or PAPER_RESULTS
+        for name in names
+    ]
+    references = {run.path: reference_of(run) for run in runs}
+    folder = make_run_folder(out, "compare")
+    screen = console(on_stderr=as_json)
+    results = {}
+    with terminal.count_progress(console(on_stderr=True), "runs", len(runs)) as count:
+        for index, result in execute_all(runs):
+            results[index] = result
+            count()
+    summaries = [
+        summarise(result, twin_floor_mm=twin_floor_mm(result))
+        for result in (results[index] for index in range(len(runs)))
+    ]
+    groups = [
+        [
+            PlottedRun(run, reference, results[index].records)
+            for index, run in enumerate(runs)
+            if run.path == one_path
         ]
-        references = {run.path: reference_of(run) for run in runs}
-        folder = make_run_folder(out, "compare")
-        screen = Console(stderr=as_json)
-        results = {}
-        with terminal.count_progress(Console(stderr=True), "runs", len(runs)) as count:
-            for index, result in execute_all(runs):
-                results[index] = result
-                count()
-        summaries = [
-            summarise(result, twin_floor_mm=twin_floor_mm(result))
-            for result in (results[index] for index in range(len(runs)))
-        ]
-        groups = [
-            [
-                PlottedRun(run, reference, results[index].records)
-                for index, run in enumerate(runs)
-                if run.path == one_path
-            ]
-            for one_path, reference in references.items()
-        ]
-        write_comparison_figure(folder / "figure.png", groups)
-        content = {"runs": summaries, "paper": {k: vars(v) for k, v in PAPER_RESULTS.items()}}
-        write_json(folder / "compare.json", content)
-        screen.print(terminal.comparison_table(summaries))
-        screen.print(f"kept in {folder}/: figure.png, compare.json", highlight=False)
-        if as_json:
-            print_json(content)
-        for result in results.values():
-            if result.failure is not None:
-                raise result.failure
+        for one_path, reference in references.items()
+    ]
+    write_comparison_figure(folder / "figure.png", groups)
+    content = {"runs": summaries, "paper": {k: vars(v) for k, v in PAPER_RESULTS.items()}}
+    write_json(folder / "compare.json", content)
+    screen.print(terminal.comparison_table(summaries))
+    screen.print(f"kept in {folder}/: figure.png, compare.json")
+    if as_json:
+        print_json(content)
+    for result in results.values():
+        if result.failure is not None:
+            raise result.failure

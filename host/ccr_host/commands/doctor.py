@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import typer
-from rich.console import Console
 
 from ccr_host.commands.options import (
     DeviceOption,
@@ -15,8 +14,7 @@ from ccr_host.commands.options import (
     SetOption,
     TrackerOption,
 )
-from ccr_host.commands.output import print_json
-from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.commands.output import console, print_json
 from ccr_host.run.options import RigOptions
 
 _COLOURS = {"good": "green", "warning": "yellow", "failure": "bold red"}
@@ -44,16 +42,15 @@ def doctor(
         seed=seed,
         overrides=tuple(overrides or ()),
     )
-    screen = Console(stderr=as_json)
+    screen = console(on_stderr=as_json)
     findings = []
-    with stop_signals_interrupt():
-        for finding in examine(options, Path()):
-            findings.append(finding)
-            severity = finding.severity.name.lower()
-            screen.print(f"{severity:8}", style=_COLOURS[severity], end="")
-            screen.print(f"{finding.subject}: {finding.text}", highlight=False, markup=False)
-            if finding.remedy:
-                screen.print(f"{'':8}-> {finding.remedy}", highlight=False, markup=False)
+    for finding in examine(options, Path()):
+        findings.append(finding)
+        severity = finding.severity.name.lower()
+        screen.print(f"{severity:8}", style=_COLOURS[severity], end="")
+        screen.print(f"{finding.subject}: {finding.text}")
+        if finding.remedy:
+            screen.print(f"{'':8}-> {finding.remedy}")
     if as_json:
         print_json({"findings": [finding.as_summary() for finding in findings]})
     if status := exit_status(findings):

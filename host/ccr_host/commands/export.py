@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ccr_host.commands.options import JsonOption, OutOption
-from ccr_host.commands.output import print_json
+from ccr_host.commands.output import console, print_json
 from ccr_host.commands.replay import RunArgument
 from ccr_host.errors import ConfigError
 
@@ -31,8 +31,6 @@ def export(
 
     Example: ccr-host export runs/20260101-120000-ellipse-adaptive --format parquet
     """
-    from rich.console import Console
-
     from ccr_host.run.log.export import Format
     from ccr_host.run.log.export import export as export_tables
     from ccr_host.run.log.finish import finish_log
@@ -49,11 +47,11 @@ def export(
     else:
         written = export_tables(recording, Format(form), out or beside / "tables")
         counts = {str(path): count for path, count in written}
-    screen = Console(stderr=as_json)
+    screen = console(on_stderr=as_json)
     for path, count in counts.items():
         what = "messages" if form == _FINISHED_LOG else "rows"
-        screen.print(f"{path}: {count} {what}", highlight=False)
+        screen.print(f"{path}: {count} {what}")
     if not recording.end.is_complete:
-        screen.print("the log was never closed: exported as far as it goes", highlight=False)
+        screen.print("the log was never closed: exported as far as it goes")
     if as_json:
         print_json(counts)

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from ccr_host.commands.options import JsonOption
-from ccr_host.commands.output import print_json
+from ccr_host.commands.output import console, print_json
 
 
 def flash(
@@ -29,11 +28,10 @@ def flash(
     from ccr_host.flash.flash import flash_board
 
     report = flash_board(port, firmware)
-    screen = Console(stderr=as_json)
+    screen = console(on_stderr=as_json)
     screen.print(
         f"{report.port}: firmware {report.firmware_version} answers, "
         f"boot {report.identity.boot_id}, EEPROM {report.identity.eeprom_status.name.lower()}",
-        highlight=False,
     )
     if as_json:
         print_json(report.summary())

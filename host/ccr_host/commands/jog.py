@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from rich.console import Console
-
 from ccr_host.commands.options import (
     DeviceOption,
     RobotOption,
@@ -11,7 +9,7 @@ from ccr_host.commands.options import (
     SetOption,
     TrackerOption,
 )
-from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.commands.output import console
 from ccr_host.run.options import RigOptions
 
 
@@ -44,16 +42,15 @@ def jog(
         realtime=True,
     )
     description = options.description()
-    console = Console()
+    screen = console()
     with (
-        stop_signals_interrupt(),
         Keyboard() as keyboard,
         open_rig(options, description, Observers()) as rig,
-        Live(console=console, auto_refresh=False) as live,
+        Live(console=screen, auto_refresh=False) as live,
     ):
 
         def show(view: JogView) -> None:
             live.update(jog_panel(view), refresh=True)
 
         move_by_hand(rig, description, keyboard.pressed, show)
-    console.print("disarmed: the servos get no pulses", highlight=False)
+    screen.print("disarmed: the servos get no pulses")

@@ -7,11 +7,9 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from ccr_host.commands.options import JsonOption, RobotOption, SeedOption, SetOption, TrackerOption
-from ccr_host.commands.output import print_json
-from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.commands.output import console, print_json
 
 if TYPE_CHECKING:
     from ccr_host.run.monitor import Monitor, MonitorView
@@ -47,7 +45,6 @@ def monitor(
     description = config.load(robot, overrides or ())
     last: MonitorView | None = None
     with (
-        stop_signals_interrupt(),
         open_monitor(tracker, device, description, seed) as opened,
         suppress(KeyboardInterrupt),
     ):
@@ -83,7 +80,7 @@ def _show(opened: Monitor, duration_s: float | None) -> MonitorView | None:
     from ccr_host.tracker_screen import monitor_panel
 
     last: MonitorView | None = None
-    with Live(console=Console(), auto_refresh=False) as live, suppress(KeyboardInterrupt):
+    with Live(console=console(), auto_refresh=False) as live, suppress(KeyboardInterrupt):
         for last in _looks(opened, duration_s, _REFRESH_US):
             live.update(monitor_panel(last), refresh=True)
     return last

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from rich.console import Console
-
 from ccr_host.commands.options import (
     DeviceOption,
     JsonOption,
@@ -14,8 +12,7 @@ from ccr_host.commands.options import (
     SetOption,
     TrackerOption,
 )
-from ccr_host.commands.output import print_json
-from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.commands.output import console, print_json
 from ccr_host.run.options import RigOptions
 
 
@@ -59,21 +56,20 @@ def register(
     )
     description = options.description()
     file = file_to_keep_in(robot, out)
-    screen = Console(stderr=as_json)
+    screen = console(on_stderr=as_json)
     poses = len(safe_poses_rad(MotorLimits.of(description.servo)))
     with (
-        stop_signals_interrupt(),
-        terminal.count_progress(Console(stderr=True), "poses", poses) as count,
+        terminal.count_progress(console(on_stderr=True), "poses", poses) as count,
         open_rig(options, description, Observers(), in_camera_frame=True) as rig,
     ):
         found = register_robot(rig, description, lambda done, _: count() if done else None)
     section = registration_section(found, datetime.date.today())
     screen.print(registration_table(found))
     if file is None:
-        screen.print("not kept: no file of yours was given; with --out FILE it is", highlight=False)
+        screen.print("not kept: no file of yours was given; with --out FILE it is")
     else:
         keep_in(file, {SECTION: section}, robot)
-        screen.print(f"kept in {file}, as section {SECTION}", highlight=False)
+        screen.print(f"kept in {file}, as section {SECTION}")
     if as_json:
         print_json(
             {

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ccr_host.commands.options import JsonOption
-from ccr_host.commands.output import print_json
+from ccr_host.commands.output import console, print_json
 from ccr_host.errors import CcrError
 
 RunArgument = Annotated[
@@ -25,23 +25,21 @@ def replay(run: RunArgument, as_json: JsonOption = False) -> None:
 
     Example: ccr-host replay runs/20260101-120000-ellipse-adaptive
     """
-    from rich.console import Console
-
     from ccr_host.run.log.reader import RunRecording
     from ccr_host.run.replay import replay as replay_run
     from ccr_host.run.versions import versions
 
-    screen = Console(stderr=as_json)
+    screen = console(on_stderr=as_json)
     recording = RunRecording(run)
     written_by, ours = recording.setup["versions"], versions()
     changed = {key: old for key, old in written_by.items() if ours.get(key) != old}
     if changed:
         told = ", ".join(f"{key} {old} (now {ours.get(key)})" for key, old in changed.items())
-        screen.print(f"written by other versions: {told}", highlight=False)
+        screen.print(f"written by other versions: {told}")
     result = replay_run(recording)
     whole = recording.end.is_complete
     if not whole:
-        screen.print("the log was never closed: compared as far as it goes", highlight=False)
+        screen.print("the log was never closed: compared as far as it goes")
     difference = result.difference
     if as_json:
         print_json(
@@ -63,5 +61,4 @@ def replay(run: RunArgument, as_json: JsonOption = False) -> None:
         )
     screen.print(
         f"equal: {result.frames} frames sent in {result.steps} steps, {result.end_us * 1e-6:.2f} s",
-        highlight=False,
     )

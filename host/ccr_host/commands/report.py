@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
+
+from ccr_host.commands.output import console
 
 
 def report(
@@ -29,4 +30,4 @@ def report(
     first = runs[0] if runs[0].is_dir() else runs[0].parent
     file = out or first / "report.html"
     write_report(runs, file)
-    Console().print(f"written: {file}", highlight=False)
+    console().print(f"written: {file}", soft_wrap=True)

@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from ccr_host import terminal
 from ccr_host.commands import completion
 from ccr_host.commands.options import JsonOption, OutOption, RobotOption, SeedOption, SetOption
-from ccr_host.commands.output import print_json
-from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.commands.output import console, print_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from contextlib import AbstractContextManager
+
+    from rich.console import Console
 
     from ccr_host.run.sweep.job import Row
     from ccr_host.run.sweep.plan import TwinJob
@@ -87,44 +87,42 @@ def sweep(
     from ccr_host.run.sweep.plan import SweepPlan, read_twins
     from ccr_host.tracking.optional import import_optional
 
-    with stop_signals_interrupt():
-        given = None if twins is None else read_twins(twins)
-        known = _DEFAULT_RUNS if given is None else len(given)
-        count = known if runs is None else runs
-        if given is not None and max([count - 1, *(only or ())]) >= len(given):
-            raise ConfigError(f"--twins {twins}: has {len(given)} twins", "ask for no more")
-        if seed < 0:
-            raise ConfigError(f"seed {seed}: negative", "give 0 or more")
-        plan = SweepPlan(seed, tuple(path or path_names()), robot, tuple(overrides or ()), given)
-        names, rates = controller or _DEFAULT_CONTROLLERS, rate or _DEFAULT_RATES_HZ
-        drives = [(rate_hz, name) for rate_hz in rates for name in names]
-        jobs = plan.jobs(only or range(count), drives)
-        screen = Console(stderr=as_json)
-        if only:
-            rows = _run_here(jobs)
-            for row in rows:
-                screen.print(row["command"], highlight=False, soft_wrap=True)
-            _show(rows, screen, as_json=as_json)
-            return
-        for package in ("distributed", "pyarrow"):
-            import_optional(package, "sweep", "ccr-host sweep")
-        from ccr_host.run.sweep.session import run_missing, sum_up
-        from ccr_host.run.sweep.store import SweepFolder
+    given = None if twins is None else read_twins(twins)
+    known = _DEFAULT_RUNS if given is None else len(given)
+    count = known if runs is None else runs
+    if given is not None and max([count - 1, *(only or ())]) >= len(given):
+        raise ConfigError(f"--twins {twins}: has {len(given)} twins", "ask for no more")
+    if seed < 0:
+        raise ConfigError(f"seed {seed}: negative", "give 0 or more")
+    plan = SweepPlan(seed, tuple(path or path_names()), robot, tuple(overrides or ()), given)
+    names, rates = controller or _DEFAULT_CONTROLLERS, rate or _DEFAULT_RATES_HZ
+    drives = [(rate_hz, name) for rate_hz in rates for name in names]
+    jobs = plan.jobs(only or range(count), drives)
+    screen = console(on_stderr=as_json)
+    if only:
+        rows = _run_here(jobs)
+        for row in rows:
+            screen.print(row["command"], soft_wrap=True)
+        _show(rows, screen, as_json=as_json)
+        return
+    for package in ("distributed", "pyarrow"):
+        import_optional(package, "sweep", "ccr-host sweep")
+    from ccr_host.run.sweep.session import run_missing, sum_up
+    from ccr_host.run.sweep.store import SweepFolder
 
-        folder = make_run_folder(out, "sweep")
-        store = SweepFolder(folder, plan)
-        try:
-            with _progress(jobs) as on_count:
-                run_missing(store, jobs, workers, scheduler, on_count)
-        finally:
-            if store.rows():
-                _show(sum_up(store, folder), screen, as_json=as_json)
-                screen.print(
-                    f"kept in {folder}/: runs.parquet, figure.png, summary.json; "
-                    "--only INDEX repeats a twin and tells its ccr-host track line",
-                    highlight=False,
-                    soft_wrap=True,
-                )
+    folder = make_run_folder(out, "sweep")
+    store = SweepFolder(folder, plan)
+    try:
+        with _progress(jobs) as on_count:
+            run_missing(store, jobs, workers, scheduler, on_count)
+    finally:
+        if store.rows():
+            _show(sum_up(store, folder), screen, as_json=as_json)
+            screen.print(
+                f"kept in {folder}/: runs.parquet, figure.png, summary.json; "
+                "--only INDEX repeats a twin and tells its ccr-host track line",
+                soft_wrap=True,
+            )
 
 
 def _run_here(jobs: Sequence[TwinJob]) -> list[Row]:
@@ -140,7 +138,7 @@ def _run_here(jobs: Sequence[TwinJob]) -> list[Row]:
 
 def _progress(jobs: Sequence[TwinJob]) -> AbstractContextManager[terminal.OnCount]:
     total = sum(len(job.drives) for job in jobs)
-    return terminal.count_progress(Console(stderr=True), "runs", total)
+    return terminal.count_progress(console(on_stderr=True), "runs", total)
 
 
 def _show(rows: Sequence[Row], screen: Console, *, as_json: bool) -> None:
@@ -149,6 +147,6 @@ def _show(rows: Sequence[Row], screen: Console, *, as_json: bool) -> None:
     groups = groups_of(rows)
     screen.print(terminal.sweep_table(groups))
     for line in terminal.worst_lines(groups):
-        screen.print(line, highlight=False, soft_wrap=True)
+        screen.print(line, soft_wrap=True)
     if as_json:
         print_json({"runs": len(rows), "groups": groups})

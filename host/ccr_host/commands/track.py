@@ -6,7 +6,6 @@ from contextlib import ExitStack, nullcontext
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from ccr_host import terminal
 from ccr_host.commands.options import (
@@ -22,8 +21,7 @@ from ccr_host.commands.options import (
     SetOption,
     TrackerOption,
 )
-from ccr_host.commands.output import print_json
-from ccr_host.commands.stopping import stop_signals_interrupt
+from ccr_host.commands.output import console, print_json
 from ccr_host.commands.view_option import ViewOption
 from ccr_host.run.options import RunOptions
 
@@ -68,7 +66,7 @@ def track(
     from ccr_host.view.address import parse_view_address
     from ccr_host.view.live import live_page
 
-    with stop_signals_interrupt(), ExitStack() as stack:
+    with ExitStack() as stack:
         options = RunOptions(
             path=path,
             controller=controller,
@@ -83,18 +81,18 @@ def track(
         )
         reference = reference_of(options)
         folder = make_run_folder(out, f"{reference.name}-{controller}")
-        screen = Console(stderr=as_json)
+        screen = console(on_stderr=as_json)
         page = None
         if view is not None:
             address, realtime = parse_view_address(view), not is_simulated(options)
             page = stack.enter_context(live_page(address, realtime=realtime))
-            Console(stderr=True).print(f"live page: {page.url}", highlight=False, soft_wrap=True)
+            console(on_stderr=True).print(f"live page: {page.url}", soft_wrap=True)
         wanted = is_simulated(options) if with_open is None else with_open
         wanted = wanted and controller != "open-loop"
         twin_open_loop = options.with_controller("open-loop").on_the_twin()
         with in_background(twin_open_loop) if wanted else nullcontext() as open_loop_result:
             title = f"{reference.name}, {controller}"
-            with terminal.step_progress(Console(stderr=True), title) as on_step:
+            with terminal.step_progress(console(on_stderr=True), title) as on_step:
                 result = execute_logged(
                     options,
                     folder,
@@ -110,16 +108,16 @@ def track(
         if result.records:
             screen.print(terminal.run_table(summary))
             for line in terminal.health_lines(summary):
-                screen.print(line, highlight=False)
-        screen.print(f"kept in {folder}/: figure.png, run.json, log_0000.mcap", highlight=False)
+                screen.print(line)
+        screen.print(f"kept in {folder}/: figure.png, run.json, log_0000.mcap")
         if result.log_trouble:
-            Console(stderr=True).print(result.log_trouble, highlight=False)
+            console(on_stderr=True).print(result.log_trouble)
         if isinstance(result.failure, OperatorStop):
-            Console(stderr=True).print(f"{result.failure}; the board has acknowledged")
+            console(on_stderr=True).print(f"{result.failure}; the board has acknowledged")
         if as_json:
             print_json(summary)
         elif page and screen.is_terminal:
-            screen.print(f"the run can be played at {page.url}; Ctrl-C ends", highlight=False)
+            screen.print(f"the run can be played at {page.url}; Ctrl-C ends")
             page.wait_until_interrupted()
         if result.failure is not None:
             raise result.failure

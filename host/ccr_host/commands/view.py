@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.stopping import stop_signals_interrupt
 from ccr_host.view.address import DEFAULT_ADDRESS
 
 
@@ -29,5 +28,5 @@ def view(
     require_viser()
     from ccr_host.view.replay_page import show_recorded_run
 
-    with stop_signals_interrupt(), suppress(KeyboardInterrupt):
+    with suppress(KeyboardInterrupt):
         show_recorded_run(run, where, lambda url: typer.echo(f"open {url}; Ctrl-C ends", err=True))

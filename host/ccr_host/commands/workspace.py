@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from rich.console import Console
-
 from ccr_host import terminal
 from ccr_host.commands.options import (
     JsonOption,
@@ -13,7 +11,7 @@ from ccr_host.commands.options import (
     RobotOption,
     SetOption,
 )
-from ccr_host.commands.output import print_json
+from ccr_host.commands.output import console, print_json
 from ccr_host.run.options import RunOptions
 
 
@@ -40,8 +38,8 @@ def workspace(
     folder = make_run_folder(out, f"{reference.name}-workspace")
     write_workspace_figure(folder / "figure.png", reference, workspace_of(options))
     write_json(folder / "workspace.json", reach)
-    screen = Console(stderr=as_json)
+    screen = console(on_stderr=as_json)
     screen.print(terminal.reach_table(reach))
-    screen.print(f"kept in {folder}/: figure.png, workspace.json", highlight=False)
+    screen.print(f"kept in {folder}/: figure.png, workspace.json")
     if as_json:
         print_json(reach)

@@ -1,0 +1,169 @@
+"""What becomes of standard input, output and error changes neither results nor status."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.system.conftest import COMMAND, PAPERS, CcrHost, events
+from tests.system.driven_terminal import DrivenTerminal
+
+pytestmark = pytest.mark.usefixtures("short_path")
+
+TRACK = ("track", "short.csv", *PAPERS, "--no-open", "--out", "kept")
+RESULTS = ("run.json", "timing.json", "figure.png", "log_0000.mcap")
+GONE = ("> /dev/full", "2> /dev/full", ">&-", "2>&-", "<&-", "<&- >&- 2>&-", "2>&1 | head -0")
+
+
+def in_shell(folder: Path, *words: str, streams: str, **environment: str) -> tuple[int, str, str]:
+    line = f'"$0" "$@" {streams}; exit ${{PIPESTATUS[0]}}'
+    ended = subprocess.run(
+        ["bash", "-c", line, COMMAND, *words],
+        cwd=folder,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    return ended.returncode, ended.stdout, ended.stderr
+
+
+def assert_results(folder: Path) -> None:
+    json.loads((folder / "run.json").read_text())
+    assert {file.name for file in folder.iterdir()} >= set(RESULTS)
+
+
+@pytest.mark.parametrize("streams", GONE)
+def test_a_run_whose_output_goes_nowhere_keeps_its_results_and_status_0(
+    tmp_path: Path, streams: str
+) -> None:
+    status, _, err = in_shell(tmp_path, *TRACK, streams=streams)
+    assert status == 0, err
+    assert "Traceback" not in err
+    assert_results(tmp_path / "kept")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("doctor", "--json"),
+        ("monitor", "--duration", "1", "--json"),
+        ("workspace", "8shape", "--json"),
+    ],
+)
+@pytest.mark.parametrize("streams", ["> /dev/full", ">&- 2>&-"])
+def test_other_commands_end_as_they_would_have_ended(
+    tmp_path: Path, words: tuple[str, ...], streams: str
+) -> None:
+    status, _, err = in_shell(tmp_path, *words, streams=streams)
+    assert status == 0, err
+    assert "Traceback" not in err
+
+
+def test_a_full_disk_behind_standard_output_is_told_once(tmp_path: Path) -> None:
+    _, _, err = in_shell(tmp_path, "--help", streams="> /dev/full")
+    assert err == "ccr-host: standard output is incomplete: No space left on device\n"
+
+
+def test_a_refusal_that_nobody_can_read_keeps_its_status(tmp_path: Path) -> None:
+    for streams in ("2>&-", "2> /dev/full", "> /dev/full"):
+        assert in_shell(tmp_path, "track", "circle", streams=streams)[0] == 2
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(tmp_path: Path) -> None:
+    status, out, err = in_shell(tmp_path, *TRACK, streams="| head -1")
+    assert (status, err) == (0, "")
+    assert out.startswith("short with mpc")
+
+
+def test_what_the_locale_cannot_show_is_escaped(tmp_path: Path) -> None:
+    folder = os.fsdecode("gehört-\udcff".encode(errors="surrogateescape"))
+    words = (*TRACK[:-1], folder)
+    status, out, err = in_shell(tmp_path, *words, streams="", PYTHONIOENCODING="ascii")
+    assert status == 0, err
+    assert r"geh\xf6rt-\udcff" in out
+    assert_results(tmp_path / folder)
+
+
+def test_a_name_with_brackets_is_shown_as_it_is(ccr_host: CcrHost, tmp_path: Path) -> None:
+    (tmp_path / "short.csv").rename(tmp_path / "[bold]a.csv")
+    ended = ccr_host("track", "[bold]a.csv", *TRACK[2:])
+    assert ended.status == 0, ended.err
+    assert "[bold]a with mpc" in ended.out
+
+
+def test_a_message_stays_one_line_whatever_the_name_in_it(ccr_host: CcrHost) -> None:
+    ended = ccr_host("track", "gone\n\x1b[31m.csv")
+    assert ended.status == 2
+    assert r"gone\n\x1b[31m.csv" in ended.err
+    assert len(ended.err.splitlines()) == 1
+
+
+def close_window(terminal: DrivenTerminal) -> int:
+    """Status of a command whose terminal is closed."""
+    os.close(terminal.process.child_fd)
+    deadline = time.monotonic() + 30
+    while terminal.process.isalive() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert terminal.process.signalstatus is None
+    return terminal.status
+
+
+def test_a_terminal_that_is_closed_in_mid_run_interrupts_it_and_keeps_all(tmp_path: Path) -> None:
+    words = ("track", "8shape", *PAPERS, "--realtime", "--rate", "5", "--out", "kept")
+    terminal = DrivenTerminal(tmp_path, *words)
+    terminal.wait_for("10/")
+    assert close_window(terminal) == 130
+    assert_results(tmp_path / "kept")
+    assert events(tmp_path / "kept")[-1] == "interrupted"
+
+
+def test_a_run_that_ignores_hangups_outlives_its_terminal(tmp_path: Path) -> None:
+    words = ("track", "short.csv", *PAPERS, "--realtime", "--rate", "5", "--out", "kept")
+    terminal = DrivenTerminal(tmp_path, *words, ignore_sighup=True)
+    terminal.wait_for("5/")
+    assert close_window(terminal) == 0
+    assert_results(tmp_path / "kept")
+    assert json.loads((tmp_path / "kept" / "run.json").read_text())["metrics"]["faults"] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [(("jog",), "asked"), (("monitor",), "M1"), (("emulate",), "try"), (("doctor",), "good")],
+)
+def test_closing_the_terminal_ends_every_command_without_a_crash(
+    tmp_path: Path, words: tuple[str, ...], shown: str
+) -> None:
+    terminal = DrivenTerminal(tmp_path, *words)
+    terminal.wait_for(shown)
+    assert close_window(terminal) in (0, 130)
+
+
+@pytest.mark.parametrize("defect", ["MemoryError('x')", "SystemExit(7)", "OSError(5, 'x')"])
+def test_a_defect_is_one_line_that_names_the_file_with_its_traceback(
+    tmp_path: Path, defect: str
+) -> None:
+    program = (
+        "import sys; from ccr_host import cli\n"
+        f"def broken() -> None: raise {defect}\n"
+        "cli.app.command()(broken); sys.argv[1:] = ['broken']; cli.main()"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"TMPDIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 3
+    (kept,) = tmp_path.glob("ccr-host-*.txt")
+    assert ended.stderr.splitlines() == [ended.stderr.rstrip()]
+    assert str(kept) in ended.stderr
+    assert "in broken" in kept.read_text()
