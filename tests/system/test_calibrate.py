@@ -127,3 +127,15 @@ def test_an_identified_robot_is_followed_without_a_tour(ccr_host: CcrHost, robot
 
 def test_the_eye_cannot_identify(ccr_host: CcrHost, robot: Path) -> None:
     assert ccr_host("calibrate", "--by-eye", "--identify", "--robot", robot.name).status == 2
+
+
+@pytest.mark.parametrize("command", [["calibrate"], ["calibrate", "--identify"], ["register"]])
+def test_a_real_board_is_not_fitted_to_the_simulated_robot_by_default(
+    ccr_host: CcrHost, robot: Path, command: list[str]
+) -> None:
+    common = ("--robot", robot.name, "--device", "tcp://127.0.0.1:1")
+    ended = ccr_host(*command, *common)
+    assert ended.status == 2
+    assert "--tracker" in ended.err
+    assert "refused" in ccr_host(*command, *common, "--tracker", "twin:").err
+    assert robot.read_text() == 'name = "mine"  # keep this\n'

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from ccr_host.bringup.finding import Finding, failure, good, judged, warning
 from ccr_host.config import Description
-from ccr_host.link.board_config import board_config
+from ccr_host.link.board_config import board_config, differences
 from ccr_host.link.client import Client
 from ccr_host.link.device_errors import BoardFaultError, BoardStoppedError
 from ccr_host.link.messages import (
@@ -41,9 +41,7 @@ def check_board(client: Client, clock: Clock, description: Description) -> Itera
     yield _identity(identity)
     yield _state(client.read_state())
     yield _eeprom(identity)
-    same = client.read_config() == board_config(description)
-    differs = "differs from the robot description; a run sets what it needs"
-    yield good("configuration", "as in the robot description" if same else differs)
+    yield _configuration(identity, differences(client.read_config(), board_config(description)))
     for _ in range(_TRIPS):
         client.read_state()
     clock.sleep_until_us(clock.now_us() + _LISTEN_US)
@@ -89,6 +87,19 @@ def _eeprom(identity: HelloReply) -> Finding:
             return warning("EEPROM", "one of two copies is corrupt", anew)
         case EepromStatus.BOTH_BAD:
             return warning("EEPROM", "the configuration is corrupt", anew)
+
+
+def _configuration(identity: HelloReply, differing: list[str]) -> Finding:
+    """What a board has kept belongs to one robot; firmware's own values belong to none."""
+    if not differing:
+        return good("configuration", "as in the robot description")
+    if identity.eeprom_status is EepromStatus.BLANK:
+        return good("configuration", "the firmware's own; a run sets what is described")
+    return warning(
+        "configuration",
+        f"the board holds other values than described: {'; '.join(differing)}",
+        "check --robot and the board; a run sets what is described, ccr-host calibrate keeps it",
+    )
 
 
 def _round_trips(figures: LinkStatistics) -> Finding:

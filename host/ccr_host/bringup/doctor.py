@@ -19,7 +19,7 @@ from ccr_host.link.client import Client
 from ccr_host.link.uri import DeviceUri, parse_device_uri
 from ccr_host.run.clock import Clock, RealClock, VirtualClock
 from ccr_host.run.options import RigOptions
-from ccr_host.run.rig import connect_board, session_number
+from ccr_host.run.rig import connect_board, mismatch_of, session_number
 from ccr_host.run.tracker_rig import TrackerRig
 from ccr_host.tracking.uri import TrackerKind, TrackerUri, parse_tracker_uri
 
@@ -42,6 +42,9 @@ def examine(options: RigOptions, folder: Path) -> Iterator[Finding]:
         yield failure("description", error)
         return
     yield from _describe(description, tracker)
+    if mismatch := mismatch_of(options):
+        remedy = "name your own with --device and --tracker"
+        yield warning("device and tracker", mismatch, remedy)
     yield from _or_failure("board", lambda: _board(device, description, options.seed))
     yield from _or_failure("tracker", lambda: _tracker(tracker, description, options.seed))
 

@@ -38,8 +38,12 @@ Entered = Callable[[StateReport], bool]
 """Told of the board's state when Enter is pressed; whether that was the last one wanted."""
 
 
-def _nothing(_: StateReport) -> bool:
+def _nothing_wanted(_: StateReport) -> bool:
     return False
+
+
+def _nowhere() -> None:
+    pass
 
 
 def jog(
@@ -47,7 +51,8 @@ def jog(
     description: Description,
     pressed: Callable[[], Iterable[str]],
     show: Callable[[JogView], None],
-    entered: Entered = _nothing,
+    entered: Entered = _nothing_wanted,
+    back: Callable[[], None] = _nowhere,
 ) -> bool:
     """Arm, follow the keys until one asks to leave, disarm.
 
@@ -60,6 +65,7 @@ def jog(
         pressed: keys since it was called last.
         show: draws; called once a period.
         entered: called when Enter is pressed while the robot moves as asked.
+        back: called when the key for going back is pressed.
 
     Returns:
         Whether all that was wanted was entered.
@@ -82,6 +88,8 @@ def jog(
                 trouble = "stopped by key"
             elif Wish.LEAVE in wishes:
                 break
+            elif Wish.BACK in wishes:
+                back()
             elif Wish.CLEAR in wishes and trouble:
                 rig.client.clear_fault()
                 target, trouble = replace(target, q_rad=rest_rad), _armed(rig.client)

@@ -1,6 +1,8 @@
-"""What ``ccr-host jog`` shows."""
+"""What ``ccr-host jog`` and ``ccr-host calibrate --by-eye`` show."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -9,17 +11,29 @@ from rich.table import Table
 from rich.text import Text
 
 from ccr_host.bringup.jog import JogView
-from ccr_host.bringup.jog_target import HELP
+from ccr_host.bringup.jog_target import HELP, HELP_BACK
 
 _BAR_CELLS = 30
 
 
-def jog_panel(view: JogView, asked: str = "") -> RenderableType:
-    """Motors, board, markers and keys; below them what the user is asked to do."""
-    wish = Text(f"\n{asked}, then Enter", style="bold") if asked else Text()
+def jog_panel(
+    view: JogView, *, simulated_tip: bool, title: str = "jog", asked: str = ""
+) -> RenderableType:
+    """Motors, board, markers and keys; below them what the user is asked to do.
+
+    Args:
+        view: the robot.
+        simulated_tip: the board drives a real robot, but the tip is the twin's.
+        title: of the panel.
+        asked: question that Enter answers; empty for none.
+    """
+    question = Text(f"\n{asked}", style="bold") if asked else Text()
+    keys = (*HELP, HELP_BACK) if asked else HELP
     return Panel(
-        Group(_motors(view), _state(view), _markers(view), Text(), _keys(), wish),
-        title=f"jog, {view.target.step_deg:g} deg a key",
+        Group(
+            _motors(view), _state(view), _tip(view, simulated_tip), Text(), _keys(keys), question
+        ),
+        title=f"{title}, {view.target.step_deg:g} deg a key",
         title_align="left",
     )
 
@@ -60,15 +74,19 @@ def _state(view: JogView) -> Text:
     return Text(f"board: {state}")
 
 
-def _markers(view: JogView) -> Text:
+def _tip(view: JogView, simulated: bool) -> Text:
+    if simulated:
+        return Text(
+            "tip: not shown, it would be the simulated one; --tracker names yours", style="dim"
+        )
     if view.sample is None or view.sample_age_us is None:
         return Text("tip: no markers", style="yellow")
     x, y, z = view.sample.tip_mm
     return Text(f"tip: {x:7.2f} {y:7.2f} {z:7.2f} mm, {view.sample_age_us / 1000:.0f} ms old")
 
 
-def _keys() -> Table:
+def _keys(help_lines: Iterable[tuple[str, str]]) -> Table:
     table = Table.grid(padding=(0, 2))
-    for keys, meaning in HELP:
+    for keys, meaning in help_lines:
         table.add_row(keys, meaning, style="dim")
     return table

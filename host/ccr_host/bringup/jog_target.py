@@ -24,6 +24,8 @@ HELP = (
     ("q", "disarm and leave"),
 )
 
+HELP_BACK = ("b, Backspace", "back to the question before")
+
 _MOVES = {UP: (1, 0), DOWN: (-1, 0), RIGHT: (0, 1), LEFT: (0, -1)}
 
 
@@ -34,6 +36,7 @@ class Wish(enum.Enum):
     STOP = enum.auto()
     CLEAR = enum.auto()
     ENTER = enum.auto()
+    BACK = enum.auto()
     LEAVE = enum.auto()
 
 
@@ -44,6 +47,9 @@ _WISHES = {
     "q": Wish.LEAVE,
     "\n": Wish.ENTER,
     "\r": Wish.ENTER,
+    "b": Wish.BACK,
+    "\b": Wish.BACK,
+    "\x7f": Wish.BACK,
 }
 
 
@@ -69,7 +75,7 @@ class JogTarget:
         if key in _MOVES:
             motion_rad = np.radians(self.step_deg) * np.array(_MOVES[key])
             return replace(self, q_rad=self.limits.clip(self.q_rad + motion_rad))
-        if key in "+-":
+        if key in ("+", "-"):
             step = self.step + (1 if key == "+" else -1)
             return replace(self, step=min(max(step, 0), len(STEPS_DEG) - 1))
         return replace(self, q_rad=self.rest_rad) if key == "0" else self

@@ -21,6 +21,10 @@ _STRAIGHT_DEG = 3.0
 """Greatest distance of a mark from the line: a servo's own error and that of the eye."""
 _LEAST_SPAN_US = 100.0
 _AXES = 2
+_USUAL_RATIO = 1.25
+"""Servos of one robot, and a servo and its description, agree so well in scale."""
+_USUAL_NEUTRAL_DEG = 20.0
+"""Further off, the horn sits on a wrong tooth of its spline, which has one each 14.4 deg."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,40 @@ def _questions() -> tuple[Question, ...]:
 
 
 QUESTIONS = _questions()
+
+
+def check_marks(servo: Servo, pulses_us: Sequence[float]) -> None:
+    """Judge the answers given so far, as soon as a motor's line or limits are complete.
+
+    Raises:
+        ConfigError: marks that no servo would give.
+    """
+    axis, last = divmod(len(pulses_us) - 1, len(QUESTIONS) // _AXES)
+    marked_us = np.array(pulses_us[len(pulses_us) - 1 - last :])
+    if last >= len(ANGLES_DEG) - 1:
+        line = _line(axis, marked_us[: len(ANGLES_DEG)])
+        if last == len(QUESTIONS) // _AXES - 1:
+            _limits_deg(axis, marked_us[len(ANGLES_DEG) :], line, servo.rest_deg[axis])
+
+
+def doubts_about(before: Servo, found: Servo) -> list[str]:
+    """What of a calibration is so unusual that the user should be asked; each a clause."""
+    scales_us = np.abs(found.pulse_per_90_deg_us)
+    doubts = []
+    if scales_us.max() > _USUAL_RATIO * scales_us.min():
+        first, second = scales_us
+        doubts.append(f"90 deg are {first:g} us of motor 1 but {second:g} us of motor 2")
+    for axis in range(_AXES):
+        described_us, scale_us = abs(before.pulse_per_90_deg_us[axis]), scales_us[axis]
+        if not 1.0 / _USUAL_RATIO <= scale_us / described_us <= _USUAL_RATIO:
+            doubts.append(
+                f"90 deg of motor {axis + 1} were {described_us:g} us and are {scale_us:g} us"
+            )
+        moved_us = found.neutral_pulse_us[axis] - before.neutral_pulse_us[axis]
+        moved_deg = 90.0 * moved_us / scale_us
+        if abs(moved_deg) > _USUAL_NEUTRAL_DEG:
+            doubts.append(f"motor {axis + 1} stands straight {abs(moved_deg):.0f} deg off its zero")
+    return doubts
 
 
 def servo_from_marks(servo: Servo, pulses_us: Sequence[float]) -> Servo:

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from ccr_host.bringup.finding import Finding, failure, judged
 from ccr_host.config import Description
+from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
+from ccr_host.control.adaptive.parameters import COUNT
 from ccr_host.errors import TrackerError
-from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.marker_shape import exchanged_markers, seen_lengths_mm, wrong_segments
 from ccr_host.run.clock import Clock
 from ccr_host.tracking.sample import Sample
 from ccr_host.tracking.tracker import Tracker
@@ -19,9 +21,11 @@ _LISTEN_US = 3_000_000
 _LOOK_US = 5_000
 _RATE_SHARE = 0.9
 _NOISE_FACTOR = 2.0
-_SEGMENT_TOLERANCE_MM = 5.0
-_ASKEW_DEG = 45.0
-"""A robot at rest droops by less; a camera that was never registered is off by more."""
+_TURN_RAD = np.radians(1.0)
+"""A camera that is aligned, or was registered, is turned by no more."""
+_SURPRISING = 2.0
+"""Standard deviations."""
+_PROBE = 1e-4
 
 
 def check_tracker(tracker: Tracker, clock: Clock, description: Description) -> Iterator[Finding]:
@@ -66,7 +70,7 @@ def _rate(samples: list[Sample], description: Description) -> Finding:
     return judged(
         "rate",
         f"{rate_hz:.1f} samples a second of {expected_hz:g}",
-        fine=rate_hz >= _RATE_SHARE * expected_hz,
+        fine=_RATE_SHARE * expected_hz <= rate_hz <= expected_hz / _RATE_SHARE,
         remedy="look for hidden markers and reflections, or correct tracker.rate_hz",
     )
 
@@ -105,26 +109,42 @@ def _second_marker(samples: list[Sample]) -> Finding:
 
 
 def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]:
-    """Distance of the markers, and where the robot points to."""
+    """Lengths of the segments, and where the robot points to."""
     markers_mm = np.nanmedian([sample.markers_mm for sample in samples], axis=0)
-    segment_mm = float(np.linalg.norm(markers_mm[2] - markers_mm[1]))
-    believed_mm = description.robot.segment_lengths_mm[1]
-    if np.isfinite(segment_mm):
+    robot = description.robot
+    if np.isfinite(markers_mm).all():
+        lengths = " and ".join(f"{length:.1f}" for length in seen_lengths_mm(markers_mm, robot))
+        described = " and ".join(f"{length:g}" for length in robot.segment_lengths_mm)
+        order = exchanged_markers(markers_mm, robot)
         yield judged(
             "scale",
-            f"M2 and M3 are {segment_mm:.1f} mm apart; segment 2 is {believed_mm:g} mm",
-            fine=segment_mm < believed_mm + _SEGMENT_TOLERANCE_MM,
-            remedy="measure the robot; check that the right markers are seen",
+            f"the segments measure {lengths} mm, straight; described: {described}",
+            fine=not wrong_segments(markers_mm, robot),
+            remedy=f"the markers are mixed up: what is called {order} is M1, M2, M3"
+            if order
+            else "measure robot.segment_lengths_mm again; check that each marker is the right one, "
+            "the camera's calibration, and that the robot is at rest (ccr-host jog)",
         )
-    tip_mm = markers_mm[2] - markers_mm[0]
-    straight_mm = ConstantCurvature(description.robot).tip_mm(
-        np.radians(description.servo.rest_deg)
-    )
-    share = tip_mm @ straight_mm / (np.linalg.norm(tip_mm) * np.linalg.norm(straight_mm))
-    askew_deg = float(np.degrees(np.arccos(np.clip(share, -1.0, 1.0))))
+    off_deg, allowed_deg = _askew_deg(markers_mm[2] - markers_mm[0], description)
     yield judged(
         "orientation",
-        f"the robot at rest points {askew_deg:.0f} deg away from its model",
-        fine=askew_deg < _ASKEW_DEG,
-        remedy="ccr-host register finds out how the camera stands",
+        f"the robot at rest points {off_deg:.0f} deg away from where its model rests; expected: "
+        f"at most {allowed_deg:.0f}",
+        fine=off_deg < allowed_deg,
+        remedy="ccr-host register finds out how the camera stands; check robot.* and servo.* with "
+        "ccr-host calibrate, and that gravity pulls the robot away from its markers",
     )
+
+
+def _askew_deg(tip_mm: NDArray[np.float64], description: Description) -> tuple[float, float]:
+    """Angle to where the robot should rest, and how much of it would be no surprise."""
+    scaling = Scaling(description.robot, _TURN_RAD)
+    rest_rad = np.radians(description.servo.rest_deg)
+    rests = Rests(rest_rad, rest_rad[None], tip_mm[None], np.ones(1))
+    *near_mm, expected_mm = predicted_mm(scaling.perturbed(np.zeros(COUNT), _PROBE), rests)[0]
+    slope = (np.array(near_mm) - expected_mm) / _PROBE
+    length_mm = float(np.linalg.norm(expected_mm))
+    aside = tip_mm / np.linalg.norm(tip_mm) - expected_mm / length_mm
+    off_rad = 2.0 * float(np.arcsin(0.5 * np.linalg.norm(aside)))
+    spread_mm = np.linalg.norm(slope @ (aside / max(float(np.linalg.norm(aside)), 1e-9)))
+    return float(np.degrees(off_rad)), float(np.degrees(_SURPRISING * spread_mm / length_mm))

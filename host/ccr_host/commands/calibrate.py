@@ -14,6 +14,7 @@ from ccr_host.commands.options import (
     SeedOption,
     SetOption,
     TrackerOption,
+    require_named_tracker,
 )
 from ccr_host.commands.output import console
 from ccr_host.run.options import RigOptions
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 
 def calibrate(
+    context: typer.Context,
     robot: RobotOption = None,
     device: DeviceOption = "emulator:",
     tracker: TrackerOption = "twin:",
@@ -66,7 +68,7 @@ def calibrate(
     from ccr_host.description_file import keep_in
     from ccr_host.errors import ConfigError
     from ccr_host.run.observer import Observers
-    from ccr_host.run.rig import open_rig
+    from ccr_host.run.rig import open_rig, sees_simulated_robot
 
     if by_eye and identify:
         raise ConfigError("--identify needs the tracker", "leave --by-eye out")
@@ -79,6 +81,8 @@ def calibrate(
         overrides=tuple(overrides or ()),
         realtime=realtime or by_eye,
     )
+    if not by_eye:
+        require_named_tracker(context, options)
     description = options.description()
     screen = console()
     with open_rig(options, description, Observers()) as rig:
@@ -87,7 +91,11 @@ def calibrate(
             keep_in(file, {SECTION: section}, robot)
             screen.print(f"kept in {file}, as section {SECTION}")
             return
-        servo = (_by_eye if by_eye else _by_tracker)(screen, rig, description)
+        if by_eye:
+            blind = sees_simulated_robot(options)
+            servo = _by_eye(screen, rig, description, simulated_tip=blind)
+        else:
+            servo = _by_tracker(screen, rig, description)
         if servo is None:
             screen.print("nothing was changed")
             return
@@ -97,20 +105,23 @@ def calibrate(
     screen.print(f"kept in {file} and in the board's EEPROM")
 
 
-def _by_eye(screen: Console, rig: Rig, description: Description) -> Servo | None:
+def _by_eye(
+    screen: Console, rig: Rig, description: Description, *, simulated_tip: bool
+) -> Servo | None:
     from rich.live import Live
 
     from ccr_host.bringup.calibrate_by_eye import calibrate_by_eye
     from ccr_host.bringup.jog import JogView
     from ccr_host.bringup.jog_screen import jog_panel
     from ccr_host.bringup.keyboard import Keyboard
-    from ccr_host.bringup.servo_marks import QUESTIONS, Question
 
     with Keyboard() as keyboard, Live(console=screen, auto_refresh=False) as live:
 
-        def show(view: JogView, question: Question, answered: int) -> None:
-            asked = f"{answered + 1} of {len(QUESTIONS)}: {question.text}"
-            live.update(jog_panel(view, asked), refresh=True)
+        def show(view: JogView, asked: str) -> None:
+            panel = jog_panel(
+                view, simulated_tip=simulated_tip, title="calibrate by eye", asked=asked
+            )
+            live.update(panel, refresh=True)
 
         return calibrate_by_eye(rig, description, keyboard.pressed, show)
 

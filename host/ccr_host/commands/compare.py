@@ -18,6 +18,7 @@ from ccr_host.commands.options import (
     SeedOption,
     SetOption,
     TrackerOption,
+    warn_of_mismatch,
 )
 from ccr_host.commands.output import console, print_json
 from ccr_host.run.options import RunOptions
@@ -83,6 +84,7 @@ def compare(
         for one_path in path or PAPER_RESULTS
         for name in names
     ]
+    warn_of_mismatch(runs[0])
     references = {run.path: reference_of(run) for run in runs}
     folder = make_run_folder(out, "compare")
     screen = console(on_stderr=as_json)

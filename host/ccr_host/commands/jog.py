@@ -31,7 +31,7 @@ def jog(
     from ccr_host.bringup.jog_screen import jog_panel
     from ccr_host.bringup.keyboard import Keyboard
     from ccr_host.run.observer import Observers
-    from ccr_host.run.rig import open_rig
+    from ccr_host.run.rig import open_rig, sees_simulated_robot
 
     options = RigOptions(
         robot=robot,
@@ -50,7 +50,8 @@ def jog(
     ):
 
         def show(view: JogView) -> None:
-            live.update(jog_panel(view), refresh=True)
+            panel = jog_panel(view, simulated_tip=sees_simulated_robot(options))
+            live.update(panel, refresh=True)
 
         move_by_hand(rig, description, keyboard.pressed, show)
     screen.print("disarmed: the servos get no pulses")

@@ -8,6 +8,9 @@ from typing import Annotated
 import typer
 
 from ccr_host.commands import completion
+from ccr_host.commands.output import console
+from ccr_host.errors import ConfigError
+from ccr_host.run.options import RigOptions
 
 PathArgument = Annotated[
     str,
@@ -65,3 +68,33 @@ KeepInOption = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the summary alone, as JSON, on standard output.")
 ]
+
+
+def warn_of_mismatch(options: RigOptions) -> None:
+    """Say so where the board is real and the robot simulated, or the other way round.
+
+    Raises:
+        ConfigError: the device or tracker URI is not one.
+    """
+    from ccr_host.run.rig import mismatch_of
+
+    if mismatch := mismatch_of(options):
+        console(on_stderr=True).print(f"note: {mismatch}")
+
+
+def require_named_tracker(context: typer.Context, options: RigOptions) -> None:
+    """Refuse to fit a real board's servos to a simulated robot that nobody has asked for.
+
+    Raises:
+        ConfigError: so it would be; or the device or tracker URI is not one.
+    """
+    from ccr_host.run.rig import sees_simulated_robot
+
+    source = context.get_parameter_source("tracker")
+    unnamed = source is not None and source.name == "DEFAULT"
+    if unnamed and sees_simulated_robot(options):
+        raise ConfigError(
+            f"no tracker was named: the board on {options.device} would be fitted to the simulated "
+            "robot",
+            "name the camera with --tracker; --tracker twin: asks for the simulated one",
+        )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import typer
+
 from ccr_host.commands.options import (
     DeviceOption,
     JsonOption,
@@ -11,12 +13,14 @@ from ccr_host.commands.options import (
     SeedOption,
     SetOption,
     TrackerOption,
+    require_named_tracker,
 )
 from ccr_host.commands.output import console, print_json
 from ccr_host.run.options import RigOptions
 
 
 def register(
+    context: typer.Context,
     robot: RobotOption = None,
     device: DeviceOption = "emulator:",
     tracker: TrackerOption = "twin:",
@@ -54,6 +58,7 @@ def register(
         overrides=tuple(overrides or ()),
         realtime=realtime,
     )
+    require_named_tracker(context, options)
     description = options.description()
     file = file_to_keep_in(robot, out)
     screen = console(on_stderr=as_json)

@@ -20,6 +20,7 @@ from ccr_host.commands.options import (
     SeedOption,
     SetOption,
     TrackerOption,
+    warn_of_mismatch,
 )
 from ccr_host.commands.output import console, print_json
 from ccr_host.commands.view_option import ViewOption
@@ -79,6 +80,7 @@ def track(
             realtime=realtime,
             laps=laps,
         )
+        warn_of_mismatch(options)
         reference = reference_of(options)
         folder = make_run_folder(out, f"{reference.name}-{controller}")
         screen = console(on_stderr=as_json)

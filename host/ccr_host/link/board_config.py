@@ -9,6 +9,7 @@ from typing import Final
 from ccr_host.config import Description, Pair
 from ccr_host.errors import ConfigError
 from ccr_host.link.messages import TICK_US, Calibration, Limits, Slew, Watchdog
+from ccr_host.link.payload import Field
 from ccr_host.link.units import CDEG_PER_DEG, deg_to_cdeg
 
 _TICK_S = TICK_US * 1e-6
@@ -39,6 +40,26 @@ class BoardConfig:
     calibration: Calibration
 
 
+def differences(seen: BoardConfig, wanted: BoardConfig) -> list[str]:
+    """What a board holds that is not wanted: the description's key, and both values."""
+    return [
+        f"{key} is {_shown(field, getattr(there, field.name))}, "
+        f"described {_shown(field, getattr(here, field.name))} {field.unit}".rstrip()
+        for there, here in zip(_groups(seen), _groups(wanted), strict=True)
+        for key, field in zip(_KEYS[type(here)], here.FIELDS, strict=True)
+        if getattr(there, field.name) != getattr(here, field.name)
+    ]
+
+
+def _groups(config: BoardConfig) -> tuple[Limits | Slew | Watchdog | Calibration, ...]:
+    return config.limits, config.slew, config.watchdog, config.calibration
+
+
+def _shown(field: Field, raw: int | tuple[int, ...]) -> str:
+    values = raw if isinstance(raw, tuple) else (raw,)
+    return ", ".join(f"{value * field.scale:g}" for value in values)
+
+
 def board_config(description: Description) -> BoardConfig:
     """Round a description to the wire's integers; rates are rounded down.
 
@@ -65,7 +86,7 @@ def board_config(description: Description) -> BoardConfig:
             pulse_max_half_us=_half_us(servo.pulse_max_us),
         ),
     )
-    for group in (config.limits, config.slew, config.watchdog, config.calibration):
+    for group in _groups(config):
         _require_in_range(group)
     _require_consistent(config)
     return config
@@ -88,8 +109,7 @@ def _require_in_range(group: Limits | Slew | Watchdog | Calibration) -> None:
     if index is None:
         return
     field = group.FIELDS[index]
-    raw = getattr(group, field.name)
-    shown = ", ".join(f"{value * field.scale:g}" for value in (raw if field.count > 1 else (raw,)))
+    shown = _shown(field, getattr(group, field.name))
     least, greatest = field.minimum * field.scale, field.maximum * field.scale
     raise ConfigError(
         f"{_KEYS[type(group)][index]}: the board cannot take {shown} {field.unit}",

@@ -33,6 +33,11 @@ class DeviceUri:
         """Whether the board is simulated in this process, in step with its clock."""
         return self.kind in (DeviceKind.EMULATOR, DeviceKind.SIMAVR)
 
+    @property
+    def is_outside(self) -> bool:
+        """Whether the board is another one's: real, for all that this program knows."""
+        return self.kind in (DeviceKind.SERIAL, DeviceKind.TCP)
+
     def __str__(self) -> str:
         separator = "://" if self.kind is DeviceKind.TCP else ":"
         return f"{self.kind.value}{separator}{self.address}"

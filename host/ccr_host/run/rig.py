@@ -80,6 +80,34 @@ def is_simulated(options: RigOptions) -> bool:
     return device.in_process and tracker.in_process and not options.realtime
 
 
+def sees_simulated_robot(options: RigOptions) -> bool:
+    """Whether the board is outside of this program but the robot that is seen is simulated in it.
+
+    Raises:
+        ConfigError: the device or tracker URI is not one.
+    """
+    return (
+        parse_device_uri(options.device).is_outside
+        and parse_tracker_uri(options.tracker).is_simulated
+    )
+
+
+def mismatch_of(options: RigOptions) -> str:
+    """What is odd about a board and a tracker of which one is simulated; empty if nothing is.
+
+    Raises:
+        ConfigError: the device or tracker URI is not one.
+    """
+    device, tracker = parse_device_uri(options.device), parse_tracker_uri(options.tracker)
+    if sees_simulated_robot(options):
+        return f"the board is on {device}, but the robot that is seen is simulated ({tracker})"
+    if not device.is_outside and not tracker.in_process:
+        return (
+            f"the camera is on {tracker}, but nothing moves its robot: simulated board ({device})"
+        )
+    return ""
+
+
 @contextmanager
 def open_rig(
     options: RigOptions,

@@ -2,15 +2,21 @@
 
 import pytest
 
+from ccr_host import config
 from ccr_host.bringup.board_checks import check_board
 from ccr_host.bringup.doctor import examine
 from ccr_host.bringup.finding import Finding, Severity, exit_status
-from ccr_host.config import Description
+from ccr_host.config import Description, Robot, Twin
 from ccr_host.emulator.board import UnoEmulator
 from ccr_host.emulator.serial_line import SerialLine
+from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
+from ccr_host.link.messages import ResetCause
+from ccr_host.robot.marker_shape import exchanged_markers
 from ccr_host.run.clock import VirtualClock
 from ccr_host.run.options import RigOptions
+from ccr_host.run.rig import mismatch_of
+from ccr_host.twin.robot import TwinRobot
 
 
 def examined(tmp_path, *overrides: str, **options: str) -> dict[str, Finding]:
@@ -55,6 +61,8 @@ def test_an_unusable_description_is_a_failure_of_usage(tmp_path, override) -> No
     [
         ("tracker.dropout=0.5", "rate"),
         ("tracker.rotation_deg=100", "orientation"),
+        ("tracker.rotation_deg=[12,0,0]", "orientation"),
+        ("tracker.rotation_deg=[0,0,12]", "orientation"),
         ("tracker.latency_ms=400", "age"),
     ],
 )
@@ -62,6 +70,72 @@ def test_a_poor_camera_is_warned_of_with_a_remedy(tmp_path, override, subject) -
     found = examined(tmp_path, override)[subject]
     assert found.severity is Severity.WARNING
     assert found.remedy
+
+
+@pytest.mark.parametrize("segment", [0, 1])
+@pytest.mark.parametrize("factor", [0.73, 1.2])
+def test_a_segment_of_another_length_than_described_is_warned_of(tmp_path, segment, factor) -> None:
+    lengths_mm = [58.5, 43.5]
+    lengths_mm[segment] *= factor
+    described = f"robot.segment_lengths_mm={lengths_mm}"
+    found = examined(tmp_path, described, "twin.segment_lengths_mm=[58.5, 43.5]")["scale"]
+    assert found.severity is Severity.WARNING
+    assert f"{lengths_mm[segment]:g}" in found.text
+    assert examined(tmp_path, described)["scale"].severity is Severity.GOOD
+
+
+def test_markers_that_were_mixed_up_are_named() -> None:
+    markers_mm = TwinRobot(Twin()).markers_mm()
+    assert exchanged_markers(markers_mm, Robot()) == ""
+    assert exchanged_markers(markers_mm[::-1], Robot()) == "M3, M2, M1"
+    assert exchanged_markers(markers_mm[[1, 2, 0]], Robot()) == "M3, M1, M2"
+
+
+def test_a_robot_that_hangs_the_other_way_is_warned_of(tmp_path) -> None:
+    assert examined(tmp_path, "twin.gravity_m_s2=-9.81")["orientation"].severity is Severity.WARNING
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "servo.neutral_pulse_us=[1540, 1500]",
+        "servo.pulse_per_90_deg_us=[1000, -1000]",
+        "servo.angle_max_deg=60",
+        "servo.slew_deg_s=100",
+    ],
+)
+def test_a_board_that_keeps_another_calibration_than_described_is_warned_of(override) -> None:
+    clock = VirtualClock()
+    board = UnoEmulator()
+    line = SerialLine(board)
+    clock.attach(line)
+    kept = config.load(None, [override])
+    with Client(line, clock, 1) as client:
+        client.connect()
+        client.configure(board_config(kept))
+        client.save_config()
+        board.reset(ResetCause.POWER_ON)
+    with Client(line, clock, 2) as client:
+        client.connect()
+        found, same = (
+            next(f for f in check_board(client, clock, belief) if f.subject == "configuration")
+            for belief in (Description(), kept)
+        )
+    assert found.severity is Severity.WARNING
+    assert override.partition("=")[0] in found.text
+    assert same.severity is Severity.GOOD
+
+
+def test_a_simulated_robot_behind_a_real_board_is_warned_of(tmp_path) -> None:
+    found = examined(tmp_path, device="tcp://127.0.0.1:1")["device and tracker"]
+    assert found.severity is Severity.WARNING
+    assert "simulated" in found.text
+
+
+def test_a_real_camera_beside_a_simulated_board_is_told() -> None:
+    assert "simulated board" in mismatch_of(RigOptions(tracker="igtl://127.0.0.1:1"))
+    assert mismatch_of(RigOptions(device="serial:/dev/ttyACM0", tracker="ndi:/dev/ttyUSB0")) == ""
+    assert mismatch_of(RigOptions(device="emulator+pty:", tracker="ndi-emulator:")) == ""
 
 
 def test_a_stopped_board_is_a_failure_and_stays_stopped() -> None:

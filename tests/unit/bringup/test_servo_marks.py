@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.bringup.servo_marks import QUESTIONS, servo_from_marks
+from ccr_host.bringup.servo_marks import QUESTIONS, check_marks, doubts_about, servo_from_marks
 from ccr_host.config import Servo
 from ccr_host.errors import ConfigError
 
@@ -51,3 +51,37 @@ def test_marks_that_no_servo_gives_are_refused(first, told) -> None:
 
 def test_each_servo_is_asked_the_same() -> None:
     assert [question.axis for question in QUESTIONS] == [0] * 5 + [1] * 5
+
+
+def doubts(first: list[float], second: list[float]) -> list[str]:
+    return doubts_about(SERVO, servo_from_marks(SERVO, [*first, *second]))
+
+
+def test_usual_servos_leave_no_doubt() -> None:
+    assert (
+        doubts(marks_us(1540.0, 950.0, -70.0, 60.0), marks_us(1475.0, -1050.0, -70.0, 60.0)) == []
+    )
+
+
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        (marks_us(1500.0, 500.0, -60.0, 60.0), "1000 us of motor 1 but 500 us of motor 2"),
+        (marks_us(1500.0, -1600.0, -30.0, 30.0), "motor 2 were 1000 us and are 1600 us"),
+        (marks_us(1800.0, 1000.0, -60.0, 30.0), "motor 2 stands straight 27 deg off"),
+    ],
+)
+def test_a_servo_unlike_its_fellow_or_its_description_is_doubted(other, told) -> None:
+    assert told in "; ".join(doubts(GOOD, other))
+
+
+def test_marks_are_judged_as_soon_as_a_motor_has_enough_of_them() -> None:
+    good, crooked = marks_us(1500.0, 1000.0, -60.0, 60.0), [1500.0, 2000.0, 1200.0]
+    for count in range(1, len(QUESTIONS) + 1):
+        check_marks(SERVO, [*good, *good][:count])
+    with pytest.raises(ConfigError, match=r"motor 1: .*miss a line"):
+        check_marks(SERVO, crooked)
+    with pytest.raises(ConfigError, match=r"motor 2: .*miss a line"):
+        check_marks(SERVO, [*good, *crooked])
+    with pytest.raises(ConfigError, match=r"motor 2: its rest pose"):
+        check_marks(SERVO, [*good, *marks_us(1500.0, 1000.0, 20.0, 60.0)])
