@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.foreign_servers import foreign_server
 from tests.system.conftest import PAPERS, CcrHost
 
 
@@ -155,3 +156,26 @@ def long_path(tmp_path: Path) -> str:
     file = tmp_path / "long.csv"
     file.write_text("t_s,y_mm,z_mm\n0,0,30\n12,10,35\n")
     return str(file)
+
+
+@pytest.mark.parametrize("kind", ["http", "ssh", "random bytes", "closes at once"])
+@pytest.mark.parametrize("scheme", ["igtl", "ndi+tcp"])
+def test_a_foreign_server_on_the_trackers_port_is_one_line(
+    ccr_host: CcrHost, scheme: str, kind: str
+) -> None:
+    with foreign_server(kind) as port:
+        uri = f"{scheme}://127.0.0.1:{port}"
+        ended = ccr_host("track", "8shape", *PAPERS, "--no-open", "--tracker", uri)
+    assert ended.status == 3
+    assert len(ended.err.strip().splitlines()) == 1
+    assert uri in ended.err
+
+
+@pytest.mark.parametrize("kind", ["http", "silence", "echo"])
+def test_a_foreign_server_on_the_boards_port_is_one_line(ccr_host: CcrHost, kind: str) -> None:
+    with foreign_server(kind) as port:
+        uri = f"tcp://127.0.0.1:{port}"
+        ended = ccr_host("track", "8shape", *PAPERS, "--no-open", "--device", uri)
+    assert ended.status == 3
+    assert len(ended.err.strip().splitlines()) == 1
+    assert uri in ended.err

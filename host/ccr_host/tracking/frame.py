@@ -10,6 +10,8 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.errors import TrackerError
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
@@ -60,10 +62,16 @@ class TrackerHealth:
     """Answers refused by their check sum or their grammar."""
     reconnections: int = 0
     """How often contact was lost and made again."""
+    odd_frame_numbers: int = 0
+    """How often a frame number did not follow the one before: damage, or a counter that changed."""
     warnings: tuple[str, ...] = ()
     """What the device complains about now, one readable line each."""
     last_error: str = ""
     """Cause and cure of the last failure; empty if there was none."""
+
+
+class ForeignPeerError(TrackerError):
+    """What answers is something else than the tracker that was expected there."""
 
 
 class RawTracker(Protocol):
@@ -87,7 +95,11 @@ class RawTracker(Protocol):
         """
 
     def advance_to(self, time_us: int) -> None:
-        """Take what has arrived by a time and go on with the conversation; never waits."""
+        """Take what has arrived by a time and go on with the conversation; never waits.
+
+        Raises:
+            ForeignPeerError: there never was a frame, and what answers is no such tracker.
+        """
 
     def newest_frame(self) -> MarkerFrame | None:
         """Newest frame, whatever its age; None before the first."""

@@ -100,7 +100,8 @@ class MarkerTracker:
             told.append(f"it shows {seen} markers and tools")
             if outside:
                 told.append(f"{outside} of them outside the camera's volume")
-            if seen - outside >= len(MARKERS) and MARKERS[0] in self._lost:
+            unnamed = len(frame.points_mm) - outside
+            if unnamed >= len(MARKERS) and MARKERS[0] in self._lost and not self._names_markers:
                 told.append("if they are the robot's, find out how the camera stands: register")
         return "; ".join(text for text in told if text)
 

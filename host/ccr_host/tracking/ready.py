@@ -8,6 +8,8 @@ from ccr_host.tracking.frame import RawTracker
 
 DEFAULT_TIMEOUT_US = 20_000_000
 """A Polaris takes up to 7 s for a reset and as long again when its break is not heard."""
+_MOST_RECONNECTIONS = 4
+"""What closes the connection time after time will not become a camera by waiting."""
 _LOOK_US = 10_000
 
 
@@ -19,12 +21,13 @@ def wait_until_tracking(
     Raises:
         TrackerError: no frame in time; tells what the driver was doing and its last failure.
     """
-    deadline_us = clock.now_us() + timeout_us
+    start_us = clock.now_us()
     while tracker.newest_frame() is None:
-        if clock.now_us() >= deadline_us:
-            health = tracker.health
+        health, waited_us = tracker.health, clock.now_us() - start_us
+        if waited_us >= timeout_us or health.reconnections >= _MOST_RECONNECTIONS:
+            told = "; ".join([f"still {health.state}", *health.warnings])
             raise TrackerError(
-                f"{tracker.name}: no frame within {timeout_us / 1e6:g} s, still {health.state}",
+                f"{tracker.name}: no frame within {waited_us / 1e6:.0f} s, {told}",
                 health.last_error or "check power and cable of the camera",
             )
         clock.sleep_until_us(clock.now_us() + _LOOK_US)

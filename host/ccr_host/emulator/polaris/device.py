@@ -10,6 +10,7 @@ from enum import Enum
 import numpy as np
 
 from ccr_host.emulator.polaris.errors import ErrorCode, Refusal
+from ccr_host.emulator.polaris.faults import is_within
 from ccr_host.emulator.polaris.handles import BLOCK_BYTES, PortHandle, PortHandles
 from ccr_host.emulator.polaris.sensor import Image, PositionSensor, is_in_volume
 from ccr_host.emulator.polaris.tx_report import (
@@ -22,8 +23,19 @@ from ccr_host.emulator.polaris.tx_report import (
 from ccr_host.tracking.ndi.crc import crc16_arc
 
 RESET_BAUD = 9600
-_BAUDS = {"0": 9600, "1": 14_400, "2": 19_200, "3": 38_400, "4": 57_600, "5": 115_200}
-_COMM_8N1 = re.compile(r"([0-5])000[01]")
+ODD_FRAMES_OFFSET = 0xFFFF0000
+_BAUDS = {
+    "0": 9600,
+    "1": 14_400,
+    "2": 19_200,
+    "3": 38_400,
+    "4": 57_600,
+    "5": 115_200,
+    "6": 921_600,
+    "7": 1_228_739,
+    "A": 230_400,
+}
+_COMM_8N1 = re.compile(r"([0-7A])000[01]")
 _WITH_CRC = re.compile(rb"([A-Z][A-Z0-9]*):(.*)([0-9A-F]{4})", re.DOTALL)
 _WITHOUT_CRC = re.compile(rb"([A-Z][A-Z0-9]*)(?: (.*))?", re.DOTALL)
 _PASSIVE_PORT = re.compile(r"[*0-9A-F]{8}[*0-9][*1][*0-9A-Z]{2}[*0-9]{2}")
@@ -97,6 +109,8 @@ class PolarisDevice:
             if name == "RESET":
                 return Answer("RESET", new_baud=RESET_BAUD, reset=True)
             if name == "COMM":
+                if self.sensor.faults.comm_refused:
+                    raise Refusal(ErrorCode.NO_SUCH_COMMUNICATION)
                 return Answer("OKAY", new_baud=_baud(arguments))
             return Answer(self._dispatch(name, arguments))
         except Refusal as refusal:
@@ -184,6 +198,8 @@ class PolarisDevice:
 
     def _tool(self, handle: PortHandle, image: Image | None) -> ToolLine:
         frame = image.count - self._count_offset if image else 0
+        if is_within(self._time_us, self.sensor.faults.odd_frames_us):
+            frame += ODD_FRAMES_OFFSET
         marker = MARKER_PARTS.get(handle.part_number)
         if image is None or marker is None or not image.visible[marker]:
             return ToolLine(handle.number, handle.status, frame)

@@ -11,6 +11,7 @@ class ErrorCode(IntEnum):
     INVALID_COMMAND = 0x01
     TOO_SHORT = 0x03
     BAD_CRC = 0x04
+    NO_SUCH_COMMUNICATION = 0x06
     PARAMETERS = 0x07
     BAD_HANDLE = 0x08
     WRONG_MODE = 0x0C

@@ -45,6 +45,10 @@ class PolarisFaults:
     """Status bit for a temperature outside the operating range."""
     diagnostic_pending: bool = False
     """Status bit for a bump or another finding of the self-test."""
+    comm_refused: bool = False
+    """COMM is answered with ERROR06: the rate stays."""
+    odd_frames_us: tuple[Span, ...] = ()
+    """Frame numbers in replies are far too high."""
     pinit_warning: bool = False
     """PINIT answers WARNING05 instead of OKAY."""
     bit_order: BitOrder = BitOrder.FIRST_IS_HIGHEST

@@ -24,7 +24,8 @@ LONGEST_REPLY_BYTES = 8192
 class DamagedReplyError(TrackerError):
     """Bytes that are not a whole, correct reply."""
 
-    def __init__(self, cause: str) -> None:
+    def __init__(self, cause: str, line: bytes = b"") -> None:
+        self.line = line
         super().__init__(f"damaged reply: {cause}", "check cable and baud rate of the camera")
 
 
@@ -51,11 +52,11 @@ def decode_reply(line: bytes) -> str:
     """
     data, crc = line[:-_CRC_DIGITS], line[-_CRC_DIGITS:]
     if not data or not _CRC_FORM.fullmatch(crc):
-        raise DamagedReplyError("no check sum")
+        raise DamagedReplyError("no check sum", line)
     if crc16_arc(data) != int(crc, 16):
-        raise DamagedReplyError("wrong check sum")
+        raise DamagedReplyError("wrong check sum", line)
     if not _TEXT_FORM.fullmatch(data):
-        raise DamagedReplyError("not text")
+        raise DamagedReplyError("not text", line)
     text = data.decode("ascii")
     if refusal := _REFUSAL_FORM.fullmatch(text):
         raise CommandRefusedError(int(refusal[1], 16))
@@ -78,6 +79,11 @@ class ReplySplitter:
         *lines, rest = bytes(self._rest).split(CR)
         self._rest = bytearray(rest)
         return lines
+
+    @property
+    def unfinished(self) -> bytes:
+        """What has come of an unfinished reply."""
+        return bytes(self._rest)
 
     def clear(self) -> None:
         """Forget what has come of an unfinished reply."""

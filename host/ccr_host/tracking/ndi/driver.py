@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from ccr_host.errors import TrackerError
-from ccr_host.tracking.frame import MarkerFrame, Pose, StartsAndStops, TrackerHealth
+from ccr_host.tracking.frame import (
+    ForeignPeerError,
+    MarkerFrame,
+    Pose,
+    StartsAndStops,
+    TrackerHealth,
+)
 from ccr_host.tracking.frame_count import FrameCount
-from ccr_host.tracking.ndi.exposure_clock import ExposureClock
+from ccr_host.tracking.ndi.exposure_clock import COUNTER_HZ, ExposureClock
 from ccr_host.tracking.ndi.poll_pace import POLL_AGAIN_US, PollPace
 from ccr_host.tracking.ndi.port import Port, PortOpener
 from ccr_host.tracking.ndi.script import Conversation, Reply
-from ccr_host.tracking.ndi.session import FAST_BAUD, SessionLog, Tool, farewell, session
+from ccr_host.tracking.ndi.session import SessionLog, Tool, farewell, session
 from ccr_host.tracking.ndi.status import SystemStatus, system_warnings
 from ccr_host.tracking.ndi.tx_reply import TxReply
 from ccr_host.tracking.ndi.volume import VICRA, MeasurementVolume
@@ -21,6 +27,9 @@ DEFAULT_LATENCY_US = 40_000
 """From an exposure to its data being available: lower end of our estimate of 40 to 100 ms."""
 
 _RETRY_US = 1_000_000
+_RESYNCHRONISE_US = 1_000_000
+_COUNTER_SLACK = 2 * COUNTER_HZ
+"""Counts by which a frame number may be ahead of the time that has passed."""
 _BITS_PER_BYTE = 10
 
 
@@ -76,9 +85,16 @@ class NdiTracker(StartsAndStops):
             lost_frames=frames.lost,
             damaged_replies=self._damaged_before + log.damaged_replies,
             reconnections=max(0, self._sessions - 1),
-            warnings=system_warnings(frames.system_status),
+            odd_frame_numbers=frames.odd_numbers,
+            warnings=tuple(self._warnings()),
             last_error=self._last_error,
         )
+
+    def _warnings(self) -> Iterator[str]:
+        yield from self._log.warnings
+        yield from system_warnings(self._frames.system_status)
+        if count := self._frames.odd_numbers:
+            yield f"the camera's frame counter has jumped, {count} times so far; tracking goes on"
 
     def start(self) -> None:
         """Open the port; the conversation begins when the clock goes on.
@@ -100,7 +116,11 @@ class NdiTracker(StartsAndStops):
                 self._conversation = self._begin_session(self._port)
             self._conversation.advance_to(time_us)
         except TrackerError as error:
+            is_hopeless = self._port is not None and not self._port.has_baud
             self._give_up_session(error)
+            if isinstance(error, ForeignPeerError) and is_hopeless and not self._frames.made.count:
+                self._running = False
+                raise ForeignPeerError(f"{self.name}: {error.cause}", error.cure) from None
             self._retry_us = time_us + _RETRY_US
 
     def newest_frame(self) -> MarkerFrame | None:
@@ -125,7 +145,7 @@ class NdiTracker(StartsAndStops):
         self._sessions += 1
         self._damaged_before += self._log.damaged_replies
         self._log = log = SessionLog()
-        self._frames.begin_session(log, baud=FAST_BAUD if port.has_baud else None)
+        self._frames.begin_session(log, has_baud=port.has_baud)
         script = session(port, self._settings.tools, log, self._frames.take)
         return Conversation(port, script)
 
@@ -146,14 +166,18 @@ class _FrameMaker:
         self._settings = settings
         self.made = FrameCount()
         self.lost = 0
+        self.odd_numbers = 0
         self.system_status = SystemStatus(0)
 
-    def begin_session(self, log: SessionLog, baud: int | None) -> None:
+    def begin_session(self, log: SessionLog, *, has_baud: bool) -> None:
         """The device counts from 0 again."""
         self._log = log
-        self._baud = baud
+        self._has_baud = has_baud
         self._clock = ExposureClock(self._settings.latency_us)
         self._last_number: int | None = None
+        self._last_us = 0
+        self._odd: tuple[int, int] | None = None
+        """First of the numbers that do not follow the last one, and when it came."""
         self._pace = PollPace()
 
     def take(self, reply: TxReply, source: Reply) -> int:
@@ -163,7 +187,7 @@ class _FrameMaker:
         """
         self.system_status = reply.system_status
         number = reply.frame
-        if not number or (self._last_number is not None and number <= self._last_number):
+        if not number or not self._is_next(number, source.arrived_us):
             return self._pace.pause_after_nothing_us(source.arrived_us)
         seen_us = source.arrived_us - self._wire_us(source.length)
         exposed_us = self._clock.see(number, seen_us)
@@ -177,11 +201,37 @@ class _FrameMaker:
             )
         )
         self._count(number)
+        self._last_us = source.arrived_us
         step = self._pace.frame_step
         if step is None:
             return POLL_AGAIN_US
         next_us = self._clock.available_us(number + step)
         return self._pace.pause_after_frame_us(source.arrived_us, seen_us, next_us)
+
+    def _is_next(self, number: int, now_us: int) -> bool:
+        """Whether it is the number of a new frame.
+
+        One that does not follow the last one in the time that has passed is not believed: it may be
+        damage that no check sum shows, and all that follow would seem old. Once such numbers have
+        been counting up for a second, the counter has changed: it is followed from there.
+        """
+        if self._last_number is None:
+            return True
+        ahead = number - self._last_number
+        if ahead == 0:
+            return False
+        passed = (now_us - self._last_us) * COUNTER_HZ // 1_000_000
+        if 0 < ahead <= 2 * passed + _COUNTER_SLACK:
+            self._odd = None
+            return True
+        if self._odd is None or number < self._odd[0]:
+            self.odd_numbers += 1
+            self._odd = number, now_us
+        first, since_us = self._odd
+        if number == first or now_us - since_us < _RESYNCHRONISE_US:
+            return False
+        self.begin_session(self._log, has_baud=self._has_baud)
+        return True
 
     def _tools(self, reply: TxReply) -> dict[str, Pose]:
         names = self._log.handles or {}
@@ -199,6 +249,4 @@ class _FrameMaker:
         self._last_number = number
 
     def _wire_us(self, length: int) -> int:
-        if self._baud is None:
-            return 0
-        return length * _BITS_PER_BYTE * 1_000_000 // self._baud
+        return length * _BITS_PER_BYTE * 1_000_000 // self._log.baud if self._has_baud else 0

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from ccr_host.errors import TrackerError
+from ccr_host.tracking.frame import ForeignPeerError
 from ccr_host.tracking.ndi.codec import (
     CommandRefusedError,
     DamagedReplyError,
@@ -20,6 +21,8 @@ from ccr_host.tracking.ndi.codec import (
     decode_reply,
 )
 from ccr_host.tracking.ndi.port import Port
+
+_SHOWN_BYTES = 24
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ class Pause:
 
 @dataclass(frozen=True)
 class SetBaud:
-    """Change the host's rate."""
+    """Change the host's rate; a rate that the port cannot have comes as an exception."""
 
     baud: int
 
@@ -72,10 +75,22 @@ Script: TypeAlias = Generator[Step, Reply | None, None]
 
 
 class NoReplyError(TrackerError):
-    """Silence."""
+    """Silence, or less than a whole reply."""
 
-    def __init__(self) -> None:
-        super().__init__("the camera does not answer", "check power, cable and baud rate")
+    def __init__(self, unfinished: bytes = b"") -> None:
+        self.unfinished = unfinished
+        super().__init__("the camera does not answer", "check power, cable and port or address")
+
+
+class NotACameraError(ForeignPeerError):
+    """Answers that no camera gives."""
+
+    def __init__(self, heard: bytes) -> None:
+        shown = bytes(heard[:_SHOWN_BYTES])
+        super().__init__(
+            f"what answers there is no NDI camera (it sent {shown!r})",
+            "check port or address; power the camera off and on",
+        )
 
 
 class Conversation:
@@ -93,6 +108,8 @@ class Conversation:
         self._replies: deque[bytes] = deque()
         self._step: Step | None = None
         self._deadline_us = 0
+        self._failure: TrackerError | None = None
+        """Of a step that is over as soon as it has begun."""
 
     def advance_to(self, time_us: int) -> None:
         """Go as far as the script can by now.
@@ -120,7 +137,10 @@ class Conversation:
             case Hear(duration_us) | Pause(duration_us):
                 self._deadline_us = time_us + duration_us
             case SetBaud(baud):
-                self._port.set_baud(baud)
+                try:
+                    self._port.set_baud(baud)
+                except TrackerError as error:
+                    self._failure = error
             case SetBreak(on):
                 self._port.set_break(on)
 
@@ -130,10 +150,12 @@ class Conversation:
             case Hear():
                 if self._replies:
                     return _understand(self._replies.popleft(), time_us)
-                return NoReplyError() if time_us >= self._deadline_us else _PENDING
+                is_over = time_us >= self._deadline_us
+                return NoReplyError(self._splitter.unfinished) if is_over else _PENDING
             case Pause():
                 return None if time_us >= self._deadline_us else _PENDING
-        return None
+        failure, self._failure = self._failure, None
+        return failure
 
     def _resume(self, result: object) -> Step:
         if isinstance(result, TrackerError):

@@ -13,6 +13,7 @@ from ccr_host.tracking.ndi.rom import dummy_passive_rom, rom_blocks
 from ccr_host.tracking.ndi.script import (
     Hear,
     NoReplyError,
+    NotACameraError,
     Pause,
     Reply,
     Say,
@@ -27,7 +28,8 @@ RESET_BAUD = 9600
 FAST_BAUD = 115_200
 _FAST_BAUD_ARGUMENTS = "50000"
 """115200 baud, 8 data bits, no parity, 1 stop bit, no handshake."""
-_KNOWN_BAUDS = (RESET_BAUD, FAST_BAUD, 57_600, 38_400, 19_200, 14_400)
+_KNOWN_BAUDS = (RESET_BAUD, FAST_BAUD, 921_600, 230_400, 57_600, 38_400, 19_200, 14_400, 1_228_739)
+"""All that a COMM of some Polaris can have set, the usual ones first."""
 
 _BREAK_US = 300_000
 """A break is any low level longer than a byte; 250 ms is what serial drivers send."""
@@ -43,6 +45,7 @@ _TX_TIMEOUT_US = 400_000
 _ATTEMPTS = 3
 _DAMAGED_IN_A_ROW = 20
 """So much is no longer noise: the device may have been reset to its slow rate."""
+_DONE = "OKAY"
 _FRESH_FRAMES = "80"
 """Argument of TSTART: count frames from 0."""
 _WARNING_RESERVED_BITS = "WARNING05"
@@ -67,7 +70,11 @@ class SessionLog:
 
     doing: str = "not started"
     tracking: bool = False
+    baud: int = RESET_BAUD
+    """At which it goes; without meaning on TCP."""
     damaged_replies: int = 0
+    warnings: tuple[str, ...] = ()
+    """One readable line each."""
     handles: dict[int, str] | None = None
     """Tool names by port handle."""
 
@@ -85,13 +92,11 @@ def session(port: Port, tools: Sequence[Tool], log: SessionLog, on_reply: ReplyS
         TrackerError: no camera, or one that refuses or went silent; begin again.
     """
     log.doing = "looking for the camera"
-    yield from _make_contact(port)
+    log.baud = yield from _make_contact(port)
     log.doing = "initialising"
     yield from _initialise()
     if port.has_baud:
-        yield from _talk("COMM", _FAST_BAUD_ARGUMENTS)
-        yield Pause(_BAUD_CHANGE_US)
-        yield SetBaud(FAST_BAUD)
+        yield from _hasten(log)
     log.doing = "loading tools"
     yield from _free_all_handles()
     log.handles = {}
@@ -99,7 +104,7 @@ def session(port: Port, tools: Sequence[Tool], log: SessionLog, on_reply: ReplyS
         handle = yield from _load(tool)
         log.handles[handle] = tool.name
     log.doing = "starting to track"
-    yield from _talk("TSTART", _FRESH_FRAMES)
+    yield from _order("TSTART", _FRESH_FRAMES)
     log.doing = "tracking"
     log.tracking = True
     yield from _poll_for_ever(log, on_reply)
@@ -110,8 +115,8 @@ def farewell() -> bytes:
     return encode_command("TSTOP")
 
 
-def _make_contact(port: Port) -> Generator[Step, Reply | None, None]:
-    """Leave the device initialisable at the rate at which the host speaks.
+def _make_contact(port: Port) -> Generator[Step, Reply | None, int]:
+    """Leave the device initialisable at the rate at which the host speaks; gives that rate.
 
     A device that an earlier program left at another rate hears a break; where there is no break
     or it is not heard, the known rates are tried.
@@ -122,14 +127,26 @@ def _make_contact(port: Port) -> Generator[Step, Reply | None, None]:
         yield Pause(_BREAK_US)
         yield SetBreak(False)
         if (yield from _is_reset_heard()):
-            return
+            return RESET_BAUD
+    command, heard = encode_command("INIT"), b""
     for baud in _KNOWN_BAUDS if port.has_baud else (0,):
-        yield SetBaud(baud)
+        try:
+            yield SetBaud(baud)
+        except TrackerError:  # not every adapter has every rate
+            continue
         for _ in range(2):  # a first command may be spoilt by what the wrong rates left behind
-            yield Say(encode_command("INIT"))
-            if (yield from _is_answered(_PROBE_TIMEOUT_US)):
-                return
-    raise NoReplyError
+            yield Say(command)
+            try:
+                if (yield from _hear(_PROBE_TIMEOUT_US)).text == _DONE:
+                    return baud
+                heard = heard or command
+            except CommandRefusedError:
+                return baud  # it speaks the language
+            except DamagedReplyError as error:
+                heard = heard or error.line
+            except NoReplyError as error:
+                heard = heard or error.unfinished
+    raise NotACameraError(heard) if heard else NoReplyError()
 
 
 def _is_reset_heard() -> Generator[Step, Reply | None, bool]:
@@ -144,17 +161,6 @@ def _is_reset_heard() -> Generator[Step, Reply | None, bool]:
     return False
 
 
-def _is_answered(timeout_us: int) -> Generator[Step, Reply | None, bool]:
-    """Whether an answer comes that makes sense; a refusal does."""
-    try:
-        yield from _hear(timeout_us)
-    except CommandRefusedError:
-        return True
-    except (NoReplyError, DamagedReplyError):
-        return False
-    return True
-
-
 def _hear(timeout_us: int) -> Talk:
     reply = yield Hear(timeout_us)
     assert reply is not None
@@ -163,17 +169,31 @@ def _hear(timeout_us: int) -> Talk:
 
 def _initialise() -> Generator[Step, Reply | None, None]:
     try:
-        yield from _talk("INIT")
+        yield from _order("INIT")
     except CommandRefusedError:  # still tracking for an earlier program
-        yield from _talk("TSTOP")
-        yield from _talk("INIT")
+        yield from _order("TSTOP")
+        yield from _order("INIT")
+
+
+def _hasten(log: SessionLog) -> Generator[Step, Reply | None, None]:
+    """Ask for the fast rate; a camera that refuses it goes on at the rate it has."""
+    try:
+        yield from _order("COMM", _FAST_BAUD_ARGUMENTS)
+    except CommandRefusedError as refusal:
+        log.warnings += (
+            f"it stays at {log.baud} baud, with fewer frames a second: {refusal.cause}",
+        )
+        return
+    yield Pause(_BAUD_CHANGE_US)
+    yield SetBaud(FAST_BAUD)
+    log.baud = FAST_BAUD
 
 
 def _free_all_handles() -> Generator[Step, Reply | None, None]:
     """Also those of an earlier program, which would fill the table."""
     reply = yield from _talk("PHSR", "00")
     for at in range(2, len(reply.text), 5):
-        yield from _talk("PHF", reply.text[at : at + 2])
+        yield from _order("PHF", reply.text[at : at + 2])
 
 
 def _load(tool: Tool) -> Generator[Step, Reply | None, int]:
@@ -182,24 +202,25 @@ def _load(tool: Tool) -> Generator[Step, Reply | None, int]:
     if len(handle) != 2:  # noqa: PLR2004 - two hexadecimal digits
         raise DamagedReplyError("port handle")
     for address, block in rom_blocks(tool.rom):
-        yield from _talk("PVWR", f"{handle}{address:04X}{block.hex().upper()}")
+        yield from _order("PVWR", f"{handle}{address:04X}{block.hex().upper()}")
     outcome = yield from _talk("PINIT", handle)
-    if outcome.text not in ("OKAY", _WARNING_RESERVED_BITS):
+    if outcome.text not in (_DONE, _WARNING_RESERVED_BITS):
         raise TrackerError(
             f"tool {tool.name or 'dummy'} cannot be initialised: {outcome.text}",
             "check its .rom file",
         )
-    yield from _talk("PENA", f"{handle}D")
+    yield from _order("PENA", f"{handle}D")
     return int(handle, 16)
 
 
 def _poll_for_ever(log: SessionLog, on_reply: ReplySink) -> Script:
     command = encode_command("TX", REPLY_MODE)
+    timeout_us = _TX_TIMEOUT_US if log.baud >= FAST_BAUD else _TIMEOUT_US
     silent = damaged = 0
     while True:
         yield Say(command)
         try:
-            reply = yield from _hear(_TX_TIMEOUT_US)
+            reply = yield from _hear(timeout_us)
             parsed = parse_tx(reply.text)
         except NoReplyError:
             silent += 1
@@ -227,6 +248,13 @@ def _talk(name: str, arguments: str = "") -> Talk:
             _pass_on_unless_noise(error)
     yield Say(command)
     return (yield from _hear(_TIMEOUT_US))
+
+
+def _order(name: str, arguments: str = "") -> Generator[Step, Reply | None, None]:
+    """Ask for something that is answered with OKAY."""
+    answer = (yield from _talk(name, arguments)).text
+    if answer != _DONE:
+        raise TrackerError(f"the camera answered {answer!r} to {name}", "power it off and on")
 
 
 def _pass_on_unless_noise(error: TrackerError) -> None:

@@ -208,7 +208,7 @@ def test_device_reset_in_mid_run_is_started_anew(bench):
     assert run.tracker.health.reconnections >= 1
 
 
-@pytest.mark.parametrize("baud", [9600, 19_200, 57_600, 115_200])
+@pytest.mark.parametrize("baud", [9600, 19_200, 57_600, 115_200, 230_400, 921_600, 1_228_739])
 @pytest.mark.parametrize("has_break", [True, False])
 def test_device_left_tracking_at_another_rate_is_recovered(bench, baud, has_break):
     run = bench()
@@ -217,6 +217,70 @@ def test_device_left_tracking_at_another_rate_is_recovered(bench, baud, has_brea
     run.line.device.mode = Mode.TRACKING
     run.run_until_tracking()
     assert len(run.run_ms(1000)) == pytest.approx(20, abs=1)
+
+
+def test_rates_that_the_adapter_does_not_have_are_left_out(bench):
+    run = bench()
+    run.line.has_break = False
+    run.line.device_baud = 57_600
+    set_baud = run.line.set_baud
+
+    def set_a_usual_baud(baud: int) -> None:
+        if baud > 115_200:
+            raise TrackerError(f"the port does not take {baud} baud", "use another adapter")
+        set_baud(baud)
+
+    run.line.set_baud = set_a_usual_baud
+    run.run_until_tracking()
+
+
+def test_camera_that_refuses_a_faster_rate_is_tracked_at_the_slow_one(bench):
+    run = bench(PolarisFaults(comm_refused=True, phantoms=15))
+    run.run_until_tracking()
+    frames = run.run_ms(10_000)
+    assert run.line.device_baud == 9600
+    assert len(frames) > 15
+    assert run.tracker.health.last_error == ""
+    assert any("9600 baud" in text and "ERROR06" in text for text in run.tracker.health.warnings)
+    errors_us = [frame.exposed_us % 50_000 for frame in frames[5:]]
+    assert max(errors_us) <= 5000
+
+
+@pytest.mark.parametrize("start_s", [0.0, 6.0])
+@pytest.mark.parametrize("duration_s", [0.06, 3.0])
+def test_frame_numbers_that_jump_cost_a_second_and_are_counted(bench, start_s, duration_s):
+    odd_us = (round(start_s * 1e6), round((start_s + duration_s) * 1e6))
+    run = bench()
+    run.run_until_tracking()
+    shift_us = run.clock.now_us()
+    run.line.device.sensor.faults = PolarisFaults(
+        odd_frames_us=((odd_us[0] + shift_us, odd_us[1] + shift_us),)
+    )
+    frames = run.run_ms(12_000)
+    assert len(frames) > 12 * 20 - 2 * 22
+    health = run.tracker.health
+    assert 1 <= health.odd_frame_numbers <= 2
+    assert any("frame counter" in text for text in health.warnings)
+    assert health.lost_frames < 60
+    assert np.all(np.diff([frame.exposed_us for frame in frames]) > 0)
+    errors_us = [frame.exposed_us % 50_000 for frame in run.run_ms(2000)]
+    assert max(errors_us) <= 2000
+
+
+def test_first_frame_number_that_is_far_too_high_does_not_blind(bench):
+    run = bench(PolarisFaults(odd_frames_us=((0, 3_000_000),)))
+    run.run_until_tracking()
+    run.run_ms(3000)
+    assert len(run.run_ms(1000)) == pytest.approx(20, abs=1)
+    assert run.tracker.health.odd_frame_numbers >= 1
+
+
+def test_camera_that_repeats_one_frame_gives_no_new_ones(bench):
+    run = bench()
+    run.run_until_tracking()
+    run.line.device.sensor.faults = PolarisFaults(frozen=1.0)
+    assert len(run.run_ms(5000)) <= 1
+    assert run.tracker.health.odd_frame_numbers == 0
 
 
 def test_stale_handles_of_an_earlier_program_are_freed(bench):
@@ -273,6 +337,63 @@ def test_no_camera_is_one_clear_line_with_what_was_tried():
     with tracker, pytest.raises(TrackerError, match="ndi:/dev/ttyUSB0: no frame") as refusal:
         wait_until_tracking(tracker, clock)
     assert "does not answer" in refusal.value.cure
+
+
+class Speaker:
+    """A line on which something else than a camera talks."""
+
+    name = "speaker"
+    has_break = False
+
+    def __init__(self, says: bytes, *, has_baud: bool) -> None:
+        self._says = says
+        self._queue = says
+        self.has_baud = has_baud
+
+    def write(self, data: bytes) -> None:
+        self._queue += self._says or data
+
+    def read(self) -> bytes:
+        data, self._queue = self._queue, b""
+        return data
+
+    set_baud = set_break = lambda self, _: None
+    close = staticmethod(lambda: None)
+
+
+@pytest.mark.parametrize(
+    ("says", "shown"),
+    [
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "HTTP/1.1"),
+        (b"SSH-2.0-OpenSSH_9.2p1\r\n", "SSH-2.0"),
+        (b"$GPGGA,123519,4807.038,N", "GPGGA"),
+        (bytes(range(256)) * 40, "x00"),
+        (b"", "INIT:E3A5"),  # it echoes
+    ],
+)
+@pytest.mark.parametrize("has_baud", [True, False])
+def test_what_is_no_camera_is_called_so_with_what_it_said(says, shown, has_baud):
+    clock = VirtualClock()
+    tracker = NdiTracker("ndi:there", lambda: Speaker(says, has_baud=has_baud))
+    clock.attach(tracker)
+    with tracker, pytest.raises(TrackerError, match="no NDI camera") as refusal:
+        wait_until_tracking(tracker, clock)
+    assert shown in str(refusal.value)
+    if not has_baud:  # on a serial line a camera may still be starting
+        assert clock.now_us() < FIVE_S_US
+
+
+def test_what_closes_the_connection_again_and_again_is_given_up_within_seconds():
+    class Closing(Speaker):
+        def read(self) -> bytes:
+            raise TrackerError("the other end has closed the connection", "see why")
+
+    clock = VirtualClock()
+    tracker = NdiTracker("ndi+tcp://there", lambda: Closing(b"", has_baud=False))
+    clock.attach(tracker)
+    with tracker, pytest.raises(TrackerError, match=r"no frame within [345] s") as refusal:
+        wait_until_tracking(tracker, clock)
+    assert "closed the connection" in refusal.value.cure
 
 
 def test_wait_until_tracking_returns_at_the_first_frame(bench):
