@@ -1,5 +1,5 @@
-# Sourced by scripts/demo and scripts/test: puts in place what they need, and says so.
-# Works as root or with sudo on Debian 12 and Ubuntu 24.04; elsewhere it names what is missing.
+# Sourced by the other scripts: puts in place what they need, and says so.
+# apt is used as root or with sudo on Debian 12 and 13 and Ubuntu 24.04; elsewhere what is missing is named.
 
 say() { printf '\033[1m==\033[0m %s\n' "$*" >&2; }
 
@@ -31,18 +31,31 @@ apt_packages() {
   as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
 }
 
-# python_environment [EXTRA,...]: .venv with the host and these extras, renewed when pyproject.toml changes
+# python_environment EXTRA,... [FOLDER VERSIONS]: a virtual environment with the host and these extras,
+# by default .venv, renewed when what it was made from changes; its programs then come first in PATH.
+# VERSIONS: pinned (as in constraints.txt), newest, or lowest (that pyproject.toml allows).
 python_environment() {
-  local extras=${1:-} wanted
-  python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
-    die "Python 3.11 or newer is needed, this is $(python3 --version)"
-  if [ ! -x .venv/bin/pip ]; then
-    python3 -c 'import ensurepip' 2>/dev/null || apt_packages python3-venv
-    python3 -m venv .venv
+  local extras=$1 folder=${2:-.venv} versions=${3:-pinned} python pip stamp wanted
+  python=$(command -v python3 || command -v python) || die "Python 3.11 or newer is needed"
+  "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
+    die "Python 3.11 or newer is needed, this is $("$python" --version)"
+  if [ ! -x "$folder/bin/pip" ] && [ ! -x "$folder/Scripts/pip.exe" ]; then
+    "$python" -c 'import ensurepip' 2>/dev/null || apt_packages python3-venv
+    "$python" -m venv "$folder"
   fi
-  wanted="$extras $(cksum <pyproject.toml) $(pwd)"
-  [ "$(cat ".venv/installed-${extras:-host}" 2>/dev/null)" = "$wanted" ] && return 0
-  say "installing with pip into .venv: ccr-host${extras:+ and its extras $extras}"
-  .venv/bin/pip install --quiet --disable-pip-version-check -e ".${extras:+[$extras]}"
-  echo "$wanted" >".venv/installed-${extras:-host}"
+  export PATH="$PWD/$folder/bin:$PWD/$folder/Scripts:$PATH" # Scripts on Windows
+  stamp=$folder/installed-$extras
+  wanted="$versions $(cat pyproject.toml constraints.txt | cksum) $PWD"
+  [ "$versions" != newest ] && [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ] && return 0
+  say "installing with pip into $folder: ccr-host and its extras $extras, $versions versions"
+  pip=(python -m pip install --quiet --disable-pip-version-check)
+  case $versions in
+    pinned) "${pip[@]}" -c constraints.txt -e ".[$extras]" ;;
+    newest) "${pip[@]}" --upgrade --upgrade-strategy eager -e ".[$extras]" ;;
+    lowest)
+      "${pip[@]}" -c constraints.txt uv
+      uv pip install --quiet --python "$folder" --resolution lowest-direct -e ".[$extras]"
+      ;;
+  esac
+  echo "$wanted" >"$stamp"
 }

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import signal
+from collections import Counter
+from collections.abc import Generator
 
 import pytest
 
 from ccr_host.link.messages import REQUIREMENTS
+from tests import without_posix
 from tests.requirement_coverage import Coverage
 
 DEFAULT_DEVICES = ("emulator:", "simavr:")
@@ -25,9 +28,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="also test saving on a board with a blank EEPROM, which does not stay blank then",
     )
     parser.addoption("--run-slow", action="store_true", help="also run the long campaigns")
+    parser.addoption(
+        "--without-posix", action="store_true", help="hide what Windows lacks from tests and host"
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--without-posix"):
+        without_posix.hide()
     # A shell's background jobs ignore Ctrl-C, and so would all the commands that they start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "requirement(*ids): that the test shows, by spec.toml's ids")
@@ -54,14 +62,37 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.skip(reason="a long campaign: --run-slow runs it"))
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Only long campaigns may be skipped, and on a board that was named what it cannot do."""
+    report = yield
+    if report.skipped and "slow" not in item.keywords and not item.config.getoption("--device"):
+        report.outcome = "failed"
+        report.longrepr = f"{_reason(report)}: only tests marked slow may be skipped"
+    return report
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    skipped = Counter(
+        f"{report.nodeid.partition('[')[0]}: {_reason(report)}"
+        for report in terminalreporter.stats.get("skipped", [])
+    )
+    for test, count in sorted(skipped.items()):
+        terminalreporter.write_line(f"SKIPPED [{count}] {test}")
     coverage = Coverage()
     for outcome in ("passed", "failed", "error", "skipped"):
         for report in terminalreporter.stats.get(outcome, []):
-            reason = str(report.longrepr[2]) if outcome == "skipped" else ""
+            reason = _reason(report) if outcome == "skipped" else ""
             for kind, value in getattr(report, "user_properties", ()):  # none if collecting failed
                 if kind == "requirement":
                     board, name = value.split(" ")
-                    coverage.note(board, name, report.outcome, reason.removeprefix("Skipped: "))
+                    coverage.note(board, name, report.outcome, reason)
     for line in coverage.lines():
         terminalreporter.write_line(line)
+
+
+def _reason(skipped: pytest.TestReport) -> str:
+    assert isinstance(skipped.longrepr, tuple)
+    return skipped.longrepr[2].removeprefix("Skipped: ")

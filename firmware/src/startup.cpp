@@ -16,8 +16,9 @@ namespace {
 volatile uint8_t mcusr_found __attribute__((section(".noinit")));
 
 inline void paint_stack() {
-  uint8_t* const top = reinterpret_cast<uint8_t*>(SP);
-  for (uint8_t* at = &_end; at <= top; ++at) {
+  // volatile, or the compiler may call memset, which would paint over its own return address.
+  volatile uint8_t* const top = reinterpret_cast<uint8_t*>(SP);
+  for (volatile uint8_t* at = &_end; at <= top; ++at) {
     *at = kStackPaint;
   }
 }

@@ -10,8 +10,6 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-pytest.importorskip("sphinx")
-
 DOCS = Path(__file__).parents[2] / "docs"
 
 

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import sync_playwright
 
 from ccr_host.run.log import topics
 from ccr_host.run.log.reader import RunRecording
 from tests.system.conftest import PAPERS, CcrHost
-
-pytest.importorskip("viser", reason='the live page needs pip install "ccr-host[view]"')
 
 # A machine without a graphics card draws in software, as slowly as it likes.
 PATIENCE_MS = 60_000
@@ -25,13 +24,9 @@ PATIENCE_MS = 60_000
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
-    program = shutil.which("chromium") or shutil.which("google-chrome")
-    if program is None:
-        pytest.skip("no Chromium: apt install chromium")
-    with playwright.sync_playwright() as driver:
+    with sync_playwright() as driver:
         chromium = driver.chromium.launch(
-            executable_path=program,
+            executable_path=shutil.which("chromium"),  # None: what `playwright install` brought
             args=[
                 "--use-angle=swiftshader",
                 "--enable-unsafe-swiftshader",

@@ -5,13 +5,19 @@ from __future__ import annotations
 import os
 import select
 import sys
-import termios
-import tty
 from contextlib import suppress
 from types import TracebackType
 from typing import Self, TextIO
 
 from ccr_host.errors import ConfigError
+
+try:
+    import termios
+    import tty
+except ModuleNotFoundError:  # on Windows
+    _SUPPORTED = False
+else:
+    _SUPPORTED = True
 
 ESCAPE = "\x1b"
 UP, DOWN, RIGHT, LEFT = (f"{ESCAPE}[{letter}" for letter in "ABCD")
@@ -34,6 +40,8 @@ class Keyboard:
         stream = stream or sys.stdin  # None where the shell has closed it
         if stream is None or stream.closed or not stream.isatty():
             raise ConfigError("standard input is not a terminal", "start it from a terminal")
+        if not _SUPPORTED:
+            raise ConfigError("no keys one by one on this system", "use Linux, macOS or WSL")
         self._file = stream.fileno()
 
     def __enter__(self) -> Self:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import errno
 import os
-import pty
 import select
 import selectors
-import termios
-import tty
 from contextlib import suppress
 
 from ccr_host.emulator.server import PortListener
 from ccr_host.errors import ConfigError
+
+try:
+    import pty
+    import termios
+    import tty
+except ModuleNotFoundError:  # on Windows
+    _SUPPORTED = False
+else:
+    _SUPPORTED = True
 
 _READ_BYTES = 4096
 _LFLAG = 3
@@ -26,6 +32,10 @@ class PtyPort:
     """
 
     def __init__(self) -> None:
+        if not _SUPPORTED:
+            raise ConfigError(
+                "this system has no pseudo-terminals", "use emulator:, or emulate --tcp HOST:PORT"
+            )
         try:
             self._master, slave = pty.openpty()
             self._path = os.ttyname(slave)

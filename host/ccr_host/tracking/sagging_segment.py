@@ -34,7 +34,7 @@ def chord(bending_rad: FloatArray, load: float) -> ComplexArray:
         curvature = load * _integral(np.cos(angle))
         uneven = _integral(curvature)
         angle = even + uneven - along * uneven[:, -1:]
-    tangent = np.exp(1j * angle)
+    tangent: ComplexArray = np.exp(1j * angle)
     ends = 0.5 * (tangent[:, 0] + tangent[:, -1])
     # The trapezoid rule shortens an arc by theta^2 / (12 n^2), 0.03 % at 90 deg.
     total: ComplexArray = (tangent.sum(axis=1) - ends) / (_POINTS - 1)

@@ -34,8 +34,8 @@ BOOT_LOADER_US = 1_700_000
 class Uno:
     """The simulated board with the firmware, and a host of few words."""
 
-    def __init__(self, **options: object) -> None:
-        image = read_flash_image(firmware_elf())
+    def __init__(self, *flags: str, **options: object) -> None:
+        image = read_flash_image(firmware_elf(*flags))
         self.board = SimavrBoard(image, **options)  # type: ignore[arg-type]
         self._sequence = 0
 
@@ -90,6 +90,15 @@ class Uno:
 
     def resets(self) -> int:
         return self.board.statistics().resets
+
+
+@pytest.mark.parametrize("optimisation", ["-O2", "-O3"])
+def test_it_boots_however_the_compiler_writes_the_loop_that_paints_the_stack(
+    optimisation: str,
+) -> None:
+    uno = Uno(optimisation)
+    uno.wait(BOOT_OVER_US)
+    assert uno.hello().reset_cause is m.ResetCause.POWER_ON
 
 
 def test_interrupts_are_on_within_the_first_millisecond_so_that_none_is_missed() -> None:

@@ -8,14 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccr_host.config import Robot
+from ccr_host.control.adaptive.compiled import CompiledModel
 from ccr_host.control.adaptive.identification import Rests, Scaling
 from ccr_host.control.adaptive.model import PLAIN
 from ccr_host.control.adaptive.motion import first_rest
 from ccr_host.control.adaptive.parameters import COUNT
-
-pytest.importorskip("numba")
-
-from ccr_host.control.adaptive.compiled import CompiledModel
 
 SCALING = Scaling(Robot())
 LONGEST_RAD = 1.2

@@ -1,5 +1,6 @@
 """Independent witness: NDI's open client library drives the emulated camera over a pty and TCP."""
 
+import ndicapy as ndi
 import numpy as np
 import pytest
 
@@ -17,8 +18,6 @@ from ccr_host.tracking.ndi.rom import (
     make_passive_rom,
     rom_blocks,
 )
-
-ndi = pytest.importorskip("ndicapy")
 
 MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)])
 CAMERA_MM = Placement().to_camera(MARKERS_MM)

@@ -138,7 +138,6 @@ def test_odd_shapes_make_python_that_packs_and_unpacks(odd_messages) -> None:
 
 
 def test_python_of_odd_shapes_is_already_formatted(tree: Tree) -> None:
-    pytest.importorskip("ruff", reason="formatting is checked where the dev extra is installed")
     make_odd(tree)
     text = python.generate(from_tree(tree))
     formatter = [sys.executable, "-m", "ruff", "format", "--config", str(ROOT / "pyproject.toml")]

@@ -1,5 +1,6 @@
 """Tags in rendered images of a known scene."""
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -12,8 +13,6 @@ from ccr_host.tracking.aruco import (
     TagDetector,
     load_camera_file,
 )
-
-cv2 = pytest.importorskip("cv2")
 
 TAG_MM = 20.0
 CELLS = 10

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+import pyigtl
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -264,7 +265,6 @@ def test_rotation_of_a_tool_is_that_of_the_matrix():
 
 
 def test_real_server_that_goes_away_and_comes_back():
-    pyigtl = pytest.importorskip("pyigtl")
     clock = RealClock()
     server = pyigtl.OpenIGTLinkServer(port=0, local_server=True)
     port = server.server_address[1]

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ccr_host.config import Tracker
 from ccr_host.twin.camera import Camera
@@ -88,9 +89,8 @@ def test_camera_turned_about_z_sees_x_as_minus_y():
 
 
 def test_rotation_vector_agrees_with_scipy():
-    rotation = pytest.importorskip("scipy.spatial.transform").Rotation
     (sample,) = run(camera(rotation_deg=(3.0, -20.0, 45.0)), 1)
-    turn = rotation.from_rotvec((3.0, -20.0, 45.0), degrees=True)
+    turn = Rotation.from_rotvec((3.0, -20.0, 45.0), degrees=True)
     np.testing.assert_allclose(sample.markers_mm, turn.inv().apply(MARKERS_MM), atol=1e-12)
 
 

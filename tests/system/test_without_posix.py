@@ -1,0 +1,51 @@
+"""The pure host part where a system lacks what only POSIX has, as Windows does."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).parents[2]
+
+
+def ccr_host(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "tests.without_posix", *words],
+        cwd=CHECKOUT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def test_a_run_on_the_emulator_and_the_twin_needs_no_posix_and_can_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "short.csv"
+    path.write_text("t_s,y_mm,z_mm\n0,0,30\n5,10,35\n")
+    run = ccr_host("track", str(path), "--controller", "mpc", "--out", str(tmp_path / "run"))
+    assert run.returncode == 0, run.stderr
+    report = ccr_host("report", str(tmp_path / "run"))
+    assert report.returncode == 0, report.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "cure"),
+    [
+        (("emulate",), "--tcp"),
+        (("track", "8shape", "--device", "emulator+pty:"), "--tcp"),
+        (("jog",), "terminal"),
+    ],
+)
+def test_what_needs_posix_says_so_in_one_line(words: tuple[str, ...], cure: str) -> None:
+    ended = ccr_host(*words)
+    assert ended.returncode == 2
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith("ccr-host: ") and cure in line
+
+
+@pytest.mark.parametrize(
+    "command", ["calibrate", "doctor", "flash", "monitor", "register", "sweep"]
+)
+def test_every_command_can_be_asked_for_help(command: str) -> None:
+    assert ccr_host(command, "--help").returncode == 0
