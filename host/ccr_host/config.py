@@ -247,7 +247,7 @@ class Tracker(_Section):
     """Tool definitions (.rom) of a Polaris by name: M1, M2, M3 stand for the markers, any other
     one only lights the illuminators."""
     camera_file: str | None = None
-    """Calibration of a webcam, as OpenCV writes it."""
+    """Calibration of a webcam, as OpenCV or ROS writes it."""
     tag_size_mm: float | None = Field(None, gt=0)
     """Edge of the tags under a webcam."""
 

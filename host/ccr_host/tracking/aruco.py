@@ -28,8 +28,14 @@ DEFAULT_LATENCY_US = 60_000
 _RETRY_US = 1_000_000
 _CAMERA_FILE_BYTES = 1_000_000
 _MATRIX_NUMBERS = 9
-_DISTORTION_NUMBERS = (4, 5, 8, 12, 14)
-"""As many as OpenCV's models have."""
+DISTORTION_COUNTS = (4, 5, 8, 12, 14)
+"""As many numbers as OpenCV's models have."""
+_DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
+"""ROS's names of OpenCV's models."""
+_OFF_CENTRE = 0.25
+"""Share of the image by which the optical axis may miss its middle."""
+_ASPECT_TOLERANCE = 0.005
+"""Rounding to whole pixels."""
 _PIXEL_CENTRE_PX = 0.5
 """That refinement counts from a pixel's corner, the rest of OpenCV from its centre."""
 _POLL_NS = 1
@@ -55,7 +61,37 @@ class CameraModel:
     matrix: FloatArray
     """(3, 3), pixels."""
     distortion: FloatArray
-    """(k,): OpenCV's coefficients."""
+    """(k,): OpenCV's coefficients, k one of `DISTORTION_COUNTS`."""
+    size_px: tuple[int, int] | None = None
+    """Width and height of the images of the calibration; None if the file does not tell."""
+
+    def of_images(self, width_px: int, height_px: int) -> CameraModel:
+        """The model of smaller or larger images of the same view.
+
+        Raises:
+            ConfigError: such images cannot come from the calibrated camera, or only cropped.
+        """
+        delivered = f"the camera delivers {width_px} x {height_px} pixels"
+        if self.size_px is None:
+            shares = self.matrix[:2, 2] / (width_px, height_px)
+            if np.max(np.abs(shares - 0.5)) > _OFF_CENTRE:
+                raise ConfigError(
+                    f"{delivered}, but the optical axis of the calibration is at "
+                    f"({self.matrix[0, 2]:.0f}, {self.matrix[1, 2]:.0f})",
+                    "calibrate the camera with images of that size",
+                )
+            return self
+        by_width, by_height = width_px / self.size_px[0], height_px / self.size_px[1]
+        if abs(by_width / by_height - 1) > _ASPECT_TOLERANCE:
+            raise ConfigError(
+                f"{delivered}, its calibration is of {self.size_px[0]} x {self.size_px[1]}, "
+                "which is another aspect ratio",
+                "calibrate the camera with images of the size that it delivers",
+            )
+        scaling = np.diag([by_width, by_height, 1.0])
+        # Pixels are counted from their centres, the image begins half a pixel before the first.
+        scaling[:2, 2] = (scaling[[0, 1], [0, 1]] - 1) / 2
+        return CameraModel(scaling @ self.matrix, self.distortion, (width_px, height_px))
 
 
 class ImageSource(Protocol):
@@ -80,7 +116,9 @@ class TagDetector:
 
     def __init__(self, model: CameraModel, settings: ArucoSettings) -> None:
         self._cv2 = cv2 = _opencv()
+        self._calibrated = model
         self._model = model
+        self._size_px: tuple[int, int] | None = None
         self._settings = settings
         number = getattr(cv2.aruco, settings.dictionary, None)
         if number is None:
@@ -101,7 +139,15 @@ class TagDetector:
         )
 
     def poses(self, image: Image) -> dict[str, Pose]:
-        """Known tags by name; a tag that appears twice counts as not seen."""
+        """Known tags by name; a tag that appears twice counts as not seen.
+
+        Raises:
+            ConfigError: the calibration is not that of such images.
+        """
+        height_px, width_px = image.shape[:2]
+        if self._size_px != (width_px, height_px):
+            self._model = self._calibrated.of_images(width_px, height_px)
+            self._size_px = width_px, height_px
         corners, numbers, _ = self._detector.detectMarkers(image)
         if numbers is None:
             return {}
@@ -197,7 +243,15 @@ class ArucoTracker(StartsAndStops):
         if image is None:
             return
         self._images += 1
-        if poses := self._detector.poses(image):
+        try:
+            poses = self._detector.poses(image)
+        except ConfigError as error:
+            self._last_error = f"{self.name}: {error}"
+            if self._frames.count:  # in mid-run the robot is made safe as for any lost marker
+                return
+            self._running = False
+            raise ConfigError(f"{self.name}: {error.cause}", error.cure) from None
+        if poses:
             self._frames.add_poses(time_us - self._latency_us, poses)
 
     def newest_frame(self) -> MarkerFrame | None:
@@ -252,30 +306,58 @@ def load_camera_file(path: Path) -> CameraModel:
     """Read the file that OpenCV's calibration writes (YAML, XML or JSON), or ROS's (YAML).
 
     Raises:
-        ConfigError: no such file, or no calibration in it.
+        ConfigError: no such file, or no calibration in it that could be used; tells why.
     """
     cure = "calibrate the camera, see docs/trackers.md"
     text, _ = read_text(path, "camera file", cure, _CAMERA_FILE_BYTES)
+
+    def refused(why: str) -> ConfigError:
+        return ConfigError(f"camera file {path}: {why}", cure)
+
     matrix = _numbers_of("camera_matrix", text)
     distortion = _numbers_of("distortion_coefficients", text)
-    finite = np.isfinite(matrix).all() and np.isfinite(distortion).all()
-    if len(matrix) != _MATRIX_NUMBERS or len(distortion) not in _DISTORTION_NUMBERS or not finite:
-        raise ConfigError(
-            f"camera file {path}: no camera_matrix (3 x 3) and distortion_coefficients in it", cure
+    if matrix is None or len(matrix) != _MATRIX_NUMBERS or distortion is None:
+        raise refused(
+            "no camera_matrix (3 x 3) and distortion_coefficients in it, as OpenCV or ROS write it"
         )
-    return CameraModel(matrix.reshape(3, 3), distortion)
+    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
+        raise refused("numbers that are not finite")
+    if len(distortion) not in DISTORTION_COUNTS:
+        *most, last = map(str, DISTORTION_COUNTS)
+        raise refused(
+            f"{len(distortion)} distortion_coefficients, OpenCV's model has "
+            f"{', '.join(most)} or {last} of them: k1, k2, p1, p2, k3, ..."
+        )
+    model = (
+        "fisheye" if _word_of("fisheye_model", text) == "1" else _word_of("distortion_model", text)
+    )
+    if model not in ("", *_DISTORTION_MODELS):
+        raise refused(f"distortion_model {model}; {' and '.join(_DISTORTION_MODELS)} can be used")
+    camera = matrix.reshape(3, 3)
+    if min(camera[0, 0], camera[1, 1]) <= 0 or camera[2].tolist() != [0, 0, 1]:
+        raise refused("its camera_matrix has no focal lengths: the camera was never calibrated")
+    width, height = (_word_of(f"image_{side}", text) for side in ("width", "height"))
+    size = (int(width), int(height)) if width.isdecimal() and height.isdecimal() else None
+    return CameraModel(camera, distortion, size if size and min(size) > 0 else None)
 
 
-def _numbers_of(name: str, text: str) -> FloatArray:
-    """The data of a matrix; empty if it is not there.
+def _numbers_of(name: str, text: str) -> FloatArray | None:
+    """The data of a matrix; None if it is not there.
 
     OpenCV's own reader takes the process with it where a file is nested deeply.
     """
-    found = re.search(rf"\b{name}\b[\s\S]{{1,300}}?\bdata\b[\"\s:>\[]*([-+.\deE,\s]*)", text)
+    form = rf"\b{name}\b[\s\S]{{1,300}}?\bdata\b[\"\s:>\[]*([-+.\dE,\s]*)"
+    found = re.search(form, text, re.IGNORECASE)
     try:
-        return np.array(found[1].replace(",", " ").split() if found else [], dtype=np.float64)
+        return np.array(found[1].replace(",", " ").split(), dtype=np.float64) if found else None
     except ValueError:
-        return np.empty(0)
+        return None
+
+
+def _word_of(name: str, text: str) -> str:
+    """The value of a key; empty if it is not there."""
+    found = re.search(rf"\b{name}\b[\"\s:>]*([\w.]+)", text, re.IGNORECASE)
+    return "" if found is None else found[1]
 
 
 def _opencv() -> Any:  # noqa: ANN401 - OpenCV has no types

@@ -167,6 +167,86 @@ def test_camera_file_of_ros_is_read(tmp_path):
     assert model.distortion.tolist() == [0.1, -0.2, 0, 0, 0.5]
 
 
+def opencv_file(tmp_path, matrix=MATRIX, distortion=DISTORTION, suffix=".yml", **scalars):
+    path = tmp_path / f"camera{suffix}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in scalars.items():
+        storage.write(name, value)
+    storage.write("camera_matrix", matrix)
+    storage.write("distortion_coefficients", np.asarray(distortion, dtype=float).reshape(-1, 1))
+    storage.release()
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])
+@pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
+def test_every_number_of_coefficients_that_opencv_has_is_read_and_used(
+    tmp_path, scene, suffix, count
+):
+    distortion = np.zeros(count)
+    distortion[:4] = DISTORTION[:4]
+    size = {"image_width": 1280, "image_height": 960}
+    model = load_camera_file(opencv_file(tmp_path, distortion=distortion, suffix=suffix, **size))
+    assert model.size_px == (1280, 960)
+    np.testing.assert_array_equal(model.distortion, distortion)
+    poses = TagDetector(model, ArucoSettings(TAG_MM)).poses(scene)
+    assert np.linalg.norm(poses["M3"].position_mm - TIP[1]) < 0.4
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"distortion": (0.1, 0.2, 0.3)}, "3 distortion_coefficients.*4, 5, 8, 12 or 14"),
+        ({"distortion": np.zeros(6)}, "6 distortion_coefficients"),
+        ({"matrix": np.zeros((3, 3))}, "never calibrated"),
+        ({"matrix": np.eye(4)}, "camera_matrix"),
+        ({"fisheye_model": 1}, "fisheye"),
+        ({"distortion_model": "equidistant"}, "equidistant"),
+    ],
+)
+def test_calibration_that_cannot_be_used_is_refused_with_its_reason(tmp_path, change, told):
+    with pytest.raises(ConfigError, match=told):
+        load_camera_file(opencv_file(tmp_path, **change))
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.75, 2])
+def test_calibration_is_scaled_to_images_of_the_same_shape(scene, factor):
+    model = CameraModel(MATRIX, DISTORTION, (1280, 960))
+    detector = TagDetector(model, ArucoSettings(TAG_MM))
+    size = (round(1280 * factor), round(960 * factor))
+    image = cv2.resize(
+        scene, size, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
+    )
+    tip = detector.poses(image)["M3"].position_mm
+    assert np.linalg.norm(tip - TIP[1]) < 1.0
+    assert np.linalg.norm(detector.poses(scene)["M3"].position_mm - TIP[1]) < 0.4
+
+
+@pytest.mark.parametrize(
+    ("size_px", "told"),
+    [((1280, 720), "640 x 480 pixels.*1280 x 720.*aspect"), (None, "optical axis")],
+)
+def test_calibration_of_other_images_ends_it_before_the_first_frame(scene, size_px, told):
+    image = cv2.resize(scene, (640, 480))
+    detector = TagDetector(CameraModel(MATRIX, DISTORTION, size_px), ArucoSettings(TAG_MM))
+    tracker = ArucoTracker("aruco:0", lambda: Images(image), detector)
+    with tracker, pytest.raises(ConfigError, match=f"aruco:0.*{told}"):
+        tracker.advance_to(0)
+    tracker.advance_to(50_000)
+
+
+def test_camera_that_changes_the_shape_of_its_images_in_mid_run_is_lost_and_says_why(scene):
+    cropped = np.ascontiguousarray(scene[:720])
+    model = CameraModel(MATRIX, DISTORTION, (1280, 960))
+    detector = TagDetector(model, ArucoSettings(TAG_MM))
+    tracker = ArucoTracker("aruco:0", lambda: Images(scene, cropped, cropped), detector)
+    with tracker:
+        for time_us in (0, 50_000, 100_000):
+            tracker.advance_to(time_us)
+        assert tracker.health.frames == 1
+        assert "aspect ratio" in tracker.health.last_error
+
+
 @pytest.mark.parametrize("text", ["", "nonsense", "%YAML:1.0\n---\nfocal: 3\n"])
 def test_other_files_are_refused(tmp_path, text):
     path = tmp_path / "camera.yaml"

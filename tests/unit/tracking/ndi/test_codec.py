@@ -15,6 +15,7 @@ from ccr_host.tracking.ndi.codec import (
     encode_command,
 )
 from ccr_host.tracking.ndi.crc import crc16_arc
+from ccr_host.tracking.ndi.device_errors import meaning_of
 from ccr_host.tracking.ndi.status import SystemStatus, system_warnings
 
 PRINTABLE = st.text(st.characters(min_codepoint=0x20, max_codepoint=0x7E), min_size=1)
@@ -101,3 +102,30 @@ def test_status_bits_become_readable_lines():
     assert len(hot) == 2
     assert any("temperature" in line for line in hot)
     assert any("diagnostic" in line for line in hot)
+
+
+@pytest.mark.parametrize(
+    ("code", "told"),
+    [
+        (0x06, "communication parameters"),
+        (0x09, "priority"),
+        (0x2A, "memory"),
+        (0x34, "user parameter"),
+        (0x02, "too long"),
+        (0x40, "tool definition"),
+        (0xF6, "flash"),
+        (0x77, "not documented"),
+    ],
+)
+def test_refusals_are_explained_with_cause_and_cure(code, told):
+    cause, cure = meaning_of(code)
+    assert f"ERROR{code:02X}" in cause
+    assert told in cause
+    assert cure
+
+
+def test_every_documented_error_code_has_a_meaning():
+    documented = {*range(0x01, 0x26), *range(0x28, 0x31), *range(0x32, 0x3A)} | {
+        *range(0x3B, 0x3E), *range(0x40, 0x43), 0xF1, 0xF4, 0xF5, 0xF6
+    }  # fmt: skip
+    assert [f"{code:02X}" for code in documented if "not documented" in meaning_of(code)[0]] == []
