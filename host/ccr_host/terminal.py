@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol
 
 import numpy as np
 from rich import box
-from rich.console import Console
+from rich.console import Console, Group
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -19,9 +20,20 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from ccr_host.run.paper_results import PAPER_RESULTS
+from ccr_host.run.measured_and_true import why_measured_differs
+from ccr_host.run.options import RunOptions
+from ccr_host.run.paper_results import paper_mean_mm
 from ccr_host.run.step_record import StepRecord
 from ccr_host.run.summary import ratio_to_twin_floor
+
+_TERMS = {
+    "tip error": "distance between measured and desired tip at the end of each step",
+    "paper": "mean tip error of the paper's robot in the same experiment",
+    "true": "of the simulated robot itself, without the camera's errors",
+    "floor": "least mean true error that any motion of the two motors reaches",
+    "ratio": "mean true error over floor",
+}
+"""Words of the tables."""
 
 OnStep = Callable[[int, int, StepRecord], None]
 
@@ -77,37 +89,66 @@ def steps_progress(console: Console, title: str) -> Iterator[Callable[[int, int]
         yield on_step
 
 
-def run_table(summary: Mapping[str, Any]) -> Table:
-    """One run beside the paper's."""
-    table = Table(title=f"{summary['path']} with {summary['controller']}", title_justify="left")
-    table.add_column("mean of |f_m - f| (mm)")
-    table.add_column("this run", justify="right")
-    table.add_column("paper", justify="right")
-    paper = PAPER_RESULTS.get(summary["path"])
-    open_loop = summary["open"]
-    paper_open, paper_mpc = (paper.open_loop_mm, paper.mpc_mm) if paper else (None, None)
-    is_open_loop = summary["controller"] == "open-loop"
+def run_table(summary: Mapping[str, Any], options: RunOptions) -> Group:
+    """The tip error of one run, beside the paper's where the experiment is the paper's."""
+    controller, open_loop = summary["controller"], summary["open"]
+    rows = []
     if open_loop is not None:
-        table.add_row("open loop", _mm(open_loop["mean_error_mm"]), _mm(paper_open))
-    table.add_row(
-        str(summary["controller"]),
-        _mm(summary["mean_error_mm"]),
-        _mm(paper_open if is_open_loop else paper_mpc),
-    )
-    if "true_mean_error_mm" in summary:
-        table.add_row("  of the true position", _mm(summary["true_mean_error_mm"]), "")
-        floor_mm = summary["twin_floor_mean_error_mm"]
-        table.add_row("  floor: least of any motor path", _mm(floor_mm), "")
-        table.add_row("  ratio of these two", _ratio(ratio_to_twin_floor(summary)), "")
-    for number, lap in enumerate(summary["laps"] or (), start=1):
-        lap_mm = lap.get("true_mean_error_mm", lap["mean_error_mm"])
-        table.add_row(f"  lap {number}", _mm(lap_mm), "")
-    table.add_row("  95 % of the steps below", _mm(summary["p95_error_mm"]), "")
-    table.add_row("  greatest", _mm(summary["max_error_mm"]), "")
+        of_paper = paper_mean_mm(options.with_controller("open-loop"))
+        rows.append(("mean, open loop", open_loop["mean_error_mm"], of_paper))
+    rows += [
+        (f"mean, {controller}", summary["mean_error_mm"], paper_mean_mm(options)),
+        ("  95 % of the steps below", summary["p95_error_mm"], None),
+        ("  greatest", summary["max_error_mm"], None),
+    ]
     unreachable = summary["unreachable_steps"]
-    note = f" ({unreachable} of {summary['steps']} points out of reach)" if unreachable else ""
-    table.add_row(f"  unavoidable by the model{note}", _mm(summary["floor_mean_error_mm"]), "")
-    return table
+    if unreachable:
+        share = f"{unreachable} of {summary['steps']} points out of reach"
+        rows.append((f"  unavoidable: {share}", summary["floor_mean_error_mm"], None))
+    is_simulated = "true_mean_error_mm" in summary
+    key = "true_mean_error_mm" if is_simulated else "mean_error_mm"
+    laps = [
+        (f"  lap {number}", lap[key], None)
+        for number, lap in enumerate(summary["laps"] or (), start=1)
+    ]
+    if is_simulated:
+        rows += [
+            ("mean true error", summary[key], None),
+            *laps,
+            ("  floor", summary["twin_floor_mean_error_mm"], None),
+            ("  ratio", ratio_to_twin_floor(summary), None),
+        ]
+    else:
+        rows += laps
+    has_paper = any(of_paper is not None for _, _, of_paper in rows)
+    table = Table(
+        title=f"{summary['path']} with {controller}: tip error (mm)", title_justify="left"
+    )
+    table.add_column("")
+    table.add_column("this run", justify="right")
+    if has_paper:
+        table.add_column("paper", justify="right")
+    for name, value, of_paper in rows:
+        papers = ("" if of_paper is None else _mm(of_paper),) if has_paper else ()
+        table.add_row(name, _mm(value), *papers)
+    twins = ("true", "floor", "ratio") if is_simulated else ()
+    return _explained(table, "tip error", *(("paper",) if has_paper else ()), *twins)
+
+
+def _explained(table: Table, *terms: str) -> Group:
+    meanings = Table.grid(padding=(0, 2))
+    for term in terms:
+        meanings.add_row(term, _TERMS[term])
+    return Group(table, meanings)
+
+
+def true_error_lines(runs: Sequence[Sequence[StepRecord]]) -> Iterator[str]:
+    """Why measured and true error of simulated robots differ, where they do by much."""
+    causes = Counter(why_measured_differs(records) for records in runs)
+    for cause, count in causes.items():
+        if cause is not None:
+            where = f" in {count} of {len(runs)} runs" if len(runs) > 1 else ""
+            yield f"measured and true error differ{where}: {cause}"
 
 
 def health_lines(summary: Mapping[str, Any]) -> Iterator[str]:
@@ -131,37 +172,41 @@ def health_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
-def comparison_table(summaries: Sequence[Mapping[str, Any]]) -> Table:
-    """The paper's results, path by path, beside ours."""
+def comparison_table(
+    summaries: Sequence[Mapping[str, Any]], options: Sequence[RunOptions]
+) -> Group:
+    """Controllers path by path, beside the paper's figures where the experiment is the paper's."""
+    columns: dict[str, list[str]] = {
+        "mean": [_mm(summary["mean_error_mm"]) for summary in summaries],
+        "p95": [_mm(summary["p95_error_mm"]) for summary in summaries],
+        "max": [_mm(summary["max_error_mm"]) for summary in summaries],
+    }
+    of_paper = [paper_mean_mm(run) for run in options]
+    if any(mean_mm is not None for mean_mm in of_paper):
+        columns["paper"] = ["" if mean_mm is None else _mm(mean_mm) for mean_mm in of_paper]
+    if any("true_mean_error_mm" in summary for summary in summaries):
+        columns |= {
+            "true": [_mm(summary.get("true_mean_error_mm")) for summary in summaries],
+            "floor": [_mm(summary["twin_floor_mean_error_mm"]) for summary in summaries],
+            "ratio": [_ratio(ratio_to_twin_floor(summary)) for summary in summaries],
+        }
     table = Table(
-        title="|f_m - f| (mm)",
+        title="tip error (mm)",
         title_justify="left",
-        caption=(
-            "here, paper, true (position): means; "
-            "floor: the least that any motor path reaches on the twin; ratio: true over floor"
-        ),
-        caption_justify="left",
+        box=box.SIMPLE,
+        collapse_padding=True,
+        pad_edge=False,
     )
     for heading in ("path", "controller"):
         table.add_column(heading, no_wrap=True)
-    for heading in ("here", "paper", "true", "floor", "ratio", "p95", "max"):
-        table.add_column(heading, justify="right")
+    for heading in columns:
+        table.add_column(heading, justify="right", no_wrap=True)
     previous = None
-    for summary in summaries:
-        path, controller = summary["path"], summary["controller"]
-        table.add_row(
-            path if path != previous else "",
-            controller,
-            _mm(summary["mean_error_mm"]),
-            _mm(_paper_figure(path, controller)),
-            _mm(summary.get("true_mean_error_mm")),
-            _mm(summary["twin_floor_mean_error_mm"]),
-            _ratio(ratio_to_twin_floor(summary)),
-            _mm(summary["p95_error_mm"]),
-            _mm(summary["max_error_mm"]),
-        )
+    for summary, *cells in zip(summaries, *columns.values(), strict=True):
+        path = summary["path"]
+        table.add_row(path if path != previous else "", summary["controller"], *cells)
         previous = path
-    return table
+    return _explained(table, "tip error", *(term for term in _TERMS if term in columns))
 
 
 def sweep_table(groups: Sequence[Mapping[str, Any]]) -> Table:
@@ -223,13 +268,6 @@ def reach_table(reach: Mapping[str, Any]) -> Table:
 def _progress(console: Console, *columns: ProgressColumn) -> Progress:
     """Shown on terminals only, and gone at the end."""
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-
-
-def _paper_figure(path: str, controller: str) -> float | None:
-    paper = PAPER_RESULTS.get(path)
-    if paper is None:
-        return None
-    return {"open-loop": paper.open_loop_mm, "mpc": paper.mpc_mm}.get(controller)
 
 
 def _error_text(record: StepRecord) -> str:

@@ -45,6 +45,12 @@ def test_runs_on_one_path_are_laid_over_each_other(with_run: CcrHost, short_path
     assert page.count("short, mpc, 1 Hz</a>") == 1
 
 
+def test_a_report_says_why_measured_and_true_error_differ(ccr_host: CcrHost) -> None:
+    turned = ("--set", "tracker.rotation_deg=3", "--no-open", "--out", "kept")
+    assert ccr_host("track", "8shape", *PAPERS, *turned).status == 0
+    assert "turned by 3 deg" in page_of(ccr_host, "kept")
+
+
 def test_a_run_that_was_killed_is_reported_as_far_as_its_log_goes(with_run: CcrHost) -> None:
     kept = with_run.folder / "kept"
     (kept / "run.json").unlink()

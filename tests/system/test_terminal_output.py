@@ -34,7 +34,7 @@ def on_a_terminal(folder: Path, *words: str, **environment: str) -> str:
 def test_a_pipe_gets_neither_colours_nor_a_moving_bar(ccr_host: CcrHost) -> None:
     ended = ccr_host(*WORDS)
     assert ended.status == 0
-    assert "mean of |f_m - f|" in ended.out
+    assert "tip error (mm)" in ended.out
     assert "\x1b" not in ended.out + ended.err
     assert "arming" not in ended.out + ended.err
 
@@ -45,7 +45,42 @@ def test_a_terminal_sees_one_line_of_progress_with_step_and_error(tmp_path: Path
     assert "short, mpc" in shown
     assert "/6" in shown
     assert "error" in shown
-    assert "mean of |f_m - f|" in shown
+    assert "tip error (mm)" in shown
+
+
+def test_every_term_of_the_tables_is_explained_below_them(
+    ccr_host: CcrHost, short_path: str
+) -> None:
+    for command in (("track",), ("compare", "--path")):
+        out = ccr_host(*command, short_path, "--controller", "mpc").out
+        table, _, terms = out.partition("distance between measured and desired tip")
+        assert all(len(line) <= 80 for line in out.splitlines())
+        assert "…" not in table, "no figure is cut off on 80 columns"
+        for term in ("true", "floor", "ratio"):
+            assert term in table
+            assert f"\n{term} " in terms
+        assert "paper" not in out, "it has no such path"
+
+
+def test_the_papers_figures_stand_beside_its_own_experiment_alone(ccr_host: CcrHost) -> None:
+    def compared(*words: str) -> str:
+        return ccr_host("compare", "--path", "8shape", *words).out
+
+    of_paper = compared("--controller", "mpc", "--controller", "open-loop")
+    assert "7.50" in of_paper
+    assert "21.30" in of_paper
+    assert "paper" not in compared("--controller", "mpc", "--robot", "soft")
+    assert "7.50" not in ccr_host("track", "8shape", "--controller", "pid-ik").out
+
+
+def test_a_measured_error_far_from_the_true_one_is_explained(ccr_host: CcrHost) -> None:
+    turned = ("--controller", "mpc", "--no-open", "--set", "tracker.rotation_deg=3")
+    told = " ".join(ccr_host("track", "8shape", *turned).out.split())
+    assert "the camera stands turned by 3 deg" in told
+    assert "ccr-host register" in told
+    assert "differ" not in ccr_host("track", "8shape", *turned[:3]).out
+    both = ccr_host("compare", "--path", "8shape", "--robot", "hard", "--controller", "mpc").out
+    assert "turned by 3 deg" in " ".join(both.split())
 
 
 def test_colours_are_for_terminals_and_left_out_on_request(tmp_path: Path) -> None:

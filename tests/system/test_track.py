@@ -89,7 +89,7 @@ def test_a_run_leaves_configuration_log_and_figure(ccr_host: CcrHost, short_path
 def test_json_is_alone_on_standard_output(ccr_host: CcrHost, short_path: str) -> None:
     ended = ccr_host("track", short_path, *PAPERS, "--json")
     assert json.loads(ended.out)
-    assert "paper" in ended.err, "the table goes to standard error"
+    assert "tip error" in ended.err, "the table goes to standard error"
 
 
 def test_every_step_records_what_the_board_was_sent(ccr_host: CcrHost, short_path: str) -> None:

@@ -108,7 +108,9 @@ def compare(
     write_comparison_figure(folder / "figure.png", groups)
     content = {"runs": summaries, "paper": {k: vars(v) for k, v in PAPER_RESULTS.items()}}
     write_json(folder / "compare.json", content)
-    screen.print(terminal.comparison_table(summaries))
+    screen.print(terminal.comparison_table(summaries, runs))
+    for line in terminal.true_error_lines([result.records for result in results.values()]):
+        screen.print(line)
     screen.print(f"kept in {folder}/: figure.png, compare.json")
     if as_json:
         print_json(content)

@@ -108,7 +108,9 @@ def track(
             open_loop = open_loop_result() if open_loop_result and complete else None
             summary = keep_result(folder, result, open_loop)
         if result.records:
-            screen.print(terminal.run_table(summary))
+            screen.print(terminal.run_table(summary, options))
+            for line in terminal.true_error_lines([result.records]):
+                screen.print(line)
             for line in terminal.health_lines(summary):
                 screen.print(line)
         screen.print(f"kept in {folder}/: figure.png, run.json, log_0000.mcap")

@@ -10,6 +10,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, Undefined
 
 from ccr_host.errors import ConfigError
+from ccr_host.run.measured_and_true import why_measured_differs
 from ccr_host.run.report.figures import health_svg, overlay_svgs, path_svg
 from ccr_host.run.report.recorded_run import RecordedRun, read_run
 
@@ -43,6 +44,7 @@ def report_page(runs: Sequence[RecordedRun]) -> str:
         "ratio": _ratio,
         "dash": _dash,
         "configuration": _configuration,
+        "why_measured_differs": why_measured_differs,
     }
     figures = [(path_svg(run), health_svg(run)) if run.records else ("", "") for run in runs]
     titles = [run.title for run in runs]
