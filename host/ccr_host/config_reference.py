@@ -8,7 +8,8 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from ccr_host.config import Description, Push, section_model
+from ccr_host.config import Description, Push
+from ccr_host.config_errors import bounds, section_model
 from ccr_host.description_source import shipped_descriptions
 
 Schema = dict[str, Any]
@@ -84,7 +85,7 @@ def _section(name: str, model: Any) -> str:  # noqa: ANN401 - pydantic's annotat
 
 def _row(key: str, field: Schema) -> str:
     meaning = " ".join(str(field.get("description", "")).split()).replace("|", "\\|")
-    return f"| `{key}` | {_unit(key)} | {_default(field)} | {_range(field)} | {meaning} |"
+    return f"| `{key}` | {_unit(key)} | {_default(field)} | {bounds(field)} | {meaning} |"
 
 
 def _unit(key: str) -> str:
@@ -106,20 +107,6 @@ def _default(field: Schema) -> str:
     if isinstance(default, list):
         return "[" + ", ".join(f"{value:g}" for value in default) + "]"
     return f"{default:g}"
-
-
-def _range(field: Schema) -> str:
-    if "enum" in field:
-        return " or ".join(field["enum"])
-    numbers = field["prefixItems"][0] if "prefixItems" in field else field
-    numbers = numbers.get("anyOf", [numbers])[0]
-    bounds = (
-        ("exclusiveMinimum", "> {}"),
-        ("minimum", "≥ {}"),
-        ("exclusiveMaximum", "< {}"),
-        ("maximum", "≤ {}"),
-    )
-    return ", ".join(text.format(numbers[key]) for key, text in bounds if key in numbers)
 
 
 if __name__ == "__main__":

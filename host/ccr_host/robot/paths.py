@@ -26,6 +26,10 @@ __all__ = ["MAX_SAMPLES", "Reference", "load_path", "path_names"]
 FloatArray = NDArray[np.float64]
 
 MIN_SAMPLES = 2
+MIN_RATE_HZ = 0.1
+"""The board's protocol carries ramps of up to 10 s."""
+MAX_RATE_HZ = 1000.0
+"""Twenty targets a servo pulse; the link carries no more than some 1500 a second."""
 _LONGEST_TITLE = 60
 
 
@@ -78,8 +82,11 @@ def load_path(
     Raises:
         ConfigError: unknown name, unusable file, or a rate that gives no sensible path.
     """
-    if not (math.isfinite(rate_hz) and rate_hz > 0.0):
-        raise ConfigError(f"rate {rate_hz} Hz: not a positive number", "give e.g. --rate 1")
+    if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+        raise ConfigError(
+            f"rate {rate_hz:g} Hz: outside {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}",
+            "give e.g. --rate 1",
+        )
     if name_or_file in _SHAPES:
         shape = _SHAPES[name_or_file]
         time_s = _clock(name_or_file, shape.duration_s * rate_hz, rate_hz)

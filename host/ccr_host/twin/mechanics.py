@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.config import Twin
-from ccr_host.errors import CcrError
+from ccr_host.errors import CcrError, ConfigError
 from ccr_host.twin.mjcf import DISKS, MARKERS, TIP, robot_mjcf
 from ccr_host.twin.time_step import linear_step_limit_s
 
@@ -31,6 +31,10 @@ _SETTLE_DAMPING_S = 0.1
 """Damping over stiffness of each flexure while settling: about critical for the slowest mode."""
 
 
+class UnfitTwinError(ConfigError):
+    """The description cannot be simulated."""
+
+
 class Mechanics:
     """The structure and its tendons, at rest under gravity with the pulleys at zero.
 
@@ -39,7 +43,7 @@ class Mechanics:
         payload_g: mass on the tip from the start.
 
     Raises:
-        CcrError: these parameters cannot be simulated.
+        UnfitTwinError: these parameters cannot be simulated.
     """
 
     def __init__(self, twin: Twin, payload_g: float) -> None:
@@ -119,13 +123,16 @@ class Mechanics:
         model.dof_damping[:] = model.jnt_stiffness * _SETTLE_DAMPING_S
         model.tendon_frictionloss[:] = 0.0
         for _ in range(round(_SETTLE_LIMIT_S * 1e6 / self.step_us / _SETTLE_CHUNK_STEPS)):
-            self.advance(_SETTLE_CHUNK_STEPS)
+            try:
+                self.advance(_SETTLE_CHUNK_STEPS)
+            except CcrError as error:
+                raise UnfitTwinError(error.cause, error.cure) from None
             if np.abs(self._data.qvel).max() < _SETTLED_RAD_S:
                 break
         else:
-            raise CcrError(
+            raise UnfitTwinError(
                 f"the twin found no rest within {_SETTLE_LIMIT_S:g} s",
-                "raise twin.bending_stiffness_nm_rad or lower the masses",
+                "raise twin.bending_stiffness_nm_rad, lower the masses or shorten the segments",
             )
         model.dof_damping[:], model.tendon_frictionloss[:] = damping, friction
 
@@ -136,7 +143,7 @@ class Mechanics:
         stable_us = int(_STABLE_SHARE * limit_s * 1e6)
         step_us = min(wanted_us, max(stable_us, _SHORTEST_STEP_US))
         if step_us > stable_us:
-            raise CcrError(
+            raise UnfitTwinError(
                 f"this twin needs time steps below {_SHORTEST_STEP_US} us",
                 "lower twin.tendon_stiffness_n_m, twin.bending_stiffness_nm_rad or twin.flexures, "
                 "or raise twin.disk_mass_g",

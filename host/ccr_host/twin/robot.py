@@ -25,7 +25,7 @@ class TwinRobot:
         twin: the ``twin`` section of the robot description.
 
     Raises:
-        CcrError: the description cannot be simulated.
+        UnfitTwinError: the description cannot be simulated.
     """
 
     def __init__(self, twin: Twin) -> None:

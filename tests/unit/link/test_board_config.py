@@ -37,7 +37,7 @@ def test_rates_are_rounded_down():
         ("servo.pulse_max_us=1e9", "servo.pulse_max_us"),
         ("servo.pulse_min_us=499", "servo.pulse_min_us"),
         ("servo.pulse_per_90_deg_us=2001", "servo.pulse_per_90_deg_us"),
-        ("servo.pulse_per_90_deg_us=40", "servo.neutral_pulse_us"),
+        ("servo.pulse_per_90_deg_us=40", "servo.pulse_per_90_deg_us"),
         ("servo.angle_max_deg=[85, -84.999]", "servo.angle_min_deg"),
     ],
 )

@@ -64,3 +64,10 @@ def test_a_twin_that_has_no_static_map_is_run_without_floor(plan, monkeypatch):
     (row,) = run_job(plan.jobs([0], [(2.0, "open-loop")])[0])
     assert row["twin_floor_mean_error_mm"] is None
     assert np.isfinite(row["true_mean_error_mm"])
+
+
+def test_a_twin_that_cannot_be_simulated_is_a_row_and_the_others_go_on(short_path):
+    stiff = {"twin.bending_stiffness_nm_rad": [100.0, 100.0]}
+    plan = SweepPlan(1, (short_path,), twins=(stiff, {}))
+    (row,) = run_job(plan.jobs([0], [(2.0, "open-loop")])[0])
+    assert "time steps" in row["fault"]

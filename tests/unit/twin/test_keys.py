@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ccr_host.config import Push, Twin
-from ccr_host.errors import CcrError
+from ccr_host.errors import CcrError, ConfigError
 from ccr_host.twin.robot import TwinRobot
 
 X, Y, Z = 0, 1, 2
@@ -272,6 +272,6 @@ def test_unstable_structure_is_reported_with_cause_and_cure(pulses_half_us, capf
 
 
 def test_structure_beyond_any_step_is_refused():
-    with pytest.raises(CcrError, match="time steps") as error:
-        TwinRobot(Twin(disk_mass_g=1e-4, joint_damping=0.0, tendon_stiffness_n_m=1e9))
+    with pytest.raises(ConfigError, match="time steps") as error:
+        TwinRobot(Twin(bending_stiffness_nm_rad=(100.0, 100.0)))
     assert "twin.tendon_stiffness_n_m" in error.value.cure

@@ -99,7 +99,7 @@ def prior_of(robot: Robot) -> Prior:
     rows = Parameters(
         length_1_mm=(length_1, *(length_1 * share for share in length)),
         length_2_mm=(length_2, *(length_2 * share for share in length)),
-        marker_offset_mm=(offset, 0.1 * offset, 0.6 * offset, 1.5 * offset),
+        marker_offset_mm=(offset, 0.1 * offset or 0.1, 0.6 * offset, 1.5 * offset or 1.0),
         gain_1=(gain, 0.12 * gain, 0.6 * gain, 1.5 * gain),
         gain_ratio=(1.0, 0.03, 0.8, 1.25),
         compliance_1=compliance,

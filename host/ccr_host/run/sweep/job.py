@@ -16,6 +16,7 @@ from ccr_host.run.sweep.costs import CpuSeconds, cpu_seconds_of
 from ccr_host.run.sweep.limit_watch import LimitWatch
 from ccr_host.run.sweep.plan import Drive, TwinJob
 from ccr_host.run.twin_floor import floor_on_map_mm, static_map_of
+from ccr_host.twin.mechanics import UnfitTwinError
 from ccr_host.twin.static_map import StaticMap
 
 Row = dict[str, Any]
@@ -41,7 +42,7 @@ def run_job(job: TwinJob) -> list[Row]:
 
 
 def row_of_a_lost_job(job: TwinJob, drive: Drive, why: str) -> Row:
-    """The row of a run whose worker has died of it."""
+    """The row of a run that came to nothing."""
     return {**_identity(job, drive), "diverged": False, "within_limits": True, "fault": why}
 
 
@@ -57,8 +58,11 @@ def _run(job: TwinJob, drive: Drive, static_map: StaticMap | None) -> Row:
     description, reference = options.description(), reference_of(options)
     floor_mm = None if static_map is None else floor_on_map_mm(static_map, description, reference)
     watch = LimitWatch()
-    with cpu_seconds_of(options) as spent:
-        result = execute(options, watch, lambda *_: None)
+    try:
+        with cpu_seconds_of(options) as spent:
+            result = execute(options, watch, lambda *_: None)
+    except UnfitTwinError as error:
+        return row_of_a_lost_job(job, drive, str(error))
     summary = summarise(result, twin_floor_mm=floor_mm)
     end_error_mm = _last_quarter_mm(result)
     return {

@@ -1,0 +1,166 @@
+"""What is wrong with a robot description, in the words of its user."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Iterable
+from functools import cache
+from types import NoneType
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+Location = tuple[int | str, ...]
+Model = type[BaseModel]
+
+_SHOWN_CHARACTERS = 60
+_MEMBERS = {2: "two", 3: "three"}
+_SEE = "see docs/robot-description.md"
+_PROBLEMS = {
+    "greater_than_equal": "too small",
+    "less_than_equal": "too large",
+    "finite_number": "not a finite number",
+    "float_type": "not a number",
+    "int_type": "not a whole number",
+    "bool_type": "neither true nor false",
+    "string_type": "not text",
+    "missing": "missing",
+    "too_short": "too few values",
+    "too_long": "too many values",
+    "tuple_type": "not a list of values",
+    "dict_type": "not a table",
+    "model_type": "not a table",
+    "literal_error": "unknown",
+}
+"""By pydantic's types of errors; others speak for themselves."""
+
+
+def explain(error: ValidationError, whole: Model, where: str) -> tuple[str, str]:
+    """Cause and cure of the first error.
+
+    Args:
+        error: of validating `whole`.
+        whole: model of all sections.
+        where: file that the values come from, as in " in robot.toml"; or nothing.
+    """
+    first = error.errors()[0]
+    location = first["loc"]
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    if first["type"] == "extra_forbidden":
+        cause = f"unknown key {_dotted(location)}{where}{more}"
+        return cause, _known_instead(location, whole)
+    if first["type"] == "value_error":
+        told = first["msg"].removeprefix("Value error, ")
+        key = _dotted(location)
+        named = told if not key or told.startswith(f"{key}.") else f"{key}: {told}"
+        return f"{named}{where}{more}", _SEE
+    problem = _PROBLEMS.get(first["type"], first["msg"])
+    shown = "" if first["type"] == "missing" else f" = {_shown(first['input'])}"
+    schema = _schema(location, whole)
+    cure = f"give {allowed(schema)}; {_SEE}" if schema else _SEE
+    return f"{_dotted(location)}{shown}{where}: {problem}{more}", cure
+
+
+def section_model(annotation: Any) -> Any:  # noqa: ANN401 - pydantic's annotations
+    """The section behind an annotation, also where the section may be left out."""
+    return next((part for part in get_args(annotation) if part is not NoneType), annotation)
+
+
+def bounds(schema: dict[str, Any]) -> str:
+    """Least and greatest value of a key, or what it may be instead, from its JSON schema."""
+    if "enum" in schema:
+        return " or ".join(schema["enum"])
+    number = _element(schema)
+    if "minimum" not in number:
+        return ""
+    return f"{number['minimum']:.10g} to {number['maximum']:.10g}"
+
+
+def allowed(schema: dict[str, Any]) -> str:
+    """What may be given for a key, from its JSON schema."""
+    schema = schema.get("anyOf", [schema])[0]
+    between = bounds(schema)
+    if "prefixItems" in schema:
+        count = len(schema["prefixItems"])
+        each = f", each from {between}" if between else ""
+        return f"{_MEMBERS.get(count, count)} values in brackets{each}"
+    if schema.get("type") == "array":
+        return f"a list in brackets, each member {allowed(schema['items'])}"
+    return {
+        "number": f"a number from {between}",
+        "integer": f"a whole number from {between}",
+        "boolean": "true or false",
+        "string": between or "text in quotes",
+    }.get(schema.get("type", ""), "a table of keys")
+
+
+def _element(schema: dict[str, Any]) -> dict[str, Any]:
+    """The number in a schema of numbers, of tuples of numbers, or of either or nothing."""
+    schema = schema.get("anyOf", [schema])[0]
+    return _element(schema["prefixItems"][0]) if "prefixItems" in schema else schema
+
+
+def _schema(location: Location, whole: Model) -> dict[str, Any]:
+    """JSON schema of a key or of a member of its value; empty if there is no such key."""
+    root = _json_schema(whole)
+    node: Any = root
+    for part in location:
+        node = _resolved(node, root)
+        if isinstance(part, int):
+            members = node.get("prefixItems")
+            node = members[part] if members else node.get("items", {})
+        else:
+            node = node.get("properties", {}).get(part, node.get("additionalProperties", {}))
+    return _resolved(node, root) if isinstance(node, dict) else {}
+
+
+@cache
+def _json_schema(whole: Model) -> dict[str, Any]:
+    return whole.model_json_schema()
+
+
+def _resolved(node: dict[str, Any], root: dict[str, Any]) -> dict[str, Any]:
+    for branch in (node, *node.get("anyOf", ())):
+        if "$ref" in branch:
+            resolved: dict[str, Any] = root["$defs"][branch["$ref"].rpartition("/")[2]]
+            return resolved
+    return node
+
+
+def _known_instead(location: Location, whole: Model) -> str:
+    """The keys that there are in this place, and what is probably meant."""
+    sections = {name: section_model(field.annotation) for name, field in whole.model_fields.items()}
+    *_, last = location
+    model: Any = whole
+    for part in location[:-1]:
+        model = section_model(model.model_fields[part].annotation)
+    known = sorted(model.model_fields)
+    meant = [
+        f"{name}.{last}"
+        for name, section in sections.items()
+        if last in getattr(section, "model_fields", ())
+    ] or difflib.get_close_matches(str(last), known, n=1)
+    return f"{did_you_mean(meant)}known: {', '.join(known)}"
+
+
+def did_you_mean(meant: Iterable[str]) -> str:
+    """The beginning of a cure; nothing if nothing is near."""
+    names = " or ".join(meant)
+    return f"did you mean {names}? " if names else ""
+
+
+def _dotted(location: Location) -> str:
+    """`section.key`, and which of several values."""
+    keys = ".".join(str(part) for part in location if isinstance(part, str))
+    members = [str(part + 1) for part in location if isinstance(part, int)]
+    return f"{keys} (value {' of '.join(reversed(members))})" if members else keys
+
+
+def _shown(value: object) -> str:
+    """The value about as it was written, on one line and not too long."""
+    try:
+        text = json.dumps(value, default=str)
+    except (ValueError, RecursionError):  # more digits than Python will write, or too deep
+        text = "..."
+    return text if len(text) <= _SHOWN_CHARACTERS else f"{text[:_SHOWN_CHARACTERS]}..."
