@@ -40,7 +40,10 @@ def emulate(
         Path | None, typer.Option(metavar="FILE", help="Keep the EEPROM in this file.")
     ] = None,
     boot_ms: Annotated[
-        int, typer.Option(min=0, help="How long the boot loader is deaf after the port is opened.")
+        int,
+        typer.Option(
+            min=0, max=60_000, help="How long the boot loader is deaf after the port is opened."
+        ),
     ] = 1000,
 ) -> None:
     """Serve the emulated board, and an emulated Polaris, in real time, for this host or your own.

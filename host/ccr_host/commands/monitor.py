@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated
@@ -18,6 +19,13 @@ _REFRESH_US = 200_000
 _LINE_US = 1_000_000
 
 
+def _not_nan(seconds: float | None) -> float | None:
+    """Bounds alone let it through."""
+    if seconds is not None and math.isnan(seconds):
+        raise typer.BadParameter("nan is not a number")
+    return seconds
+
+
 def monitor(
     tracker: TrackerOption = "twin:",
     device: Annotated[
@@ -28,7 +36,14 @@ def monitor(
     overrides: SetOption = None,
     seed: SeedOption = 1,
     duration: Annotated[
-        float | None, typer.Option(metavar="S", min=0.1, help="End after so long; else by Ctrl-C.")
+        float | None,
+        typer.Option(
+            metavar="S",
+            min=0.1,
+            max=1e6,
+            callback=_not_nan,
+            help="End after so long; else by Ctrl-C.",
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

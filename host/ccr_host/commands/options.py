@@ -47,7 +47,9 @@ TrackerOption = Annotated[
     ),
 ]
 RateOption = Annotated[float, typer.Option(metavar="HZ", help="Control steps a second.")]
-SeedOption = Annotated[int, typer.Option(metavar="N", help="Seed of every random number.")]
+SeedOption = Annotated[
+    int, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Seed of every random number.")
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(

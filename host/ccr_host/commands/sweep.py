@@ -30,7 +30,10 @@ def sweep(
     runs: Annotated[
         int | None,
         typer.Option(
-            metavar="N", min=1, help=f"Number of twins; {_DEFAULT_RUNS}, or all of --twins."
+            metavar="N",
+            min=1,
+            max=1_000_000,
+            help=f"Number of twins; {_DEFAULT_RUNS}, or all of --twins.",
         ),
     ] = None,
     seed: SeedOption = 1,
@@ -57,7 +60,10 @@ def sweep(
     only: Annotated[
         list[int] | None,
         typer.Option(
-            metavar="INDEX", min=0, help="Only this twin, in this process; keeps nothing."
+            metavar="INDEX",
+            min=0,
+            max=2**31,
+            help="Only this twin, in this process; keeps nothing.",
         ),
     ] = None,
     twins: Annotated[
@@ -66,7 +72,7 @@ def sweep(
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Processes; as many as there are cores."),
+        typer.Option(metavar="N", min=1, max=1024, help="Processes; as many as there are cores."),
     ] = None,
     scheduler: Annotated[
         str | None,
@@ -92,8 +98,6 @@ def sweep(
     count = known if runs is None else runs
     if given is not None and max([count - 1, *(only or ())]) >= len(given):
         raise ConfigError(f"--twins {twins}: has {len(given)} twins", "ask for no more")
-    if seed < 0:
-        raise ConfigError(f"seed {seed}: negative", "give 0 or more")
     plan = SweepPlan(seed, tuple(path or path_names()), robot, tuple(overrides or ()), given)
     names, rates = controller or _DEFAULT_CONTROLLERS, rate or _DEFAULT_RATES_HZ
     drives = [(rate_hz, name) for rate_hz in rates for name in names]

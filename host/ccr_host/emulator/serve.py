@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ccr_host.addresses import host_and_port
 from ccr_host.config import Description
 from ccr_host.emulator.board import UnoEmulator
 from ccr_host.emulator.eeprom import EepromFile
@@ -14,9 +15,8 @@ from ccr_host.emulator.polaris.camera import faults_of, make_polaris
 from ccr_host.emulator.pty_port import PtyPort
 from ccr_host.emulator.serial_line import SerialLine
 from ccr_host.emulator.server import BoardServer, Station
-from ccr_host.emulator.tcp_port import TcpPort
+from ccr_host.emulator.tcp_port import DEFAULT_HOST, TcpPort
 from ccr_host.emulator.world_line import WorldLine
-from ccr_host.errors import ConfigError
 from ccr_host.run.clock import RealClock
 from ccr_host.twin.cosim import CoSimulation
 from ccr_host.twin.robot import TwinRobot
@@ -104,12 +104,10 @@ def _uno(board: ServedBoard) -> UnoEmulator:
 def _port(tcp_address: str | None, option: str) -> PtyPort | TcpPort:
     if tcp_address is None:
         return PtyPort()
-    host, colon, port = tcp_address.rpartition(":")
-    if not (colon and host and port.isascii() and port.isdigit()):
-        raise ConfigError(
-            f"{option} {tcp_address}: not a host and a port", f"write e.g. {option} 127.0.0.1:5025"
-        )
-    return TcpPort(int(port), host)
+    host, port = host_and_port(
+        tcp_address, f"{option} {tcp_address}", f"{option} {DEFAULT_HOST}:5025", least_port=0
+    )
+    return TcpPort(port, host)
 
 
 def _tracker_uri(port: PtyPort | TcpPort) -> str:

@@ -15,6 +15,7 @@ from typing import Any, Final
 import serial
 from serial.tools import list_ports
 
+from ccr_host.addresses import host_and_port
 from ccr_host.errors import DeviceError, TrackerError
 
 Trouble = tuple[str, str]
@@ -73,8 +74,7 @@ class _Socket:
     """
 
     def __init__(self, address: str) -> None:
-        host, _, port = address.rpartition(":")
-        where = host.removeprefix("[").removesuffix("]"), int(port)
+        where = host_and_port(address, address, "localhost:5025")
         self._socket = socket.create_connection(where, _CONNECT_TIMEOUT_S)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from ccr_host.addresses import Role, split_uri, tcp_address
 from ccr_host.errors import ConfigError
-
-KNOWN_FORMS = "emulator:, emulator+pty:, simavr:[FILE.elf], serial:PORT, tcp://HOST:PORT"
 
 
 class DeviceKind(Enum):
@@ -49,13 +48,8 @@ def parse_device_uri(text: str) -> DeviceUri:
     Raises:
         ConfigError: unknown form, or one that lacks its port.
     """
-    scheme, colon, rest = text.partition(":")
-    try:
-        kind = DeviceKind(scheme)
-    except ValueError:
-        kind = None
-    if kind is None or not colon:
-        raise ConfigError(f"device {text}: unknown form", f"use one of {KNOWN_FORMS}")
+    scheme, rest = split_uri(Role.DEVICE, text)
+    kind = DeviceKind(scheme)
     match kind:
         case DeviceKind.EMULATOR | DeviceKind.EMULATOR_PTY:
             return _without_address(kind, text, rest)
@@ -64,7 +58,7 @@ def parse_device_uri(text: str) -> DeviceUri:
         case DeviceKind.SERIAL:
             return _serial(text, rest)
         case DeviceKind.TCP:
-            return DeviceUri(kind, _host_and_port(text, rest))
+            return DeviceUri(kind, tcp_address(rest, f"device {text}", "tcp://localhost:5025"))
 
 
 def _without_address(kind: DeviceKind, text: str, rest: str) -> DeviceUri:
@@ -77,14 +71,3 @@ def _serial(text: str, port: str) -> DeviceUri:
     if not port:
         raise ConfigError(f"device {text}: the port is missing", "write e.g. serial:/dev/ttyACM0")
     return DeviceUri(DeviceKind.SERIAL, port)
-
-
-def _host_and_port(text: str, rest: str) -> str:
-    host, colon, port = rest.removeprefix("//").rpartition(":")
-    if not (rest.startswith("//") and colon and host and port.isascii() and port.isdigit()):
-        raise ConfigError(
-            f"device {text}: not a host and a port", "write e.g. tcp://localhost:5025"
-        )
-    if not 0 < int(port) <= 65535:  # noqa: PLR2004 - TCP ports are 16 bits wide
-        raise ConfigError(f"device {text}: port {port} is not in 1..65535", "choose another one")
-    return f"{host}:{port}"

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from ccr_host.addresses import Role, host_and_port, split_uri, tcp_address
 from ccr_host.errors import ConfigError
 
-KNOWN_FORMS = (
-    "twin:, ndi-emulator:, ndi:PORT, ndi+tcp://HOST:PORT, igtl://HOST:PORT, aruco:N, replay:FILE"
-)
-_LAST_TCP_PORT = 65535
+_MOST_CAMERAS = 100
 
 
 class TrackerKind(Enum):
@@ -61,8 +59,7 @@ class TrackerUri:
     @property
     def host_and_port(self) -> tuple[str, int]:
         """Of a tracker on TCP."""
-        host, _, port = self.address.rpartition(":")
-        return host, int(port)
+        return host_and_port(self.address, f"tracker {self}", _EXAMPLES[self.kind])
 
 
 def parse_tracker_uri(text: str) -> TrackerUri:
@@ -71,28 +68,26 @@ def parse_tracker_uri(text: str) -> TrackerUri:
     Raises:
         ConfigError: unknown form, or one that lacks its address.
     """
-    scheme, colon, rest = text.partition(":")
-    kinds = {kind.value: kind for kind in TrackerKind}
-    if not colon or scheme not in kinds:
-        raise ConfigError(f"tracker {text}: unknown form", f"use one of {KNOWN_FORMS}")
-    kind = kinds[scheme]
+    scheme, rest = split_uri(Role.TRACKER, text)
+    kind = TrackerKind(scheme)
     if kind in _WITHOUT_ADDRESS:
         if rest:
             raise ConfigError(
                 f"tracker {text}: nothing may follow the colon", f"write {kind.value}:"
             )
         return TrackerUri(kind)
-    address = _host_and_port(rest) if kind in _ON_TCP else rest
-    if not address or (kind is TrackerKind.ARUCO and not _is_number(address)):
-        raise ConfigError(f"tracker {text}: its address is wrong", f"write e.g. {_EXAMPLES[kind]}")
-    return TrackerUri(kind, address)
+    example = _EXAMPLES[kind]
+    if not rest:
+        raise ConfigError(f"tracker {text}: the address is missing", f"write e.g. {example}")
+    if kind in _ON_TCP:
+        return TrackerUri(kind, tcp_address(rest, f"tracker {text}", example))
+    if kind is TrackerKind.ARUCO and not _is_camera_number(rest):
+        number = rest.removeprefix("/dev/video")
+        meant = f"aruco:{number}" if _is_camera_number(number) else f"e.g. {example}"
+        raise ConfigError(f"tracker {text}: not the number of a camera", f"write {meant}")
+    return TrackerUri(kind, rest)
 
 
-def _host_and_port(rest: str) -> str:
-    host, colon, port = rest.removeprefix("//").rpartition(":")
-    right = rest.startswith("//") and colon and host and _is_number(port)
-    return f"{host}:{port}" if right and 0 < int(port) <= _LAST_TCP_PORT else ""
-
-
-def _is_number(text: str) -> bool:
-    return text.isascii() and text.isdigit()
+def _is_camera_number(text: str) -> bool:
+    is_short = text.isascii() and text.isdigit() and len(text) < len(str(_MOST_CAMERAS))
+    return is_short and int(text) < _MOST_CAMERAS

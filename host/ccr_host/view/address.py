@@ -5,10 +5,9 @@ from __future__ import annotations
 import ipaddress
 from dataclasses import dataclass
 
-from ccr_host.errors import ConfigError
+from ccr_host.addresses import host_and_port, joined
 
 DEFAULT_ADDRESS = "127.0.0.1:8642"
-_HIGHEST_PORT = 65_535
 
 
 @dataclass(frozen=True)
@@ -35,8 +34,7 @@ class ViewAddress:
             port: that was really bound.
             token: None where none is asked for.
         """
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http://{host}:{port}/" + (f"?token={token}" if token else "")
+        return f"http://{joined(self.host, port)}/" + (f"?token={token}" if token else "")
 
 
 def parse_view_address(text: str) -> ViewAddress:
@@ -45,7 +43,4 @@ def parse_view_address(text: str) -> ViewAddress:
     Raises:
         ConfigError: it is not one.
     """
-    host, colon, port = text.rpartition(":")
-    if not (colon and host and port.isascii() and port.isdigit() and int(port) <= _HIGHEST_PORT):
-        raise ConfigError(f"--view {text}: not HOST:PORT", f"for example --view {DEFAULT_ADDRESS}")
-    return ViewAddress(host.removeprefix("[").removesuffix("]"), int(port))
+    return ViewAddress(*host_and_port(text, f"--view {text}", f"--view {DEFAULT_ADDRESS}", 0))
