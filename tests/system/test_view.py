@@ -145,6 +145,29 @@ def test_a_recorded_run_is_played_and_scrubbed(recorded: tuple[CcrHost, str], ta
     assert player.returncode == 0
 
 
+CHARTS = "Object.values(window.__viserTestpoints.uplots).map(({chart}) => "
+
+
+def test_all_plots_have_one_time_axis(recorded: tuple[CcrHost, str], tab: Any) -> None:
+    player = recorded[0].start("view", "kept", "--address", "127.0.0.1:0")
+    with ended(player, signal.SIGINT):
+        tab.goto(address_in(player))
+        tab.get_by_text("6 of 6").wait_for()
+        tab.wait_for_function(CHARTS + "chart.data[0].length).filter(n => n > 2).length >= 4")
+        spans = tab.evaluate(CHARTS + "[chart.scales.x.min, chart.scales.x.max])")
+        assert len(spans) == 5
+        assert [*spans[0]] == [0, 30]
+        assert all(span == spans[0] for span in spans)
+
+
+def test_the_page_of_a_run_that_has_ended_says_so(recorded: tuple[CcrHost, str], tab: Any) -> None:
+    player = recorded[0].start("view", "kept", "--address", "127.0.0.1:0")
+    with ended(player, signal.SIGINT):
+        tab.goto(address_in(player))
+        tab.get_by_text("done", exact=True).wait_for()
+        assert not tab.get_by_role("checkbox", name="ideal robot").is_checked()
+
+
 def test_beyond_this_machine_only_the_token_opens_the_page(
     recorded: tuple[CcrHost, str],
 ) -> None:

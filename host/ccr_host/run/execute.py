@@ -74,6 +74,7 @@ def execute(
             heard = RecordedOperator(operator, rig.tape) if operator else NoOperator()
             with stopping_at_once(heard, rig.clock, rig.client):
                 follow_path(rig, controller, reference, description, observer, keep, heard)
+        observer.event(rig.clock.now_us(), "done")
     except ConfigError:
         raise
     except (CcrError, KeyboardInterrupt) as error:

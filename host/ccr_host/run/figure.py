@@ -14,6 +14,7 @@ import numpy as np
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import Workspace
 from ccr_host.run.figure_style import (
+    BESIDE_THE_TRUTH,
     DESIRED,
     LOST,
     UNREACHABLE,
@@ -39,8 +40,6 @@ X, Y, Z = 1, 0, 2
 """Components of f that the trajectories call x (along the robot), y and z."""
 _MOST_MARKERS = 200
 """With more points than this a line shows more without them."""
-_BESIDE_THE_TRUTH = 0.4
-"""Opacity of what was measured where the true position is drawn, too."""
 _SHADE = 0.3
 _DASHES = ("-", "--", ":", "-.")
 """For several runs of one controller."""
@@ -161,7 +160,7 @@ def _draw_plane(axes: Axes, runs: Sequence[PlottedRun], across: int, label: str)
             ls=dash,
             marker="." if markers else "",
             color=colour,
-            alpha=1.0 if truth is None else _BESIDE_THE_TRUTH,
+            alpha=1.0 if truth is None else BESIDE_THE_TRUTH,
             lw=1,
             ms=4,
         )
@@ -192,7 +191,7 @@ def _draw_error(axes: Axes, runs: Sequence[PlottedRun]) -> None:
     for run, colour, dash in _styled(runs):
         time_s = [record.time_s for record in run.records]
         measured, truth = measured_errors_mm(run.records), true_errors_mm(run.records)
-        alpha = 1.0 if truth is None else _BESIDE_THE_TRUTH
+        alpha = 1.0 if truth is None else BESIDE_THE_TRUTH
         axes.plot(time_s, np.linalg.norm(measured, axis=1), ls=dash, color=colour, alpha=alpha)
         if truth is not None:
             axes.plot(time_s, np.linalg.norm(truth, axis=1), ls=dash, color=colour)
@@ -238,7 +237,7 @@ def _draw_legend(figure: Figure, runs: Sequence[PlottedRun] = ()) -> None:
     for run, colour, dash in _styled(runs):
         entries.setdefault(run.name, Line2D([], [], color=colour, ls=dash))
     if any(true_errors_mm(run.records) is not None for run in runs):
-        entries["pale: measured"] = Line2D([], [], color="black", alpha=_BESIDE_THE_TRUTH, lw=1)
+        entries["pale: measured"] = Line2D([], [], color="black", alpha=BESIDE_THE_TRUTH, lw=1)
         entries["full: true tip of the simulated robot"] = Line2D([], [], color="black")
     figure.legend(
         list(entries.values()), list(entries), loc="outside lower center", ncols=4, frameon=False

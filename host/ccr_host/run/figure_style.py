@@ -31,6 +31,8 @@ _CONTROLLERS = {
 }
 """Paul Tol's muted scheme, which people with colour blindness can tell apart."""
 _OTHER_CONTROLLERS = ("#882255", "#ddcc77", "#6699cc", "#997700", "#994455", "#004488")
+BESIDE_THE_TRUTH = 0.4
+"""Opacity of what was measured where the true value is drawn, too."""
 _DPI = 110
 _LONGEST_NAME = 48
 _METADATA: dict[str, Metadata] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from viser import GuiApi, uplot
 
+from ccr_host.run.figure_style import BESIDE_THE_TRUTH
 from ccr_host.run.observer import RunSetup
-from ccr_host.tracking.uri import TrackerKind, parse_tracker_uri
+from ccr_host.tracking.uri import parse_tracker_uri
 from ccr_host.view import palette
 from ccr_host.view.history import Moment, RunHistory
 from ccr_host.view.thinning import peak_rows
@@ -21,8 +23,7 @@ _POINTS = 600
 """More than the panel has pixels."""
 _HEIGHT_PX = 108
 _FONT = "11px sans-serif"
-_SIMULATED = (TrackerKind.TWIN, TrackerKind.NDI_EMULATOR)
-"""Only there is the true position known."""
+_FIRST_END_S = 30.0
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Curve:
 
     label: str
     colour: palette.Rgb
+    opacity: float = 1.0
     dash: tuple[int, ...] = ()
 
 
@@ -41,34 +43,39 @@ class Charts:
         servo, control = setup.description.servo, setup.description.control
         self._limits_deg = sorted({*servo.angle_min_deg, *servo.angle_max_deg})
         self._stale_ms = float(control.stale_after_ms)
-        self._knows_truth = parse_tracker_uri(setup.options.tracker).kind in _SIMULATED
+        self._knows_truth = parse_tracker_uri(setup.options.tracker).is_simulated
+        self._end_s = _FIRST_END_S
+        own, first = palette.of_controller(setup.options.controller), palette.MOTORS[0]
+        opacity = BESIDE_THE_TRUTH if self._knows_truth else 1.0
         self._error = _Chart(
             gui,
-            "error (mm)",
-            Curve("measured |f_m - f|", palette.MOTOR_1),
+            "tip error (mm)",
+            Curve("measured", own, opacity),
             Curve("unavoidable", palette.UNREACHABLE, dash=(4, 4)),
-            *([Curve("true", palette.HORIZON)] if self._knows_truth else []),
+            *([Curve("true", own)] if self._knows_truth else []),
         )
         self._angles = _Chart(
             gui,
             "motor angles (deg)",
-            Curve("motor 1", palette.MOTOR_1),
-            Curve("motor 2", palette.MOTOR_2),
+            *(Curve(f"motor {n}", colour) for n, colour in enumerate(palette.MOTORS, start=1)),
             *(Curve(f"limit {deg:g}", palette.LIMIT, dash=(6, 4)) for deg in self._limits_deg),
         )
-        self._solve = _Chart(
-            gui, "controller (ms a step)", Curve("computing time", palette.MOTOR_1)
-        )
-        self._link = _Chart(gui, "link (ms)", Curve("round trip", palette.MOTOR_1))
+        self._solve = _Chart(gui, "controller (ms a step)", Curve("computing time", first))
+        self._link = _Chart(gui, "link (ms)", Curve("round trip", first))
         self._tracker = _Chart(
             gui,
             "tracker (ms)",
-            Curve("age of the sample", palette.MOTOR_1),
+            Curve("age of the sample", first),
             Curve("lost", palette.LIMIT, dash=(6, 4)),
         )
 
     def show(self, history: RunHistory, moment: Moment) -> None:
-        """Draw everything up to a moment."""
+        """Draw everything up to a moment, over the time of the whole run so far."""
+        end_s = axis_end_s(history.end_us * 1e-6)
+        if end_s != self._end_s:
+            self._end_s = end_s
+            for chart in (self._error, self._angles, self._solve, self._link, self._tracker):
+                chart.set_end_s(end_s)
         steps = moment.steps
         at_s = steps.end_us * 1e-6
         truth = (steps.true_error_mm,) if self._knows_truth else ()
@@ -85,16 +92,24 @@ class Charts:
         self._tracker.show(at_s, (age_ms, stale_ms))
 
 
+def axis_end_s(time_s: float) -> float:
+    """A round end of the time axis at or after a time: the axis changes seldom."""
+    end_s = _FIRST_END_S
+    while end_s < time_s:
+        end_s = end_s * 1.5 if math.log2(end_s / _FIRST_END_S).is_integer() else end_s / 0.75
+    return end_s
+
+
 class _Chart:
     """One plot over time."""
 
     def __init__(self, gui: GuiApi, title: str, *curves: Curve) -> None:
         self._plot = gui.add_uplot(
-            # An empty first time axis would keep the browser from ever scaling it.
             data=(np.array((0.0, 1.0)), *(np.zeros(2) for _ in curves)),
             series=({"label": "time (s)"}, *(_series(curve) for curve in curves)),
             title=title,
-            scales={"x": {"time": False}},
+            scales={"x": _time_until(_FIRST_END_S)},
+            cursor={"sync": {"key": "run"}},
             axes=(
                 {"label": "time (s)", "labelSize": 15, "size": 24, "font": _FONT,
                  "labelFont": _FONT},
@@ -104,6 +119,10 @@ class _Chart:
             padding=(6, 12, 0, 0),
             height=_HEIGHT_PX,
         )  # fmt: skip
+
+    def set_end_s(self, end_s: float) -> None:
+        """Let the time axis end there; the browser builds the chart again."""
+        self._plot.scales = {"x": _time_until(end_s)}
 
     def show(self, at_s: FloatArray, curves: Sequence[FloatArray]) -> None:
         """Draw curves of one length over their common time; rows with NaN are left out.
@@ -117,10 +136,14 @@ class _Chart:
         self._plot.data = tuple(column[chosen] for column in (at_s, *curves))
 
 
+def _time_until(end_s: float) -> uplot.Scale:
+    return {"time": False, "range": (0.0, end_s)}
+
+
 def _series(curve: Curve) -> uplot.Series:
     series: uplot.Series = {
         "label": curve.label,
-        "stroke": palette.css(curve.colour),
+        "stroke": palette.css(curve.colour, curve.opacity),
         "width": 1.5,
         "points": {"show": False},
     }

@@ -18,6 +18,10 @@ _PANEL_PX = 390
 _SLOW_EVERY_US = 250_000
 """Charts, trail and text change four times a second, the robot as often as the page is drawn."""
 _SLIDER_STEP_S = 0.1
+_IDEAL = (
+    "Light blue: the backbone by the constant-curvature model at the commanded angles, as if there "
+    "were neither gravity nor slack nor friction. The real one hangs lower; nothing is wrong."
+)
 _CAMERA = (1.18, -2.0, 0.55)
 _LOOKS_AT = (-0.05, -0.52, -0.27)
 
@@ -54,9 +58,11 @@ class Page:
         self._player = _Player(server)
         self._scene = RobotScene(server.scene, self._setup)
         with gui.add_folder("Legend"):
-            self._legend = gui.add_html(legend_html(1.0))
+            self._legend = gui.add_html("")
             disks = gui.add_checkbox("disks", initial_value=True)
             disks.on_update(lambda _: self._scene.show_disks(disks.value))
+            ideal = gui.add_checkbox("ideal robot", initial_value=False, hint=_IDEAL)
+            ideal.on_update(lambda _: self._scene.show_model(ideal.value))
         plots = gui.add_panel()
         with plots.add_tab("Plots", Icon.CHART_LINE):
             self._charts = Charts(gui, self._setup)
@@ -105,7 +111,7 @@ class Page:
     def _draw_slow_parts(self, moment: Moment, dropped_batches: int) -> None:
         full_scale_mm = error_full_scale_mm(moment.steps.error_mm)
         self._scene.show_trail(moment, full_scale_mm)
-        self._legend.content = legend_html(full_scale_mm)
+        self._legend.content = legend_html(full_scale_mm, self._setup.options.controller)
         self._status.content = status_html(self._setup, moment, dropped_batches)
         self._charts.show(self._history, moment)
 

@@ -1,45 +1,60 @@
-"""Colours of the page: Okabe and Ito's, which people with colour blindness can tell apart."""
+"""Colours of the page; what the figures show too has the same colour there."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.run import figure_style
+
 FloatArray = NDArray[np.float64]
 Rgb = tuple[int, int, int]
+
+
+def rgb(colour: str) -> Rgb:
+    """From ``#rrggbb``."""
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
+    return red, green, blue
+
 
 MODEL: Rgb = (86, 180, 233)
 MEASURED: Rgb = (45, 45, 45)
 MARKER: Rgb = (240, 228, 66)
-DESIRED: Rgb = (150, 150, 150)
-UNREACHABLE: Rgb = (213, 94, 0)
-HORIZON: Rgb = (0, 158, 115)
-MOTOR_1: Rgb = (0, 114, 178)
-MOTOR_2: Rgb = (204, 121, 167)
-LIMIT: Rgb = (213, 94, 0)
+DESIRED = rgb(figure_style.DESIRED)
+UNREACHABLE = rgb(figure_style.UNREACHABLE)
+MOTORS = tuple(rgb(colour) for colour in figure_style.MOTORS)
+LIMIT = rgb(figure_style.LIMIT)
 AXES: tuple[Rgb, ...] = ((190, 60, 60), (60, 140, 60), (60, 80, 190))
 
 _ERROR_STOPS: FloatArray = np.array(
-    [(13, 8, 135), (126, 3, 168), (204, 71, 120), (248, 149, 64), (252, 206, 37)], dtype=np.float64
+    [(130, 175, 245), (75, 105, 230), (120, 50, 200), (170, 0, 130), (110, 0, 40)], dtype=np.float64
 )
-"""Small to large: Matplotlib's plasma, without its lightest end."""
+"""Small to large, ever darker; neither the orange of what is out of reach nor a marker's yellow."""
+_UNKNOWN: Rgb = (200, 200, 200)
 _NICE = (1.0, 1.5, 2.0, 3.0, 5.0, 7.5)
 _LEAST_SCALE_MM = 0.1
 _SCALE_QUANTILE = 0.95
 """A few steps far off, as at the start, must not make all others look alike."""
 
 
-def css(colour: Rgb) -> str:
+def of_controller(name: str) -> Rgb:
+    """The controller's own colour."""
+    return rgb(figure_style.controller_colours([name])[name])
+
+
+def css(colour: Rgb, opacity: float = 1.0) -> str:
     """As style sheets write it."""
-    return "#{:02x}{:02x}{:02x}".format(*colour)
+    return "#{:02x}{:02x}{:02x}{:02x}".format(*colour, round(255 * opacity))
 
 
 def error_colours(error_mm: FloatArray, full_scale_mm: float) -> NDArray[np.uint8]:
-    """RGB of errors, (N,) -> (N, 3); larger ones than full scale take its colour."""
-    share = np.clip(error_mm / full_scale_mm, 0.0, 1.0) * (len(_ERROR_STOPS) - 1)
-    stops = np.arange(len(_ERROR_STOPS))
+    """RGB of errors, (N,) -> (N, 3); larger ones than full scale take its colour, NaN is grey."""
+    is_known = np.isfinite(error_mm)
+    share = np.clip(np.where(is_known, error_mm, 0.0) / full_scale_mm, 0.0, 1.0)
+    stops = np.linspace(0.0, 1.0, len(_ERROR_STOPS))
     channels = [np.interp(share, stops, channel) for channel in _ERROR_STOPS.T]
-    return np.stack(channels, axis=-1).astype(np.uint8)
+    colours = np.where(is_known[:, None], np.stack(channels, axis=-1), _UNKNOWN)
+    return colours.astype(np.uint8)
 
 
 def error_full_scale_mm(error_mm: FloatArray) -> float:

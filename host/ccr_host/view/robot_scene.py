@@ -40,10 +40,12 @@ class RobotScene:
         self._model = ConstantCurvature(setup.description.robot)
         draw_surroundings(scene, setup.description)
         draw_desired(scene, setup.reference)
+        plan = palette.of_controller(setup.options.controller)
         self._commanded = _line(scene, "/model", palette.MODEL, 5)
+        self._commanded.visible = False
         self._measured = _line(scene, "/measured", palette.MEASURED, 6)
         self._stalks = _line(scene, "/markers/stalks", palette.MEASURED, 2)
-        self._horizon = _line(scene, "/horizon", palette.HORIZON, 4)
+        self._horizon = _line(scene, "/horizon", plan, 4)
         self._trail = scene.add_line_segments(
             "/trail", _NO_SEGMENTS, np.zeros((0, 2, 3), np.uint8), thickness=4,
             thickness_units="screen",
@@ -51,7 +53,7 @@ class RobotScene:
         self._markers = [_add_marker(scene, number) for number in (1, 2, 3)]
         radius = _TARGET_RADIUS_MM / SCENE_UNIT_MM
         self._target = scene.add_icosphere(
-            "/target", radius, palette.HORIZON, subdivisions=1, wireframe=True, visible=False
+            "/target", radius, plan, subdivisions=1, wireframe=True, visible=False
         )
         self._disks = _add_disks(scene, setup.description)
         self._disk_points = np.linspace(
@@ -61,6 +63,10 @@ class RobotScene:
     def show_disks(self, shown: bool) -> None:
         """Draw the disks or leave them out."""
         self._disks.visible = shown
+
+    def show_model(self, shown: bool) -> None:
+        """Draw where an ideal robot would be at the commanded angles, or leave it out."""
+        self._commanded.visible = shown
 
     def show(self, moment: Moment) -> None:
         """Move robot, target and horizon to a moment."""

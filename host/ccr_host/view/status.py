@@ -34,15 +34,14 @@ def status_html(setup: RunSetup, moment: Moment, dropped_batches: int = 0) -> st
     return f'<table style="font-size:0.8em;line-height:1.45;margin:0 0.9em">{cells}</table>'
 
 
-def legend_html(full_scale_mm: float) -> str:
+def legend_html(full_scale_mm: float, controller: str) -> str:
     """What the colours of the scene mean."""
     entries = (
         (palette.MEASURED, "backbone through the measured markers"),
-        (palette.MODEL, "backbone of the model at the commanded angles"),
         (palette.MARKER, "markers M1, M2, M3"),
         (palette.DESIRED, "desired path"),
         (palette.UNREACHABLE, "desired path out of reach"),
-        (palette.HORIZON, "target and predicted horizon"),
+        (palette.of_controller(controller), f"target, and plan of {_text(controller)}"),
     )
     swatches = "".join(
         f'<div><span style="display:inline-block;width:1.6em;height:0.55em;margin-right:0.6em;'

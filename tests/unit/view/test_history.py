@@ -60,6 +60,7 @@ def test_a_moment_knows_nothing_of_what_comes_later(run: tuple[RunHistory, RunHi
 def test_the_phases_of_a_run_follow_each_other(run: tuple[RunHistory, RunHistory]) -> None:
     history, _ = run
     phases = list(dict.fromkeys(history.at(t).phase for t in np.linspace(0, history.end_us, 500)))
+    assert phases[-1] == "done"
     wanted = ["arming", "approaching the first point", "following the path", "disarming"]
     assert [phase for phase in phases if phase in wanted] == wanted
 
@@ -94,4 +95,4 @@ def test_markers_that_have_not_been_seen_for_long_are_not_shown() -> None:
 
 
 def test_the_legend_names_the_ends_of_the_scale() -> None:
-    assert "7.5 or more" in legend_html(7.5)
+    assert "7.5 or more" in legend_html(7.5, "mpc")
