@@ -9,6 +9,8 @@ import shlex
 import shutil
 import signal
 import subprocess
+import sys
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from ccr_host.cli import app
+from tests.conformance.firmware_build import firmware_elf
 from tests.system.conftest import COMMAND, CcrHost
 from tests.system.driven_terminal import DrivenTerminal
 
@@ -194,3 +197,29 @@ def test_the_page_of_the_command_line_is_complete(recorded_run: Path) -> None:
     metrics = json.loads((recorded_run / "run.json").read_text())["metrics"]
     missing |= {key for key in metrics if key not in spans and not key.startswith("true_")}
     assert not missing
+
+
+def python_samples() -> list[tuple[str, str]]:
+    """Blocks that begin with an import, by their page."""
+    return [
+        (page.stem, textwrap.dedent(block))
+        for page in PAGES
+        for block in re.findall(r"\n\n((?:(?: {4}.*)?\n)+)", page.read_text())
+        if re.match(r"\s*(from|import) \w", block)
+    ]
+
+
+def test_every_python_sample_runs_as_it_stands(tmp_path: Path) -> None:
+    built = tmp_path / ".pio" / "build" / "uno" / "firmware.elf"
+    built.parent.mkdir(parents=True)
+    shutil.copy(firmware_elf(), built)
+    samples = python_samples()
+    assert {"extending", "simavr"} <= {page for page, _ in samples}
+    for _, sample in samples:
+        subprocess.run([sys.executable, "-c", sample], cwd=tmp_path, check=True)
+
+
+def test_no_python_sample_hides_from_the_test_above() -> None:
+    started = {page for page, _ in python_samples()}
+    code = r"^ {4}(class|def|with|for|print|[a-z_.]+ = \w+\()\b"
+    assert {page.stem for page in PAGES if re.search(code, page.read_text(), re.M)} <= started

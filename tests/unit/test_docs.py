@@ -3,6 +3,7 @@
 import ast
 import re
 import textwrap
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 
 from ccr_host import config
+from ccr_host.bringup.jog_target import Wish, wish_of
 from ccr_host.control import base
+from ccr_host.link.device_errors import BoardFaultError
 from ccr_host.link.messages import REQUIREMENTS, Fault
-from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import reference_of
 from ccr_host.run.options import RunOptions
 
@@ -27,6 +29,10 @@ def test_every_fault_has_a_page_with_reason_and_cure(fault: Fault) -> None:
     assert page.startswith(f"# {name} ({fault.value})\n")
     for heading in ("**What happened.**", "**Why.**", "**Cure.**"):
         assert heading in page
+    told = page.partition("**Clear it** with ")[2].partition(",")[0]
+    assert told == "`ccr-host jog --device serial:/dev/ttyACM0` and its key `c`"
+    assert wish_of("c") is Wish.CLEAR
+    assert "key c of: ccr-host jog" in BoardFaultError(fault).cure
     assert f"[{name}]({name}.md)" in (FAULT_PAGES / "README.md").read_text()
 
 
@@ -82,11 +88,7 @@ def test_messages_quoted_in_troubleshooting_are_those_of_the_host() -> None:
 def test_the_controller_shown_in_extending_follows_a_path() -> None:
     page = (ROOT / "docs" / "extending.md").read_text()
     shown = textwrap.dedent(re.findall(r"\n\n((?:(?:    .*)?\n)+)", page)[0])
-    names: dict[str, Any] = {
-        **vars(base),
-        "Description": config.Description,
-        "MotorLimits": MotorLimits,
-    }
+    names: dict[str, Any] = {}
     exec(shown, names)
     reference = reference_of(RunOptions(path="8shape"))
     controller = names["Still"](config.load(None))
@@ -95,3 +97,36 @@ def test_the_controller_shown_in_extending_follows_a_path() -> None:
         seen = base.Observation(step, 0, None, 0, commands[-1].q_rad)
         commands.append(controller.step(seen))
     assert np.allclose([command.q_rad for command in commands], reference.q_rad)
+
+
+def test_the_samples_of_a_description_are_read_as_they_stand() -> None:
+    samples = [
+        textwrap.dedent(block)
+        for page in sorted((ROOT / "docs").rglob("*.md"))
+        for block in re.findall(r"\n\n((?:(?: {4}.*)?\n)+)", page.read_text())
+        if re.match(r"\s*\[+[a-z_]+\]+\n", block)
+    ]
+    assert len(samples) >= 3
+    for sample in samples:
+        config.parse(sample)
+
+
+def test_the_page_of_the_command_line_has_the_statuses_of_the_program_and_no_other() -> None:
+    page = (ROOT / "docs" / "command-line.md").read_text()
+    table = page.partition("| status | when |")[2].partition("\n\n")[0]
+    assert [int(row) for row in re.findall(r"^\| (\d+) \|", table, re.M)] == [0, 2, 3, 130]
+
+
+def test_every_extra_is_listed_for_newcomers() -> None:
+    page = (ROOT / "docs" / "quick-start.md").read_text()
+    table = page.partition("| extra | for |")[2].partition("\n\n")[0]
+    listed = {name for row in re.findall(r"^\| (.*?) \|", table, re.M) for name in row.split(", ")}
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    assert listed - {"---"} == {f"`{name}`" for name in extras}
+
+
+def test_no_page_tells_to_type_a_placeholder_for_this_repository() -> None:
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")]
+    assert not [page.name for page in pages if re.search(r"git clone [A-Z]+\b", page.read_text())]

@@ -18,33 +18,35 @@ from ccr_host.link.messages import (
 )
 
 _FAULTS: Final = {
-    Fault.NONE: ("the board is in fault without a reason", "clear it; report this as a defect"),
+    Fault.NONE: ("the board is in fault without a reason", "report this as a defect"),
     Fault.LINK_LOSS: (
         "link loss: the board got no target in time and has led the robot to rest",
-        "find out why the host stalled or the cable failed, then clear the fault",
+        "find out why the host stalled or the cable failed",
     ),
     Fault.WATCHDOG_RESET: (
         "watchdog reset: the firmware was stuck",
-        "clear the fault; report this as a defect",
+        "report this as a defect",
     ),
     Fault.BROWN_OUT_RESET: (
         "brown-out: the board's supply was too low",
-        "give the servos a supply of their own, then clear the fault",
+        "give the servos a supply of their own",
     ),
     Fault.TICK_OVERRUN: (
         "tick overrun: a control tick took too long",
-        "clear the fault; report this as a defect",
+        "report this as a defect",
     ),
     Fault.STACK_LOW: ("stack low: the firmware is short of memory", "report this as a defect"),
     Fault.EEPROM_FAILED: (
         "EEPROM failed: a byte did not keep its value",
-        "clear the fault and do not save; replace the board if it comes again",
+        "do not save; replace the board if it comes again",
     ),
     Fault.INTERNAL: (
         "internal: the firmware found itself in a state that must not be",
-        "reset the board; report this as a defect",
+        "report this as a defect",
     ),
 }
+
+_CLEAR: Final = "then clear that with key c of: ccr-host jog"
 
 _REFUSALS: Final = {
     NackCode.UNKNOWN_ID: ("it does not know this request", "flash the board: ccr-host flash"),
@@ -56,7 +58,10 @@ _REFUSALS: Final = {
         "the session is not the open one: another host took over, or the board was reset",
         "let only one host use the board",
     ),
-    NackCode.BAD_STATE: ("not allowed in its state", "disarm it, or clear its fault, first"),
+    NackCode.BAD_STATE: (
+        "not allowed in its state",
+        "disarm it, or clear its fault (key c of: ccr-host jog), first",
+    ),
     NackCode.OUT_OF_RANGE: ("a value is out of range", "correct the robot description"),
     NackCode.INCONSISTENT: ("values contradict each other", "correct the robot description"),
     NackCode.SPEC_MISMATCH: (
@@ -138,7 +143,7 @@ class BoardFaultError(DeviceError):
 
     def __init__(self, fault: Fault) -> None:
         cause, cure = _FAULTS[fault]
-        super().__init__(f"the board is in fault: {cause}", cure)
+        super().__init__(f"the board is in fault: {cause}", f"{cure}; {_CLEAR}")
         self.fault = fault
 
 
@@ -146,7 +151,7 @@ class BoardStoppedError(DeviceError):
     """Somebody has sent an emergency stop."""
 
     def __init__(self) -> None:
-        super().__init__("the board is stopped", "see why it was stopped, then clear the stop")
+        super().__init__("the board is stopped", f"see why it was stopped; {_CLEAR}")
 
 
 class WrongStateError(DeviceError):
