@@ -20,7 +20,8 @@ ANGLE = st.floats(-0.8, 0.8)
 def markers_mm(q_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """As the model has them, from its own backbone and nothing of the module under test."""
     length_1, length_2 = MODEL.lengths_mm
-    only_first = ConstantCurvature(Robot(segment_lengths_mm=(length_1, 1e-9)))
+    without_second = Robot().model_copy(update={"segment_lengths_mm": (length_1, 1e-9)})
+    only_first = ConstantCurvature(without_second)
     middle = only_first.tip_mm((q_rad[0], 0.0))
     assert length_2 > 0
     return np.stack([np.zeros(3), middle, MODEL.tip_mm(q_rad)])
