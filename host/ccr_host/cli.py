@@ -5,10 +5,11 @@ from __future__ import annotations
 import sys
 import tempfile
 import traceback
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
+from ccr_host import __version__
 from ccr_host.commands.calibrate import calibrate
 from ccr_host.commands.compare import compare
 from ccr_host.commands.doctor import doctor
@@ -36,7 +37,6 @@ EXIT_INTERRUPTED = 130
 
 app = typer.Typer(
     name="ccr-host",
-    help="Control of tendon-driven continuum robots; without hardware on a digital twin.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -48,6 +48,24 @@ _COMMANDS = (
 )
 for command in _COMMANDS:
     app.command()(command)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"ccr-host {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options_of_all(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_print_version, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Control of tendon-driven continuum robots; without hardware on a digital twin."""
 
 
 def main() -> NoReturn:

@@ -14,7 +14,10 @@ from ccr_host.commands.output import console, print_json
 def flash(
     firmware: Annotated[
         Path | None,
-        typer.Argument(metavar="[FILE]", help="HEX or ELF file; without it the checkout is built."),
+        typer.Argument(
+            metavar="[FILE]",
+            help="HEX or ELF file; by default the checkout is built, or what came along is taken.",
+        ),
     ] = None,
     port: Annotated[
         str | None, typer.Option(metavar="PORT", help="Serial port; found where there is only one.")

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from ccr_host.flash.ports import choose_port
-from ccr_host.flash.upload import upload_file, upload_project
+from ccr_host.flash.upload import find_project, upload_file, upload_project
 from ccr_host.link.client import Client, drawn_session
 from ccr_host.link.messages import HelloReply
 from ccr_host.link.transport import open_transport
 from ccr_host.link.uri import parse_device_uri
 from ccr_host.run.clock import RealClock
+from ccr_host.simavr.files import RELEASED_FIRMWARE
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,9 @@ def flash_board(
 
     Args:
         port: of the board; None to look for it.
-        firmware: HEX or ELF file for avrdude; None to build the project with PlatformIO.
-        project: folder of platformio.ini.
+        firmware: HEX or ELF file for avrdude; None to build the project with PlatformIO, or where
+            there is none to take the file that came with this installation.
+        project: folder of platformio.ini; None for this folder or the checkout of the host.
         pio: PlatformIO's program.
 
     Raises:
@@ -60,10 +62,11 @@ def flash_board(
         SpecMismatchError: it answers, but was built from another spec than this host.
     """
     chosen = choose_port(port)
-    if firmware is None:
-        upload_project(chosen, project=project, pio=pio)
+    project = project or find_project()
+    if firmware is not None or project is None:
+        upload_file(chosen, firmware or RELEASED_FIRMWARE)
     else:
-        upload_file(chosen, firmware)
+        upload_project(chosen, project, pio=pio)
     return FlashReport(chosen, say_hello(chosen))
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Final
 
 from ccr_host.errors import ConfigError, DeviceError
 from ccr_host.simavr.flash_image import read_flash_image
@@ -14,45 +16,67 @@ _UPLOAD_TIMEOUT_S = 600
 """The first build may download a tool chain."""
 _OPTIBOOT_BAUD = "115200"
 _CHECKOUT = Path(__file__).parents[3]
+_INSTALL_AVRDUDE: Final = {
+    "darwin": "brew install avrdude",
+    "win32": "winget install AVRDudes.AVRDUDE",
+}
+"""By sys.platform; elsewhere with apt."""
 
 
-def upload_project(port: str, *, project: Path | None = None, pio: str = "pio") -> None:
+def find_project() -> Path | None:
+    """Folder of platformio.ini: this one, or the checkout that the host runs from."""
+    folders = (Path.cwd(), _CHECKOUT)
+    return next((folder for folder in folders if (folder / "platformio.ini").exists()), None)
+
+
+def upload_project(port: str, project: Path, *, pio: str = "pio") -> None:
     """Build the firmware if need be, and upload it: `pio run -t upload`.
 
     Args:
         port: of the board.
-        project: folder of platformio.ini; None for this folder or the checkout of the host.
+        project: folder of platformio.ini.
         pio: the program.
 
     Raises:
-        ConfigError: there is no project, or no PlatformIO.
+        ConfigError: there is no PlatformIO.
         DeviceError: the upload failed.
     """
-    folder = _project_folder(project)
-    _run(
-        [_program(pio, "pip install platformio"), "run", "-t", "upload", "--upload-port", port],
-        folder,
-        port,
-    )
+    program = shutil.which(pio)
+    if program is None:
+        raise ConfigError(f"{pio} is not installed", "pip install platformio")
+    _run([program, "run", "-t", "upload", "--upload-port", port], project, port)
 
 
 def upload_file(port: str, firmware: Path) -> None:
-    """Upload a HEX file through the boot loader, and read it back.
+    """Upload an ELF or HEX file through the boot loader, and read it back.
 
     Raises:
-        ConfigError: it is not a HEX file for an UNO, or there is no avrdude.
+        ConfigError: it is not a file for an UNO, or there is no avrdude.
         DeviceError: the upload failed.
     """
     read_flash_image(firmware)
     kind = "e" if firmware.suffix == ".elf" else "i"
-    avrdude = _program("avrdude", "sudo apt install avrdude")
     _run(
         [
-            *(avrdude, "-q", "-D", "-p", "m328p", "-c", "arduino", "-b", _OPTIBOOT_BAUD),
+            *_avrdude(),
+            *("-q", "-D", "-p", "m328p", "-c", "arduino", "-b", _OPTIBOOT_BAUD),
             *("-P", port, "-U", f"flash:w:{firmware}:{kind}"),
         ],
         Path.cwd(),
         port,
+    )
+
+
+def _avrdude() -> list[str]:
+    """The system's avrdude, or PlatformIO's with its configuration file."""
+    if program := shutil.which("avrdude"):
+        return [program]
+    core = Path(os.environ.get("PLATFORMIO_CORE_DIR") or Path.home() / ".platformio")
+    package = core / "packages" / "tool-avrdude"
+    if program := shutil.which("avrdude", path=f"{package}{os.pathsep}{package / 'bin'}"):
+        return [program, "-C", str(package / "avrdude.conf")]
+    raise ConfigError(
+        "avrdude is not installed", _INSTALL_AVRDUDE.get(sys.platform, "sudo apt install avrdude")
     )
 
 
@@ -72,20 +96,3 @@ def _run(command: list[str], folder: Path, port: str) -> None:
         raise DeviceError(f"{port}: no end of the upload", cure) from None
     if result.returncode != 0:
         raise DeviceError(f"{port}: {Path(command[0]).name} failed, see above", cure)
-
-
-def _program(name: str, cure: str) -> str:
-    path = shutil.which(name)
-    if path is None:
-        raise ConfigError(f"{name} is not installed", cure)
-    return path
-
-
-def _project_folder(given: Path | None) -> Path:
-    for folder in [given] if given else [Path.cwd(), _CHECKOUT]:
-        if (folder / "platformio.ini").exists():
-            return folder
-    raise ConfigError(
-        f"no platformio.ini in {given or Path.cwd()}",
-        "run it in a checkout of the project, or give a HEX file",
-    )

@@ -83,6 +83,8 @@ _SLICE_US = 1000
 virtual time those that foresee their turns get them at multiples of it."""
 _IDLE_US = 20_000
 """Short for whoever waits for the end of a pause, and hardly any work."""
+_LONGEST_STEP_US = 20_000
+"""Shorter than anything that a board waits for."""
 
 
 class VirtualClock:
@@ -148,6 +150,24 @@ class RealClock:
 
     def attach(self, part: Steppable) -> None:
         self._parts.attach(part)
+
+
+class LaggingClock(RealClock):
+    """Real time for a simulation that looks often: what it was kept from doing it does later.
+
+    Where the computer leaves too little time, this clock runs slow instead of letting seconds pass
+    at once, in which those who are served had no chance to speak.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._looked_at_us = self._now_us = 0
+
+    def now_us(self) -> int:
+        real_us = super().now_us()
+        self._now_us += min(real_us - self._looked_at_us, _LONGEST_STEP_US)
+        self._looked_at_us = real_us
+        return self._now_us
 
 
 class Stopwatch:

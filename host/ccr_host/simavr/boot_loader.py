@@ -29,21 +29,18 @@ _COMPILE = (
 
 
 def optiboot() -> FlashImage:
-    """Optiboot as it came with the Arduino core, or built from its source there.
+    """Optiboot, built from the source that comes with the Arduino core.
 
-    Debian's binary is not used: it is 20 bytes too long for the 512 bytes of boot section for which
-    it is linked, so that its end lies beyond the flash.
+    Debian's binaries are of no use: that of Debian 12 is 20 bytes too long for the 512 bytes of
+    boot section for which it is linked, that of Debian 13 is for an ATmega8.
 
     Raises:
         ConfigError: there is no Arduino core, or no avr-gcc.
     """
     for core in _CORES:
-        shipped = core / _FOLDER / "optiboot_atmega328.hex"
-        if shipped.exists():
-            try:
-                return read_flash_image(shipped)
-            except ConfigError:
-                return read_flash_image(_built(core / _FOLDER / "optiboot.c"))
+        source = core / _FOLDER / "optiboot.c"
+        if source.exists():
+            return read_flash_image(_built(source))
     raise ConfigError(
         "simavr: no boot loader", "sudo apt install arduino-core-avr gcc-avr avr-libc"
     )

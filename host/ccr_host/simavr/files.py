@@ -9,19 +9,21 @@ from ccr_host.errors import ConfigError
 
 _BUILT = Path(".pio/build/uno/firmware.elf")
 _CHECKOUT = Path(__file__).parents[3]
+RELEASED_FIRMWARE = Path(__file__).parents[1] / "firmware" / "uno.hex"
+"""What scripts/release puts into the package; a checkout has none."""
 
 
 def find_firmware(given: str = "") -> Path:
-    """The firmware's ELF or HEX file: the given one, or what `pio run` has built.
+    """The firmware's ELF or HEX file: the given one, what `pio run` has built, or the released one.
 
     Raises:
         ConfigError: there is none.
     """
     if given:
         return Path(given)
-    for folder in (Path.cwd(), _CHECKOUT):
-        if (folder / _BUILT).exists():
-            return folder / _BUILT
+    for file in (Path.cwd() / _BUILT, _CHECKOUT / _BUILT, RELEASED_FIRMWARE):
+        if file.exists():
+            return file
     raise ConfigError(
         f"simavr: no firmware binary {_BUILT}", "build it with pio run, or write simavr:FILE.elf"
     )

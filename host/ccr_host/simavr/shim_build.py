@@ -48,10 +48,7 @@ def _build(library: Path) -> None:
             check=False,
         )
         if result.returncode != 0:
-            errors = [
-                line for line in result.stderr.splitlines() if "error" in line or "ld" in line
-            ]
-            raise DeviceError(f"simavr: the rig does not build: {(errors or ['?'])[0]}", _CURE)
+            raise DeviceError(f"simavr: the rig does not build: {_gist(result.stderr)}", _CURE)
         unfinished.replace(library)
 
 

@@ -2,6 +2,7 @@
 
 import os
 import pty
+import sys
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -75,15 +76,35 @@ def test_what_is_no_port_is_refused_before_the_build(tmp_path):
         choose_port(str(tmp_path))
 
 
-def test_missing_programs_are_told_with_what_installs_them(device, monkeypatch, tmp_path):
+@pytest.fixture
+def image(tmp_path):
+    """A program that hangs."""
+    path = tmp_path / "a.hex"
+    path.write_text(":0200000000C03E\n:00000001FF\n")
+    return path
+
+
+def test_missing_programs_are_told_with_what_installs_them(device, image, monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     port = device("ttyACM0")
     with pytest.raises(ConfigError, match="pip install platformio"):
-        upload_project(port, project=CHECKOUT)
-    image = tmp_path / "a.hex"
-    image.write_text(":0200000000C03E\n:00000001FF\n")
+        upload_project(port, CHECKOUT)
+    monkeypatch.setenv("PLATFORMIO_CORE_DIR", str(tmp_path))
     with pytest.raises(ConfigError, match="apt install avrdude"):
         upload_file(port, image)
+
+
+def test_platformios_avrdude_serves_where_the_system_has_none(
+    device, image, monkeypatch, tmp_path, capfd
+):
+    program = tmp_path / "packages/tool-avrdude/bin/avrdude"
+    program.parent.mkdir(parents=True)
+    program.write_text('#!/bin/sh\necho "$@"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("PLATFORMIO_CORE_DIR", str(tmp_path))
+    upload_file(device("ttyACM0"), image)
+    assert f"-C {tmp_path}/packages/tool-avrdude/avrdude.conf" in capfd.readouterr().err
 
 
 def test_file_that_is_no_firmware_is_refused_before_the_board_is_touched(device, tmp_path):
@@ -95,13 +116,14 @@ def test_file_that_is_no_firmware_is_refused_before_the_board_is_touched(device,
 
 def test_failed_upload_is_a_device_error(device, tmp_path):
     with pytest.raises(DeviceError, match="failed, see above"):
-        upload_project(device("ttyACM0"), project=CHECKOUT, pio="false")
+        upload_project(device("ttyACM0"), CHECKOUT, pio="false")
 
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory, core_folder):
     """Environment in which pio of the project runs without the registry and outside the tree."""
     patch = pytest.MonkeyPatch()
+    patch.setenv("PYTHON", sys.executable)
     patch.setenv("CCR_PLATFORMIO_CORE", str(core_folder))
     patch.setenv("PLATFORMIO_BUILD_DIR", str(tmp_path_factory.mktemp("build")))
     yield str(CHECKOUT / "scripts/platformio-offline/pio")

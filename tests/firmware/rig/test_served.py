@@ -74,6 +74,15 @@ def test_avrdude_flashes_an_empty_board_through_optiboot_and_the_program_runs(he
             assert ask(port, b"here I am", 9) == b"here I am"  # optiboot first waits for a second
 
 
+def test_avrdude_finds_the_boot_loader_however_late_it_comes(program, hex_file):
+    with BackgroundServer(open_pty_server(program("echo"))) as server:
+        with serial.Serial(port_of(server.uri), 250000, timeout=0.5) as held_open:
+            assert ask(held_open, b"here I am", 9) == b"here I am"
+            time.sleep(1.1)
+            upload = avrdude(server.uri, hex_file("echo"))
+        assert upload.returncode == 0, upload.stderr
+
+
 def test_missing_firmware_is_told_with_its_cure(tmp_path, monkeypatch):
     monkeypatch.setattr("ccr_host.simavr.files._CHECKOUT", tmp_path)
     monkeypatch.chdir(tmp_path)

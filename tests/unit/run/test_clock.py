@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.run.clock import RealClock, VirtualClock
+from ccr_host.run.clock import LaggingClock, RealClock, VirtualClock
 
 
 class Follower:
@@ -52,3 +52,13 @@ def test_waiting_for_a_moment_that_has_passed_returns_at_once(clock: VirtualCloc
     now = clock.now_us()
     clock.sleep_until_us(0)
     assert clock.now_us() - now < 1_000_000
+
+
+def test_a_lagging_clock_leaves_out_what_it_was_kept_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall_ns = 0
+    monkeypatch.setattr("time.monotonic_ns", lambda: wall_ns)
+    clock = LaggingClock()
+    wall_ns = 5_000_000
+    assert clock.now_us() == 5_000
+    wall_ns += 10_000_000_000
+    assert 5_000 < clock.now_us() < 100_000
