@@ -61,11 +61,11 @@ def read_bytes(path: Path, what: str, cure: str, at_most: int) -> bytes:
         )
         with os.fdopen(handle, "rb") as file:
             size = os.fstat(handle).st_size
-            content = b"" if size > at_most else file.read(at_most + 1)
+            content = b"" if size > at_most else file.read(size)
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else error
         raise ConfigError(f"{what} {path}: {why}", cure) from None
-    if max(size, len(content)) > at_most:
+    if size > at_most:
         longest = f"{at_most / _MEGABYTE:g} MB" if at_most >= _MEGABYTE else f"{at_most} bytes"
         raise ConfigError(f"{what} {path}: longer than {longest}", cure)
     return content

@@ -35,12 +35,13 @@ def export(
     from ccr_host.run.log.export import export as export_tables
     from ccr_host.run.log.finish import finish_log
     from ccr_host.run.log.reader import RunRecording
+    from ccr_host.user_file import is_folder
 
     if form not in (*Format, _FINISHED_LOG):
         known = ", ".join((*Format, _FINISHED_LOG))
         raise ConfigError(f"--format {form}: unknown", f"one of {known}")
     recording = RunRecording(run)
-    beside = run if run.is_dir() else run.parent
+    beside = run if is_folder(run) else run.parent
     if form == _FINISHED_LOG:
         folder = out or beside / "finished"
         counts = {str(folder): finish_log(recording, folder)}
@@ -51,7 +52,7 @@ def export(
     for path, count in counts.items():
         what = "messages" if form == _FINISHED_LOG else "rows"
         screen.print(f"{path}: {count} {what}")
-    if not recording.end.is_complete:
-        screen.print("the log was never closed: exported as far as it goes")
+    if recording.end.trouble:
+        screen.print(f"{recording.end.trouble}; exported as far as it goes")
     if as_json:
         print_json(counts)

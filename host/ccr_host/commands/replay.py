@@ -37,15 +37,14 @@ def replay(run: RunArgument, as_json: JsonOption = False) -> None:
         told = ", ".join(f"{key} {old} (now {ours.get(key)})" for key, old in changed.items())
         screen.print(f"written by other versions: {told}")
     result = replay_run(recording)
-    whole = recording.end.is_complete
-    if not whole:
-        screen.print("the log was never closed: compared as far as it goes")
+    if recording.end.trouble:
+        screen.print(f"{recording.end.trouble}; compared as far as it goes")
     difference = result.difference
     if as_json:
         print_json(
             {
                 "equal": difference is None,
-                "complete": whole,
+                "complete": recording.end.is_complete,
                 "frames": result.frames,
                 "steps": result.steps,
                 "duration_s": result.end_us * 1e-6,

@@ -26,8 +26,9 @@ def report(
     Example: ccr-host report runs/20260101-120000-ellipse-adaptive
     """
     from ccr_host.run.report.report import write_report
+    from ccr_host.user_file import is_folder
 
-    first = runs[0] if runs[0].is_dir() else runs[0].parent
+    first = runs[0] if is_folder(runs[0]) else runs[0].parent
     file = out or first / "report.html"
     write_report(runs, file)
     console().print(f"written: {file}", soft_wrap=True)

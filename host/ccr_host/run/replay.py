@@ -15,7 +15,7 @@ from ccr_host.errors import CcrError, ConfigError
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.link.framing import decode_single_frame
-from ccr_host.link.messages import OpenSession
+from ccr_host.link.messages import OpenSession, PayloadError
 from ccr_host.run.inputs.playing import (
     Diverged,
     PlayedClock,
@@ -72,8 +72,9 @@ def replay(
     """
     if recording.end.lost_messages:
         raise ConfigError(
-            f"recording {recording.source}: {recording.end.lost_messages} messages were lost",
-            "a log with gaps cannot be replayed; record on a faster or emptier disk",
+            f"recording {recording.source}: "
+            + (recording.end.trouble or f"{recording.end.lost_messages} messages were lost"),
+            "a log with gaps cannot be replayed; report and export use what is left",
         )
     return _Replay(recording, on_step).run()
 
@@ -87,6 +88,8 @@ class _Feed:
     sent: deque[LogMessage] = field(default_factory=deque)
     received: deque[bytes] = field(default_factory=deque)
     samples: dict[int, Sample] = field(default_factory=dict)
+    failure: ConfigError | None = None
+    """Why it could not be read on."""
 
     def __post_init__(self) -> None:
         self._messages = self.recording.messages(*_INPUT_TOPICS)
@@ -103,21 +106,28 @@ class _Feed:
         return self.sent.popleft() if self.sent or self._read_until(self.sent) else None
 
     def _read_until(self, filled: deque[Any]) -> bool:
-        for message in self._messages:
-            try:
+        try:
+            for message in self._messages:
                 self._sort(message)
-            except (KeyError, ValueError, TypeError):
-                raise self.recording.foreign(f"messages on {message.topic}") from None
-            if filled:
-                return True
+                if filled:
+                    return True
+        except ConfigError as error:
+            self.failure = error
+            raise TapeEnd from None  # which nothing that is replayed takes for its own error
         return False
 
     def _sort(self, message: LogMessage) -> None:
-        content = message.content
+        try:
+            self._take(message, message.content)
+        except (KeyError, ValueError, TypeError):
+            raise self.recording.foreign(f"messages on {message.topic}") from None
+
+    def _take(self, message: LogMessage, content: dict[str, Any]) -> None:
         match message.topic:
             case topics.INPUTS.name:
                 self.pieces.append(_piece(content))
             case topics.SENT.name:
+                bytes.fromhex(content["hex"])
                 self.sent.append(message)
             case topics.RECEIVED.name:
                 self.received.append(bytes.fromhex(content["hex"]))
@@ -145,6 +155,8 @@ class _Replay:
             self._require_cut()
         except Diverged as divergence:
             self._differ(str(divergence))
+        if self._feed.failure is not None:
+            raise self._feed.failure
         self._result.end_us = self._tape.time_us
         return self._result
 
@@ -154,13 +166,14 @@ class _Replay:
         tape, clock = self._tape, PlayedClock(self._tape)
         tracker = PlayedTracker(tape, self._feed.samples)
         operator = PlayedOperator(tape)
-        client = Client(
-            PlayedTransport(tape, self._feed.take_received()),
-            clock,
-            _session(self._recording),
-            on_frame=self._compare,
-        )
+        session = _session(self._recording)
         try:
+            client = Client(
+                PlayedTransport(tape, self._feed.take_received()),
+                clock,
+                session,
+                on_frame=self._compare,
+            )
             with client, played_end(tape):
                 clock.attach(client)
                 client.connect()
@@ -221,14 +234,16 @@ class _Replay:
 
 def _session(recording: RunRecording) -> int:
     for message in recording.messages(topics.SENT):
-        if message.content["name"] == OpenSession.NAME:
+        try:
             frame = decode_single_frame(bytes.fromhex(message.content["hex"]))
-            if frame is not None:
+            if frame is not None and frame.id == OpenSession.ID:
                 return OpenSession.unpack(frame.payload).session
+        except (KeyError, ValueError, PayloadError):
+            raise recording.foreign(f"messages on {message.topic}") from None
     return 1
 
 
 def _piece(content: dict[str, Any]) -> TapePiece:
     times_us = list(accumulate(content["steps_us"], initial=content["start_us"]))[1:]
     errors = [TapeError(**error) for error in content["errors"]]
-    return TapePiece(content["start_us"], content["tokens"], times_us, errors)
+    return TapePiece(content["start_us"], content["tokens"], times_us, errors).checked()

@@ -140,8 +140,9 @@ def open_rig(
         on_telemetry = _shown_to(observer)
         if eyes.scene is not None and not device.in_process:
             on_telemetry = _moving(eyes.scene, on_telemetry)
-        transport = connect_board(device, eyes.scene, clock, description.link.baud, stack)
-        stack.enter_context(eyes.running(clock))
+        with recorded_end(tape):
+            transport = connect_board(device, eyes.scene, clock, description.link.baud, stack)
+            stack.enter_context(eyes.running(clock))
         client = stack.enter_context(
             Client(
                 RecordedTransport(transport, tape),

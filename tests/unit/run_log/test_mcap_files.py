@@ -1,12 +1,20 @@
 """Files as the mcap package reads them, whole, cut short and damaged."""
 
 import json
+import random
+import re
+import struct
+import tracemalloc
 from collections import Counter
+from io import BytesIO
 
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
+from mcap.writer import MCAP0_MAGIC
 
 from ccr_host.errors import ConfigError
 from ccr_host.run.log import topics
@@ -72,15 +80,117 @@ def test_a_file_cut_anywhere_gives_all_chunks_that_are_whole(recording, tmp_path
     assert max((m.time_us for m in found), default=0) * 1000 == last_ns
 
 
-def test_damage_in_the_middle_is_noticed(log_file, tmp_path):
-    data = bytearray(log_file.read_bytes())
-    with log_file.open("rb") as file:
-        chunk = make_reader(file).get_summary().chunk_indexes[1]
-    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 1
-    damaged = tmp_path / "log_0000.mcap"
-    damaged.write_bytes(data)
-    with pytest.raises(ConfigError, match="damaged"):
-        list(RunRecording(damaged).messages())
+def chunk_starts(data: bytes) -> list[int]:
+    return [c.chunk_start_offset for c in make_reader(BytesIO(data)).get_summary().chunk_indexes]
+
+
+def with_change(folder, data: bytes, at: int, change: bytes) -> RunRecording:
+    file = folder / "log_0000.mcap"
+    file.write_bytes(data[:at] + change + data[at + len(change) :])
+    return RunRecording(file)
+
+
+def as_read(recording: RunRecording) -> list[tuple[str, int, str]]:
+    return [(m.topic, m.time_us, json.dumps(m.content)) for m in recording.messages()]
+
+
+def record_starts(data: bytes) -> list[int]:
+    """Of all that a killed run leaves behind."""
+    starts, at = [], len(MCAP0_MAGIC)
+    while data[at] != Opcode.METADATA:
+        starts.append(at)
+        at += 9 + struct.unpack_from("<Q", data, at + 1)[0]
+    return [*starts, at]
+
+
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_a_damaged_byte_costs_no_more_than_its_chunk(log_file, tmp_path, is_finished):
+    data = log_file.read_bytes()
+    starts = record_starts(data)
+    data = data if is_finished else data[: starts[-1]]
+    whole = as_read(with_change(tmp_path, data, 0, b""))
+    longest = max(Counter(time_us // 850_000 for _, time_us, _ in whole).values())
+    draw = random.Random(1)
+    heads = [
+        start + byte for start in draw.sample(starts[:-1], 15) for byte in (0, draw.randrange(1, 9))
+    ]
+    for at in (*heads, *(draw.randrange(len(data)) for _ in range(30))):
+        damaged = with_change(tmp_path, data, at, bytes([data[at] ^ 1 << draw.randrange(8)]))
+        left, end = as_read(damaged), damaged.end
+        lost = len(whole) - len(left)
+        assert lost <= 2 * longest
+        assert Counter(whole) >= Counter(left)
+        assert end.lost_messages == lost if is_finished else end.lost_messages <= lost
+        assert not lost or "damaged" in end.trouble or "cut off" in end.trouble
+
+
+def test_where_the_damage_is_and_what_it_costs_is_told(log_file, tmp_path):
+    data = log_file.read_bytes()
+    start, end = chunk_starts(data)[1:3]
+    damaged = with_change(tmp_path, data, start + 200, bytes([data[start + 200] ^ 1]))
+    lost = len(as_read(RunRecording(log_file))) - len(as_read(damaged))
+    assert lost > 0
+    assert damaged.end.is_complete
+    assert damaged.end.lost_messages == lost
+    told = re.fullmatch(
+        r"the log is damaged: bytes (\d+) to (\d+) of log_0000.mcap, (\S+) s into the run "
+        rf"\(.+\); {lost} messages were lost",
+        damaged.end.trouble,
+    )
+    assert told
+    assert (int(told[1]), int(told[2]) <= end) == (start, True)
+
+
+def test_never_closed_cut_off_and_in_another_file_are_told_apart(log_file, tmp_path):
+    data = log_file.read_bytes()
+    starts = chunk_starts(data)
+    for size, told in (
+        (len(data), ""),
+        (starts[3], "the run never closed its log"),
+        (starts[3] + 100, "the log is cut off at byte"),
+        (len(data) - 10, ""),  # the closing record is there
+    ):
+        assert with_change(tmp_path, data[:size], 0, b"").end.trouble.startswith(told)
+        assert bool(RunRecording(tmp_path).end.trouble) == bool(told)
+
+
+def test_a_file_that_is_missing_in_the_middle_is_told(tmp_path):
+    files = LogFiles(tmp_path, LOG_PREFIX, LOG_TOPICS, file_us=10_000_000)
+    sink = DirectSink(files, LOG_TOPICS)
+    for second in range(35):
+        sink.write(topics.EVENT, second * 1_000_000, b'{"n":1}')
+    sink.close()
+    (tmp_path / "log_0001.mcap").unlink()
+    end = RunRecording(tmp_path).end
+    assert end.lost_messages == 10
+    assert end.trouble == "the log lacks its file number 1; 10 messages were lost"
+
+
+def chunk(content: bytes, size: int, compressed: int) -> bytes:
+    head = struct.pack("<QQQII", 0, 0, size, 0, 4) + b"zstd" + struct.pack("<Q", compressed)
+    return struct.pack("<BQ", 6, len(head) + len(content)) + head + content
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        struct.pack("<BQ", 6, 2**40),
+        struct.pack("<BQ", 4, 2**63),
+        chunk(b"", 2**40, 2**40),
+        chunk(zstandard.compress(bytes(70_000_000)), 70_000_000, 0),
+        chunk(b"\x28\xb5\x2f\xfd\xe0" + struct.pack("<Q", 2**40) + bytes(8), 2**40, 21),
+    ],
+    ids=["chunk of 1 TB", "channel", "size of 1 TB", "bomb", "frame of 1 TB"],
+)
+def test_a_length_that_is_too_great_takes_no_memory(log_file, tmp_path, content):
+    data = log_file.read_bytes()
+    start = chunk_starts(data)[1]
+    long = with_change(tmp_path, data[:start] + content + data[start:], 0, b"")
+    tracemalloc.start()
+    assert as_read(long) == as_read(RunRecording(log_file))
+    assert "damaged" in long.end.trouble
+    assert tracemalloc.get_traced_memory()[1] < 100_000_000
+    tracemalloc.stop()
 
 
 def test_a_log_is_cut_into_files_that_each_open_alone(tmp_path):

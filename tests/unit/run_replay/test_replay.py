@@ -146,6 +146,15 @@ def test_so_does_one_that_was_ended_half_way(folder, short_path, lines, trouble,
     assert_equal(folder, steps=len(result.records))
 
 
+@pytest.mark.parametrize(
+    "nobody", [{"device": "tcp://127.0.0.1:1"}, {"tracker": "ndi+tcp://127.0.0.1:1"}]
+)
+def test_so_does_one_that_found_no_board_or_no_camera(folder, short_path, nobody):
+    result = run(folder, short_path, **nobody)
+    assert "refused" in str(result.failure)
+    assert replay(RunRecording(folder)).difference is None
+
+
 def test_so_does_one_over_a_noisy_line(folder, short_path, lines):
     def on_step(step, steps, record):
         lines[0].noise = LineNoise(np.random.default_rng(1), drop=0.002, flip=0.002)
@@ -245,6 +254,22 @@ def test_a_log_cut_short_is_compared_as_far_as_it_goes(recorded, tmp_path):
     assert not cut.end.is_complete
     assert result.difference is None
     assert 0 < result.frames < len(sent_frames(RunRecording(recorded)))
+
+
+def test_a_damaged_log_is_refused_as_such(recorded, tmp_path):
+    data = bytearray((recorded / "log_0000.mcap").read_bytes())
+    data[data.rindex(b"zstd", 0, len(data) // 3) + 500] ^= 1
+    (tmp_path / "log_0000.mcap").write_bytes(data)
+    with pytest.raises(ConfigError, match=r"log is damaged: bytes .* messages were lost") as caught:
+        replay(RunRecording(tmp_path))
+    assert caught.value.exit_status == 2
+
+
+@pytest.mark.parametrize("tokens", ["r?", "rrrrrrrr", "x", "\u00e9"])
+def test_a_tape_that_makes_no_sense_is_refused(recorded, tmp_path, tokens):
+    odd = changed(topics.INPUTS, 3, lambda content: {**content, "tokens": tokens})
+    with pytest.raises(ConfigError, match="messages on /run/inputs"):
+        replay(rewritten(recorded, tmp_path, odd))
 
 
 def test_a_log_with_gaps_is_refused(recorded, tmp_path, monkeypatch):

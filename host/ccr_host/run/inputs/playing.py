@@ -9,11 +9,9 @@ from typing import NoReturn
 
 from ccr_host.errors import CcrError, DeviceError, TrackerError
 from ccr_host.run.clock import Steppable
-from ccr_host.run.inputs.tape import TapeError, TapePiece, Token
+from ccr_host.run.inputs.tape import TOKENS_WITH_ERROR, TapeError, TapePiece, Token
 from ccr_host.tracking.sample import Sample
 
-_WITH_TIME = frozenset({Token.READ, Token.TURN, Token.SAMPLE})
-_WITH_ERROR = frozenset({Token.PORT_LOST, Token.RAISED})
 _DOING = {
     Token.READ: "read the clock",
     Token.TURN: "waited",
@@ -69,7 +67,7 @@ class TapePlayer:
 
     def skip(self) -> None:
         """Take a token that carries nothing, or whose error has been raised."""
-        if self._tokens.popleft() in _WITH_ERROR:
+        if self._tokens.popleft() in TOKENS_WITH_ERROR:
             self._errors.popleft()
 
     def take_time(self) -> int:

@@ -44,6 +44,10 @@ class Token(enum.StrEnum):
     """Something from outside ended the run: an interruption, a tracker; an error."""
 
 
+TOKENS_WITH_TIME = frozenset({Token.READ, Token.TURN, Token.SAMPLE})
+TOKENS_WITH_ERROR = frozenset({Token.PORT_LOST, Token.RAISED})
+
+
 @dataclass(frozen=True)
 class TapeError:
     """What a token that stands for an error tells of it."""
@@ -71,6 +75,19 @@ class TapePiece:
     """One for each token that carries a time."""
     errors: list[TapeError]
     """One for each token that stands for an error."""
+
+    def checked(self) -> TapePiece:
+        """The piece itself.
+
+        Raises:
+            ValueError: a letter that is no token, or not as many times or errors as tokens need.
+        """
+        tokens = [Token(letter) for letter in self.tokens]
+        times = sum(token in TOKENS_WITH_TIME for token in tokens)
+        errors = sum(token in TOKENS_WITH_ERROR for token in tokens)
+        if (times, errors) != (len(self.times_us), len(self.errors)):
+            raise ValueError(f"{len(tokens)} tokens with {len(self.times_us)} times")
+        return self
 
 
 TapeReader = Callable[[TapePiece], None]

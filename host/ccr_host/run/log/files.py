@@ -96,9 +96,10 @@ def _opening(repeated: Mapping[int, bytes], time_ns: int) -> Chunk:
 
 def log_files(folder: Path, prefix: str) -> list[Path]:
     """The files of a log, in order."""
-    return sorted(folder.glob(f"{prefix}_[0-9]*.mcap"), key=_number)
+    return sorted(folder.glob(f"{prefix}_[0-9]*.mcap"), key=file_number)
 
 
-def _number(path: Path) -> int:
+def file_number(path: Path) -> int:
+    """Place of a file in its log, from 0."""
     digits = path.stem.rpartition("_")[2]
-    return int(digits) if digits.isdigit() else 0
+    return int(digits) if digits.isdecimal() else 0

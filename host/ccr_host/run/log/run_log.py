@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from itertools import pairwise
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from cobs import cobs
 from numpy.typing import NDArray
-from pydantic_core import to_json
+from pydantic_core import PydanticSerializationError, to_json
 
 from ccr_host.control.base import Command, Observation
 from ccr_host.link.messages import MESSAGES, Fault, State, StateReport
@@ -181,7 +182,11 @@ class RunLog(RunObserver):
             self._timing.close()
 
     def _write(self, topic: Topic, time_us: int, content: dict[str, Any]) -> None:
-        self._log.write(topic, time_us, to_json(content, inf_nan_mode="null"))
+        try:
+            packed = to_json(content, inf_nan_mode="null")
+        except PydanticSerializationError:  # a file's name that is not UTF-8
+            packed = json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")
+        self._log.write(topic, time_us, packed)
 
     def _write_reference(self, reference: Reference) -> None:
         for start in range(0, len(reference), _REFERENCE_PIECE):

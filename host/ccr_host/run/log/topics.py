@@ -7,6 +7,9 @@ rest of the host; Foxglove's own are metres.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+
+from pydantic_core import SchemaValidator
 
 from ccr_host.control.base import Outcome
 from ccr_host.run.log import foxglove_schemas as foxglove
@@ -22,6 +25,7 @@ from ccr_host.run.log.json_schema import (
     described,
     nullable,
     record,
+    validator,
 )
 
 _POINT_MM = array(NUMBER, 3)
@@ -45,10 +49,28 @@ class Topic:
         title: str = self.schema["title"]
         return title
 
+    def is_message(self, content: object) -> bool:
+        """Whether content is of the types that the schema names."""
+        return self._validator.isinstance_python(content)
+
+    @cached_property
+    def _validator(self) -> SchemaValidator:
+        return validator(self.schema)
+
+
+_REFERENCE = record(
+    "ccr.ReferenceSummary",
+    name=TEXT,
+    period_s=NUMBER,
+    samples=COUNT,
+    laps={"type": "integer", "minimum": 1},
+)
 
 SETUP = Topic(
     "/run/setup",
-    record("ccr.RunSetup", versions=OBJECT, options=OBJECT, description=OBJECT, reference=OBJECT),
+    record(
+        "ccr.RunSetup", versions=OBJECT, options=OBJECT, description=OBJECT, reference=_REFERENCE
+    ),
     repeated=True,
 )
 REFERENCE = Topic(

@@ -10,11 +10,28 @@ from typing import Any
 
 from ccr_host.errors import ConfigError
 from ccr_host.run.folder import METRICS_FILE
+from ccr_host.run.log.json_schema import NUMBER, OBJECT, TEXT, array, nullable, record, validator
 from ccr_host.run.log.play import play_run
 from ccr_host.run.log.reader import RunRecording
 from ccr_host.run.metrics import ErrorFigures
 from ccr_host.run.observer import RunObserver, RunSetup
 from ccr_host.run.step_record import StepRecord, measured_errors_mm, true_errors_mm
+from ccr_host.user_file import read_text
+
+_MOST_BYTES = 4_000_000
+_FIGURES = (
+    *("mean_error_mm", "p95_error_mm", "max_error_mm", "true_mean_error_mm"),
+    *("twin_floor_mean_error_mm", "tracker_lost_steps", "missed_deadlines"),
+)
+_METRICS = validator(
+    record(
+        "metrics",
+        **dict.fromkeys(_FIGURES, nullable(NUMBER)),
+        faults=array(TEXT),
+        link=nullable(OBJECT),
+    )
+)
+"""What the page uses of them."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +46,8 @@ class RecordedRun:
     metrics: Mapping[str, Any]
     """Summary of the run; of a run that was killed, the error figures alone."""
     versions: Mapping[str, str]
-    is_complete: bool
-    """Whether the run has closed its log."""
+    log_trouble: str
+    """What is missing in the log; empty if nothing is."""
 
     @property
     def title(self) -> str:
@@ -57,7 +74,7 @@ def read_run(folder: Path) -> RecordedRun:
         events=seen.events,
         metrics=_kept_metrics(folder) or _error_figures(seen.records),
         versions=recording.setup["versions"],
-        is_complete=recording.end.is_complete,
+        log_trouble=recording.end.trouble,
     )
 
 
@@ -78,11 +95,13 @@ class _Seen(RunObserver):
 
 
 def _kept_metrics(folder: Path) -> Mapping[str, Any] | None:
+    """None where there is no such file, or not one of ours."""
     try:
-        metrics: Mapping[str, Any] = json.loads((folder / METRICS_FILE).read_text())["metrics"]
-    except (OSError, ValueError, KeyError):
+        text, _ = read_text(folder / METRICS_FILE, "summary", "", _MOST_BYTES)
+        metrics: Mapping[str, Any] = json.loads(text)["metrics"]
+    except (ConfigError, ValueError, KeyError, TypeError, RecursionError):
         return None
-    return metrics
+    return metrics if _METRICS.isinstance_python(metrics) else None
 
 
 def _error_figures(records: Sequence[StepRecord]) -> Mapping[str, Any]:

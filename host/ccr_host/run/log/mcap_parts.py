@@ -1,0 +1,241 @@
+"""Reads an MCAP file as far as it is whole, and tells what of it is not.
+
+The package's own reader gives up at the first byte that is wrong, and believes every length that a
+file states. This one goes on at the next record that can be told from noise: a damaged byte costs
+the record or chunk in which it stands. Records are parsed by the package.
+Layout: https://mcap.dev/spec
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from struct import Struct
+from typing import Any, NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    Channel,
+    DataEnd,
+    Header,
+    McapRecord,
+    Metadata,
+    Schema,
+    Statistics,
+)
+from mcap.writer import MCAP0_MAGIC
+from zstandard import ZstdDecompressor, ZstdError, frame_content_size
+
+MOST_FILE_BYTES = 256_000_000
+"""Four times what the files of our logs are cut at."""
+_MOST_CHUNK_BYTES = 64_000_000
+"""Unpacked; ours end at 4 MB and the message that is added then."""
+_MOST_UNPACKED_BYTES = 2_000_000_000
+"""Of all chunks of a file."""
+
+_HEADER_BYTES = 64
+
+_HEAD = Struct("<BQ")
+_CHUNK_HEAD = Struct("<QQQII")
+_MESSAGE_HEAD = Struct("<HIQQ")
+_INDEX_HEAD = Struct("<HI")
+_LENGTH64 = Struct("<Q")
+_FOOTER = Struct("<BQQQI")
+_ZSTD, _PLAIN = b"zstd", b""
+_PARSED: dict[int, Any] = {
+    Opcode.HEADER: Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.METADATA: Metadata,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.DATA_END: DataEnd,
+    Opcode.STATISTICS: Statistics,
+}
+_UNPARSABLE = (EndOfFile, struct.error, UnicodeDecodeError)
+_LANDMARK = re.compile(
+    rb"\x06.{36}\x04\0\0\0zstd|\x0c.{8}\x0c\0\0\0ccr_host\.end|\x0f\x04\0{7}", re.DOTALL
+)
+"""Starts of a chunk, of the closing record, of the end of the data."""
+
+
+class PackedMessage(NamedTuple):
+    """One message as it stands in the file."""
+
+    channel: int
+    sequence: int
+    time_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Bytes that cannot be read."""
+
+    start: int
+    end: int
+    why: str = ""
+    reaches_end: bool = False
+    """Nothing can be read behind it."""
+
+
+Part = Channel | Metadata | PackedMessage | Damage
+
+
+class McapParts:
+    """The content of one file.
+
+    Args:
+        data: all of the file.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self.is_finished = data.endswith(MCAP0_MAGIC) and len(data) > len(MCAP0_MAGIC)
+        """Whether the writer has closed the file."""
+        self.channels: dict[int, Channel] = {}
+        """As the summary repeats them."""
+        self.message_count: int | None = None
+        """As the summary states it; None without a summary that can be trusted."""
+        for record in self._summary():
+            if isinstance(record, Channel):
+                self.channels[record.id] = record
+            elif isinstance(record, Statistics):
+                self.message_count = record.message_count
+
+    @property
+    def is_mcap(self) -> bool:
+        """Whether this is an MCAP file, perhaps a damaged one."""
+        return self._data.startswith(MCAP0_MAGIC) or self._landmark(0) is not None
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether the header, perhaps a damaged one, names this program as the writer."""
+        return b"ccr-host" in self._data[:_HEADER_BYTES]
+
+    def __iter__(self) -> Iterator[Part]:
+        """What stands before the summary, in order; all that can be read."""
+        at, unpacked_bytes = len(MCAP0_MAGIC), 0
+        while at < len(self._data):
+            record = self._record(at)
+            if record is None:
+                landmark = self._landmark(at + 1)
+                end = len(self._data) if landmark is None else landmark
+                yield Damage(at, end, reaches_end=landmark is None)
+                at = end
+                continue
+            opcode, content, end = record
+            if opcode == Opcode.DATA_END:
+                return
+            if opcode == Opcode.CHUNK:
+                unpacked, why = _unpacked(content)
+                unpacked_bytes += len(unpacked)
+                if unpacked_bytes > _MOST_UNPACKED_BYTES:
+                    why = f"more than {_MOST_UNPACKED_BYTES} bytes unpacked"
+                if why:
+                    yield Damage(at, end, why)
+                else:
+                    yield from _in_chunk(unpacked)
+            elif isinstance(parsed := _parsed(opcode, content), Channel | Metadata):
+                yield parsed
+            at = end
+
+    def _summary(self) -> Iterator[object]:
+        """Records of the summary; none if its check sum is wrong."""
+        footer_at = len(self._data) - len(MCAP0_MAGIC) - _FOOTER.size
+        if not self.is_finished or footer_at < 0:
+            return
+        opcode, length, at, _, crc = _FOOTER.unpack_from(self._data, footer_at)
+        if opcode != Opcode.FOOTER or length != _FOOTER.size - _HEAD.size or not 0 < at < footer_at:
+            return
+        if crc != zlib.crc32(memoryview(self._data)[at : footer_at + _FOOTER.size - 4]):
+            return
+        while at < footer_at and (record := self._record(at, in_summary=True)) is not None:
+            opcode, content, at = record
+            if opcode in (Opcode.CHANNEL, Opcode.STATISTICS):
+                yield _parsed(opcode, content)
+
+    def _record(self, at: int, *, in_summary: bool = False) -> tuple[int, bytes, int] | None:
+        """Opcode, content and end of a record; None if none can begin here."""
+        if at + _HEAD.size > len(self._data):
+            return None
+        opcode, length = _HEAD.unpack_from(self._data, at)
+        start, end = at + _HEAD.size, at + _HEAD.size + length
+        if end > len(self._data):
+            return None
+        content = self._data[start:end]
+        is_whole = in_summary or _is_whole(opcode, content)
+        return (opcode, content, end) if is_whole else None
+
+    def _landmark(self, at: int) -> int | None:
+        """Where the next record begins that is surely one."""
+        for found in _LANDMARK.finditer(self._data, at):
+            if self._record(found.start()) is not None:
+                return found.start()
+        return None
+
+
+def _is_whole(opcode: int, content: bytes) -> bool:
+    """Whether content of this length can be that of such a record in front of the summary."""
+    if opcode == Opcode.CHUNK:
+        at = _CHUNK_HEAD.size
+        if len(content) < at + _LENGTH64.size:
+            return False
+        at += _CHUNK_HEAD.unpack_from(content)[-1]
+        if at + _LENGTH64.size > len(content):
+            return False
+        return bool(at + _LENGTH64.size + _LENGTH64.unpack_from(content, at)[0] == len(content))
+    if opcode == Opcode.MESSAGE_INDEX:
+        return len(content) >= _INDEX_HEAD.size and (
+            _INDEX_HEAD.unpack_from(content)[1] == len(content) - _INDEX_HEAD.size
+        )
+    return _parsed(opcode, content) is not None
+
+
+def _parsed(opcode: int, content: bytes) -> McapRecord | None:
+    """The record; None if it is of another kind, or the content is not exactly one."""
+    if opcode not in _PARSED:
+        return None
+    stream = ReadDataStream(BytesIO(content))
+    try:
+        record: McapRecord = _PARSED[opcode].read(stream)
+    except _UNPARSABLE:
+        return None
+    return record if stream.count == len(content) else None
+
+
+def _unpacked(chunk: bytes) -> tuple[bytes, str]:
+    """The records of a chunk, or why they cannot be had."""
+    *_, size, crc, name_length = _CHUNK_HEAD.unpack_from(chunk)
+    start = _CHUNK_HEAD.size + name_length
+    name, packed = chunk[_CHUNK_HEAD.size : start], chunk[start + _LENGTH64.size :]
+    if name not in (_ZSTD, _PLAIN):
+        return b"", f"compressed with {name.decode(errors='replace')!r}"
+    try:
+        size = frame_content_size(packed) if name == _ZSTD else len(packed)
+        if not 0 <= size <= _MOST_CHUNK_BYTES:
+            return b"", f"a chunk of more than {_MOST_CHUNK_BYTES} bytes"
+        data = ZstdDecompressor().decompress(packed) if name == _ZSTD else packed
+    except ZstdError as error:
+        return b"", str(error)
+    return (b"", "wrong check sum") if crc not in (0, zlib.crc32(data)) else (data, "")
+
+
+def _in_chunk(data: bytes) -> Iterator[Part]:
+    at = 0
+    while at + _HEAD.size <= len(data):
+        opcode, length = _HEAD.unpack_from(data, at)
+        at += _HEAD.size
+        content = data[at : at + length]
+        at += length
+        if opcode == Opcode.MESSAGE and len(content) >= _MESSAGE_HEAD.size:
+            channel, sequence, time_ns, _ = _MESSAGE_HEAD.unpack_from(content)
+            yield PackedMessage(channel, sequence, time_ns, content[_MESSAGE_HEAD.size :])
+        elif isinstance(record := _parsed(opcode, content), Channel):
+            yield record
