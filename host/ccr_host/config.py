@@ -194,9 +194,9 @@ class Control(_Section):
     stale_after_ms: Annotated[int, _within(1, 60_000)] = 250
     """A sample older than this counts as lost."""
     coast_s: Annotated[float, _within(0, 600)] = 2.0
-    """For so long without markers the controller goes on with its model alone."""
+    """How long the controller goes on with its model alone while no markers are seen."""
     hold_s: Annotated[float, _within(0, 600)] = 3.0
-    """For so long after that the pose is held; then the run ends and the robot is disarmed."""
+    """How long the pose is held after that, before the run ends and the robot is disarmed."""
 
 
 _Force = Annotated[float, _within(-100, 100)]
