@@ -4,8 +4,10 @@ import json
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from ccr_host.tracking.ndi.rom import DUMMY_MARKERS_MM, make_passive_rom
 from tests.foreign_servers import foreign_server
 from tests.system.conftest import PAPERS, CcrHost
 
@@ -179,3 +181,16 @@ def test_a_foreign_server_on_the_boards_port_is_one_line(ccr_host: CcrHost, kind
     assert ended.status == 3
     assert len(ended.err.strip().splitlines()) == 1
     assert uri in ended.err
+
+
+@pytest.mark.parametrize("command", [["track", "8shape", *PAPERS, "--no-open"], ["register"]])
+def test_tool_files_that_are_exchanged_are_named_before_the_robot_moves_far(
+    ccr_host: CcrHost, command: list[str]
+) -> None:
+    for name, stands_on in {"M1": "M3", "M2": "M2", "M3": "M1"}.items():
+        rom = make_passive_rom(np.array(DUMMY_MARKERS_MM), f"CCR-{stands_on}")
+        (ccr_host.folder / f"{name}.rom").write_bytes(rom)
+    files = "tracker.tool_files={" + ", ".join(f'{m} = "{m}.rom"' for m in ("M1", "M2", "M3")) + "}"
+    ended = ccr_host(*command, "--tracker", "ndi-emulator:", "--set", files)
+    assert ended.status == 3
+    assert "markers M1 and M3 are exchanged" in ended.err.strip().splitlines()[-1]

@@ -11,6 +11,7 @@ from ccr_host.control.adaptive.tour_stops import tour_stops_rad
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
+from ccr_host.tracking.marker_check import MarkerCheck
 
 
 def measure_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
@@ -19,9 +20,11 @@ def measure_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
         RegistrationError: the robot does not come to rest.
+        TrackerError: the markers are not those of the robot, or exchanged.
     """
     prior = Scaling(description.robot).parameters(np.zeros(COUNT))
-    tour = visit(rig, tour_stops_rad(prior, MotorLimits.of(description.servo)), on_pose)
+    stops_rad = tour_stops_rad(prior, MotorLimits.of(description.servo))
+    tour = visit(rig, MarkerCheck(description), stops_rad, on_pose)
     poses = tour.poses
     return Rests(
         start_rad=tour.start_rad,

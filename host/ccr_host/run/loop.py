@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccr_host.config import Control, Description
+from ccr_host.config import Description
 from ccr_host.control.base import (
     APPROACH_PERIOD_S,
     Approaching,
@@ -27,6 +27,7 @@ from ccr_host.run.observer import RunObserver
 from ccr_host.run.operator import NoOperator, Operator
 from ccr_host.run.rig import Rig
 from ccr_host.run.step_record import StepRecord, Vector
+from ccr_host.tracking.marker_check import MarkerCheck
 from ccr_host.tracking.sample import Sample
 
 _SOLVE_SHARE_OF_PERIOD = 0.5
@@ -89,7 +90,7 @@ class _PathRun:
                 *_VALIDITY_LIMITS_MS,
             )
         )
-        self._watch = _MarkerWatch(rig, description.control)
+        self._watch = _MarkerWatch(rig, description)
 
     def execute(self, on_step: Progress) -> list[StepRecord]:
         rig, clock = self._rig, self._rig.clock
@@ -240,8 +241,11 @@ def _repeat(last: Command, why: str) -> Command:
 class _MarkerWatch:
     """Decides what a missing sample means: coast on the model, hold the pose, give up."""
 
-    def __init__(self, rig: Rig, control: Control) -> None:
+    def __init__(self, rig: Rig, description: Description) -> None:
+        control = description.control
         self._rig = rig
+        self._check = MarkerCheck(description)
+        self._fits = False
         self._stale_us = control.stale_after_ms * 1000
         self._coast_us = control.coast_s * 1e6
         self._hold_us = control.hold_s * 1e6
@@ -257,7 +261,8 @@ class _MarkerWatch:
             clock.sleep_until_us(clock.now_us() + _SAMPLE_POLL_US)
 
     def start(self) -> None:
-        """Count from now on how long the markers are lost."""
+        """The robot moves; count from now on how long the markers are lost."""
+        self._check.robot_moves()
         self._last_seen_us = self._rig.clock.now_us()
 
     def fresh_sample(self) -> Sample | None:
@@ -265,8 +270,11 @@ class _MarkerWatch:
         if sample is None or self._rig.clock.now_us() - sample.exposed_us > self._stale_us:
             return None
         if sample.exposed_us != self._last_exposed_us:
-            self._last_exposed_us = self._last_seen_us = sample.exposed_us
-        return sample
+            self._last_exposed_us = sample.exposed_us
+            self._fits = self._check.accepts(sample)
+            if self._fits:
+                self._last_seen_us = sample.exposed_us
+        return sample if self._fits else None
 
     def look(self) -> tuple[Vector | None, int, bool]:
         """Newest measurement or None, its age in us or 0, and whether the pose must be held."""

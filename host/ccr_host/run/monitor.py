@@ -18,6 +18,7 @@ from ccr_host.run.clock import Clock, CpuStopwatch, RealClock, Stopwatch
 from ccr_host.run.rig import believed_rad, connect_board, session_number
 from ccr_host.run.tracker_rig import TrackerRig
 from ccr_host.tracking.frame import TrackerHealth
+from ccr_host.tracking.marker_check import MarkerCheck
 from ccr_host.tracking.sample import Sample
 from ccr_host.tracking.tracker import WatchedTracker
 from ccr_host.tracking.uri import parse_tracker_uri
@@ -93,6 +94,7 @@ class Monitor:
         clock: real.
         tracker: attached to it.
         board: its URI and a connected client, if there is one.
+        check: what does not fit a robot near its rest is told.
         registered: whether the tracker's samples are in the robot's frame.
     """
 
@@ -101,9 +103,11 @@ class Monitor:
         clock: Clock,
         tracker: WatchedTracker,
         board: tuple[str, Client] | None,
+        check: MarkerCheck,
         *,
         registered: bool,
     ) -> None:
+        self._check = check
         self._clock = clock
         self._tracker = tracker
         self._board = board
@@ -136,7 +140,7 @@ class Monitor:
             seconds=(now_us - self._opened_us) * 1e-6,
             registered=self._registered,
             health=self._tracker.health,
-            trouble=self._tracker.trouble(),
+            trouble=self._trouble(),
             sample=self._last,
             age_ms=None if self._last is None else (now_us - self._last.exposed_us) / 1000,
             arrival_age_ms=float(np.median(ages_ms)) if ages_ms else None,
@@ -145,6 +149,11 @@ class Monitor:
             cpu_share=self._cpu.elapsed_s() * 1e6 / max(1.0, self._wall.elapsed_us()),
             link=None if self._board is None else _link_view(*self._board),
         )
+
+    def _trouble(self) -> str:
+        told = self._tracker.trouble()
+        wrong = None if self._last is None else self._check.trouble(self._last.markers_mm)
+        return told if wrong is None else "; ".join(text for text in (told, *wrong) if text)
 
 
 def _link_view(device: str, client: Client) -> LinkView:
@@ -189,7 +198,8 @@ def open_monitor(
             client.connect()
         tracker = eyes.tracker(clock, lambda: _angles(client), in_camera_frame=not registered)
         board = None if client is None else (str(device), client)
-        monitor = Monitor(clock, tracker, board, registered=registered)
+        check = MarkerCheck(description, in_robot_frame=registered)
+        monitor = Monitor(clock, tracker, board, check, registered=registered)
         clock.attach(monitor)
         yield monitor
 

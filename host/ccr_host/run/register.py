@@ -17,6 +17,7 @@ from ccr_host.errors import TrackerError
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
+from ccr_host.tracking.marker_check import MarkerCheck
 from ccr_host.tracking.registration import Registration, RestPose, register
 
 Array = NDArray[np.float64]
@@ -49,7 +50,7 @@ def register_robot(rig: Rig, description: Description, on_pose: OnPose) -> Regis
 
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
-        TrackerError: no markers.
+        TrackerError: no markers, or none of this robot.
         RegistrationError: the poses give no rotation that could be trusted.
     """
     poses = collect_rest_poses(rig, description, on_pose)
@@ -61,10 +62,11 @@ def collect_rest_poses(rig: Rig, description: Description, on_pose: OnPose) -> S
 
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
-        TrackerError: no markers in any pose.
+        TrackerError: no markers in any pose, or none of this robot.
         RegistrationError: the robot does not come to rest.
     """
-    tour = visit(rig, safe_poses_rad(MotorLimits.of(description.servo)), on_pose)
+    check = MarkerCheck(description, in_robot_frame=False)
+    tour = visit(rig, check, safe_poses_rad(MotorLimits.of(description.servo)), on_pose)
     if not tour.poses:
         raise TrackerError(
             f"no markers from {rig.tracker.name} in any pose",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.run.rig import Rig
+from ccr_host.tracking.marker_check import MarkerCheck
 from ccr_host.tracking.registration import RegistrationError, RestPose
 from ccr_host.tracking.sample import Sample
 
@@ -43,18 +44,19 @@ class RestTour:
     poses: Sequence[RestPose]
 
 
-def visit(rig: Rig, stops_rad: Array, on_pose: OnPose) -> RestTour:
+def visit(rig: Rig, check: MarkerCheck, stops_rad: Array, on_pose: OnPose) -> RestTour:
     """Arm, measure at each stop, (K, 2), go back to where arming has led the robot, disarm.
 
     An error or Ctrl-C ends the tour where it is; the rig disarms the robot on its way out.
 
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
+        TrackerError: the markers are not those of the robot, or exchanged.
         RegistrationError: the robot does not come to rest.
     """
     rig.client.arm()
     start_rad = np.array(rig.client.accepted_rad)
-    motion = _RestMotion(rig, start_rad)
+    motion = _RestMotion(rig, check, start_rad)
     poses = []
     for done, stop_rad in enumerate(stops_rad):
         on_pose(done, len(stops_rad))
@@ -62,6 +64,7 @@ def visit(rig: Rig, stops_rad: Array, on_pose: OnPose) -> RestTour:
         pose = motion.measure_at_rest()
         if pose is not None:
             poses.append(pose)
+        check.robot_moves()
     motion.move_to(start_rad)
     rig.client.disarm()
     on_pose(len(stops_rad), len(stops_rad))
@@ -74,8 +77,9 @@ class _RestMotion:
     Keeps the board's watchdog fed, and listens to the tracker meanwhile.
     """
 
-    def __init__(self, rig: Rig, q_rad: Array) -> None:
+    def __init__(self, rig: Rig, check: MarkerCheck, q_rad: Array) -> None:
         self._rig = rig
+        self._check = check
         self._q_rad = q_rad
 
     def move_to(self, target_rad: Array) -> None:
@@ -120,7 +124,9 @@ class _RestMotion:
         while clock.now_us() < start_us + duration_us:
             self._command()
             sample = tracker.newest()
-            if sample is not None and sample.exposed_us >= start_us and _is_complete(sample):
+            if sample is None or sample.exposed_us < start_us or sample.exposed_us in samples:
+                continue
+            if self._check.accepts(sample) and _is_complete(sample):
                 samples[sample.exposed_us] = sample
         return list(samples.values())
 

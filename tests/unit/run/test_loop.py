@@ -18,6 +18,8 @@ from ccr_host.tracking.sample import Sample
 
 STEPS = 8
 SILENT = Observers()
+STRAIGHT_MM = np.array([(0.0, 0.0, 0.0), (0.0, -58.5, 0.0), (0.0, -102.0, 0.0)])
+"""Markers of a straight robot."""
 OPTIONS = RunOptions(path="8shape", overrides=("control.coast_s=2", "control.hold_s=3"))
 
 
@@ -65,7 +67,7 @@ class LostAfter:
 
     def newest(self) -> Sample | None:
         exposed_us = min(self.rig.clock.now_us(), self.last_us)
-        return Sample(exposed_us, np.zeros((3, 3)))
+        return Sample(exposed_us, STRAIGHT_MM)
 
     def trouble(self) -> str:
         return ""
@@ -131,6 +133,51 @@ def test_without_markers_the_controller_coasts_then_the_pose_is_held_then_the_ru
         observation for observation in controller.observations if observation.tip_mm is None
     ]
     assert 1 <= len(coasting) <= 3
+
+
+class Exchanged:
+    """A tracker that takes two markers for each other from some time on."""
+
+    name = "exchanged:"
+
+    def __init__(self, rig: Rig, order: tuple[int, ...], from_us: int) -> None:
+        self.rig, self.order, self.from_us = rig, list(order), from_us
+
+    def newest(self) -> Sample | None:
+        sample = self.rig.tracker.newest()
+        if sample is None or sample.exposed_us < self.from_us:
+            return sample
+        return Sample(sample.exposed_us, sample.markers_mm[self.order])
+
+    def trouble(self) -> str:
+        return ""
+
+
+EXCHANGES = {(2, 1, 0): "M1 and M3", (1, 0, 2): "M1 and M2", (0, 2, 1): "M2 and M3"}
+
+
+@pytest.mark.parametrize("order", EXCHANGES)
+def test_exchanged_markers_are_named_before_the_robot_is_armed(rig: Rig, order) -> None:
+    wrong = replace(rig, tracker=Exchanged(rig, order, 0))
+    with pytest.raises(TrackerError, match=f"markers {EXCHANGES[order]} are exchanged"):
+        follow(wrong, Counting(), reference())
+    assert rig.client.read_state().state is State.DISARMED
+    assert rig.clock.now_us() < 3_000_000
+
+
+@pytest.mark.parametrize("period_s", [1.0, 0.05])
+@pytest.mark.parametrize("order", EXCHANGES)
+def test_markers_exchanged_in_mid_run_end_it_before_anybody_steers_by_them(
+    rig: Rig, order, period_s: float
+) -> None:
+    controller = Counting()
+    from_us = rig.clock.now_us() + 6_000_000
+    wrong = replace(rig, tracker=Exchanged(rig, order, from_us))
+    with pytest.raises(TrackerError, match=f"markers {EXCHANGES[order]} have changed places"):
+        follow(wrong, controller, reference(400, period_s))
+    tips_mm = [one.tip_mm for one in controller.observations if one.tip_mm is not None]
+    assert np.abs(np.diff(tips_mm, axis=0)).max() < 5
+    assert rig.clock.now_us() < from_us + 4_000_000
 
 
 def test_a_robot_whose_markers_were_never_seen_is_not_armed(rig: Rig) -> None:

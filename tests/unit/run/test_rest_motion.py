@@ -8,10 +8,16 @@ from ccr_host.run.observer import Observers, RunObserver
 from ccr_host.run.options import RigOptions
 from ccr_host.run.rest_motion import visit
 from ccr_host.run.rig import open_rig
+from ccr_host.tracking.marker_check import MarkerCheck
 
 REST_DEG = (20.0, -10.0)
 OPTIONS = RigOptions(overrides=(f"servo.rest_deg={[*REST_DEG]}", "twin.joint_damping=4e-3"))
 STOPS_RAD = np.radians([(30.0, 0.0), (30.0, 15.0)])
+
+
+@pytest.fixture
+def check() -> MarkerCheck:
+    return MarkerCheck(OPTIONS.description())
 
 
 class Witness(RunObserver):
@@ -24,10 +30,10 @@ class Witness(RunObserver):
         self.reports.append(report)
 
 
-def test_a_tour_tells_where_it_began_and_ends_there_disarmed() -> None:
+def test_a_tour_tells_where_it_began_and_ends_there_disarmed(check: MarkerCheck) -> None:
     witness = Witness()
     with open_rig(OPTIONS, OPTIONS.description(), witness) as rig:
-        tour = visit(rig, STOPS_RAD, lambda *_: None)
+        tour = visit(rig, check, STOPS_RAD, lambda *_: None)
         assert rig.client.read_state().state is State.DISARMED
     np.testing.assert_allclose(np.degrees(tour.start_rad), REST_DEG, atol=0.01)
     np.testing.assert_allclose([pose.q_rad for pose in tour.poses], STOPS_RAD)
@@ -35,24 +41,26 @@ def test_a_tour_tells_where_it_began_and_ends_there_disarmed() -> None:
     np.testing.assert_allclose(active[-1].target_cdeg, np.multiply(REST_DEG, 100), atol=1)
 
 
-def test_progress_is_told_before_each_pose_and_at_the_end() -> None:
+def test_progress_is_told_before_each_pose_and_at_the_end(check: MarkerCheck) -> None:
     told = []
     with open_rig(OPTIONS, OPTIONS.description(), Observers()) as rig:
-        visit(rig, STOPS_RAD, lambda done, poses: told.append((done, poses)))
+        visit(rig, check, STOPS_RAD, lambda done, poses: told.append((done, poses)))
     assert told == [(0, 2), (1, 2), (2, 2)]
 
 
-def test_poses_without_markers_are_left_out_and_the_tour_goes_on(monkeypatch) -> None:
+def test_poses_without_markers_are_left_out_and_the_tour_goes_on(
+    monkeypatch, check: MarkerCheck
+) -> None:
     with open_rig(OPTIONS, OPTIONS.description(), Observers()) as rig:
         seen = rig.tracker.newest
         blind = {"now": False}
         monkeypatch.setattr(rig.tracker, "newest", lambda: None if blind["now"] else seen())
-        tour = visit(rig, STOPS_RAD, lambda done, _: blind.update(now=done == 0))
+        tour = visit(rig, check, STOPS_RAD, lambda done, _: blind.update(now=done == 0))
         assert rig.client.read_state().state is State.DISARMED
     np.testing.assert_allclose([pose.q_rad for pose in tour.poses], STOPS_RAD[1:])
 
 
-def test_an_interrupted_tour_leaves_no_servo_powered() -> None:
+def test_an_interrupted_tour_leaves_no_servo_powered(check: MarkerCheck) -> None:
     def interrupt(done: int, _: int) -> None:
         if done == 1:
             raise KeyboardInterrupt
@@ -62,7 +70,7 @@ def test_an_interrupted_tour_leaves_no_servo_powered() -> None:
         pytest.raises(KeyboardInterrupt),
         open_rig(OPTIONS, OPTIONS.description(), witness) as rig,
     ):
-        visit(rig, STOPS_RAD, interrupt)
+        visit(rig, check, STOPS_RAD, interrupt)
     assert any(report.state is State.ACTIVE for report in witness.reports)
     assert witness.reports[-1].state is State.DISARMED
     assert witness.reports[-1].pulse_half_us == (0, 0)
