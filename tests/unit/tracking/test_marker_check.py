@@ -92,9 +92,8 @@ def test_a_lost_marker_and_a_camera_that_is_moved_are_no_exchange(at_rest) -> No
     lost = at_rest.copy()
     lost[1] = np.nan
     check.robot_moves()
-    for frame, markers_mm in enumerate(
-        (at_rest, lost, at_rest + [[0, 58, 0]], lost - [[0, 44, 0]])
-    ):
+    moved_mm = np.array((0, 58, 0))
+    for frame, markers_mm in enumerate((at_rest, lost, at_rest + moved_mm, lost - moved_mm)):
         assert check.accepts(Sample(frame * FRAME_US, markers_mm))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 BAD_COMMAND_CRC = 0x04
+NOT_INITIALISED = 0x10
 
 _RESTART = "power the camera off and on; if it stays, NDI's support knows more"
 _SERVICE = "have the camera serviced: NDI's support"
@@ -31,7 +32,10 @@ _CODES: dict[int, tuple[str, str]] = {
     0x0D: ("no tool on the port handle", _TOOL),
     0x0E: ("port handle not initialised", _TOOL),
     0x0F: ("port handle not enabled", _TOOL),
-    0x10: ("camera not initialised", "it was reset in mid-conversation; check its power"),
+    NOT_INITIALISED: (
+        "camera not initialised",
+        "it was reset in mid-conversation; check its power",
+    ),
     0x11: ("it cannot stop tracking", _RESTART),
     0x12: ("it cannot start tracking", _RESTART),
     0x13: ("tool cannot be initialised", _TOOL),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ccr_host.errors import TrackerError
 from ccr_host.tracking.ndi.codec import CommandRefusedError, DamagedReplyError, encode_command
-from ccr_host.tracking.ndi.device_errors import BAD_COMMAND_CRC
+from ccr_host.tracking.ndi.device_errors import BAD_COMMAND_CRC, NOT_INITIALISED
 from ccr_host.tracking.ndi.port import Port
 from ccr_host.tracking.ndi.rom import dummy_passive_rom, rom_blocks
 from ccr_host.tracking.ndi.script import (
@@ -46,6 +46,8 @@ _ATTEMPTS = 3
 _DAMAGED_IN_A_ROW = 20
 """So much is no longer noise: the device may have been reset to its slow rate."""
 _DONE = "OKAY"
+_RESET = "RESET"
+"""Said by a device that has just been reset, whatever it was asked."""
 _FRESH_FRAMES = "80"
 """Argument of TSTART: count frames from 0."""
 _WARNING_RESERVED_BITS = "WARNING05"
@@ -152,7 +154,7 @@ def _make_contact(port: Port) -> Generator[Step, Reply | None, int]:
 def _is_reset_heard() -> Generator[Step, Reply | None, bool]:
     for _ in range(_LINES_BEFORE_RESET):
         try:
-            if (yield from _hear(_RESET_TIMEOUT_US)).text == "RESET":
+            if (yield from _hear(_RESET_TIMEOUT_US)).text == _RESET:
                 return True
         except NoReplyError:
             return False
@@ -253,6 +255,8 @@ def _talk(name: str, arguments: str = "") -> Talk:
 def _order(name: str, arguments: str = "") -> Generator[Step, Reply | None, None]:
     """Ask for something that is answered with OKAY."""
     answer = (yield from _talk(name, arguments)).text
+    if answer == _RESET:
+        raise CommandRefusedError(NOT_INITIALISED)
     if answer != _DONE:
         raise TrackerError(f"the camera answered {answer!r} to {name}", "power it off and on")
 
