@@ -10,6 +10,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from ccr_host.robot.reference import PATH_AXES
 from ccr_host.run.monitor import LinkView, MonitorView
 from ccr_host.tracking.identification import MARKERS
 from ccr_host.tracking.registration import Registration
@@ -41,6 +42,7 @@ def monitor_panel(view: MonitorView) -> RenderableType:
 
 def _markers(view: MonitorView) -> Table:
     frame = "robot's frame" if view.registered else "camera's frame: not registered"
+    order = list(PATH_AXES.values()) if view.registered else [0, 1, 2]
     table = Table(title=f"mm, {frame}", title_justify="left")
     for heading in ("", "x", "y", "z", "length"):
         table.add_column(heading, justify="right")
@@ -49,9 +51,9 @@ def _markers(view: MonitorView) -> Table:
         return table
     for name, place in zip(MARKERS, view.sample.markers_mm, strict=True):
         lost = bool(np.isnan(place).any())
-        table.add_row(name, *(["-"] * 3 if lost else [f"{v:.2f}" for v in place]), "")
+        table.add_row(name, *(["-"] * 3 if lost else [f"{v:.2f}" for v in place[order]]), "")
     tip = view.sample.tip_mm
-    table.add_row("f = M3 - M1", *(f"{v:.2f}" for v in tip), f"{np.linalg.norm(tip):.2f}")
+    table.add_row("f = M3 - M1", *(f"{v:.2f}" for v in tip[order]), f"{np.linalg.norm(tip):.2f}")
     return table
 
 

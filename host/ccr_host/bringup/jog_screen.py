@@ -12,6 +12,7 @@ from rich.text import Text
 
 from ccr_host.bringup.jog import JogView
 from ccr_host.bringup.jog_target import HELP, HELP_BACK
+from ccr_host.robot.reference import PATH_AXES
 
 _BAR_CELLS = 30
 
@@ -81,8 +82,9 @@ def _tip(view: JogView, simulated: bool) -> Text:
         )
     if view.sample is None or view.sample_age_us is None:
         return Text("tip: no markers", style="yellow")
-    x, y, z = view.sample.tip_mm
-    return Text(f"tip: {x:7.2f} {y:7.2f} {z:7.2f} mm, {view.sample_age_us / 1000:.0f} ms old")
+    tip_mm = view.sample.tip_mm
+    told = ", ".join(f"{axis} {tip_mm[component]:.2f}" for axis, component in PATH_AXES.items())
+    return Text(f"tip: {told} mm, {view.sample_age_us / 1000:.0f} ms old")
 
 
 def _keys(help_lines: Iterable[tuple[str, str]]) -> Table:

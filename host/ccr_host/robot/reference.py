@@ -16,6 +16,9 @@ REACHABLE_MM = 0.01
 the robot can show (half a microsecond of servo pulse moves the tip 0.1 mm, the camera's noise is
 0.25 mm)."""
 
+PATH_AXES = {"x": 1, "y": 0, "z": 2}
+"""Component of f in (10) that a path, and every file with named axes, calls x, y and z."""
+
 MAX_SAMPLES = 100_000
 """More than a thousand samples a second of the longest built-in path; the servos hear 50."""
 _SMALL_GAP_MM = 1.0

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccr_host.robot.reference import Reference
+from ccr_host.robot.reference import PATH_AXES, Reference
 from ccr_host.robot.workspace import Workspace
 from ccr_host.run.figure_style import (
     BESIDE_THE_TRUTH,
@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-X, Y, Z = 1, 0, 2
-"""Components of f that the trajectories call x (along the robot), y and z."""
+X, Y, Z = (PATH_AXES[axis] for axis in "xyz")
 _MOST_MARKERS = 200
 """With more points than this a line shows more without them."""
 _SHADE = 0.3

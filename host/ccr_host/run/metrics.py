@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-LATERAL = [0, 2]
-"""Components of f that the trajectories call y and z."""
+from ccr_host.robot.reference import PATH_AXES
+
+LATERAL = [PATH_AXES["y"], PATH_AXES["z"]]
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,12 @@ class _ParquetFile:
             str: arrow.string(),
         }
         self._arrow = arrow
-        self._schema = arrow.schema([(name, types[kind]) for name, kind in table.columns.items()])
+        self._schema = arrow.schema(
+            [
+                arrow.field(name, types[column.kind], metadata={"description": column.meaning})
+                for name, column in table.columns.items()
+            ]
+        )
         self._writer = parquet.ParquetWriter(str(path), self._schema)
         self._rows: list[Row] = []
 

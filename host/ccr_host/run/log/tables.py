@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+from ccr_host.control.base import Outcome
 from ccr_host.link.framing import decode_single_frame
 from ccr_host.link.messages import MESSAGES, PayloadError
+from ccr_host.robot.reference import PATH_AXES
 from ccr_host.run.log import topics
 from ccr_host.run.log.reader import LogMessage, RunRecording
 from ccr_host.run.log.topics import Topic
@@ -16,9 +18,17 @@ Cell = int | float | bool | str | None
 Row = dict[str, Cell]
 Json = dict[str, Any]
 
-_S_PER_US = 1e-6
-_AXES = ("x", "y", "z")
 _MARKERS = ("m1", "m2", "m3")
+
+
+class Column(NamedTuple):
+    """What stands in one column."""
+
+    kind: type
+    meaning: str
+
+
+Columns = Mapping[str, Column]
 
 
 @dataclass(frozen=True)
@@ -26,23 +36,38 @@ class Table:
     """Which messages become its rows, and how."""
 
     name: str
+    meaning: str
     topics: tuple[Topic, ...]
-    columns: Mapping[str, type]
+    columns: Columns
     row: Callable[[LogMessage], Row]
 
 
-def _vector_columns(name: str) -> dict[str, type]:
-    return {f"{name}_{axis}_mm": float for axis in _AXES}
+def _vector_columns(name: str, meaning: str) -> dict[str, Column]:
+    return {f"{name}_{axis}_mm": Column(float, f"{meaning}, {axis}") for axis in PATH_AXES}
 
 
 def _vector(name: str, values: Sequence[float] | None) -> Row:
-    return dict(zip(_vector_columns(name), values or (None, None, None), strict=True))
+    return {
+        f"{name}_{axis}_mm": None if values is None else values[component]
+        for axis, component in PATH_AXES.items()
+    }
+
+
+def _motor_columns(stem: str, unit: str, kind: type, meaning: str) -> dict[str, Column]:
+    return {f"{stem}_{n}_{unit}": Column(kind, f"{meaning}, motor {n}") for n in (1, 2)}
 
 
 def _pair(name: str, values: list[float] | None) -> Row:
     first, second = values or (None, None)
     stem, unit = name.rsplit("_", 1)
     return {f"{stem}_1_{unit}": first, f"{stem}_2_{unit}": second}
+
+
+_TIME = {"time_us": Column(int, "when, on the run's clock")}
+_OUTCOME = {
+    "outcome": Column(str, "of the controller: " + ", ".join(outcome.value for outcome in Outcome)),
+    "detail": Column(str, "why, where it is not `solved`"),
+}
 
 
 def _step(message: LogMessage) -> Row:
@@ -58,12 +83,20 @@ def _step(message: LogMessage) -> Row:
     }
 
 
-_STEP_COLUMNS: dict[str, type] = {
-    "time_us": int, "step": int, "time_s": float, "outcome": str, "detail": str, "late": bool,
-    **_vector_columns("target"), **_vector_columns("measured"), **_vector_columns("true"),
-    "q_1_rad": float, "q_2_rad": float, "error_mm": float, "measured_age_us": int,
-    "solve_us": float,
-}  # fmt: skip
+_STEP_COLUMNS: Columns = {
+    **_TIME,
+    "step": Column(int, "number of the step, from 0"),
+    "time_s": Column(float, "of the step on the path's clock"),
+    **_OUTCOME,
+    "late": Column(bool, "the command missed its deadline; the last one was repeated"),
+    **_vector_columns("target", "desired tip"),
+    **_vector_columns("measured", "measured tip at the end of the step, empty if lost"),
+    **_vector_columns("true", "the simulated robot's tip, empty on a real one"),
+    **_motor_columns("q", "rad", float, "command"),
+    "error_mm": Column(float, "distance of measured and desired tip"),
+    "measured_age_us": Column(int, "age of the measurement"),
+    "solve_us": Column(float, "computing time of the controller"),
+}
 
 
 def _command(message: LogMessage) -> Row:
@@ -83,12 +116,19 @@ def _command(message: LogMessage) -> Row:
     }
 
 
-_COMMAND_COLUMNS: dict[str, type] = {
-    "time_us": int, "step": int, "outcome": str, "detail": str, **_vector_columns("tip"),
-    "tip_age_us": int, "accepted_1_rad": float, "accepted_2_rad": float, "command_1_rad": float,
-    "command_2_rad": float, "ramp_s": float, "horizon": int, **_vector_columns("predicted"),
-    "iterations": int,
-}  # fmt: skip
+_COMMAND_COLUMNS: Columns = {
+    **_TIME,
+    "step": Column(int, "for which it was computed, empty while the robot is led to the path"),
+    **_OUTCOME,
+    **_vector_columns("tip", "measured tip as the controller was told, empty if lost"),
+    "tip_age_us": Column(int, "age of that measurement"),
+    **_motor_columns("accepted", "rad", float, "command that the board had accepted before"),
+    **_motor_columns("command", "rad", float, "command"),
+    "ramp_s": Column(float, "time in which the board goes there"),
+    "horizon": Column(int, "steps that were predicted"),
+    **_vector_columns("predicted", "first of the predicted tips, empty without a prediction"),
+    "iterations": Column(int, "of the solver, empty where there is none"),
+}
 
 
 def _sample(message: LogMessage) -> Row:
@@ -98,9 +138,12 @@ def _sample(message: LogMessage) -> Row:
     return row
 
 
-_SAMPLE_COLUMNS: dict[str, type] = {"time_us": int, "exposed_us": int}
+_SAMPLE_COLUMNS: dict[str, Column] = {
+    **_TIME,
+    "exposed_us": Column(int, "when it was exposed, on the run's clock"),
+}
 for _name in _MARKERS:
-    _SAMPLE_COLUMNS |= _vector_columns(_name)
+    _SAMPLE_COLUMNS |= _vector_columns(_name, f"marker {_name.upper()}, empty if lost")
 
 
 def _state(message: LogMessage) -> Row:
@@ -111,12 +154,20 @@ def _state(message: LogMessage) -> Row:
     return row
 
 
-_STATE_COLUMNS: dict[str, type] = {
-    "time_us": int, "tick": int, "state": str, "fault": str, "flags": int, "target_sequence": int,
-    "target_age_ms": int, "target_1_cdeg": int, "target_2_cdeg": int, "setpoint_1_cdeg": int,
-    "setpoint_2_cdeg": int, "pulse_half_1_us": int, "pulse_half_2_us": int, "link_errors": int,
-    "free_stack_bytes": int,
-}  # fmt: skip
+_STATE_COLUMNS: Columns = {
+    **_TIME,
+    "tick": Column(int, "the board's clock, in ticks of 20 ms"),
+    "state": Column(str, "state of the board"),
+    "fault": Column(str, "latched fault, or none"),
+    "flags": Column(int, "status flags, see the protocol"),
+    "target_sequence": Column(int, "sequence number of the newest target"),
+    "target_age_ms": Column(int, "age of that target"),
+    **_motor_columns("target", "cdeg", int, "target, 0.01 deg"),
+    **_motor_columns("setpoint", "cdeg", int, "setpoint on its way there, 0.01 deg"),
+    **_motor_columns("pulse_half", "us", int, "pulse width in units of 0.5 us"),
+    "link_errors": Column(int, "damaged frames that the board has seen"),
+    "free_stack_bytes": Column(int, "least memory left so far"),
+}
 
 
 def _frame(message: LogMessage) -> Row:
@@ -128,24 +179,65 @@ def _frame(message: LogMessage) -> Row:
     }
 
 
-_FRAME_COLUMNS: dict[str, type] = {
-    "time_us": int, "direction": str, "name": str, "sequence": int, "hex": str, "message": str,
-}  # fmt: skip
+_FRAME_COLUMNS: Columns = {
+    **_TIME,
+    "direction": Column(str, "sent or received"),
+    "name": Column(str, "of the message"),
+    "sequence": Column(int, "sequence number of the frame"),
+    "hex": Column(str, "bytes on the wire"),
+    "message": Column(str, "the message in words"),
+}
 
 
 def _event(message: LogMessage) -> Row:
     return {"time_us": message.time_us, "text": message.content["message"]}
 
 
+_EVENT_COLUMNS: Columns = {**_TIME, "text": Column(str, "what happened")}
+
 TABLES = (
-    Table("steps", (topics.STEP,), _STEP_COLUMNS, _step),
-    Table("commands", (topics.CONTROL,), _COMMAND_COLUMNS, _command),
-    Table("samples", (topics.SAMPLE,), _SAMPLE_COLUMNS, _sample),
-    Table("states", (topics.STATE,), _STATE_COLUMNS, _state),
-    Table("frames", (topics.SENT, topics.RECEIVED), _FRAME_COLUMNS, _frame),
-    Table("events", (topics.EVENT,), {"time_us": int, "text": str}, _event),
+    Table("steps", "one row a control step, at its end", (topics.STEP,), _STEP_COLUMNS, _step),
+    Table(
+        "commands",
+        "one row a call of the controller",
+        (topics.CONTROL,),
+        _COMMAND_COLUMNS,
+        _command,
+    ),
+    Table(
+        "samples",
+        "one row a measurement of the tracker",
+        (topics.SAMPLE,),
+        _SAMPLE_COLUMNS,
+        _sample,
+    ),
+    Table("states", "one row a report of the board", (topics.STATE,), _STATE_COLUMNS, _state),
+    Table(
+        "frames",
+        "one row a frame, both ways",
+        (topics.SENT, topics.RECEIVED),
+        _FRAME_COLUMNS,
+        _frame,
+    ),
+    Table("events", "phases, faults, interruptions", (topics.EVENT,), _EVENT_COLUMNS, _event),
 )
-"""Times are us on the run's clock; there is a column for each axis and each motor."""
+
+
+def dictionary() -> str:
+    """All columns as Markdown, as docs/logs.md has them."""
+    lines: list[str] = []
+    for table in TABLES:
+        lines += [
+            f"### {table.name}: {table.meaning}",
+            "",
+            "| column | type | meaning |",
+            "|---|---|---|",
+        ]
+        lines += [
+            f"| `{name}` | {c.kind.__name__} | {c.meaning} |" for name, c in table.columns.items()
+        ]
+        lines.append("")
+    return "\n".join(lines[:-1]) + "\n"
 
 
 def rows(recording: RunRecording) -> Iterator[tuple[Table, Row]]:
@@ -182,3 +274,7 @@ def told_frame(data: bytes) -> str:
 
 def _plain(content: Json, *names: str) -> Row:
     return {name: content[name] for name in names}
+
+
+if __name__ == "__main__":
+    print(dictionary(), end="")

@@ -28,7 +28,7 @@ from ccr_host.run.log.json_schema import (
     validator,
 )
 
-_POINT_MM = array(NUMBER, 3)
+_POINT_MM = described(array(NUMBER, 3), "f of (10): y, x and z of a path, in this order")
 _ANGLES_RAD = array(NUMBER, 2)
 _TIME_US = described(INTEGER, "on the run's clock")
 _OUTCOME: Schema = {"type": "string", "enum": [outcome.value for outcome in Outcome]}
