@@ -1,3 +1,4 @@
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -67,7 +68,7 @@ def test_a_folder_of_other_twins_is_refused_and_the_difference_named(
         SweepFolder(tmp_path, SweepPlan(**{**vars(plan), **changed}))
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"plan": 3}', b"\xff"])
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"plan": 3}', b"\xff", b"[" * 99_999])
 def test_a_damaged_plan_is_refused(tmp_path, plan, content):
     (tmp_path / "sweep.json").write_bytes(content)
     with pytest.raises(ConfigError, match=r"sweep\.json"):
@@ -81,3 +82,27 @@ def test_a_damaged_part_is_named(tmp_path, plan, row):
     part.write_bytes(b"PAR1 no more")
     with pytest.raises(ConfigError, match=part.name):
         store.rows()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda table: table.drop_columns(["seed"]),
+        lambda table: table.set_column(0, "index", pa.array(["a"])),
+        lambda table: table.set_column(0, "index", pa.array([None], pa.int64())),
+        lambda table: table.set_column(2, "rate_hz", pa.array([None], pa.float64())),
+        lambda table: table.set_column(
+            table.column_names.index("true_mean_error_mm"),
+            "true_mean_error_mm",
+            pa.array([None], pa.float64()),
+        ),
+        lambda _: pa.table({"index": pa.nulls(2_000_000, pa.int64())}),
+    ],
+)
+def test_a_part_of_other_columns_or_with_gaps_is_named(tmp_path, plan, row, change):
+    store = SweepFolder(tmp_path, plan)
+    store.keep([row(0)])
+    (part,) = (tmp_path / "parts").iterdir()
+    pq.write_table(change(pq.read_table(part)), part)
+    with pytest.raises(ConfigError, match=part.name):
+        SweepFolder(tmp_path, plan).rows()

@@ -21,6 +21,7 @@ from ccr_host.run.folder import write_json
 from ccr_host.run.sweep.job import Row
 from ccr_host.run.sweep.plan import SweepPlan, TwinJob
 from ccr_host.run.versions import versions
+from ccr_host.user_file import read_bytes, read_text
 
 _PLAN = "sweep.json"
 _GATHERED = "runs.parquet"
@@ -65,6 +66,10 @@ _SCHEMA = pa.schema(
     ]
 )
 _KEY = ("index", "rate_hz", "controller")
+_ALWAYS_KNOWN = (*_KEY, "path", "diverged", "within_limits", "fault", "command")
+_OF_A_RATIO = ("true_mean_error_mm", "twin_floor_mean_error_mm")
+_MOST_BYTES = 256_000_000
+_MOST_ROWS = 1_000_000
 
 
 class SweepFolder:
@@ -118,9 +123,10 @@ class SweepFolder:
             write_json(file, {"plan": wanted, "versions": versions()})
             return
         try:
-            there: Any = json.loads(file.read_text(encoding="utf-8"))["plan"]
+            text, _ = read_text(file, "plan of a sweep", "name another folder", _MOST_BYTES)
+            there: Any = json.loads(text)["plan"]
             differing = [key for key in wanted if there[key] != wanted[key]]
-        except (OSError, ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise ConfigError(f"{file} cannot be read", "name another folder") from None
         if differing:
             raise ConfigError(
@@ -134,10 +140,22 @@ def _key(row: Row) -> tuple[Any, ...]:
 
 
 def _read(file: Path) -> list[Row]:
+    cure = "delete it: its runs are repeated"
+    content = read_bytes(file, "rows of a sweep", cure, _MOST_BYTES)
     try:
-        rows: list[Row] = pq.read_table(file).to_pylist()
-    except (OSError, pa.ArrowException):
-        raise ConfigError(f"{file} cannot be read", "delete it: its runs are repeated") from None
+        parquet = pq.ParquetFile(pa.BufferReader(content))
+        if parquet.metadata.num_rows > _MOST_ROWS:
+            raise ConfigError(f"{file}: more than {_MOST_ROWS} rows", cure)
+        table = parquet.read().select(_SCHEMA.names).cast(_SCHEMA)
+    except (OSError, KeyError, ValueError, pa.ArrowException):
+        table = None
+    if table is None or any(table[name].null_count for name in _ALWAYS_KNOWN):
+        raise ConfigError(f"{file} cannot be read", cure)
+    rows: list[Row] = table.to_pylist()
+    if any(
+        row["ratio"] is not None and None in (row[name] for name in _OF_A_RATIO) for row in rows
+    ):
+        raise ConfigError(f"{file} cannot be read", cure)
     return rows
 
 
