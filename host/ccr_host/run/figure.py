@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ccr_host.control.open_loop import OpenLoop
 from ccr_host.robot.reference import PATH_AXES, Reference
 from ccr_host.robot.workspace import Workspace
 from ccr_host.run.figure_style import (
@@ -118,7 +119,6 @@ def write_workspace_figure(file: Path, reference: Reference, workspace: Workspac
     figure = Figure(figsize=(12, 6), layout="constrained")
     rim = workspace.boundary_mm()
     nearest = workspace.model.tip_mm(reference.q_rad)
-    colour = controller_colours(())["adaptive"]
     for position, across, label in ((121, Y, "y (mm)"), (122, X, "x, along the robot (mm)")):
         axes = figure.add_subplot(position)
         if across == Y:
@@ -126,7 +126,9 @@ def write_workspace_figure(file: Path, reference: Reference, workspace: Workspac
         _draw_desired(axes, reference, across)
         _finish_plane(axes, label)
         style = "." if len(nearest) <= _MOST_MARKERS else "-"
-        axes.plot(nearest[:, across], nearest[:, Z], style, color=colour, label="nearest reachable")
+        axes.plot(
+            nearest[:, across], nearest[:, Z], style, color="black", ms=4, label="nearest reachable"
+        )
     _draw_legend(figure)
     figure.suptitle(f"{plain(reference.name)}: reach of two motors")
     save_figure(figure, file)
@@ -194,7 +196,10 @@ def _draw_error(axes: Axes, runs: Sequence[PlottedRun]) -> None:
         axes.plot(time_s, np.linalg.norm(measured, axis=1), ls=dash, color=colour, alpha=alpha)
         if truth is not None:
             axes.plot(time_s, np.linalg.norm(truth, axis=1), ls=dash, color=colour)
-        if len(runs) == 1:
+    # What the open loop does not see changes nothing for it.
+    seeing = [run for run in runs if run.options.controller != OpenLoop.name] or runs
+    for run, colour, _ in _styled(seeing):
+        if len(seeing) == 1:
             shade_lost_spans(axes, run)
         else:
             shade_lost_spans(axes, run, colour, f"{run.name}: markers lost")

@@ -124,7 +124,13 @@ def test_spans_without_markers_are_shaded(run: PlottedRun) -> None:
     ]
     shaded = error_axes(replace(run, records=lost)).patches
     assert [(patch.get_x(), patch.get_width()) for patch in shaded] == [(1.5, 3.0), (6.5, 1.0)]
-    assert "markers lost" in legend_of(replace(run, records=lost))
+    seen = replace(run, records=lost)
+    assert "markers lost" in legend_of(seen)
+    open_loop = replace(seen, options=run.options.with_controller("open-loop"))
+    assert len(error_axes(seen, open_loop).patches) == 2, "it does not look anyway"
+    assert {"a: markers lost", "b: markers lost"} <= {
+        *legend_of(replace(seen, label="a"), replace(seen, label="b"))
+    }
     assert not error_axes(run).patches
     assert LOST not in controller_colours([]).values()
 

@@ -1,5 +1,6 @@
 import pytest
 
+from ccr_host.run.figure_style import controller_colours
 from ccr_host.run.sweep.figure import write_sweep_figure
 from ccr_host.run.sweep.statistics import groups_of, worst_first
 
@@ -37,3 +38,11 @@ def test_runs_without_figures_are_the_worst(row):
 def test_the_figure_is_drawn_whatever_is_there(tmp_path, row, ratio):
     write_sweep_figure(tmp_path / "figure.png", [row(0, ratio=ratio)])
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "figure.pdf").read_bytes().startswith(b"%PDF")
+    assert "<svg" in (tmp_path / "figure.svg").read_text()
+
+
+def test_the_figure_has_the_controllers_own_colours(tmp_path, row):
+    write_sweep_figure(tmp_path / "figure.png", [row(0), row(0, controller="adaptive")])
+    drawn = (tmp_path / "figure.svg").read_text()
+    assert all(controller_colours([name])[name] in drawn for name in ("mpc", "adaptive"))
