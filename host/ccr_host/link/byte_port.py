@@ -24,7 +24,7 @@ Trouble = tuple[str, str]
 _READ_BYTES = 4096
 _WRITE_TIMEOUT_S = 1.0
 """Longer than any frame takes on the slowest line; only a dead port waits so long."""
-_CONNECT_TIMEOUT_S = 5.0
+CONNECT_TIMEOUT_S = 5.0
 _LAST_WORDS_BYTES = 120
 
 _CANNOT_OPEN: Final[Mapping[int, Trouble]] = {
@@ -73,9 +73,9 @@ class _Socket:
     pyserial's own throws away what the other end has said at once, as one that is busy does.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, connect_timeout_s: float) -> None:
         where = host_and_port(address, address, "localhost:5025")
-        self._socket = socket.create_connection(where, _CONNECT_TIMEOUT_S)
+        self._socket = socket.create_connection(where, connect_timeout_s)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def write(self, data: bytes) -> None:
@@ -104,12 +104,20 @@ class BytePort:
         address: a device file, or HOST:PORT on TCP.
         peer: at the other end.
         baud: to begin with; None on TCP.
+        connect_timeout_s: on TCP, for each address of the host.
 
     Raises:
         DeviceError, TrackerError: the port cannot be opened; the cure tells what to do.
     """
 
-    def __init__(self, name: str, address: str, peer: Peer, baud: int | None) -> None:
+    def __init__(
+        self,
+        name: str,
+        address: str,
+        peer: Peer,
+        baud: int | None,
+        connect_timeout_s: float = CONNECT_TIMEOUT_S,
+    ) -> None:
         self.name = name
         self._peer = peer
         self._is_tcp = baud is None
@@ -117,7 +125,7 @@ class BytePort:
         self._port: Any
         with self._told(self._cannot_open):
             if self._is_tcp:
-                self._port = _Socket(address)
+                self._port = _Socket(address, connect_timeout_s)
             else:
                 self._port = serial.Serial(
                     address, baud, timeout=0, write_timeout=_WRITE_TIMEOUT_S, exclusive=True

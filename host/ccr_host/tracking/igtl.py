@@ -31,8 +31,9 @@ from ccr_host.tracking.rotation import rotation_vector
 
 DEFAULT_LATENCY_US = 60_000
 """Exposure to time stamp plus the fastest way here; our estimate, PLUS adds its own buffers."""
-SAME_EXPOSURE_S = 5e-3
-"""Between the stamps of one frame: many servers stamp each transform when they send it."""
+SAME_EXPOSURE_S = 10e-3
+"""Between the stamps of one frame: many servers stamp each transform when they send it, a few
+milliseconds after each other."""
 
 _SILENCE_US = 2_000_000
 _RETRY_US = 1_000_000
@@ -180,8 +181,9 @@ class IgtlTracker(StartsAndStops):
     def _require_news(self, time_us: int) -> None:
         if time_us - self._heard_us > _SILENCE_US:
             raise TrackerError(
-                f"{self.name}: connected, but no new message for {_SILENCE_US / 1e6:g} s",
-                "see whether the server hangs, and let it send TRANSFORM or POINT messages",
+                f"{self.name}: connected, but no new message of {' or '.join(self._expected)} "
+                f"for {_SILENCE_US / 1e6:g} s",
+                "see what the server sends, and whether it hangs",
             )
 
     def _take(self, message: Message, time_us: int) -> None:

@@ -16,7 +16,7 @@ from ccr_host.tracking.aruco import (
 from ccr_host.tracking.frame import RawTracker
 from ccr_host.tracking.igtl import IgtlTracker
 from ccr_host.tracking.ndi.driver import NdiSettings, NdiTracker
-from ccr_host.tracking.ndi.port import SerialPort, TcpPort
+from ccr_host.tracking.ndi.port import SerialPort, tcp_opener
 from ccr_host.tracking.ndi.session import Tool
 from ccr_host.tracking.replay import ReplayTracker
 from ccr_host.tracking.uri import TrackerKind, TrackerUri
@@ -48,7 +48,7 @@ def open_tracker(
         case TrackerKind.NDI_SERIAL:
             return NdiTracker(name, lambda: SerialPort(uri.address), settings)
         case TrackerKind.NDI_TCP:
-            return NdiTracker(name, lambda: TcpPort(uri.address), settings)
+            return NdiTracker(name, tcp_opener(uri.address), settings)
         case TrackerKind.IGTL:
             host, port = uri.host_and_port
             return IgtlTracker(host, port, latency_us=latency_us)

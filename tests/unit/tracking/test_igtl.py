@@ -206,7 +206,7 @@ def test_transform_that_the_server_says_is_not_ok_is_no_marker(metadata, is_ther
 def test_transforms_stamped_one_by_one_are_one_frame(order):
     rig = Rig()
     for step in range(3):
-        stamps_s = [100.0 + 0.05 * step + 0.001 * place for place in range(3)]
+        stamps_s = [100.0 + 0.05 * step + 0.004 * place for place in range(3)]
         for i, stamp_s in zip(order, stamps_s, strict=True):
             frame = rig.send(transform(f"M{i}ToTracker", stamp_s, (step, i, 0)))
         assert set(frame.tools) == {"M1", "M2", "M3"}

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Protocol
 
 from ccr_host.errors import TrackerError
-from ccr_host.link.byte_port import BytePort, Peer
+from ccr_host.link.byte_port import CONNECT_TIMEOUT_S, BytePort, Peer
 
 _RESET_BAUD = 9600
+_RECONNECT_TIMEOUT_S = 0.1
+"""In mid-run the board waits meanwhile for its next target."""
 _CAMERA = Peer("camera", TrackerError, if_refused="check address and power of the camera")
 
 
@@ -65,11 +68,17 @@ class TcpPort(BytePort):
     has_baud = False
     has_break = False
 
-    def __init__(self, address: str) -> None:
-        super().__init__(f"ndi+tcp://{address}", address, _CAMERA, baud=None)
+    def __init__(self, address: str, connect_timeout_s: float = CONNECT_TIMEOUT_S) -> None:
+        super().__init__(f"ndi+tcp://{address}", address, _CAMERA, None, connect_timeout_s)
 
     def set_baud(self, baud: int) -> None:
         """Nothing to set."""
 
     def set_break(self, on: bool) -> None:
         """Nothing to hold."""
+
+
+def tcp_opener(address: str) -> PortOpener:
+    """Opens a TCP port again and again; only the first time, when nothing moves, may take long."""
+    timeouts_s = chain([CONNECT_TIMEOUT_S], repeat(_RECONNECT_TIMEOUT_S))
+    return lambda: TcpPort(address, next(timeouts_s))

@@ -10,6 +10,7 @@ from ccr_host.errors import ConfigError, TrackerError
 from ccr_host.run.clock import VirtualClock
 from ccr_host.tracking.ndi.codec import encode_command
 from ccr_host.tracking.ndi.driver import NdiSettings, NdiTracker
+from ccr_host.tracking.ndi.port import tcp_opener
 from ccr_host.tracking.ndi.rom import (
     DUMMY_MARKERS_MM,
     dummy_passive_rom,
@@ -394,6 +395,22 @@ def test_what_closes_the_connection_again_and_again_is_given_up_within_seconds()
     with tracker, pytest.raises(TrackerError, match=r"no frame within [345] s") as refusal:
         wait_until_tracking(tracker, clock)
     assert "closed the connection" in refusal.value.cure
+
+
+def test_only_the_first_connection_may_take_seconds(monkeypatch):
+    timeouts_s = []
+
+    def unreachable(_address, timeout_s: float):
+        timeouts_s.append(timeout_s)
+        raise TimeoutError
+
+    monkeypatch.setattr("socket.create_connection", unreachable)
+    open_port = tcp_opener("192.0.2.1:8765")
+    for _ in range(3):
+        with pytest.raises(TrackerError):
+            open_port()
+    assert timeouts_s[0] >= 3
+    assert max(timeouts_s[1:]) <= 0.1
 
 
 def test_wait_until_tracking_returns_at_the_first_frame(bench):
