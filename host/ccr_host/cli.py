@@ -18,17 +18,17 @@ from ccr_host.commands.export import export
 from ccr_host.commands.flash import flash
 from ccr_host.commands.jog import jog
 from ccr_host.commands.monitor import monitor
-from ccr_host.commands.output import keep_streams_writable, lost_output, one_line
+from ccr_host.commands.output import keep_streams_writable, lost_output, warn
 from ccr_host.commands.register import register
 from ccr_host.commands.replay import replay
 from ccr_host.commands.report import report
-from ccr_host.commands.stopping import stop_signals_interrupt
 from ccr_host.commands.sweep import sweep
 from ccr_host.commands.track import track
 from ccr_host.commands.view import view
 from ccr_host.commands.view_option import with_default_address
 from ccr_host.commands.workspace import workspace
 from ccr_host.errors import CcrError
+from ccr_host.stop_signals import stop_signals_interrupt
 
 EXIT_USAGE = 2
 EXIT_DEFECT = 3
@@ -82,10 +82,11 @@ def main() -> NoReturn:
         error = caught
     if error is not None:
         status, message = _verdict(error)
-        sys.stderr.write(f"ccr-host: {one_line(message)}\n" if message else "")
+        if message:
+            warn(message)
     sys.stdout.flush()
     if why := lost_output():
-        sys.stderr.write(f"ccr-host: standard output is incomplete: {why}\n")
+        warn(f"standard output is incomplete: {why}")
     sys.exit(status)
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,7 @@ from tomlkit.exceptions import TOMLKitError
 from ccr_host import config
 from ccr_host.description_source import own_file, text_and_encoding_of
 from ccr_host.errors import ConfigError
+from ccr_host.user_file import replacing
 
 _BARE_LINE_END = re.compile(r"(?<!\r)\n")
 
@@ -63,10 +62,8 @@ def keep_in(file: Path, sections: Sections, robot: str | None) -> None:
     config.parse(text)
     content = text.encode(encoding)
     try:
-        if target.exists():
-            _replace(target, content)
-        else:
-            target.write_bytes(content)
+        with replacing(target) as draft:
+            draft.write_bytes(content)
     except OSError as error:
         raise ConfigError(
             f"robot description {file}: {error.strerror}", "name a TOML file that can be written"
@@ -90,19 +87,3 @@ def updated(text: str, sections: Sections) -> str:
         raise ConfigError(f"robot description: {error}", "correct the TOML") from None
     has_windows_ends = "\r\n" in text and not _BARE_LINE_END.search(text)
     return _BARE_LINE_END.sub("\r\n", new) if has_windows_ends else new
-
-
-def _replace(target: Path, content: bytes) -> None:
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-    draft = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.chmod(target.stat().st_mode)
-        draft.replace(target)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            draft.unlink()
-        raise

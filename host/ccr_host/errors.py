@@ -21,6 +21,10 @@ class CcrError(Exception):
         self.cure = cure
         super().__init__(f"{cause} ({cure})" if cure else cause)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Let every subclass pass between processes, whatever its constructor takes."""
+        return _passed_on, (type(self), self.cause, self.cure), self.__dict__
+
 
 class ConfigError(CcrError):
     """A command line, robot description or path file that cannot be used (exit status 2)."""
@@ -34,3 +38,23 @@ class DeviceError(CcrError):
 
 class TrackerError(CcrError):
     """The tracker is absent, silent or reports a fault (exit status 3)."""
+
+
+def full_text(error: Exception) -> str:
+    """Cause and cure of ours, kind and text of others."""
+    return str(error) if isinstance(error, CcrError) else f"{type(error).__name__}: {error}"
+
+
+def why(error: Exception) -> str:
+    """The cause alone, one line, of any error."""
+    if isinstance(error, CcrError):
+        return error.cause
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return full_text(error)
+
+
+def _passed_on(kind: type[CcrError], cause: str, cure: str) -> CcrError:
+    error = kind.__new__(kind)
+    CcrError.__init__(error, cause, cure)
+    return error

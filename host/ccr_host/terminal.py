@@ -103,7 +103,7 @@ def run_table(summary: Mapping[str, Any], options: RunOptions) -> Group:
     ]
     unreachable = summary["unreachable_steps"]
     if unreachable:
-        share = f"{unreachable} of {summary['steps']} points out of reach"
+        share = f"{unreachable} of {summary['planned_steps']} points out of reach"
         rows.append((f"  unavoidable: {share}", summary["floor_mean_error_mm"], None))
     is_simulated = "true_mean_error_mm" in summary
     key = "true_mean_error_mm" if is_simulated else "mean_error_mm"
@@ -121,9 +121,8 @@ def run_table(summary: Mapping[str, Any], options: RunOptions) -> Group:
     else:
         rows += laps
     has_paper = any(of_paper is not None for _, _, of_paper in rows)
-    table = Table(
-        title=f"{summary['path']} with {controller}: tip error (mm)", title_justify="left"
-    )
+    title = f"{summary['path']} with {controller}{_early_note(summary)}: tip error (mm)"
+    table = Table(title=title, title_justify="left")
     table.add_column("")
     table.add_column("this run", justify="right")
     if has_paper:
@@ -204,7 +203,8 @@ def comparison_table(
     previous = None
     for summary, *cells in zip(summaries, *columns.values(), strict=True):
         path = summary["path"]
-        table.add_row(path if path != previous else "", summary["controller"], *cells)
+        controller = f"{summary['controller']}{_early_note(summary)}"
+        table.add_row(path if path != previous else "", controller, *cells)
         previous = path
     return _explained(table, "tip error", *(term for term in _TERMS if term in columns))
 
@@ -263,6 +263,12 @@ def reach_table(reach: Mapping[str, Any]) -> Table:
         table.add_row(f"motor {axis + 1} (deg)", f"{low:.1f} .. {high:.1f}")
         table.add_row("  greatest step (deg)", f"{reach['motor_step_max_deg'][axis]:.1f}")
     return table
+
+
+def _early_note(summary: Mapping[str, Any]) -> str:
+    """How far a run has come that ended early."""
+    steps, planned = summary["steps"], summary["planned_steps"]
+    return f", only {steps} of {planned} steps" if steps < planned else ""
 
 
 def _progress(console: Console, *columns: ProgressColumn) -> Progress:

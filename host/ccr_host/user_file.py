@@ -1,11 +1,17 @@
-"""Reads files that a user names: whatever stands there, nothing hangs and memory is bounded."""
+"""Files that a user names.
+
+Reading: whatever stands there, nothing hangs and memory is bounded. Writing: at once or not at all.
+"""
 
 from __future__ import annotations
 
 import codecs
+import contextlib
 import io
+import itertools
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
 from ccr_host.errors import ConfigError
@@ -25,6 +31,8 @@ _KINDS = (
     (stat.S_ISBLK, "a device"),
 )
 _MEGABYTE = 1_000_000
+_LONGEST_SUFFIX = 20
+_drafts = itertools.count()
 
 
 def is_there(path: Path) -> bool:
@@ -86,6 +94,39 @@ def read_text(path: Path, what: str, cure: str, at_most: int) -> tuple[str, str]
         return content.decode(encoding), encoding
     except UnicodeDecodeError:
         raise ConfigError(f"{what} {path}: not text in UTF-8 or UTF-16", cure) from None
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Write a file at once or not at all.
+
+    What is not a regular file, such as a pipe or /dev/null, is written as it is.
+
+    Yields:
+        A draft to write, with the same suffix. It takes the file's place when the block ends; after
+        an error the file is as it was.
+
+    Raises:
+        OSError: the draft cannot be written, or cannot take the place.
+    """
+    target = Path(os.path.realpath(path))
+    mode = _mode(target)
+    if mode and not stat.S_ISREG(mode):
+        yield target
+        return
+    name = f".draft-{os.getpid()}-{next(_drafts)}"
+    draft = target.with_name(name + target.suffix[:_LONGEST_SUFFIX])
+    try:
+        yield draft
+        with draft.open("rb+") as written:
+            os.fsync(written.fileno())
+        if mode:
+            draft.chmod(stat.S_IMODE(mode))
+        draft.replace(target)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            draft.unlink()
+        raise
 
 
 def lines_of(text: str) -> list[str]:

@@ -89,6 +89,16 @@ def wait_until_following(folder: Path, process: subprocess.Popen[str]) -> None:
     pytest.fail(f"the run did not start: {process.communicate()}")
 
 
+def children(parent: int) -> list[int]:
+    """Its worker processes, as multiprocessing has spawned them from any thread."""
+    found = []
+    for file in Path(f"/proc/{parent}/task").glob("*/children"):
+        with suppress(OSError):
+            words = file.read_text().split()
+            found += [w for w in words if b"spawn_main" in Path(f"/proc/{w}/cmdline").read_bytes()]
+    return [int(word) for word in found]
+
+
 @pytest.fixture
 def ccr_host(tmp_path: Path) -> CcrHost:
     return CcrHost(tmp_path)

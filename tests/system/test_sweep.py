@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.foreign_servers import FOREIGN, foreign_server
-from tests.system.conftest import CcrHost
+from tests.system.conftest import CcrHost, children
 from tests.system.test_bad_input import assert_one_clear_line
 
 NARROW = (
@@ -95,18 +95,12 @@ def test_the_death_of_a_worker_loses_nothing(
 ) -> None:
     sweep = ccr_host.start(*short_sweep, "--runs", "2", "--workers", "1", "--out", "kept")
     _wait_for_a_part(sweep, ccr_host.folder / "kept")
-    for worker in _children(sweep.pid):
+    for worker in children(sweep.pid):
         os.kill(worker, signal.SIGKILL)
     out, err = sweep.communicate()
     assert sweep.returncode == 0, err
     assert [row["index"] for row in _rows(ccr_host.folder / "kept")] == [0, 1]
     assert "Traceback" not in out + err
-
-
-def _children(parent: int) -> list[int]:
-    """Worker processes of dask: those that multiprocessing has spawned."""
-    children = map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split())
-    return [c for c in children if b"spawn_main" in Path(f"/proc/{c}/cmdline").read_bytes()]
 
 
 @pytest.mark.parametrize(

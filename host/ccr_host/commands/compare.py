@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,8 +20,15 @@ from ccr_host.commands.options import (
     TrackerOption,
     warn_of_mismatch,
 )
-from ccr_host.commands.output import console, print_json
+from ccr_host.commands.output import console, print_json, tell_kept
+from ccr_host.errors import CcrError
 from ccr_host.run.options import RunOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ccr_host.run.folder import ResultFolder
+    from ccr_host.run.summary import RunResult
 
 
 def compare(
@@ -61,11 +68,10 @@ def compare(
     from ccr_host.control.registry import controller_names, peer_names
     from ccr_host.run.campaign import execute_all
     from ccr_host.run.execute import reference_of
-    from ccr_host.run.figure import PlottedRun, write_comparison_figure
-    from ccr_host.run.folder import make_run_folder, write_json
+    from ccr_host.run.folder import ResultFolder
     from ccr_host.run.paper_results import PAPER_RESULTS
-    from ccr_host.run.summary import summarise
-    from ccr_host.run.twin_floor import twin_floor_mm
+    from ccr_host.run.summary import RunResult
+    from ccr_host.stop_signals import signals_deferred
 
     chosen = controller or controller_names()
     names = list(dict.fromkeys([*chosen, *peer_names()] if peers else chosen))
@@ -85,35 +91,68 @@ def compare(
         for name in names
     ]
     warn_of_mismatch(runs[0])
-    references = {run.path: reference_of(run) for run in runs}
-    folder = make_run_folder(out, "compare")
+    for run in runs:
+        reference_of(run)  # refuses what cannot be run before anything is
     screen = console(on_stderr=as_json)
-    results = {}
-    with terminal.count_progress(console(on_stderr=True), "runs", len(runs)) as count:
-        for index, result in execute_all(runs):
-            results[index] = result
-            count()
-    summaries = [
-        summarise(result, twin_floor_mm=twin_floor_mm(result))
-        for result in (results[index] for index in range(len(runs)))
-    ]
-    groups = [
-        [
-            PlottedRun(run, reference, results[index].records)
-            for index, run in enumerate(runs)
-            if run.path == one_path
-        ]
-        for one_path, reference in references.items()
-    ]
-    write_comparison_figure(folder / "figure.png", groups)
-    content = {"runs": summaries, "paper": {k: vars(v) for k, v in PAPER_RESULTS.items()}}
-    write_json(folder / "compare.json", content)
-    screen.print(terminal.comparison_table(summaries, runs))
-    for line in terminal.true_error_lines([result.records for result in results.values()]):
-        screen.print(line)
-    screen.print(f"kept in {folder}/: figure.png, compare.json")
-    if as_json:
-        print_json(content)
-    for result in results.values():
-        if result.failure is not None:
-            raise result.failure
+    results: dict[int, RunResult] = {}
+    failures: list[Exception | KeyboardInterrupt] = []
+    with ResultFolder(out, "compare") as folder:
+        try:
+            with terminal.count_progress(console(on_stderr=True), "runs", len(runs)) as count:
+                for index, outcome in execute_all(runs):
+                    count()
+                    if not isinstance(outcome, RunResult):
+                        failures.append(_of_run(runs[index], outcome))
+                        continue
+                    results[index] = outcome
+                    if outcome.failure is not None:
+                        failures.append(outcome.failure)
+        except KeyboardInterrupt as interruption:
+            failures.insert(0, interruption)
+        done = [results[index] for index in sorted(results)]
+        content: dict[str, Any] = {}
+        try:
+            with signals_deferred():
+                if any(result.records for result in done):
+                    content = _keep(folder, done)
+        except KeyboardInterrupt as interruption:
+            failures.insert(0, interruption)
+        if content:
+            screen.print(terminal.comparison_table(content["runs"], [run.options for run in done]))
+            for line in terminal.true_error_lines([result.records for result in done]):
+                screen.print(line)
+            tell_kept(screen, folder)
+            if as_json:
+                print_json(content)
+        if failures:
+            raise failures[0]
+
+
+def _keep(folder: ResultFolder, results: Sequence[RunResult]) -> dict[str, Any]:
+    """Write compare.json and the figure; what was written."""
+    from ccr_host.run.figure import PlottedRun, write_comparison_figure
+    from ccr_host.run.folder import FIGURES
+    from ccr_host.run.paper_results import PAPER_RESULTS
+    from ccr_host.run.summary import summarise
+    from ccr_host.run.twin_floor import twin_floor_mm
+
+    content = {
+        "runs": [summarise(result, twin_floor_mm=twin_floor_mm(result)) for result in results],
+        "paper": {path: vars(figures) for path, figures in PAPER_RESULTS.items()},
+    }
+    folder.keep_json("compare.json", content)
+    groups: dict[str, list[PlottedRun]] = {}
+    for run in results:
+        if run.records:
+            plotted = PlottedRun(run.options, run.reference, run.records)
+            groups.setdefault(run.options.path, []).append(plotted)
+    if groups:
+        folder.keep(lambda file: write_comparison_figure(file, [*groups.values()]), *FIGURES)
+    return content
+
+
+def _of_run(run: RunOptions, error: Exception) -> Exception:
+    """Errors of ours say which run they are of."""
+    if isinstance(error, CcrError):
+        error.cause = f"{run.path} under {run.controller}: {error.cause}"
+    return error

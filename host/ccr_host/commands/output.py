@@ -11,8 +11,12 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from rich.console import Console
 
+from ccr_host.user_file import printable
+
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
+
+    from ccr_host.run.folder import ResultFolder
 
 _STANDARD_STREAMS = 3
 
@@ -43,15 +47,24 @@ def console(*, on_stderr: bool = False) -> Console:
     return Console(stderr=on_stderr, markup=False, highlight=False)
 
 
+def tell_kept(screen: Console, folder: ResultFolder, *further_troubles: str) -> None:
+    """Where the results are; in one line on standard error, what is missing."""
+    if folder.kept:
+        screen.print(f"kept in {folder.path}/: {', '.join(folder.kept)}", soft_wrap=True)
+    troubles = [trouble for trouble in (folder.trouble, *further_troubles) if trouble]
+    if troubles:
+        warn(f"{folder.path}: {'; '.join(troubles)}")
+
+
+def warn(text: str) -> None:
+    """One line on standard error."""
+    sys.stderr.write(f"ccr-host: {printable(text)}\n")
+
+
 def print_json(content: dict[str, Any]) -> None:
     """One object on one line of standard output."""
     sys.stdout.write(json.dumps(content) + "\n")
     sys.stdout.flush()
-
-
-def one_line(text: str) -> str:
-    """The text with line breaks and control characters written as escapes."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 class _LastingFile(io.FileIO):

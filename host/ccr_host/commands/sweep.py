@@ -10,7 +10,7 @@ import typer
 from ccr_host import terminal
 from ccr_host.commands import completion
 from ccr_host.commands.options import JsonOption, OutOption, RobotOption, SeedOption, SetOption
-from ccr_host.commands.output import console, print_json
+from ccr_host.commands.output import console, print_json, tell_kept
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -87,10 +87,11 @@ def sweep(
 
     Example: ccr-host sweep --runs 100 --controller adaptive --out sweep1
     """
-    from ccr_host.errors import ConfigError
+    from ccr_host.errors import CcrError, ConfigError
     from ccr_host.robot.paths import path_names
-    from ccr_host.run.folder import make_run_folder
+    from ccr_host.run.folder import ResultFolder
     from ccr_host.run.sweep.plan import SweepPlan, read_twins
+    from ccr_host.stop_signals import signals_deferred
     from ccr_host.tracking.optional import import_optional
 
     given = None if twins is None else read_twins(twins)
@@ -114,19 +115,27 @@ def sweep(
     from ccr_host.run.sweep.session import run_missing, sum_up
     from ccr_host.run.sweep.store import SweepFolder
 
-    folder = make_run_folder(out, "sweep")
-    store = SweepFolder(folder, plan)
-    try:
-        with _progress(jobs) as on_count:
-            run_missing(store, jobs, workers, scheduler, on_count)
-    finally:
+    with ResultFolder(out, "sweep") as folder:
+        store = SweepFolder(folder.path, plan)
+        failure: CcrError | KeyboardInterrupt | None = None
+        try:
+            with _progress(jobs) as on_count:
+                run_missing(store, jobs, workers, scheduler, on_count)
+        except (CcrError, KeyboardInterrupt) as error:
+            failure = error
         if store.rows():
-            _show(sum_up(store, folder), screen, as_json=as_json)
+            try:
+                with signals_deferred():
+                    rows = sum_up(store, folder)
+            except KeyboardInterrupt as error:
+                failure = failure or error
+            _show(rows, screen, as_json=as_json)
+            tell_kept(screen, folder)
             screen.print(
-                f"kept in {folder}/: runs.parquet, figure.png, summary.json; "
-                "--only INDEX repeats a twin and tells its ccr-host track line",
-                soft_wrap=True,
+                "--only INDEX repeats a twin and tells its ccr-host track line", soft_wrap=True
             )
+        if failure is not None:
+            raise failure
 
 
 def _run_here(jobs: Sequence[TwinJob]) -> list[Row]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack, nullcontext
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,9 +22,16 @@ from ccr_host.commands.options import (
     TrackerOption,
     warn_of_mismatch,
 )
-from ccr_host.commands.output import console, print_json
+from ccr_host.commands.output import console, print_json, tell_kept
 from ccr_host.commands.view_option import ViewOption
 from ccr_host.run.options import RunOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rich.console import Console
+
+    from ccr_host.run.summary import RunResult
 
 
 def track(
@@ -60,9 +67,8 @@ def track(
     """
     from ccr_host.run.campaign import in_background
     from ccr_host.run.execute import execute_logged, reference_of
-    from ccr_host.run.folder import make_run_folder
+    from ccr_host.run.folder import ResultFolder
     from ccr_host.run.keep import keep_result
-    from ccr_host.run.operator import OperatorStop
     from ccr_host.run.rig import is_simulated
     from ccr_host.view.address import parse_view_address
     from ccr_host.view.live import live_page
@@ -82,7 +88,7 @@ def track(
         )
         warn_of_mismatch(options)
         reference = reference_of(options)
-        folder = make_run_folder(out, f"{reference.name}-{controller}")
+        folder = stack.enter_context(ResultFolder(out, f"{reference.name}-{controller}"))
         screen = console(on_stderr=as_json)
         page = None
         if view is not None:
@@ -97,31 +103,33 @@ def track(
             with terminal.step_progress(console(on_stderr=True), title) as on_step:
                 result = execute_logged(
                     options,
-                    folder,
+                    folder.path,
                     on_step,
                     [page.feed] if page else [],
                     page.operator if page else None,
                 )
-            if page:
-                page.end_run(folder)
-            complete = result.failure is None
-            open_loop = open_loop_result() if open_loop_result and complete else None
-            summary = keep_result(folder, result, open_loop)
-        if result.records:
-            screen.print(terminal.run_table(summary, options))
-            for line in terminal.true_error_lines([result.records]):
-                screen.print(line)
-            for line in terminal.health_lines(summary):
-                screen.print(line)
-        screen.print(f"kept in {folder}/: figure.png, run.json, log_0000.mcap")
-        if result.log_trouble:
-            console(on_stderr=True).print(result.log_trouble)
-        if isinstance(result.failure, OperatorStop):
-            console(on_stderr=True).print(f"{result.failure}; the board has acknowledged")
+            kept = keep_result(folder, result, open_loop_result)
+        if page:
+            page.end_run(folder.path)
+        _show(result, kept.summary, screen)
+        tell_kept(screen, folder, result.log_trouble, kept.no_open_loop)
         if as_json:
-            print_json(summary)
+            print_json(kept.summary)
         elif page and screen.is_terminal:
             screen.print(f"the run can be played at {page.url}; Ctrl-C ends")
             page.wait_until_interrupted()
-        if result.failure is not None:
-            raise result.failure
+        if kept.failure is not None:
+            raise kept.failure
+
+
+def _show(result: RunResult, summary: Mapping[str, Any], screen: Console) -> None:
+    from ccr_host.run.operator import OperatorStop
+
+    if result.records:
+        screen.print(terminal.run_table(summary, result.options))
+        for line in terminal.true_error_lines([result.records]):
+            screen.print(line)
+        for line in terminal.health_lines(summary):
+            screen.print(line)
+    if isinstance(result.failure, OperatorStop):
+        console(on_stderr=True).print(f"{result.failure}; the board has acknowledged")

@@ -11,7 +11,7 @@ from ccr_host.commands.options import (
     RobotOption,
     SetOption,
 )
-from ccr_host.commands.output import console, print_json
+from ccr_host.commands.output import console, print_json, tell_kept
 from ccr_host.run.options import RunOptions
 
 
@@ -29,17 +29,18 @@ def workspace(
     """
     from ccr_host.run.execute import reference_of, workspace_of
     from ccr_host.run.figure import write_workspace_figure
-    from ccr_host.run.folder import make_run_folder, write_json
+    from ccr_host.run.folder import FIGURES, ResultFolder
     from ccr_host.run.reach import reach_of
 
     options = RunOptions(path=path, robot=robot, rate_hz=rate, overrides=tuple(overrides or ()))
     reference = reference_of(options)
     reach = reach_of(reference)
-    folder = make_run_folder(out, f"{reference.name}-workspace")
-    write_workspace_figure(folder / "figure.png", reference, workspace_of(options))
-    write_json(folder / "workspace.json", reach)
     screen = console(on_stderr=as_json)
+    with ResultFolder(out, f"{reference.name}-workspace") as folder:
+        folder.keep_json("workspace.json", reach)
+        reachable = workspace_of(options)
+        folder.keep(lambda file: write_workspace_figure(file, reference, reachable), *FIGURES)
     screen.print(terminal.reach_table(reach))
-    screen.print(f"kept in {folder}/: figure.png, workspace.json")
+    tell_kept(screen, folder)
     if as_json:
         print_json(reach)

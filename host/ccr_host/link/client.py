@@ -31,6 +31,7 @@ from ccr_host.link.target_log import TargetLog
 from ccr_host.link.transport import Transport
 from ccr_host.link.units import cdeg_to_rad, rad_to_cdeg
 from ccr_host.run.clock import NEVER_US, Clock
+from ccr_host.stop_signals import interruptible_again
 
 BOOT_TIMEOUT_US = 5_000_000
 """An UNO with its boot loader is there after 1 to 2 s."""
@@ -383,7 +384,8 @@ class Client:
     def _make_safe(self) -> KeyboardInterrupt | None:
         try:
             self._exchange.end_unfinished_frame()
-            self.disarm()
+            with interruptible_again():
+                self.disarm()
         except RequestRefusedError as refusal:
             if refusal.code in (m.NackCode.BAD_SESSION, m.NackCode.BAD_STATE):
                 return None  # another host answers for the robot now, or there are no pulses

@@ -1,19 +1,37 @@
-"""Several runs at once, each in a process of its own."""
+"""Several runs at once, in processes of their own.
+
+A process may be killed at any time, as by a system that runs out of memory: its run is then
+repeated or given up, and whoever waits for it is told.
+"""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
 import signal
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from multiprocessing.pool import Pool
+from contextlib import ExitStack, contextmanager
+from multiprocessing.connection import Connection, wait
+from types import TracebackType
+from typing import Self
 
+from ccr_host.errors import CcrError, full_text
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.options import RunOptions
 from ccr_host.run.rig import is_simulated
 from ccr_host.run.summary import RunResult
 from ccr_host.run.twin_floor import keep_static_map
+
+ATTEMPTS = 3
+"""So often a run is begun whose process is killed."""
+
+Outcome = RunResult | Exception
+Work = Callable[[RunOptions], Outcome]
+
+
+class ProcessLostError(CcrError):
+    """The process of a run was killed."""
 
 
 @contextmanager
@@ -21,33 +39,137 @@ def in_background(options: RunOptions) -> Iterator[Callable[[], RunResult]]:
     """Execute a run in another process; yields a function that waits for its result.
 
     Before it returns, the static map of the twin is in the user's cache too. Leaving the context
-    without asking for the result ends the process.
+    without asking for the result ends the process. The function raises ProcessLostError, or what
+    the run has raised.
     """
-    with _workers(1) as pool:
-        yield pool.apply_async(_execute_and_keep_map, (options,)).get
+    with _Worker() as worker:
+        worker.begin(_execute_and_keep_map, options)
+
+        def result() -> RunResult:
+            outcome = worker.outcome()
+            if isinstance(outcome, RunResult):
+                return outcome
+            raise outcome
+
+        yield result
 
 
-def execute_all(runs: Sequence[RunOptions]) -> Iterator[tuple[int, RunResult]]:
-    """Execute runs, on all cores where all is simulated; yields index and result as each ends."""
-    if not all(is_simulated(run) for run in runs):
-        yield from map(_execute_numbered, enumerate(runs))
+def execute_all(runs: Sequence[RunOptions]) -> Iterator[tuple[int, Outcome]]:
+    """Execute runs, on all cores where all is simulated.
+
+    Where the robot is real, an interruption ends them all.
+
+    Yields:
+        Index, and result or error, as each ends.
+    """
+    if all(is_simulated(run) for run in runs):
+        yield from _in_parallel(runs)
         return
-    with _workers(min(len(runs), os.cpu_count() or 1)) as pool:
-        yield from pool.imap_unordered(_execute_numbered, enumerate(runs))
+    for index, run in enumerate(runs):
+        outcome = _execute(run)
+        yield index, outcome
+        if isinstance(outcome, RunResult) and isinstance(outcome.failure, KeyboardInterrupt):
+            return
 
 
-def _execute_and_keep_map(options: RunOptions) -> RunResult:
+def _in_parallel(runs: Sequence[RunOptions]) -> Iterator[tuple[int, Outcome]]:
+    waiting = deque((index, 1) for index in range(len(runs)))
+    running: dict[Connection, tuple[_Worker, int, int]] = {}
+    with ExitStack() as stack:
+        idle = [stack.enter_context(_Worker()) for _ in range(min(len(runs), os.cpu_count() or 1))]
+        while waiting or running:
+            while waiting and idle:
+                worker, (index, attempt) = idle.pop(), waiting.popleft()
+                worker.begin(_execute, runs[index])
+                running[worker.connection] = worker, index, attempt
+            ready = wait([*running])
+            for connection in [connection for connection in running if connection in ready]:
+                worker, index, attempt = running.pop(connection)
+                outcome = worker.outcome()
+                if not isinstance(outcome, ProcessLostError):
+                    idle.append(worker)
+                else:
+                    idle.append(stack.enter_context(_Worker()))
+                    if attempt < ATTEMPTS:
+                        waiting.append((index, attempt + 1))
+                        continue
+                yield index, outcome
+
+
+class _Worker:
+    """A process that executes one run after the other; ends with the context, or with ours."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self._process = context.Process(target=_work, args=(theirs,), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+    def begin(self, work: Work, options: RunOptions) -> None:
+        """Let it work; `connection` can be read when it is done, or dead."""
+        try:
+            self.connection.send((work, options))
+        except OSError:
+            return  # it is dead, which `outcome` will tell
+
+    def outcome(self) -> Outcome:
+        """Wait for what the work has given."""
+        try:
+            outcome: Outcome = self.connection.recv()
+        except (EOFError, OSError):
+            self._process.join()
+            return ProcessLostError(
+                f"its process was killed ({_cause_of_death(self._process.exitcode)})",
+                "look for a lack of memory",
+            )
+        return outcome
+
+
+def _work(connection: Connection) -> None:
+    # Ctrl-C reaches the whole process group; the parent decides what becomes of its workers.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while True:
+        try:
+            work, options = connection.recv()
+            outcome = work(options)
+            try:
+                connection.send(outcome)
+            except (TypeError, AttributeError, ValueError) as error:
+                connection.send(CcrError(f"its result cannot be passed on: {full_text(error)}"))
+        except (EOFError, OSError):
+            return  # the parent is gone
+
+
+def _execute_and_keep_map(options: RunOptions) -> Outcome:
     keep_static_map(options)
-    return execute_quietly(options)
+    return _execute(options)
 
 
-def _execute_numbered(numbered: tuple[int, RunOptions]) -> tuple[int, RunResult]:
-    index, options = numbered
-    return index, execute_quietly(options)
+def _execute(options: RunOptions) -> Outcome:
+    try:
+        return execute_quietly(options)
+    except Exception as error:
+        return error
 
 
-def _workers(count: int) -> Pool:
-    # Ctrl-C reaches the whole process group; the parent decides what becomes of the workers.
-    return multiprocessing.get_context("spawn").Pool(
-        count, initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN)
-    )
+def _cause_of_death(code: int | None) -> str:
+    if code is None or code >= 0:
+        return f"status {code}"
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"signal {-code}"

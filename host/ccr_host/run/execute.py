@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ccr_host.control.registry import make_controller
-from ccr_host.errors import CcrError, ConfigError
+from ccr_host.errors import DeviceError, TrackerError, full_text
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
@@ -50,8 +50,9 @@ def execute(
 ) -> RunResult:
     """Run, and come back with whatever was reached.
 
-    A device or tracker fault, Ctrl-C and the operator's stop end the run early: the robot is made
-    safe, the steps done so far are in the result, and ``failure`` says why.
+    Whatever ends the run early, be it a device or tracker fault, Ctrl-C, the operator's stop or a
+    defect: the robot is made safe, the steps done so far are in the result, and ``failure`` says
+    why.
 
     Raises:
         ConfigError: the options make no run; nothing was started.
@@ -67,7 +68,7 @@ def execute(
         records.append(record)
         on_step(step, steps, record)
 
-    failure: BaseException | None = None
+    failure: Exception | KeyboardInterrupt | None = None
     rig: Rig | None = None
     try:
         with open_rig(options, description, observer) as rig:
@@ -75,9 +76,9 @@ def execute(
             with stopping_at_once(heard, rig.clock, rig.client):
                 follow_path(rig, controller, reference, description, observer, keep, heard)
         observer.event(rig.clock.now_us(), "done")
-    except ConfigError:
-        raise
-    except (CcrError, KeyboardInterrupt) as error:
+    except (Exception, KeyboardInterrupt) as error:
+        if rig is None and not isinstance(error, DeviceError | TrackerError | KeyboardInterrupt):
+            raise
         failure = error
         observer.event(rig.clock.now_us() if rig else 0, _describe(error))
     return RunResult(
@@ -103,10 +104,22 @@ def execute_logged(
     operator: Operator | None = None,
 ) -> RunResult:
     """Run with the log in its folder; the onlookers see what the log sees."""
-    with open_run_log(folder, realtime=not is_simulated(options)) as log:
-        result = execute(options, Observers((log, *onlookers)), on_step, operator)
-    return replace(result, log_trouble=log.trouble)
+    result: RunResult | None = None
+    late: KeyboardInterrupt | None = None
+    try:
+        with open_run_log(folder, realtime=not is_simulated(options)) as log:
+            result = execute(options, Observers((log, *onlookers)), on_step, operator)
+    except KeyboardInterrupt as error:
+        if result is None:
+            raise
+        late = error
+    return replace(
+        result,
+        failure=result.failure or late,
+        started=log.started,
+        log_trouble=log.trouble,
+    )
 
 
-def _describe(error: BaseException) -> str:
-    return str(error) or "interrupted"
+def _describe(error: Exception | KeyboardInterrupt) -> str:
+    return full_text(error) if isinstance(error, Exception) else str(error) or "interrupted"

@@ -9,6 +9,8 @@ from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ccr_host.user_file import replacing
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -67,7 +69,8 @@ def save_figure(figure: Figure, file: Path) -> None:
         file: the PNG.
     """
     for suffix, metadata in _METADATA.items():
-        _write(figure, file.with_suffix(suffix), suffix.removeprefix("."), metadata)
+        with replacing(file.with_suffix(suffix)) as draft:
+            _write(figure, draft, suffix.removeprefix("."), metadata)
 
 
 def svg_element(figure: Figure) -> str:

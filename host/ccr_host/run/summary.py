@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ccr_host.control.base import Outcome
-from ccr_host.errors import CcrError
+from ccr_host.errors import full_text
 from ccr_host.link.statistics import LinkStatistics
 from ccr_host.robot.reference import Reference
 from ccr_host.run.metrics import ErrorFigures, quantiles_us
@@ -32,9 +32,11 @@ class RunResult:
     records: Sequence[StepRecord]
     link: LinkStatistics | None
     """None if the board was never reached."""
-    failure: BaseException | None
-    """What ended the run early: a CcrError or a KeyboardInterrupt."""
+    failure: Exception | KeyboardInterrupt | None
+    """What ended the run early."""
     wall_s: float
+    started: bool = True
+    """Whether the robot was armed."""
     log_trouble: str = ""
     """What is missing in the log and why; empty if nothing is."""
 
@@ -52,6 +54,7 @@ def summarise(
         "controller": result.options.controller,
         "rate_hz": result.options.rate_hz,
         "steps": len(records),
+        "planned_steps": len(reference),
         "seed": result.options.seed,
         "device": result.options.device,
         "tracker": result.options.tracker,
@@ -68,7 +71,7 @@ def summarise(
         "held_steps": _count(records, Outcome.HELD),
         "link": _link_figures(result.link),
         "wall_s": result.wall_s,
-        "faults": [str(result.failure)] if isinstance(result.failure, CcrError) else [],
+        "faults": [full_text(result.failure)] if isinstance(result.failure, Exception) else [],
     }
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ccr_host.config import Twin
 from ccr_host.twin.equilibrium import LONGEST_LEG_RAD, Equilibrium
+from ccr_host.user_file import replacing
 
 Array = NDArray[np.float64]
 
@@ -119,11 +120,10 @@ def _read(file: Path) -> StaticMap | None:
 
 
 def _write(file: Path, found: StaticMap) -> None:
-    unfinished = file.with_name(f"{file.stem}-{os.getpid()}.npz")
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(unfinished, **vars(found))
-        unfinished.replace(file)
+        with replacing(file) as draft:
+            np.savez(draft, **vars(found))
         kept = sorted(file.parent.glob("static-map-*.npz"), key=lambda map_: map_.stat().st_mtime)
         for oldest in kept[:-_MOST_MAPS_KEPT]:
             oldest.unlink()

@@ -13,6 +13,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from ccr_host.errors import CcrError, ConfigError
+from ccr_host.stop_signals import interruptible_again
 from ccr_host.view.address import ViewAddress
 from ccr_host.view.buttons import PageOperator, SharedButtons
 from ccr_host.view.feed import Batch, RunEnded, ViewFeed
@@ -40,7 +41,7 @@ class LivePage:
 
     def wait_until_interrupted(self) -> None:
         """Keep the page until Ctrl-C or the end of its process."""
-        with suppress(KeyboardInterrupt):
+        with suppress(KeyboardInterrupt), interruptible_again():
             self._process.join()
 
 

@@ -1,15 +1,18 @@
 """The log's writer thread before disks that stand still or are full."""
 
-import errno
 import json
+import resource
+import shutil
+from contextlib import contextmanager
 from threading import Event, Semaphore
 
 import pytest
 
 from ccr_host.run.log import topics
 from ccr_host.run.log.files import LOG_PREFIX, LogFiles
+from ccr_host.run.log.mcap_file import McapFile
 from ccr_host.run.log.reader import RunRecording
-from ccr_host.run.log.sinks import BackgroundSink, DirectSink
+from ccr_host.run.log.sinks import QUEUE_CHUNKS, BackgroundSink, DirectSink
 from ccr_host.run.log.topics import LOG_TOPICS
 
 QUEUE = 3
@@ -29,9 +32,15 @@ class StandingDisk(LogFiles):
         self.written.release()
 
 
-class FullDisk(LogFiles):
-    def write(self, chunk, repeated):
-        raise OSError(errno.ENOSPC, "No space left on device")
+@contextmanager
+def room(size):
+    """Files of this process may not grow beyond so many bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def note(sink, second):
@@ -76,9 +85,46 @@ def test_what_is_lost_is_counted_and_told(tmp_path):
 
 
 @pytest.mark.parametrize("kind", [DirectSink, BackgroundSink])
-def test_a_full_disk_ends_the_log_but_not_the_run(tmp_path, kind):
-    sink = kind(FullDisk(tmp_path, LOG_PREFIX, LOG_TOPICS), LOG_TOPICS)
+@pytest.mark.parametrize("beyond_head", [-10, 500, 4000])
+def test_a_full_disk_ends_the_log_but_not_the_run_and_the_loss_is_counted(
+    tmp_path, kind, beyond_head
+):
+    head = McapFile(tmp_path / "head.mcap", LOG_TOPICS).size
+    sink = kind(LogFiles(tmp_path, LOG_PREFIX, LOG_TOPICS), LOG_TOPICS)
+    with room(head + beyond_head):
+        for second in range(QUEUE_CHUNKS):
+            note(sink, second)
+        sink.close()
+    assert "File too large" in sink.trouble
+    told = []
+    if beyond_head > 0:
+        recording = RunRecording(tmp_path)
+        told = [message.content["message"] for message in recording.messages()]
+        if recording.end.is_complete:
+            assert recording.end.lost_messages == QUEUE_CHUNKS - len(told)
+    assert told == [f"second {second}" for second in range(len(told))]
+    assert f"{QUEUE_CHUNKS - len(told)} messages lost" in sink.trouble
+
+
+@pytest.mark.parametrize("kind", [DirectSink, BackgroundSink])
+def test_a_log_whose_folder_is_removed_is_written_again(tmp_path, kind):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    sink = kind(LogFiles(folder, LOG_PREFIX, LOG_TOPICS), LOG_TOPICS)
     for second in range(5):
         note(sink, second)
+    shutil.rmtree(folder)
+    for second in range(5, 10):
+        note(sink, second)
     sink.close()
-    assert "No space left" in sink.trouble
+    assert len(list(RunRecording(folder).messages())) == 10
+    assert not sink.trouble
+
+
+def test_files_of_a_log_that_are_gone_are_counted_as_lost(tmp_path):
+    sink = DirectSink(LogFiles(tmp_path, LOG_PREFIX, LOG_TOPICS, file_us=5_000_000), LOG_TOPICS)
+    for second in range(12):
+        note(sink, second)
+    (tmp_path / "log_0000.mcap").unlink()
+    sink.close()
+    assert "5 messages lost" in sink.trouble

@@ -13,6 +13,7 @@ from ccr_host.link.messages import Fault, SetTarget, Stop, TargetReply
 from ccr_host.run.execute import execute_logged
 from ccr_host.run.log import topics
 from ccr_host.run.log.reader import LogEnd, RunRecording
+from ccr_host.run.log.run_log import RunLog
 from ccr_host.run.options import RunOptions
 from ccr_host.run.replay import replay
 from tests.unit.run_replay.rewrite import rewritten
@@ -92,12 +93,6 @@ def test_so_does_one_with_a_poor_camera_or_robot(folder, short_path, overrides):
     assert_equal(folder, steps=31)
 
 
-def test_so_does_one_without_a_sample(folder, short_path):
-    result = run(folder, short_path, "tracker.latency_ms=1000")
-    assert "no markers" in str(result.failure)
-    assert_equal(folder, steps=0)
-
-
 def test_so_does_one_through_the_polaris_emulator_and_its_frames_are_logged(folder, short_path):
     result = run(folder, short_path, tracker="ndi-emulator:", rate_hz=5.0)
     assert result.failure is None
@@ -149,7 +144,14 @@ def test_so_does_one_that_was_ended_half_way(folder, short_path, lines, trouble,
 @pytest.mark.parametrize(
     "nobody", [{"device": "tcp://127.0.0.1:1"}, {"tracker": "ndi+tcp://127.0.0.1:1"}]
 )
-def test_so_does_one_that_found_no_board_or_no_camera(folder, short_path, nobody):
+def test_so_does_one_that_found_no_board_or_no_camera(folder, short_path, nobody, monkeypatch):
+    begin = RunLog.begin
+
+    def begin_and_start(log, setup):  # as version 0.1 did; now a start that fails leaves no log
+        begin(log, setup)
+        log._start()
+
+    monkeypatch.setattr(RunLog, "begin", begin_and_start)
     result = run(folder, short_path, **nobody)
     assert "refused" in str(result.failure)
     assert replay(RunRecording(folder)).difference is None

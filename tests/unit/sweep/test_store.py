@@ -1,3 +1,5 @@
+import shutil
+
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -17,7 +19,7 @@ def test_every_figure_of_a_run_has_its_column_and_comes_back_as_it_was(tmp_path,
     store.keep(rows)
     assert store.rows() == rows
     assert list(rows[0]) != []
-    assert store.gather() == rows
+    store.gather()
     table = pq.read_table(tmp_path / "runs.parquet")
     assert set(table.column_names) == set(rows[0])
     assert not list((tmp_path / "parts").iterdir())
@@ -40,14 +42,14 @@ def test_a_part_cut_off_while_it_was_written_is_not_taken_for_a_row(tmp_path, pl
     store.keep([row(0)])
     (part,) = (tmp_path / "parts").iterdir()
     part.with_suffix(".4711").write_bytes(part.read_bytes()[:100])
-    assert [r["index"] for r in store.rows()] == [0]
+    assert [r["index"] for r in SweepFolder(tmp_path, plan).rows()] == [0]
 
 
 def test_rows_are_ordered_whatever_the_order_they_came_in(tmp_path, plan, row):
     store = SweepFolder(tmp_path, plan)
     for index in (5, 0, 3):
         store.keep([row(index, rate_hz=20.0), row(index)])
-    found = [(r["index"], r["rate_hz"]) for r in store.gather()]
+    found = [(r["index"], r["rate_hz"]) for r in store.rows()]
     assert found == [(0, 1.0), (0, 20.0), (3, 1.0), (3, 20.0), (5, 1.0), (5, 20.0)]
 
 
@@ -61,9 +63,9 @@ def test_rows_are_ordered_whatever_the_order_they_came_in(tmp_path, plan, row):
     ],
 )
 def test_a_folder_of_other_twins_is_refused_and_the_difference_named(
-    tmp_path, plan, changed, named
+    tmp_path, plan, row, changed, named
 ):
-    SweepFolder(tmp_path, plan)
+    SweepFolder(tmp_path, plan).keep([row(0)])
     with pytest.raises(ConfigError, match=named):
         SweepFolder(tmp_path, SweepPlan(**{**vars(plan), **changed}))
 
@@ -81,7 +83,7 @@ def test_a_damaged_part_is_named(tmp_path, plan, row):
     (part,) = (tmp_path / "parts").iterdir()
     part.write_bytes(b"PAR1 no more")
     with pytest.raises(ConfigError, match=part.name):
-        store.rows()
+        SweepFolder(tmp_path, plan)
 
 
 @pytest.mark.parametrize(
@@ -106,3 +108,34 @@ def test_a_part_of_other_columns_or_with_gaps_is_named(tmp_path, plan, row, chan
     pq.write_table(change(pq.read_table(part)), part)
     with pytest.raises(ConfigError, match=part.name):
         SweepFolder(tmp_path, plan).rows()
+
+
+def test_a_row_that_could_not_be_stored_is_missing(tmp_path, plan, row):
+    store = SweepFolder(tmp_path, plan)
+    store.keep([row(0)])
+    (tmp_path / "parts" / "000001-mpc1.parquet").mkdir()
+    with pytest.raises(OSError):
+        store.keep([row(1)])
+    (tmp_path / "parts" / "000001-mpc1.parquet").rmdir()
+    jobs = plan.jobs(range(2), [(1.0, "mpc")])
+    for again in (store, SweepFolder(tmp_path, plan)):
+        assert [job.index for job in again.missing(jobs)] == [1]
+
+
+def test_rows_survive_the_removal_of_their_folder(tmp_path, plan, row):
+    folder = tmp_path / "sweep"
+    store = SweepFolder(folder, plan)
+    store.keep([row(0)])
+    shutil.rmtree(folder)
+    store.keep([row(1)])
+    store.gather()
+    assert [r["index"] for r in SweepFolder(folder, plan).rows()] == [0, 1]
+
+
+def test_rows_without_the_plan_they_belong_to_are_refused(tmp_path, plan, row):
+    store = SweepFolder(tmp_path, plan)
+    store.keep([row(0)])
+    store.gather()
+    (tmp_path / "sweep.json").unlink()
+    with pytest.raises(ConfigError, match=r"sweep\.json"):
+        SweepFolder(tmp_path, plan)

@@ -8,9 +8,12 @@ Layout: https://mcap.dev/spec
 
 from __future__ import annotations
 
+import os
+import shutil
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from struct import Struct
 
@@ -91,12 +94,19 @@ class Chunk:
 class McapFile:
     """A file with a channel for each topic, numbered from 1.
 
+    A disk that is full leaves it as it was before the call that fails.
+
     Raises:
         OSError: from all methods; the disk is full or gone.
     """
 
     def __init__(self, path: Path, topics: Sequence[Topic]) -> None:
-        self._file = path.open("wb")
+        self._path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = path.open("w+b", buffering=0)
+        self._identity = os.fstat(self._file.fileno())
+        self.size = 0
+        """Bytes so far."""
         self._compressor = ZstdCompressor(level=_LEVEL)
         self._chunks: list[ChunkIndex] = []
         self._metadata: list[MetadataIndex] = []
@@ -110,14 +120,25 @@ class McapFile:
             for number, topic in enumerate(topics, 1)
         ]
         header = Header(profile="", library=f"ccr-host {ccr_host.__version__}")
-        self._file.write(MCAP0_MAGIC)
-        self._file.write(_packed([header, *self._schemas, *self._channels]))
-        self._file.flush()
+        try:
+            self._append(MCAP0_MAGIC + _packed([header, *self._schemas, *self._channels]))
+        except OSError:
+            self._file.close()
+            path.unlink()
+            raise
 
     @property
-    def size(self) -> int:
-        """Bytes so far."""
-        return self._file.tell()
+    def messages(self) -> int:
+        """How many have been written."""
+        return self._messages.total()
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the file still has its name."""
+        try:
+            return os.path.samestat(self._path.stat(), self._identity)
+        except OSError:
+            return False
 
     def write_chunk(self, chunk: Chunk) -> None:
         """Add a chunk, and hand it to the operating system, which keeps it if we are killed."""
@@ -138,13 +159,13 @@ class McapFile:
         indexes = bytearray()
         for channel, entries in chunk.indexes.items():
             offsets[channel] = index_start + len(indexes)
-            self._messages[channel] += len(entries) // 2
             packed = np.array(entries, dtype="<u8").tobytes()
             length = _INDEX_FIELDS_BYTES + len(packed)
             indexes += _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, length, channel, len(packed))
             indexes += packed
-        self._file.write(b"".join([*parts, indexes]))
-        self._file.flush()
+        self._append(b"".join([*parts, indexes]))
+        for channel, entries in chunk.indexes.items():
+            self._messages[channel] += len(entries) // 2
         self._chunks.append(
             ChunkIndex(
                 message_start_time=start_ns,
@@ -162,13 +183,24 @@ class McapFile:
     def write_metadata(self, name: str, content: Mapping[str, str]) -> None:
         """Add a metadata record."""
         packed = _packed([Metadata(name, dict(content))])
-        self._metadata.append(MetadataIndex(self.size, len(packed), name))
-        self._file.write(packed)
+        start = self.size
+        self._append(packed)
+        self._metadata.append(MetadataIndex(start, len(packed), name))
 
     def finish(self) -> None:
-        """Write the summary, by which readers find their way without reading all, and close."""
-        self._file.write(_packed([DataEnd(0)]))
-        start = self.size
+        """Write the summary, by which readers find their way without reading all, and close.
+
+        A file that was removed meanwhile is written again.
+        """
+        try:
+            self._append_summary()
+            self._put_back()
+        finally:
+            self._file.close()
+
+    def _append_summary(self) -> None:
+        end = _packed([DataEnd(0)])
+        start = self.size + len(end)
         summary = bytearray()
         offsets: list[McapRecord] = []
         groups: list[tuple[Opcode, Sequence[McapRecord]]] = [
@@ -187,8 +219,29 @@ class McapFile:
         summary += _packed(offsets)
         footer = _FOOTER_CRC_FIELDS.pack(Opcode.FOOTER, 20, start, offsets_start)
         crc = zlib.crc32(footer, zlib.crc32(summary))
-        self._file.write(summary + _packed([Footer(start, offsets_start, crc)]) + MCAP0_MAGIC)
-        self._file.close()
+        self._append(end + summary + _packed([Footer(start, offsets_start, crc)]) + MCAP0_MAGIC)
+
+    def _append(self, data: bytes) -> None:
+        """Hand all of it to the operating system, or nothing."""
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError:
+            with suppress(OSError):
+                self._file.truncate(self.size)
+                self._file.seek(self.size)
+            raise
+        self.size += len(data)
+
+    def _put_back(self) -> None:
+        if self.is_there:
+            return
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._file.seek(0)
+        with self._path.open("xb") as again:
+            shutil.copyfileobj(self._file, again)
+            self._identity = os.fstat(again.fileno())
 
     def _statistics(self) -> Statistics:
         return Statistics(

@@ -18,9 +18,15 @@ from ccr_host.config import Description
 from ccr_host.errors import ConfigError
 from ccr_host.robot.reference import Reference
 from ccr_host.run.log import topics
-from ccr_host.run.log.files import END_RECORD, LOG_PREFIX, TIMING_PREFIX, file_number, log_files
+from ccr_host.run.log.files import (
+    END_RECORD,
+    LOG_PREFIX,
+    LOST_MESSAGES,
+    TIMING_PREFIX,
+    file_number,
+    log_files,
+)
 from ccr_host.run.log.mcap_parts import MOST_FILE_BYTES, Damage, McapParts, PackedMessage, Part
-from ccr_host.run.log.sinks import LOST_MESSAGES
 from ccr_host.run.log.topics import LOG_TOPICS, SOLVE_TIME, TIMING_TOPICS, Topic
 from ccr_host.run.options import RunOptions
 from ccr_host.user_file import is_folder, is_there, read_bytes

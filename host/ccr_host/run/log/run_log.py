@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic_core import PydanticSerializationError, to_json
 
 from ccr_host.control.base import Command, Observation
-from ccr_host.link.messages import MESSAGES, Fault, State, StateReport
+from ccr_host.link.messages import MESSAGES, Arm, Fault, State, StateReport
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.run.inputs.tape import TapePiece
@@ -40,14 +41,19 @@ _UNTIL_SAMPLE_IS_OLD_US = 250_000
 class RunLog(RunObserver):
     """Turns what is observed into messages.
 
+    They wait in memory until the robot is armed: a start that fails leaves no log, and the one of
+    an earlier run in its place.
+
     Args:
-        log: takes all that repeats with the seed in virtual time.
-        timing: takes what measures the machine; None where that may stand in the log itself.
+        open_sinks: opens what takes all that repeats with the seed in virtual time, and what takes
+            that which measures the machine; None where that may stand in the log itself.
     """
 
-    def __init__(self, log: Sink, timing: Sink | None) -> None:
-        self._log = log
-        self._timing = timing
+    def __init__(self, open_sinks: Callable[[], tuple[Sink, Sink | None]]) -> None:
+        self._open_sinks = open_sinks
+        self._log: Sink | None = None
+        self._timing: Sink | None = None
+        self._waiting: list[tuple[Topic, int, bytes]] = []
         self._next_scene_us = 0
         self._next_diagnostics_us = 0
         self._model: ConstantCurvature | None = None
@@ -80,6 +86,8 @@ class RunLog(RunObserver):
         self._received += direction != "sent"
         body = cobs.decode(data[:-1])
         kind = MESSAGES.get(body[0])
+        if kind is Arm and self._log is None:
+            self._start()
         name = f"0x{body[0]:02x}" if kind is None else kind.NAME
         self._write(topic, time_us, {"name": name, "sequence": body[1], "hex": data.hex()})
 
@@ -173,20 +181,36 @@ class RunLog(RunObserver):
     @property
     def trouble(self) -> str:
         """What is missing in the log and why; empty if nothing is."""
-        return self._log.trouble or ("" if self._timing is None else self._timing.trouble)
+        sinks = (self._log, self._timing)
+        return next((sink.trouble for sink in sinks if sink is not None and sink.trouble), "")
+
+    @property
+    def started(self) -> bool:
+        """Whether the robot was armed, and there is a log."""
+        return self._log is not None
 
     def close(self) -> None:
         """Write what is left."""
-        self._log.close()
-        if self._timing is not None:
-            self._timing.close()
+        for sink in (self._log, self._timing):
+            if sink is not None:
+                sink.close()
 
     def _write(self, topic: Topic, time_us: int, content: dict[str, Any]) -> None:
         try:
             packed = to_json(content, inf_nan_mode="null")
         except PydanticSerializationError:  # a file's name that is not UTF-8
             packed = json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")
-        self._log.write(topic, time_us, packed)
+        message = (topic, time_us, packed)
+        if self._log is None:
+            self._waiting.append(message)
+        else:
+            self._log.write(*message)
+
+    def _start(self) -> None:
+        self._log, self._timing = self._open_sinks()
+        for message in self._waiting:
+            self._log.write(*message)
+        self._waiting.clear()
 
     def _write_reference(self, reference: Reference) -> None:
         for start in range(0, len(reference), _REFERENCE_PIECE):

@@ -13,9 +13,8 @@ from ccr_host.run.log import visuals
 from ccr_host.run.log.files import LogFiles
 from ccr_host.run.log.mcap_file import Chunk
 from ccr_host.run.log.topics import EVENT, Topic
+from ccr_host.stop_signals import signals_deferred
 
-LOST_MESSAGES = "lost_messages"
-"""Key of the closing record."""
 QUEUE_CHUNKS = 60
 """Most that waits for the disk, at a chunk a second: as long as a disk may stand still."""
 CHUNK_US = 850_000
@@ -92,37 +91,30 @@ class DirectSink:
     def __init__(self, files: LogFiles, topics: Sequence[Topic]) -> None:
         self._files = files
         self._packer = _Packer(topics)
-        self._error: OSError | None = None
 
     @property
     def trouble(self) -> str:
-        return "" if self._error is None else f"the log is incomplete: {self._error.strerror}"
+        return _trouble(self._files.error, self._files.lost)
 
     def write(self, topic: Topic, time_us: int, content: bytes) -> None:
         self._write_chunk(self._packer.add(topic, time_us, content))
 
     def close(self) -> None:
         self._write_chunk(self._packer.take())
-        try:
-            if self._error is None:
-                self._files.close({LOST_MESSAGES: "0"})
-        except OSError as error:
-            self._error = error
+        self._files.close()
 
     def _write_chunk(self, taken: Taken | None) -> None:
-        try:
-            if taken is not None and self._error is None:
+        if taken is not None:
+            with signals_deferred():
                 self._files.write(*taken)
-        except OSError as error:
-            self._error = error
 
 
 class BackgroundSink:
     """Packs in the caller's thread; another one compresses and writes within a second.
 
-    If the disk stands still until the queue is full, chunks are lost; so they are once the disk is
-    full. Either way the loss is counted, the log says where it happened as soon as it can be
-    written again, its closing record says how much, and ``trouble`` says so to whoever runs.
+    If the disk stands still until the queue is full, chunks are skipped: the log says where as soon
+    as it can be written again. Once the disk is full nothing more is written. Either way the loss
+    is counted, the closing record says how much, and ``trouble`` says so to whoever runs.
 
     Args:
         files: written by nobody else.
@@ -140,24 +132,21 @@ class BackgroundSink:
         self._lock = Lock()
         self._wake = Condition(self._lock)
         self._closing = False
-        self._lost = 0
-        self._lost_told = 0
-        self._error: OSError | None = None
+        self._skipped = 0
+        self._skipped_told = 0
         self._thread = Thread(target=self._run, name="log writer", daemon=True)
         self._thread.start()
 
     @property
     def trouble(self) -> str:
-        if self._error is not None:
-            return f"the log is incomplete: {self._error.strerror}, {self._lost} messages lost"
-        return f"the log lacks {self._lost} messages: the disk was too slow" if self._lost else ""
+        return _trouble(self._files.error, self._files.lost + self._skipped)
 
     def write(self, topic: Topic, time_us: int, content: bytes) -> None:
         with self._lock:
             full = self._packer.add(topic, time_us, content)
             if full is not None:
                 self._enqueue(full)
-                self._tell_loss(time_us)
+                self._tell_skipped(time_us)
                 self._wake.notify()
 
     def close(self) -> None:
@@ -167,28 +156,22 @@ class BackgroundSink:
         self._thread.join()
 
     def _enqueue(self, taken: Taken) -> None:
-        if self._error is not None or len(self._queue) >= self._queue_chunks:
-            self._lost += taken[0].messages
+        if len(self._queue) >= self._queue_chunks:
+            self._skipped += taken[0].messages
         else:
             self._queue.append(taken)
 
-    def _tell_loss(self, time_us: int) -> None:
-        if self._lost > self._lost_told and len(self._queue) < self._queue_chunks:
-            text = f"log: {self._lost - self._lost_told} messages lost before this"
-            self._lost_told = self._lost
+    def _tell_skipped(self, time_us: int) -> None:
+        if self._skipped > self._skipped_told and len(self._queue) < self._queue_chunks:
+            text = f"log: {self._skipped - self._skipped_told} messages lost before this"
+            self._skipped_told = self._skipped
             note = visuals.log_message(time_us, visuals.WARNING, text)
             self._packer.add(EVENT, time_us, to_json(note))
 
     def _run(self) -> None:
-        try:
-            while self._write_next():
-                pass
-            self._files.close({LOST_MESSAGES: str(self._lost)})
-        except OSError as error:
-            with self._lock:
-                self._error = error
-                self._lost += sum(chunk.messages for chunk, _ in self._queue)
-                self._queue.clear()
+        while self._write_next():
+            pass
+        self._files.close(self._skipped)
 
     def _write_next(self) -> bool:
         """Wait for a chunk and write it; False after the last."""
@@ -200,3 +183,9 @@ class BackgroundSink:
                 return not self._closing
         self._files.write(*taken)
         return True
+
+
+def _trouble(error: OSError | None, lost: int) -> str:
+    if error is not None:
+        return f"the log is incomplete: {error.strerror}, {lost} messages lost"
+    return f"the log lacks {lost} messages: the disk was too slow" if lost else ""

@@ -13,6 +13,7 @@ from ccr_host.errors import ConfigError
 from ccr_host.run.measured_and_true import why_measured_differs
 from ccr_host.run.report.figures import health_svg, overlay_svgs, path_svg
 from ccr_host.run.report.recorded_run import RecordedRun, read_run
+from ccr_host.user_file import replacing
 
 _DASH = "-"
 
@@ -29,7 +30,8 @@ def write_report(folders: Sequence[Path], file: Path) -> None:
     """
     page = report_page([read_run(folder) for folder in folders])
     try:
-        file.write_text(page, encoding="utf-8")
+        with replacing(file) as draft:
+            draft.write_text(page, encoding="utf-8")
     except OSError as error:
         raise ConfigError(
             f"report {file}: {error.strerror}", "name a file that can be written"

@@ -21,7 +21,9 @@ from ccr_host.twin.static_map import StaticMap
 
 Row = dict[str, Any]
 
-_NO_FIGURES = ("path", "controller", "device", "tracker", "laps", "open", "faults")
+_NO_FIGURES = (
+    "path", "controller", "planned_steps", "device", "tracker", "laps", "open", "faults",
+)  # fmt: skip
 """Of the JSON summary: told otherwise, or the same for all runs of a sweep."""
 
 LOST_MM = 15.0

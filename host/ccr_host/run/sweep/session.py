@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
-from ccr_host.run.folder import write_json
+from ccr_host.errors import CcrError, why
+from ccr_host.run.folder import FIGURES, ResultFolder
 from ccr_host.run.sweep.figure import write_sweep_figure
 from ccr_host.run.sweep.job import Row
 from ccr_host.run.sweep.plan import TwinJob
 from ccr_host.run.sweep.statistics import groups_of
-from ccr_host.run.sweep.store import SweepFolder
+from ccr_host.run.sweep.store import GATHERED, SweepFolder
 from ccr_host.run.sweep.workers import existing_cluster, local_workers, run_jobs
 
 OnCount = Callable[[int], None]
@@ -35,7 +35,8 @@ def run_missing(
 
     Raises:
         ConfigError: no scheduler at that address.
-        CcrError: the workers cannot do such jobs.
+        CcrError: the workers cannot do such jobs, a row cannot be stored, or twins are missing
+            because their workers were killed; all other rows are stored.
     """
     left = store.missing(jobs)
     on_count(sum(len(job.drives) for job in jobs) - sum(len(job.drives) for job in left))
@@ -43,14 +44,31 @@ def run_missing(
         return
     count = min(workers or os.cpu_count() or 1, len(left))
     with existing_cluster(scheduler) if scheduler else local_workers(count) as client:
-        for rows in run_jobs(client, left):
-            store.keep(rows)
+        lost: list[int] = []
+        for job, rows in run_jobs(client, left):
+            if rows is None:
+                lost.append(job.index)
+                continue
+            try:
+                store.keep(rows)
+            except OSError as error:
+                raise CcrError(
+                    f"the sweep ends early: twin {job.index} cannot be stored: {why(error)}",
+                    "the same command with room for its results goes on",
+                ) from None
             on_count(len(rows))
+    if lost:
+        twins = ", ".join(map(str, sorted(lost)))
+        raise CcrError(
+            f"twins are missing, their workers were killed again and again: {twins}",
+            "look for a lack of memory, give fewer --workers; the same command runs them again",
+        )
 
 
-def sum_up(store: SweepFolder, folder: Path) -> list[Row]:
+def sum_up(store: SweepFolder, folder: ResultFolder) -> list[Row]:
     """Gather the rows and write figure and summary of what is there; returns the rows."""
-    rows = store.gather()
-    write_sweep_figure(folder / "figure.png", rows)
-    write_json(folder / "summary.json", {"groups": groups_of(rows)})
+    rows = store.rows()
+    folder.keep(lambda _: store.gather(), GATHERED)
+    folder.keep_json("summary.json", {"groups": groups_of(rows)})
+    folder.keep(lambda file: write_sweep_figure(file, rows), *FIGURES)
     return rows

@@ -7,7 +7,6 @@ kills the sweep loses only the twins that were being run.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,10 +20,11 @@ from ccr_host.run.folder import write_json
 from ccr_host.run.sweep.job import Row
 from ccr_host.run.sweep.plan import SweepPlan, TwinJob
 from ccr_host.run.versions import versions
-from ccr_host.user_file import read_bytes, read_text
+from ccr_host.user_file import read_bytes, read_text, replacing
 
 _PLAN = "sweep.json"
-_GATHERED = "runs.parquet"
+GATHERED = "runs.parquet"
+"""All rows."""
 _PARTS = "parts"
 
 _MILLIMETRES = (
@@ -85,42 +85,61 @@ class SweepFolder:
 
     def __init__(self, folder: Path, plan: SweepPlan) -> None:
         self._folder = folder
-        self._require_same(plan)
-        (folder / _PARTS).mkdir(exist_ok=True)
+        self._plan = json.loads(json.dumps(plan.as_json()))
+        self._require_same()
+        files = [folder / GATHERED, *sorted((folder / _PARTS).glob("*.parquet"))]
+        self._rows = {_key(row): row for file in files if file.exists() for row in _read(file)}
 
     def rows(self) -> list[Row]:
         """All that is there, by index, rate and controller."""
-        files = [self._folder / _GATHERED, *sorted((self._folder / _PARTS).glob("*.parquet"))]
-        found = {_key(row): row for file in files if file.exists() for row in _read(file)}
-        return [found[key] for key in sorted(found)]
+        return [self._rows[key] for key in sorted(self._rows)]
 
     def missing(self, jobs: Sequence[TwinJob]) -> list[TwinJob]:
         """What of the jobs has no row yet."""
-        done = {_key(row) for row in self.rows()}
         left = [
-            replace(job, drives=tuple(d for d in job.drives if (job.index, *d) not in done))
+            replace(job, drives=tuple(d for d in job.drives if (job.index, *d) not in self._rows))
             for job in jobs
         ]
         return [job for job in left if job.drives]
 
     def keep(self, rows: Sequence[Row]) -> None:
-        """Write the rows of one twin; they are safe when this returns."""
+        """Write the rows of one twin; they are safe when this returns.
+
+        Raises:
+            OSError: they cannot be written, and have to be run again.
+        """
+        self._make_folder()
         names = "-".join(sorted({f"{row['controller']}{row['rate_hz']:g}" for row in rows}))
         part = self._folder / _PARTS / f"{rows[0]['index']:06d}-{names}.parquet"
         _write(part, rows)
+        self._rows |= {_key(row): row for row in rows}
 
-    def gather(self) -> list[Row]:
-        """Put all rows into one file; returns them."""
-        rows = self.rows()
-        _write(self._folder / _GATHERED, rows)
+    def gather(self) -> None:
+        """Put all rows into one file.
+
+        Raises:
+            OSError: it cannot be written; the rows stay where they are.
+        """
+        self._make_folder()
+        _write(self._folder / GATHERED, self.rows())
         for part in (self._folder / _PARTS).glob("*.parquet"):
             part.unlink()
-        return rows
 
-    def _require_same(self, plan: SweepPlan) -> None:
-        file, wanted = self._folder / _PLAN, json.loads(json.dumps(plan.as_json()))
+    def _make_folder(self) -> None:
+        """With the first row; again, if somebody has removed it."""
+        (self._folder / _PARTS).mkdir(parents=True, exist_ok=True)
+        file = self._folder / _PLAN
         if not file.exists():
-            write_json(file, {"plan": wanted, "versions": versions()})
+            write_json(file, {"plan": self._plan, "versions": versions()})
+
+    def _require_same(self) -> None:
+        file, wanted = self._folder / _PLAN, self._plan
+        if not file.exists():
+            if any((self._folder / name).exists() for name in (GATHERED, _PARTS)):
+                raise ConfigError(
+                    f"--out {self._folder}: holds a sweep without its {_PLAN}",
+                    "name another folder",
+                )
             return
         try:
             text, _ = read_text(file, "plan of a sweep", "name another folder", _MOST_BYTES)
@@ -160,6 +179,5 @@ def _read(file: Path) -> list[Row]:
 
 
 def _write(file: Path, rows: Sequence[Row]) -> None:
-    unfinished = file.with_suffix(f".{os.getpid()}")
-    pq.write_table(pa.Table.from_pylist(list(rows), schema=_SCHEMA), unfinished)
-    unfinished.replace(file)
+    with replacing(file) as draft:
+        pq.write_table(pa.Table.from_pylist(list(rows), schema=_SCHEMA), draft)

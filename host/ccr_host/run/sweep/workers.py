@@ -11,7 +11,7 @@ from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 from distributed.core import rpc
 
 from ccr_host.errors import CcrError, ConfigError
-from ccr_host.run.sweep.job import Row, row_of_a_lost_job, run_job
+from ccr_host.run.sweep.job import Row, run_job
 from ccr_host.run.sweep.plan import TwinJob
 
 _CONNECT_S = 10
@@ -58,8 +58,11 @@ def existing_cluster(address: str) -> Iterator[Client]:
         yield client
 
 
-def run_jobs(client: Client, jobs: Sequence[TwinJob]) -> Iterator[list[Row]]:
-    """Rows of each job, in the order in which the jobs end.
+def run_jobs(client: Client, jobs: Sequence[TwinJob]) -> Iterator[tuple[TwinJob, list[Row] | None]]:
+    """Each job with its rows, in the order in which the jobs end.
+
+    A job whose worker is killed is repeated on others; one that several workers did not survive has
+    None for its rows.
 
     Raises:
         CcrError: the workers cannot do such jobs.
@@ -70,19 +73,19 @@ def run_jobs(client: Client, jobs: Sequence[TwinJob]) -> Iterator[list[Row]]:
     }
     try:
         for future in as_completed(list(job_of)):
-            yield _rows(future, job_of.pop(future))
+            job = job_of.pop(future)
+            yield job, _rows(future, job)
     finally:
         client.cancel(list(job_of))
 
 
-def _rows(future: Future, job: TwinJob) -> list[Row]:
+def _rows(future: Future, job: TwinJob) -> list[Row] | None:
     error = future.exception()
     if error is None:
         rows: list[Row] = future.result()
         return rows
     if isinstance(error, KilledWorker):
-        why = "the worker died, and so did those that tried again"
-        return [row_of_a_lost_job(job, drive, why) for drive in job.drives]
+        return None
     if isinstance(error, CcrError):
         raise error
     raise CcrError(
@@ -99,7 +102,7 @@ async def _require_scheduler(address: str) -> None:
 
 
 def _silence() -> None:
-    """What a worker's death means is told by its row, not by the log of a library."""
+    """What a worker's death means is told by the sweep, not by the log of a library."""
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
 
 

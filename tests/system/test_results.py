@@ -1,0 +1,182 @@
+"""What a run leaves behind when disk, folder or start fail."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from ccr_host.link.messages import Disarm, Stop
+from ccr_host.run.log import topics
+from ccr_host.run.log.reader import RunRecording
+from tests.system.conftest import (
+    COMMAND,
+    PAPERS,
+    CcrHost,
+    Ended,
+    events,
+    logged,
+    messages_in,
+    wait_until_following,
+)
+
+REALTIME = (*PAPERS, "--no-open", "--realtime", "--rate", "5", "--out", "kept")
+
+
+def with_small_files(folder: Path, kilobytes: int, *words: str) -> Ended:
+    """The command where no file can grow further, as on a disk that becomes full."""
+    ended = subprocess.run(
+        ["bash", "-c", f'ulimit -f {kilobytes}; exec "$0" "$@"', COMMAND, *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    return Ended(ended.returncode, ended.stdout, ended.stderr)
+
+
+def lines_of(ended: Ended) -> list[str]:
+    assert "Traceback" not in ended.err
+    return [line for line in ended.err.splitlines() if line.startswith("ccr-host: ")]
+
+
+def test_a_full_disk_costs_what_no_longer_fits_and_nothing_else(
+    tmp_path: Path, short_path: str
+) -> None:
+    words = ("track", short_path, *PAPERS, "--no-open", "--out", "kept", "--json")
+    ended = with_small_files(tmp_path, 40, *words)
+    assert ended.status == 0, ended.err
+    assert ended.summary["steps"] == 6
+    (line,) = lines_of(ended)
+    assert "figure.png" in line
+    assert "messages lost" in line
+    assert "run.json" not in line
+    folder = tmp_path / "kept"
+    assert {file.name for file in folder.iterdir()} >= {"run.json", "log_0000.mcap"}
+    assert not (folder / "figure.png").exists()
+    assert all(file.stat().st_size for file in folder.iterdir())
+    assert logged(folder, topics.SETUP), "what fits can be read"
+
+
+@pytest.mark.parametrize("words", [("workspace", "8shape"), ("compare", "--path", "short.csv")])
+def test_tables_are_printed_though_their_files_do_not_fit(
+    tmp_path: Path, short_path: str, words: tuple[str, ...]
+) -> None:
+    ended = with_small_files(tmp_path, 0, *words, "--json", "--out", short_path + ".kept")
+    assert ended.status == 2, "nothing fits: refused before anything is run"
+    ended = with_small_files(tmp_path, 4, *words, "--json")
+    assert ended.status == 0, ended.err
+    assert ended.summary
+    (line,) = lines_of(ended)
+    assert "figure.png" in line
+
+
+def test_a_folder_that_is_removed_in_mid_run_is_made_again(
+    ccr_host: CcrHost, short_path: str
+) -> None:
+    folder = ccr_host.folder / "kept"
+    process = ccr_host.start("track", short_path, *REALTIME)
+    wait_until_following(folder, process)
+    shutil.rmtree(folder)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert "mean, mpc" in out
+    assert json.loads((folder / "run.json").read_text())["metrics"]["steps"] == 26
+    assert RunRecording(folder).end.is_complete
+    assert len(logged(folder, topics.STEP)) == 26
+
+
+def test_a_folder_that_is_replaced_in_mid_run_costs_its_files_alone(
+    ccr_host: CcrHost, short_path: str
+) -> None:
+    folder = ccr_host.folder / "kept"
+    process = ccr_host.start("track", short_path, *REALTIME, "--json")
+    wait_until_following(folder, process)
+    shutil.rmtree(folder)
+    folder.write_text("mine")
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert json.loads(out)["steps"] == 26
+    (line,) = lines_of(Ended(0, out, err))
+    assert "run.json" in line
+    assert "messages lost" in line
+    assert folder.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("words", "status"),
+    [
+        (("track", "circle"), 2),
+        (("track", "8shape", "--controller", "mcp"), 2),
+        (("track", "8shape", "--device", "tcp://127.0.0.1:1"), 3),
+        (("track", "8shape", "--tracker", "ndi+tcp://127.0.0.1:1"), 3),
+        (("track", "8shape", "--tracker", "replay:gone"), 2),
+        (("track", "short.csv", *PAPERS, "--set", "tracker.latency_ms=1000"), 3),
+        (("compare", "--controller", "mcp"), 2),
+        (("compare", "--path", "short.csv", *PAPERS, "--device", "tcp://127.0.0.1:1"), 3),
+        (("workspace", "circle"), 2),
+        (("sweep", "--path", "circle"), 2),
+        (("sweep", "--scheduler", "here"), 2),
+        (("export", "gone"), 2),
+        (("report", "gone"), 2),
+    ],
+)
+@pytest.mark.usefixtures("short_path")
+def test_a_start_that_fails_leaves_no_folder(
+    ccr_host: CcrHost, words: tuple[str, ...], status: int
+) -> None:
+    ended = ccr_host(*words)
+    assert ended.status == status, ended.err
+    assert len(lines_of(ended)) == 1
+    assert [file.name for file in ccr_host.folder.iterdir()] == ["short.csv"]
+    assert "kept in" not in ended.out
+
+
+def test_a_start_that_fails_leaves_the_earlier_run_in_its_folder(
+    ccr_host: CcrHost, short_path: str
+) -> None:
+    words = ("track", short_path, *PAPERS, "--no-open", "--out", "kept")
+    assert ccr_host(*words).status == 0
+    before = {file: file.read_bytes() for file in (ccr_host.folder / "kept").iterdir()}
+    assert ccr_host(*words, "--device", "tcp://127.0.0.1:1").status == 3
+    assert before == {file: file.read_bytes() for file in (ccr_host.folder / "kept").iterdir()}
+
+
+def test_a_run_that_ended_early_says_how_far_it_came(ccr_host: CcrHost, short_path: str) -> None:
+    sets = ("polaris_faults.unplugged_s=[[2, 99]]", "control.coast_s=0.2", "control.hold_s=0.2")
+    lost = ("--tracker", "ndi-emulator:", *(word for key in sets for word in ("--set", key)))
+    words = ("track", short_path, *PAPERS, "--no-open", "--rate", "2", *lost)
+    ended = ccr_host(*words, "--json", "--out", "kept")
+    assert ended.status == 3, ended.err
+    steps = ended.summary["steps"]
+    assert 0 < steps < ended.summary["planned_steps"] == 11
+    assert f"only {steps} of 11 steps" in ended.err
+    compared = ccr_host("compare", "--path", short_path, *PAPERS, "--rate", "2", *lost)
+    assert compared.status == 3
+    assert f"{steps} of 11 steps" in " ".join(compared.out.split())
+
+
+def test_ctrl_c_again_and_again_still_leaves_the_robot_safe_and_the_results_kept(
+    ccr_host: CcrHost,
+) -> None:
+    folder = ccr_host.folder / "kept"
+    process = ccr_host.start("track", "8shape", *REALTIME)
+    wait_until_following(folder, process)
+    process.send_signal(signal.SIGINT)
+    while process.poll() is None:
+        try:
+            process.wait(0.05)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGINT)
+    _, err = process.communicate()
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert any(isinstance(message, Disarm | Stop) for message in messages_in(folder, topics.SENT))
+    assert events(folder)[-1] == "interrupted"
+    metrics = json.loads((folder / "run.json").read_text())["metrics"]
+    assert 0 < metrics["steps"] < metrics["planned_steps"] == 400
