@@ -55,9 +55,10 @@ class EepromFile:
             if not path.exists():
                 path.write_bytes(bytes([ERASED]) * EEPROM_SIZE)
             self._file = path.open("r+b", buffering=0)
-        except OSError as error:
+        except (OSError, ValueError) as error:
+            why = error.strerror if isinstance(error, OSError) else error
             raise ConfigError(
-                f"EEPROM file {path}: {error.strerror}", "give a file that can be written"
+                f"EEPROM file {path}: {why}", "give a file that can be written"
             ) from None
         if path.stat().st_size != EEPROM_SIZE:
             self._file.close()

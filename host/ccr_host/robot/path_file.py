@@ -146,7 +146,7 @@ def _columns(separator: str | None, cells: list[str]) -> _Header | str:
             continue
         name, unit = column[1][0], column[2] or column[3]
         if unit not in _UNITS[name]:
-            what = "no unit" if unit is None else f"the unit {unit}"
+            what = "no unit" if unit is None else f"the unit {_shown(unit)}"
             return f"column {_shown(cell)} has {what}, not one of {', '.join(_UNITS[name])}"
         names.append(name)
         units.append(unit)

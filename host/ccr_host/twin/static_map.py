@@ -115,7 +115,7 @@ def _read(file: Path) -> StaticMap | None:
     try:
         with np.load(file) as kept:
             return StaticMap(kept["axis_1_rad"], kept["axis_2_rad"], kept["tip_mm"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile):
         return None
 
 

@@ -194,7 +194,7 @@ HEADER = "t_s,y_mm,z_mm\n"
         ("t_s,y_mm,z_mm,w\n0,1,2,3\n1,2,3,4\n", 1, "'w'"),
         ("t_s,y_mm,z_mm,z_mm\n0,1,2,3\n1,2,3,4\n", 1, "repeated"),
         ("time;y;z\n0;1;2\n1;2;3\n", 1, "'time' has no unit"),
-        ("t_s,y_in,z_in\n0,1,2\n1,2,3\n", 1, "the unit in"),
+        ("t_s,y_in,z_in\n0,1,2\n1,2,3\n", 1, "the unit 'in'"),
         ("a,b,c\n0,1,2\n1,2,3\n", 1, "'a', 'b', 'c'"),
         ("t_s;y_mm;z_mm\n0;1,5;2\n1;2.5;3\n", 3, "'2.5'"),
         ("t_s;y_mm;z_mm\n0;1;2\n1;1.234,5;3\n", 3, "'1.234,5'"),

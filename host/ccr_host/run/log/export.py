@@ -72,7 +72,7 @@ def _open(form: Format, path: Path, table: Table) -> _TableFile:
 
 class _CsvFile:
     def __init__(self, path: Path, table: Table) -> None:
-        self._file = path.open("w", newline="", encoding="utf-8")
+        self._file = path.open("w", newline="", encoding="utf-8", errors="backslashreplace")
         self._writer = csv.DictWriter(self._file, list(table.columns))
         self._writer.writeheader()
 

@@ -31,7 +31,7 @@ def write_report(folders: Sequence[Path], file: Path) -> None:
     page = report_page([read_run(folder) for folder in folders])
     try:
         with replacing(file) as draft:
-            draft.write_text(page, encoding="utf-8")
+            draft.write_text(page, encoding="utf-8", errors="backslashreplace")
     except OSError as error:
         raise ConfigError(
             f"report {file}: {error.strerror}", "name a file that can be written"
