@@ -76,6 +76,18 @@ def test_tables_are_printed_though_their_files_do_not_fit(
     assert "figure.png" in line
 
 
+def test_an_export_that_does_not_fit_leaves_no_half_tables(tmp_path: Path, short_path: str) -> None:
+    host = CcrHost(tmp_path)
+    assert host("track", short_path, *PAPERS, "--no-open", "--out", "kept").status == 0
+    for form in ("csv", "jsonl", "parquet", "mcap"):
+        ended = with_small_files(tmp_path, 8, "export", "kept", "--format", form)
+        assert ended.status == 2, (form, ended.err)
+        assert len(lines_of(ended)) == 1
+    assert with_small_files(tmp_path, 8, "report", "kept").status == 2
+    assert not [file for file in (tmp_path / "kept").iterdir() if file.is_dir()]
+    assert not list((tmp_path / "kept").glob("*.html"))
+
+
 def test_a_folder_that_is_removed_in_mid_run_is_made_again(
     ccr_host: CcrHost, short_path: str
 ) -> None:

@@ -83,6 +83,12 @@ def test_a_reader_that_has_seen_enough_is_no_error(tmp_path: Path) -> None:
     assert out.startswith("short with mpc")
 
 
+def test_a_monitor_ends_with_its_reader(tmp_path: Path) -> None:
+    status, out, err = in_shell(tmp_path, "monitor", "--json", streams="| head -1")
+    assert (status, err) == (0, "")
+    assert json.loads(out)["tracker"] == "twin:"
+
+
 def test_what_the_locale_cannot_show_is_escaped(tmp_path: Path) -> None:
     folder = os.fsdecode("gehört-\udcff".encode(errors="surrogateescape"))
     words = (*TRACK[:-1], folder)

@@ -31,6 +31,7 @@ def export(
 
     Example: ccr-host export runs/20260101-120000-ellipse-adaptive --format parquet
     """
+    from ccr_host.run.folder import ResultFolder
     from ccr_host.run.log.export import Format
     from ccr_host.run.log.export import export as export_tables
     from ccr_host.run.log.finish import finish_log
@@ -42,12 +43,13 @@ def export(
         raise ConfigError(f"--format {form}: unknown", f"one of {known}")
     recording = RunRecording(run)
     beside = run if is_folder(run) else run.parent
-    if form == _FINISHED_LOG:
-        folder = out or beside / "finished"
-        counts = {str(folder): finish_log(recording, folder)}
-    else:
-        written = export_tables(recording, Format(form), out or beside / "tables")
-        counts = {str(path): count for path, count in written}
+    title = "finished" if form == _FINISHED_LOG else "tables"
+    with ResultFolder(out or beside / title, title) as folder:
+        if form == _FINISHED_LOG:
+            counts = {str(folder.path): finish_log(recording, folder.path)}
+        else:
+            written = export_tables(recording, Format(form), folder.path)
+            counts = {str(path): count for path, count in written}
     screen = console(on_stderr=as_json)
     for path, count in counts.items():
         what = "messages" if form == _FINISHED_LOG else "rows"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ccr_host.commands.options import JsonOption, RobotOption, SeedOption, SetOption, TrackerOption
-from ccr_host.commands.output import console, print_json
+from ccr_host.commands.output import console, is_output_lost, print_json
 
 if TYPE_CHECKING:
     from ccr_host.run.monitor import Monitor, MonitorView
@@ -67,6 +67,8 @@ def monitor(
             for last in _looks(opened, duration, _LINE_US):
                 if duration is None:
                     print_json(last.summary())
+                    if is_output_lost():
+                        break
         else:
             last = _show(opened, duration)
     if last is None:

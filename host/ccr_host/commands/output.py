@@ -37,9 +37,13 @@ def keep_streams_writable() -> None:
 
 def lost_output() -> str:
     """Why standard output has not reached its file; empty if it has, or if its reader left."""
-    raw = getattr(sys.stdout.buffer, "raw", None)
-    error = raw.error if isinstance(raw, _LastingFile) else None
+    error = _output_error()
     return "" if error is None or isinstance(error, BrokenPipeError) else str(error.strerror)
+
+
+def is_output_lost() -> bool:
+    """Whether there is no point in printing for ever."""
+    return _output_error() is not None
 
 
 def console(*, on_stderr: bool = False) -> Console:
@@ -65,6 +69,11 @@ def print_json(content: dict[str, Any]) -> None:
     """One object on one line of standard output."""
     sys.stdout.write(json.dumps(content) + "\n")
     sys.stdout.flush()
+
+
+def _output_error() -> OSError | None:
+    raw = getattr(sys.stdout.buffer, "raw", None)
+    return raw.error if isinstance(raw, _LastingFile) else None
 
 
 class _LastingFile(io.FileIO):

@@ -7,6 +7,7 @@ from typing import Final, Protocol
 
 from ccr_host.errors import ConfigError
 from ccr_host.link.messages import EEPROM_SIZE
+from ccr_host.user_file import replacing
 
 ERASED: Final = 0xFF
 
@@ -53,7 +54,8 @@ class EepromFile:
     def __init__(self, path: Path) -> None:
         try:
             if not path.exists():
-                path.write_bytes(bytes([ERASED]) * EEPROM_SIZE)
+                with replacing(path) as draft:
+                    draft.write_bytes(bytes([ERASED]) * EEPROM_SIZE)
             self._file = path.open("r+b", buffering=0)
         except (OSError, ValueError) as error:
             why = error.strerror if isinstance(error, OSError) else error

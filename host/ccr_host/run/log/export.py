@@ -14,6 +14,7 @@ from ccr_host.errors import ConfigError
 from ccr_host.run.log.reader import RunRecording
 from ccr_host.run.log.tables import TABLES, Row, Table, rows
 from ccr_host.tracking.optional import import_optional
+from ccr_host.user_file import replacing
 
 _ROW_GROUP = 20_000
 
@@ -33,7 +34,12 @@ class _TableFile(Protocol):
 
 
 def export(recording: RunRecording, form: Format, folder: Path) -> Sequence[tuple[Path, int]]:
-    """Write one file a table.
+    """Write one file a table, all of them or none.
+
+    Args:
+        recording: of a run.
+        form: of the files.
+        folder: exists.
 
     Returns:
         Each file with its number of rows.
@@ -43,11 +49,11 @@ def export(recording: RunRecording, form: Format, folder: Path) -> Sequence[tupl
     """
     counts = dict.fromkeys((table.name for table in TABLES), 0)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:
+            drafts = [stack.enter_context(replacing(folder / f"{t.name}.{form}")) for t in TABLES]
             files: dict[str, _TableFile] = {}
-            for table in TABLES:
-                file = _open(form, folder / f"{table.name}.{form}", table)
+            for table, draft in zip(TABLES, drafts, strict=True):
+                file = _open(form, draft, table)
                 stack.callback(file.close)
                 files[table.name] = file
             for table, row in rows(recording):

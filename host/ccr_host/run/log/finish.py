@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic_core import to_json
 
 from ccr_host.errors import ConfigError
-from ccr_host.run.log.files import LOG_PREFIX, LogFiles
+from ccr_host.run.log.files import LOG_PREFIX, LogFiles, log_files
 from ccr_host.run.log.reader import RunRecording
 from ccr_host.run.log.sinks import DirectSink
 from ccr_host.run.log.topics import LOG_TOPICS
@@ -28,19 +28,20 @@ def finish_log(recording: RunRecording, folder: Path) -> int:
     """
     by_name = {topic.name: topic for topic in LOG_TOPICS}
     count = 0
+    if any(folder.glob("*.mcap")):
+        raise ConfigError(f"--out {folder}: holds a log", "name another folder")
+    sink = DirectSink(LogFiles(folder, LOG_PREFIX, LOG_TOPICS), LOG_TOPICS)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.glob("*.mcap")):
-            raise ConfigError(f"--out {folder}: holds a log", "name another folder")
-        sink = DirectSink(LogFiles(folder, LOG_PREFIX, LOG_TOPICS), LOG_TOPICS)
-        for message in recording.messages():
-            sink.write(by_name[message.topic], message.time_us, to_json(message.content))
-            count += 1
-        sink.close()
-    except OSError as error:
-        raise ConfigError(
-            f"--out {folder}: {error.strerror}", "name a folder that can be written"
-        ) from None
-    if sink.trouble:
-        raise ConfigError(f"--out {folder}: {sink.trouble}", "name a folder with room")
+        try:
+            for message in recording.messages():
+                sink.write(by_name[message.topic], message.time_us, to_json(message.content))
+                count += 1
+        finally:
+            sink.close()
+        if sink.trouble:
+            raise ConfigError(f"--out {folder}: {sink.trouble}", "name a folder with room")
+    except BaseException:
+        for file in log_files(folder, LOG_PREFIX):
+            file.unlink()
+        raise
     return count
