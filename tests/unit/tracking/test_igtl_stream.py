@@ -134,7 +134,7 @@ def test_foreign_server_is_one_clear_error(kind, capfd):
         tracker = IgtlTracker("127.0.0.1", port)
         clock.attach(tracker)
         with tracker, pytest.raises(TrackerError) as refusal:
-            wait_until_tracking(tracker, clock, timeout_us=6_000_000)
+            wait_until_tracking(tracker, clock, timeout_us=3_500_000)
     told = {
         "closes at once": "closed the connection",
         "silence": "no new message",

@@ -97,7 +97,7 @@ def test_a_lost_marker_and_a_camera_that_is_moved_are_no_exchange(at_rest) -> No
         assert check.accepts(Sample(frame * FRAME_US, markers_mm))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_no_random_twin_is_refused_in_any_pose_and_exchanges_are_found_at_rest(seed) -> None:
     rng = np.random.default_rng(seed)
@@ -111,7 +111,7 @@ def test_no_random_twin_is_refused_in_any_pose_and_exchanges_are_found_at_rest(s
         assert told is not None
         assert "exchanged" in told[0]
     check = MarkerCheck(description)
-    for frame in range(1, 60):
+    for frame in range(1, 40):
         if frame % 5 == 1:
             angles_deg = rng.uniform(-60, 60, 2)
             robot.set_pulses_half_us(tuple(2 * (1500 + 1000 * angles_deg / 90)))
