@@ -16,6 +16,10 @@
 #include "uno_hardware.h"
 #include "watchdog.h"
 
+#ifndef __AVR_ATmega328P__
+#error "registers, timers and memory are those of an ATmega328P: build it for the Arduino UNO"
+#endif
+
 #ifndef CCR_TICK_AT_RESET
 #define CCR_TICK_AT_RESET 0UL
 #endif

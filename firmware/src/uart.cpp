@@ -79,7 +79,9 @@ ISR(USART_RX_vect) {
 }
 
 ISR(USART_UDRE_vect) {
-  UDR0 = to_send.pop();
+  if (!to_send.is_empty()) {
+    UDR0 = to_send.pop();
+  }
   if (to_send.is_empty()) {
     UCSR0B = UCSR0B & static_cast<uint8_t>(~_BV(UDRIE0));
   }

@@ -181,6 +181,7 @@ class Host:
     def clear_latch(self) -> None:
         """Out of `fault` and `stopped`."""
         if self.state() in (m.State.FAULT, m.State.STOPPED):
+            self.wait_ticks(1)
             self.done(m.ClearFault(SESSION))
 
     def configure(

@@ -4,6 +4,7 @@ import pytest
 
 from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
+from ccr_host.link.framing import encode_frame
 from tests.conformance.host import RELAX_TICKS
 
 SESSION = 0x5E55
@@ -24,6 +25,7 @@ def bring_to(host, state):
             host.wait_for(state)
         case m.State.ARMING:
             host.done(m.Stop())
+            host.wait_ticks(1)
             host.done(m.ClearFault(SESSION))
             host.done(m.Arm(SESSION))
             host.wait_ticks(1)
@@ -265,6 +267,54 @@ def test_only_clear_fault_leads_out_of_a_latch(armed, state):
     ack = armed.told(m.ClearFault(SESSION), m.Ack)
     assert ack.state is m.State.DISARMED
     armed.arm()
+
+
+@pytest.mark.requirement("FLT-4")
+@pytest.mark.parametrize("state", PULSING)
+@pytest.mark.in_step("the requests have to come between two ticks")
+def test_a_latch_is_cleared_only_after_a_frame_without_pulses(armed, state):
+    bring_to(armed, state)
+    requests = [
+        m.Stop(),
+        m.SetLimits(SESSION, m.Limits((-9000, -9000), (-8000, -8000), (-8000, -8000))),
+        m.ClearFault(SESSION),
+        m.Arm(SESSION),
+    ]
+    frames = [encode_frame(r.ID, 100 + n, r.pack()) for n, r in enumerate(requests)]
+    next_frame_us = (armed.device.since_reset_us() // m.TICK_US + 1) * m.TICK_US
+    armed.device.advance_to(next_frame_us + 3000)  # all before the tick of this frame
+    answers = [a for a in armed.exchange(b"".join(frames)) if a.sequence >= 100]
+    clear, arm = (m.MESSAGES[answer.id].unpack(answer.payload) for answer in answers[2:])
+    assert clear == m.Nack(m.ClearFault.ID, m.NackCode.BUSY, 0)
+    assert arm == m.Nack(m.Arm.ID, m.NackCode.BAD_STATE, m.State.STOPPED)
+    assert armed.pulses_of_tick(armed.next_tick()) == (0, 0)
+    armed.done(m.ClearFault(SESSION))
+    armed.done(m.Arm(SESSION))
+
+
+@pytest.mark.requirement("REQ-3")
+def test_what_came_before_a_stop_is_neither_repeated_nor_acknowledged_again(host):
+    host.done(m.Arm(SESSION), sequence=77)
+    host.done(m.Stop())
+    assert host.refusal(m.Arm(SESSION), sequence=77) == (m.NackCode.BAD_STATE, m.State.STOPPED)
+    host.wait_ticks(1)
+    host.done(m.ClearFault(SESSION), sequence=78)
+    host.done(m.Stop())
+    again = host.refusal(m.ClearFault(SESSION), sequence=78)
+    assert again == (m.NackCode.BAD_STATE, m.State.STOPPED)
+    assert host.state() is m.State.STOPPED
+
+
+@pytest.mark.requirement("TGT-1")
+def test_a_target_beyond_the_calibrated_pulses_is_reported_and_counted_as_clamped(host):
+    narrow = m.Calibration((3000, 3000), (2000, 2000), (2900, 1000), (3100, 5000))
+    host.done(m.SetCalibration(SESSION, narrow))
+    host.arm()
+    inside, outside = host.target(450), host.target(451 + 50)
+    assert not inside.flags & m.StatusFlags.CLAMPED
+    assert outside.flags & m.StatusFlags.CLAMPED
+    assert outside.target_cdeg == (501, 0)
+    assert host.counters().targets_clamped == 1
 
 
 @pytest.mark.requirement("FLT-3")

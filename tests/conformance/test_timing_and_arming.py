@@ -140,6 +140,7 @@ def test_hold_is_made_by_the_first_tick_that_finds_the_setpoint_at_rest(armed):
     armed.target(100)
     armed.wait_ticks(2)
     armed.done(m.Stop())
+    armed.wait_ticks(1)
     armed.done(m.ClearFault(SESSION))
     armed.done(m.Arm(SESSION))
     moving = armed.next_tick() + 2 * AXIS_TICKS
@@ -185,6 +186,7 @@ def test_setpoint_after_a_reset_is_the_rest_pose(host):
 @pytest.mark.usefixtures("may_save")
 def test_board_never_arms_by_itself(armed, cause):
     armed.done(m.Stop())
+    armed.wait_ticks(1)
     armed.done(m.ClearFault(SESSION))
     armed.save()
     armed.arm()

@@ -32,7 +32,8 @@ void Controller::accept_target(const SetTarget& target, uint8_t sequence) {
   for (uint8_t axis = 0; axis < kAxes; ++axis) {
     const int16_t accepted = clamped(target.target_cdeg[axis], limits.angle_min_cdeg[axis],
                                      limits.angle_max_cdeg[axis]);
-    was_clamped = was_clamped || accepted != target.target_cdeg[axis];
+    was_clamped = was_clamped || accepted != target.target_cdeg[axis] ||
+                  is_saturated(configuration_.calibration, axis, accepted);
     setpoints_[axis].aim_at(accepted, ramp_ticks);
   }
   target_.accept(sequence, was_clamped);

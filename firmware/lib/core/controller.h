@@ -39,6 +39,10 @@ class Controller {
   void raise_fault(Fault fault) { safety_.raise(fault); }
 
   const Configuration& configuration() const { return configuration_; }
+  /// As of the last tick.
+  bool has_pulses() const {
+    return pulses_.half_us[0] != kNoPulse || pulses_.half_us[1] != kNoPulse;
+  }
   bool is_saving() const { return store_.is_saving(); }
   State state() const { return safety_.state(); }
   uint16_t boot_id() const { return boot_id_; }

@@ -11,6 +11,9 @@ void Dispatcher::receive(Received received, const FrameDecoder& frame) {
     return;
   }
   if (session_.retries.holds(frame)) {
+    if (session_.retries.is_void()) {
+      return refuse(frame, Refusal{NackCode::kBadState, static_cast<uint8_t>(controller_.state())});
+    }
     ++counters_.repeats_answered;
     send(frame.sequence(), session_.retries.answer());
     return;
@@ -201,6 +204,7 @@ void Dispatcher::execute(const FrameDecoder& frame, const Disarm&) {
 
 void Dispatcher::execute(const FrameDecoder& frame, const Stop&) {
   controller_.stop();
+  session_.retries.make_void();
   send(frame.sequence(), Ack{Stop::kId, controller_.state()});
 }
 

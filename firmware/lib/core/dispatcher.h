@@ -50,6 +50,9 @@ class Dispatcher {
     return Refusal{kGranted, 0};
   }
   Refusal check_particular(const OpenSession& request) const;
+  Refusal check_particular(const ClearFault&) const {
+    return Refusal{controller_.has_pulses() ? NackCode::kBusy : kGranted, 0};
+  }
   Refusal check_particular(const Arm&) const { return check_configured(); }
   Refusal check_particular(const SaveConfig&) const { return check_configured(); }
   Refusal check_particular(const SetLimits&) const { return check_not_saving(); }

@@ -13,13 +13,17 @@ int32_t rounded_quotient(int32_t dividend, int16_t divisor) {
 }
 static_assert(kReferenceCdeg % 2 == 0, "half of it is whole");
 
-}  // namespace
-
-uint16_t pulse_half_us(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg) {
+int32_t wanted_half_us(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg) {
   const int32_t change =
       rounded_quotient(static_cast<int32_t>(angle_cdeg) * calibration.per_90_deg_half_us[axis],
                        kReferenceCdeg);
-  const int32_t pulse = calibration.neutral_half_us[axis] + change;
+  return calibration.neutral_half_us[axis] + change;
+}
+
+}  // namespace
+
+uint16_t pulse_half_us(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg) {
+  const int32_t pulse = wanted_half_us(calibration, axis, angle_cdeg);
   const uint16_t least = calibration.pulse_min_half_us[axis] > kPulseFloorHalfUs
                              ? calibration.pulse_min_half_us[axis]
                              : kPulseFloorHalfUs;
@@ -30,6 +34,11 @@ uint16_t pulse_half_us(const Calibration& calibration, uint8_t axis, int16_t ang
     return least;
   }
   return pulse > greatest ? greatest : static_cast<uint16_t>(pulse);
+}
+
+bool is_saturated(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg) {
+  return wanted_half_us(calibration, axis, angle_cdeg) !=
+         pulse_half_us(calibration, axis, angle_cdeg);
 }
 
 bool is_allowed_pulse(const Calibration& calibration, uint8_t axis, uint16_t half_us) {

@@ -18,6 +18,9 @@ struct Pulses {
 /// PUL-1.
 uint16_t pulse_half_us(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg);
 
+/// Does PUL-1 clamp the pulse of this angle?
+bool is_saturated(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg);
+
 /// Is this what the calibration and the spec allow a servo to get?
 bool is_allowed_pulse(const Calibration& calibration, uint8_t axis, uint16_t half_us);
 

@@ -17,6 +17,7 @@ bool RetryMemory::holds(const FrameDecoder& request) const {
 
 void RetryMemory::remember(const FrameDecoder& request, State state_after) {
   is_set_ = true;
+  is_void_ = false;
   age_ticks_ = 0;
   state_after_ = state_after;
   id_ = request.id();

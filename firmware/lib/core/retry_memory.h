@@ -32,6 +32,9 @@ class RetryMemory {
 
   void remember(const FrameDecoder& request, State state_after);
   void forget() { is_set_ = false; }
+  /// After a stop: what came before it is neither executed nor acknowledged again.
+  void make_void() { is_void_ = true; }
+  bool is_void() const { return is_void_; }
   /// At the end of each tick.
   void count();
 
@@ -40,6 +43,7 @@ class RetryMemory {
   static_assert(kMaxSize > 0, "every once request is answered by ack, of which the state is kept");
 
   bool is_set_ = false;
+  bool is_void_ = false;
   uint8_t age_ticks_ = 0;
   State state_after_ = State::kBoot;
   uint8_t id_ = 0;

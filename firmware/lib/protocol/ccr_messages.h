@@ -156,7 +156,8 @@ enum class NackCode : uint8_t {
   /// Some configuration group was neither loaded from EEPROM nor set. Detail: the missing groups.
   kNotConfigured = 8,
   /// A save is being written to EEPROM: `arm`, `save_config` and whatever sets a configuration
-  /// group have to wait.
+  /// group have to wait. Or no tick has taken the pulses away yet: `clear_fault` has to wait for
+  /// one.
   kBusy = 9,
 };
 
@@ -190,7 +191,8 @@ constexpr uint8_t kAxis2Pulses = 0x02;
 /// The setpoint has not reached its goal: the target in `active`, the rest pose while it is led
 /// there.
 constexpr uint8_t kMoving = 0x04;
-/// The last accepted target was outside the angle limits and was clamped.
+/// The last accepted target was outside the angle limits, or its pulse outside the calibrated ones,
+/// and was clamped.
 constexpr uint8_t kClamped = 0x08;
 /// A save is being written.
 constexpr uint8_t kEepromBusy = 0x10;
@@ -1102,7 +1104,8 @@ inline int8_t inconsistent_axis(const Stop&) {
   return kNone;
 }
 
-/// Acknowledges a fault or a stop. The board is then disarmed; it never arms itself.
+/// Acknowledges a fault or a stop, once the pulses are gone. The board is then disarmed; it never
+/// arms itself.
 struct ClearFault {
   enum : uint8_t { kId = 0x13, kSize = 2 };
 

@@ -188,6 +188,7 @@ TEST_CASE("ARM-4: after a reset nothing but arm brings pulses") {
   Bench bench;
   bench.make_armed();
   bench.acknowledged(Stop{});
+  bench.tick();
   bench.acknowledged(ClearFault{kSession});
   bench.save();
   bench.reset();
@@ -342,6 +343,17 @@ TEST_CASE("FLT-2: from fault and stopped only clear_fault leads on, to disarmed"
     CHECK(bench.state() == state);
     CHECK(bench.acknowledged(ClearFault{kSession}) == State::kDisarmed);
   }
+}
+
+TEST_CASE("FLT-4: a latch is cleared only after a frame without pulses") {
+  Bench bench;
+  bench.make_armed();
+  bench.acknowledged(Stop{});
+  CHECK(bench.refused(ClearFault{kSession}).code == NackCode::kBusy);
+  CHECK(bench.refused(Arm{kSession}).code == NackCode::kBadState);
+  bench.tick();
+  CHECK_FALSE(bench.has_pulses());
+  CHECK(bench.acknowledged(ClearFault{kSession}) == State::kDisarmed);
 }
 
 TEST_CASE("FLT-3: boot ends in a fault after the watchdog or a brown-out") {

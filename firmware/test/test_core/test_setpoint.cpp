@@ -16,9 +16,18 @@ TEST_CASE("TGT-1: a target outside the limits is clamped and reported as clamped
   CHECK(outside.target_cdeg[0] == 6000);
   CHECK(outside.target_cdeg[1] == -9000);
   CHECK((outside.flags & status_flags::kClamped) != 0);
-  const TargetReply inside = bench.target(6000, -9000);
+  const TargetReply inside = bench.target(6000, -8000);
   CHECK((inside.flags & status_flags::kClamped) == 0);
   CHECK(bench.counters().targets_accepted == 2);
+  CHECK(bench.counters().targets_clamped == 1);
+}
+
+TEST_CASE("TGT-1: a target whose pulse is clamped is reported and counted as clamped") {
+  Bench bench;
+  bench.make_armed();
+  const TargetReply saturated = bench.target(6000, -8010);
+  CHECK(saturated.target_cdeg[1] == -8010);
+  CHECK((saturated.flags & status_flags::kClamped) != 0);
   CHECK(bench.counters().targets_clamped == 1);
 }
 

@@ -6,7 +6,7 @@ from ccr_host.emulator.config_store import ConfigStore, SaveStep
 from ccr_host.emulator.configuration import Configuration
 from ccr_host.emulator.counters import Counters
 from ccr_host.emulator.eeprom import Eeprom
-from ccr_host.emulator.pulses import pulse_half_us
+from ccr_host.emulator.pulses import is_saturated, pulse_half_us
 from ccr_host.emulator.safety import SafetyMachine
 from ccr_host.emulator.session import Session
 from ccr_host.emulator.setpoint import Axes, Setpoint, clamped
@@ -99,7 +99,10 @@ class BoardCore:
         """Follow a target; gives it back as it was clamped."""
         limits = self.configuration.limits
         accepted = clamped(target_cdeg, limits.angle_min_cdeg, limits.angle_max_cdeg)
-        self._target_clamped = accepted != target_cdeg
+        calibration = self.configuration.calibration
+        self._target_clamped = accepted != target_cdeg or any(
+            is_saturated(calibration, axis, angle) for axis, angle in enumerate(accepted)
+        )
         self._target_cdeg = accepted
         self._target_sequence = sequence
         self._target_tick = self.next_tick

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import singledispatchmethod
 
 from ccr_host.emulator.core import BoardCore
@@ -45,12 +46,14 @@ class Dispatcher:
 
     def answer(self, frame: Frame) -> bytes:
         """The frame that answers `frame`, encoded."""
-        remembered = self._remembered_answer(frame)
-        if remembered is not None:
+        remembered = self._remembered(frame)
+        if remembered is not None and not remembered.is_void:
             self._core.counters.count("repeats_answered")
-            return remembered
+            return remembered.answer
         self._sequence = frame.sequence
         try:
+            if remembered is not None:
+                raise Refusal(m.NackCode.BAD_STATE, self._core.state)
             request = self._parse(frame)
             self._check(request)
             reply = self._execute(request)
@@ -62,12 +65,12 @@ class Dispatcher:
             self._core.session.acknowledged = Acknowledged(frame, answer, self._core.next_tick)
         return answer
 
-    def _remembered_answer(self, frame: Frame) -> bytes | None:
+    def _remembered(self, frame: Frame) -> Acknowledged | None:
         last = self._core.session.acknowledged
         if last is None or last.request != frame:
             return None
         age_ticks = self._core.next_tick - last.tick
-        return last.answer if age_ticks <= m.RETRY_WINDOW_TICKS else None
+        return last if age_ticks <= m.RETRY_WINDOW_TICKS else None
 
     def _parse(self, frame: Frame) -> m.Request:
         kind = m.REQUESTS.get(frame.id)
@@ -94,6 +97,8 @@ class Dispatcher:
         if isinstance(request, _NEEDS_CONFIGURATION) and core.configuration.missing:
             raise Refusal(m.NackCode.NOT_CONFIGURED, core.configuration.missing)
         if core.store.busy and isinstance(request, _NEEDS_CONFIGURATION + _CONFIG_GROUP_REQUESTS):
+            raise Refusal(m.NackCode.BUSY)
+        if isinstance(request, m.ClearFault) and any(core.pulses_half_us):
             raise Refusal(m.NackCode.BUSY)
 
     def _ack(self, request: m.Request) -> m.Ack:
@@ -153,6 +158,9 @@ class Dispatcher:
     @_execute.register
     def _(self, request: m.Stop) -> m.Message:
         self._core.safety.stop()
+        last = self._core.session.acknowledged
+        if last is not None:
+            self._core.session.acknowledged = replace(last, is_void=True)
         return self._ack(request)
 
     @_execute.register

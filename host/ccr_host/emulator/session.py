@@ -37,6 +37,8 @@ class Acknowledged:
     request: Frame
     answer: bytes
     tick: int
+    is_void: bool = False
+    """A stop has come since: it is neither executed nor acknowledged again."""
 
 
 @dataclass(slots=True)

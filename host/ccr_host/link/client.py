@@ -282,12 +282,17 @@ class Client:
     def stop(self) -> None:
         """Emergency stop: needs neither a session nor the right spec."""
         self._watching = False
+        self._exchange.end_unfinished_frame()
         self._exchange.request(m.Stop(), attempts=_STOP_ATTEMPTS)
         self._may_move = False
 
     def clear_fault(self) -> None:
-        """Acknowledge a fault or a stop; the board is disarmed then."""
-        self._exchange.request(m.ClearFault(self._session))
+        """Acknowledge a fault or a stop; the board is disarmed then.
+
+        A board that has latched a moment ago is given the ticks it needs to take the pulses away.
+        """
+        deadline_us = self._clock.now_us() + _MARGIN_US
+        self._while_refused(m.ClearFault(self._session), (m.NackCode.BUSY, 0), m.Ack, deadline_us)
 
     # Observation
 
@@ -395,7 +400,6 @@ class Client:
         except DeviceError:
             self.stop()
         except KeyboardInterrupt as second:
-            self._exchange.end_unfinished_frame()
             self.stop()
             return second
         return None
@@ -415,12 +419,19 @@ class Client:
         return self._ask(hello, m.HelloReply, attempts=BOOT_TIMEOUT_US // ANSWER_TIMEOUT_US)
 
     def _open_session(self, deadline_us: int) -> m.SessionReply:
+        request = m.OpenSession(m.SPEC_HASH, self._session)
+        booting = (m.NackCode.BAD_STATE, State.BOOT)
+        return self._while_refused(request, booting, m.SessionReply, deadline_us)
+
+    def _while_refused(
+        self, request: m.Request, for_now: tuple[m.NackCode, int], reply: type[R], deadline_us: int
+    ) -> R:
+        """Ask once a tick as long as the answer is the refusal that passes by itself."""
         while True:
             try:
-                return self._ask(m.OpenSession(m.SPEC_HASH, self._session), m.SessionReply)
+                return self._ask(request, reply)
             except RequestRefusedError as refusal:
-                booting = (m.NackCode.BAD_STATE, State.BOOT)
-                if (refusal.code, refusal.detail) != booting or self._clock.now_us() > deadline_us:
+                if (refusal.code, refusal.detail) != for_now or self._clock.now_us() > deadline_us:
                     raise
                 self._clock.sleep_until_us(self._clock.now_us() + _STATE_POLL_US)
 

@@ -69,7 +69,10 @@ _REFUSALS: Final = {
         "flash the board: ccr-host flash, or upgrade the host",
     ),
     NackCode.NOT_CONFIGURED: ("its configuration is incomplete", "configure it first"),
-    NackCode.BUSY: ("it is still saving its configuration", "wait a second and try again"),
+    NackCode.BUSY: (
+        "it is still saving its configuration, or has just stopped",
+        "wait a second and try again",
+    ),
 }
 
 _RESETS: Final = {

@@ -165,7 +165,8 @@ class NackCode(IntEnum):
     """
     BUSY = 9
     """A save is being written to EEPROM: `arm`, `save_config` and whatever sets a configuration
-    group have to wait.
+    group have to wait. Or no tick has taken the pulses away yet: `clear_fault` has to wait for
+    one.
     """
 
 
@@ -196,7 +197,9 @@ class StatusFlags(IntFlag):
     there.
     """
     CLAMPED = 0x08
-    """The last accepted target was outside the angle limits and was clamped."""
+    """The last accepted target was outside the angle limits, or its pulse outside the calibrated
+    ones, and was clamped.
+    """
     EEPROM_BUSY = 0x10
     """A save is being written."""
     CONFIGURED = 0x20
@@ -948,7 +951,10 @@ class Stop(Request):
 
 @dataclass(frozen=True, slots=True)
 class ClearFault(Request):
-    """Acknowledges a fault or a stop. The board is then disarmed; it never arms itself."""
+    """Acknowledges a fault or a stop, once the pulses are gone.
+
+    The board is then disarmed; it never arms itself.
+    """
 
     session: int
     """The open session."""
@@ -1582,7 +1588,9 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "REQ-3": (
             "A `once` request with the id, sequence number and payload of the last `once` request "
             "that was acknowledged, no more than retry_window_ticks ago, is answered with the same "
-            "frame before any check and not executed again; the window counts from the execution."
+            "frame before any check and not executed again; the window counts from the execution. "
+            "Where a `stop` has come between, it is neither executed nor acknowledged again: it "
+            "gets bad_state."
         ),
         "REQ-4": "Ids that are not requests, replies among them, get unknown_id.",
         "SES-1": (
@@ -1627,7 +1635,10 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
             "was left; after a reset it is the rest pose that was loaded, or 0 where none was."
         ),
         "ARM-4": "After a reset the board never arms by itself.",
-        "TGT-1": "A target outside the angle limits is clamped to them and reported as clamped.",
+        "TGT-1": (
+            "A target outside the angle limits is clamped to them and reported as clamped. One "
+            "whose pulse PUL-1 clamps is reported and counted as clamped too; its angle stays."
+        ),
         "TGT-2": (
             "On a target with a ramp of n = ceil(ramp_ms / 20) > 0 ticks, the setpoint aims at "
             "start + (target - start) * j / n (the quotient rounded toward zero) at the j-th tick "
@@ -1667,6 +1678,11 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "FLT-3": (
             "A reset by the hardware watchdog or a brown-out ends `boot` in `fault` with that "
             "reason, unless `stop` came before."
+        ),
+        "FLT-4": (
+            "Until a tick has computed a frame without pulses clear_fault gets busy. So whatever "
+            "is set or armed after a stop or a fault, between any two pulses of an axis that are "
+            "further apart than its slew limit there is a whole frame without."
         ),
         "CFG-1": (
             "A configuration group is taken whole or not at all; one that was neither loaded nor "

@@ -1,6 +1,7 @@
 """What holds whatever the host sends: the pins stay safe and the board stays alive."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -360,3 +361,62 @@ def test_repeating_every_request_changes_nothing(requests, repeats):
             states.append((answers[0], watched.board.state))
         outcomes.append(states)
     assert outcomes[0] == outcomes[1]
+
+
+QUICK_SLEW = m.Slew((500, 300))
+LEGAL = [
+    m.Stop(),
+    m.ClearFault(SESSION),
+    m.Arm(SESSION),
+    m.Disarm(SESSION),
+    m.SetTarget(SESSION, (8000, -6000), 0, 200),
+    m.SetTarget(SESSION, (-8000, 6000), 100, 60),
+    m.SetLimits(SESSION, m.Limits((-9000, -9000), (9000, 9000), (0, 0))),
+    m.SetLimits(SESSION, m.Limits((-9000, -9000), (-1000, -1000), (-2000, -2000))),
+    m.SetCalibration(
+        SESSION, m.Calibration((3000, 3000), (2000, -2000), (1000, 1000), (5000, 5000))
+    ),
+    m.SetCalibration(
+        SESSION, m.Calibration((2400, 3600), (-2000, 2000), (1000, 1000), (5000, 5000))
+    ),
+]
+
+
+@pytest.mark.requirement("FLT-4", "TGT-3")
+@settings(max_examples=150, deadline=None)
+@given(
+    talk=st.lists(
+        st.tuples(
+            st.lists(st.sampled_from(LEGAL), min_size=1, max_size=5)
+            | st.sampled_from(LEGAL[6:]).map(
+                lambda change: [m.Stop(), change, m.ClearFault(SESSION), m.Arm(SESSION)]
+            ),
+            st.sampled_from([0, 0, 1_000, 20_000, 100_000]),
+        ),
+        max_size=30,
+    )
+)
+def test_pulses_further_apart_than_the_slew_limit_have_a_frame_without_between_them(talk):
+    watched = Watched(UnoEmulator())
+    board = watched.board
+    board.advance_to(m.BOOT_TICKS * m.TICK_US + 2 * m.TICK_US)
+    watched.ask(m.OpenSession(m.SPEC_HASH, SESSION), 0)
+    watched.ask(m.SetSlew(SESSION, QUICK_SLEW), 1)
+    watched.ask(m.SetWatchdog(SESSION, m.Watchdog(100, 100, 20)), 2)
+    for number in (6, 8):
+        watched.ask(LEGAL[number], number)
+    pins = [(0, 0)]
+    sequence = 0
+    for burst, gap_us in [([m.Arm(SESSION)], 100_000), *talk, ([], 100_000)]:
+        for request in burst:
+            sequence = (sequence + 1) % 256
+            board.receive(encode_frame(request.ID, sequence, request.pack()))
+        until_us = board.now_us + 3_000 + gap_us
+        while board.next_frame_us <= until_us:
+            board.advance_to(board.next_frame_us)
+            pins.append(board.pulses_half_us)
+        board.advance_to(until_us)
+    for before, after in pairwise(pins):
+        for axis, most_cdeg in enumerate(QUICK_SLEW.slew_cdeg_tick):
+            if before[axis] and after[axis]:
+                assert abs(after[axis] - before[axis]) <= most_cdeg * 2000 / 9000 + 1
