@@ -48,7 +48,9 @@ servos and the link (`servo`, `link`), how the camera stands against the robot (
 `ccr-host register`), how the twin and its camera are in truth (`twin`, `tracker`), and where the
 robot rests (`identified`, by `ccr-host calibrate --identify`).
 `--robot FILE.toml` reads it, `--set section.key=value` overrides one key. Keys that are left out
-have the default below; unknown keys and values out of range are refused. The twin and its camera
+have the default below; unknown keys and values out of range are refused. Ranges
+are wide: robots from catheters of 2 mm to trunks of a metre, servos as far as the board's protocol
+drives them; what lies outside is a slip of a unit. The twin and its camera
 follow the description where a default reads "as ...": without hardware it is your robot that is
 simulated. Set both keys to simulate a robot that differs from what is believed of it. A key with
 two values has one per segment or servo; where one number is given, it stands for both, except for

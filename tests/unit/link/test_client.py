@@ -446,3 +446,19 @@ def test_polling_a_board_that_still_starts_is_no_retry(rig):
         assert rig.clock.now_us() > 1_000_000
         assert client.statistics.retries == 0
         assert client.statistics.crc_errors == 0
+
+
+def test_a_stop_can_be_cleared_at_once(rig, config):
+    with armed(rig, config) as client:
+        client.stop()
+        client.clear_fault()
+        assert rig.board.state is State.DISARMED
+        assert rig.board.pulses_half_us == (0, 0)
+
+
+def test_a_stop_is_not_swallowed_by_a_torn_frame(rig, config):
+    with armed(rig, config) as client:
+        rig.line.write(encode_frame(m.Hello.ID, 1, bytes(5))[:4])
+        client.stop()
+        assert client.statistics.retries == 0
+        assert rig.board.state is State.STOPPED
