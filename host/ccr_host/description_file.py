@@ -35,13 +35,21 @@ def file_to_keep_in(robot: str | None, out: Path | None) -> Path | None:
         ConfigError: it could not be written.
     """
     file = out or own_file(robot)
-    if file is not None:
-        writable = file if file.exists() else file.resolve().parent
-        if file.is_dir() or not os.access(writable, os.W_OK):
-            raise ConfigError(
-                f"robot description {file}: cannot be written", "name a TOML file that can be"
-            )
+    if file is not None and not _can_be_replaced(file):
+        raise ConfigError(
+            f"robot description {file}: cannot be written", "name a TOML file that can be"
+        )
     return file
+
+
+def _can_be_replaced(file: Path) -> bool:
+    """Whether there is, or can be, such a file in a folder that takes a draft beside it."""
+    try:
+        is_free = not file.exists() or (file.is_file() and os.access(file, os.W_OK))
+        folder = Path(os.path.realpath(file)).parent
+        return is_free and folder.is_dir() and os.access(folder, os.W_OK)
+    except (OSError, ValueError):
+        return False
 
 
 def keep_in(file: Path, sections: Sections, robot: str | None) -> None:

@@ -55,6 +55,6 @@ def export(
         what = "messages" if form == _FINISHED_LOG else "rows"
         screen.print(f"{path}: {count} {what}")
     if recording.end.trouble:
-        screen.print(f"{recording.end.trouble}; exported as far as it goes")
+        screen.print(f"{recording.end.trouble}; exported as far as it goes", soft_wrap=True)
     if as_json:
         print_json(counts)

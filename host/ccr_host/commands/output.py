@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ccr_host.run.folder import ResultFolder
 
 _STANDARD_STREAMS = 3
+_LONGEST_MESSAGE = 2000
 
 
 def keep_streams_writable() -> None:
@@ -62,7 +63,7 @@ def tell_kept(screen: Console, folder: ResultFolder, *further_troubles: str) -> 
 
 def warn(text: str) -> None:
     """One line on standard error."""
-    sys.stderr.write(f"ccr-host: {printable(text)}\n")
+    sys.stderr.write(f"ccr-host: {printable(text, _LONGEST_MESSAGE)}\n")
 
 
 def print_json(content: dict[str, Any]) -> None:

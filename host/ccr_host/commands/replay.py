@@ -38,7 +38,7 @@ def replay(run: RunArgument, as_json: JsonOption = False) -> None:
         screen.print(f"written by other versions: {told}")
     result = replay_run(recording)
     if recording.end.trouble:
-        screen.print(f"{recording.end.trouble}; compared as far as it goes")
+        screen.print(f"{recording.end.trouble}; compared as far as it goes", soft_wrap=True)
     difference = result.difference
     if as_json:
         print_json(

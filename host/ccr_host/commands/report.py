@@ -30,5 +30,8 @@ def report(
 
     first = runs[0] if is_folder(runs[0]) else runs[0].parent
     file = out or first / "report.html"
-    write_report(runs, file)
-    console().print(f"written: {file}", soft_wrap=True)
+    screen = console()
+    for run in write_report(runs, file):
+        if run.log_trouble:
+            screen.print(f"{run.folder}: {run.log_trouble}", soft_wrap=True)
+    screen.print(f"written: {file}", soft_wrap=True)

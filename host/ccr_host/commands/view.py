@@ -26,7 +26,10 @@ def view(
 
     where = parse_view_address(address)
     require_viser()
+    from ccr_host.run.log.reader import RunRecording
     from ccr_host.view.replay_page import show_recorded_run
 
+    if trouble := RunRecording(run).end.trouble:
+        typer.echo(trouble, err=True)
     with suppress(KeyboardInterrupt):
         show_recorded_run(run, where, lambda url: typer.echo(f"open {url}; Ctrl-C ends", err=True))

@@ -1,4 +1,5 @@
 import datetime
+import os
 import tomllib
 
 import pytest
@@ -137,7 +138,12 @@ def test_what_is_measured_goes_where_out_says_else_into_the_users_own_file(tmp_p
     assert file_to_keep_in(None, None) is None
 
 
-@pytest.mark.parametrize("out", ["", "no/such/folder/robot.toml"])
+@pytest.mark.parametrize(
+    "out", ["", "no/such/folder/robot.toml", "x" * 300, "a\0b", "pipe", "loop", "robot.toml/x"]
+)
 def test_a_place_that_cannot_be_written_is_told_beforehand(tmp_path, out) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to("loop/x")
+    (tmp_path / "robot.toml").write_text("")
     with pytest.raises(ConfigError, match="cannot be written"):
         file_to_keep_in(None, tmp_path / out)

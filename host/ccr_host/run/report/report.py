@@ -18,17 +18,21 @@ from ccr_host.user_file import replacing
 _DASH = "-"
 
 
-def write_report(folders: Sequence[Path], file: Path) -> None:
+def write_report(folders: Sequence[Path], file: Path) -> list[RecordedRun]:
     """Write the page.
 
     Args:
         folders: of the runs, in the order in which they shall appear.
         file: HTML to write.
 
+    Returns:
+        The runs.
+
     Raises:
         ConfigError: a folder holds no run, or the file cannot be written.
     """
-    page = report_page([read_run(folder) for folder in folders])
+    runs = [read_run(folder) for folder in folders]
+    page = report_page(runs)
     try:
         with replacing(file) as draft:
             draft.write_text(page, encoding="utf-8", errors="backslashreplace")
@@ -36,6 +40,7 @@ def write_report(folders: Sequence[Path], file: Path) -> None:
         raise ConfigError(
             f"report {file}: {error.strerror}", "name a file that can be written"
         ) from None
+    return runs
 
 
 def report_page(runs: Sequence[RecordedRun]) -> str:
