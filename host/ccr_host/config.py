@@ -108,7 +108,7 @@ class Servo(_Section):
     """Upper limit of the commanded angle."""
     rest_deg: Both[_Angle] = (0.0, 0.0)
     """Where the board brings the servo when the host stays silent."""
-    slew_deg_s: Both[Annotated[float, _within(1, 1000)]] = (300.0, 300.0)
+    slew_deg_s: Both[Annotated[float, _within(5, 1000)]] = (300.0, 300.0)
     """The board's own limit on the commanded rate."""
     neutral_pulse_us: Both[_Pulse] = (1500.0, 1500.0)
     """Pulse width at 0 deg."""

@@ -40,7 +40,7 @@ def test_the_map_covers_what_the_limits_of_angle_and_pulse_leave_of_the_true_sha
     assert _shaft_limits_deg(*few, "servo.pulse_max_us=1510") == [(-4, 0.9), (-4, 0.9)]
 
 
-@pytest.mark.parametrize("slow", ["servo.slew_deg_s=4", "twin.servo_rate_deg_s=4"])
+@pytest.mark.parametrize("slow", ["servo.slew_deg_s=5", "twin.servo_rate_deg_s=5"])
 def test_the_slower_of_board_and_servo_bounds_the_floor(slow):
     axis = np.radians(np.arange(-20.0, 21.0))
     x, y = np.meshgrid(np.degrees(axis), np.degrees(axis), indexing="ij")
