@@ -2,48 +2,88 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
+
 _WRAP_US = 1 << 32
+_WINDOW = 64
+"""Exchanges, of which there is one in ten seconds: their drift is known to some 5 ppm."""
+_MOST_DRIFT = 0.01
+"""Of an UNO's ceramic resonator; a crystal has a hundredth of it."""
+_WANDER = 5e-6
+"""By so much the drift itself changes over a window, as a crystal warms up."""
+_SHORTEST_US = 50.0
+"""No exchange is weighted as if its round trip were less."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Estimate:
-    round_trip_us: int
+class _Exchange:
     host_us: int
-    board_us: int
+    """The middle of it."""
+    offset_us: int
+    """Board time minus host time, right to half the round trip whichever way was the slower."""
+    half_trip_us: float
 
 
 class BoardClock:
-    """Offset from `clock_sync`: of many exchanges the fastest one is the least uncertain."""
+    """Offset and drift from `clock_sync`.
+
+    Each exchange says where the offset was then, to half its round trip. A line through the last
+    ones gives the drift; the offset is that of the exchange which is the least uncertain now, by
+    its round trip and its age, carried on with the drift. A board that was reset, or a host that
+    slept while its clock stood still, contradicts what was known: then it is forgotten.
+    """
 
     def __init__(self) -> None:
-        self._last: _Estimate | None = None
-        self._best: _Estimate | None = None
+        self._exchanges: deque[_Exchange] = deque(maxlen=_WINDOW)
+        self.drift = 0.0
+        """How much faster than the host's the board's clock goes, as a share: 1e-6 is 1 ppm."""
+        self._drift_error = _MOST_DRIFT
 
     def add(self, sent_us: int, received_us: int, board_time_us: int) -> None:
-        """Take one exchange; the board's 32-bit time is unwrapped against the one before."""
-        middle_us = (sent_us + received_us) // 2
-        estimate = _Estimate(
-            received_us - sent_us, middle_us, self._unwrapped(board_time_us, middle_us)
-        )
-        self._last = estimate
-        if self._best is None or estimate.round_trip_us <= self._best.round_trip_us:
-            self._best = estimate
+        """Take one exchange; the board's 32-bit time is unwrapped against what is known."""
+        host_us = (sent_us + received_us) // 2
+        half_trip_us = max((received_us - sent_us + 1) / 2, _SHORTEST_US)
+        offset_us = board_time_us - host_us
+        expected_us, uncertainty_us = self.offset_us(host_us), self.uncertainty_us(host_us)
+        if expected_us is not None and uncertainty_us is not None:
+            away_us = (offset_us - expected_us + _WRAP_US // 2) % _WRAP_US - _WRAP_US // 2
+            if abs(away_us) <= half_trip_us + uncertainty_us:
+                offset_us = expected_us + away_us
+            else:
+                self._exchanges.clear()
+        self._exchanges.append(_Exchange(host_us, offset_us, half_trip_us))
+        self._fit_drift()
 
-    @property
-    def offset_us(self) -> int | None:
-        """Board time minus host time; None before the first exchange."""
-        return None if self._best is None else self._best.board_us - self._best.host_us
+    def offset_us(self, host_us: int) -> int | None:
+        """Board time minus host time at a time of the host; None before the first exchange."""
+        if not self._exchanges:
+            return None
+        best = min(self._exchanges, key=lambda exchange: self._error_us(exchange, host_us))
+        return best.offset_us + round(self.drift * (host_us - best.host_us))
 
-    @property
-    def uncertainty_us(self) -> int | None:
-        """The offset is at most so wrong, drift aside: half the fastest round trip."""
-        return None if self._best is None else (self._best.round_trip_us + 1) // 2
+    def uncertainty_us(self, host_us: int) -> int | None:
+        """The offset at that time is at most so wrong; None before the first exchange."""
+        if not self._exchanges:
+            return None
+        least_us = min(self._error_us(exchange, host_us) for exchange in self._exchanges)
+        return int(np.ceil(least_us))
 
-    def _unwrapped(self, board_time_us: int, host_us: int) -> int:
-        if self._last is None:
-            return board_time_us
-        expected_us = self._last.board_us + host_us - self._last.host_us
-        ahead_us = (board_time_us - expected_us + _WRAP_US // 2) % _WRAP_US - _WRAP_US // 2
-        return expected_us + ahead_us
+    def _error_us(self, exchange: _Exchange, host_us: int) -> float:
+        return exchange.half_trip_us + self._drift_error * abs(host_us - exchange.host_us)
+
+    def _fit_drift(self) -> None:
+        """Weighted least squares; the bound takes every exchange as wrong as it can be."""
+        first = self._exchanges[0]
+        time_us = np.array([float(one.host_us - first.host_us) for one in self._exchanges])
+        offset_us = np.array([float(one.offset_us - first.offset_us) for one in self._exchanges])
+        half_trip_us = np.array([one.half_trip_us for one in self._exchanges])
+        weight = half_trip_us**-2.0
+        time_us -= np.average(time_us, weights=weight)
+        about_drift = float((weight * time_us**2).sum())
+        known_before = _MOST_DRIFT**-2.0
+        self.drift = float((weight * time_us * offset_us).sum()) / (about_drift + known_before)
+        worst = float((np.abs(time_us) / half_trip_us).sum()) + known_before * _MOST_DRIFT
+        self._drift_error = min(worst / (about_drift + known_before) + _WANDER, _MOST_DRIFT)

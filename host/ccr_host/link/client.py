@@ -19,6 +19,7 @@ from ccr_host.link.device_errors import (
     BoardResetError,
     BoardSilentError,
     BoardStoppedError,
+    LinkLossError,
     RequestRefusedError,
     SessionTakenError,
     SpecMismatchError,
@@ -38,6 +39,7 @@ BOOT_TIMEOUT_US = 5_000_000
 TELEMETRY_TIMEOUT_US = 1_000_000
 """Fifty reports in a row are not lost by chance."""
 _STATE_POLL_US = m.TICK_US
+_SYNC_PERIOD_US = 10_000_000
 _LONGEST_WAY_TO_REST_US = 60_000_000
 """270 deg at the slowest relax slew of the wire, 0.1 deg a tick."""
 _MARGIN_US = 1_000_000
@@ -108,6 +110,7 @@ class Client:
         self._telemetry_period_ticks = 0
         self._telemetry_sequence: int | None = None
         self._heard_us = 0
+        self._fed_us = self._fed_until_us = self._synced_us = 0
         self._targets = TargetLog()
         self._may_move = False
         self._watching = False
@@ -168,6 +171,7 @@ class Client:
 
     def sync_clock(self, exchanges: int = 4) -> None:
         """Relate the board's clock to the host's; see `board_clock`."""
+        self._synced_us = self._clock.now_us()
         for _ in range(exchanges):
             sent_us, retries = self._clock.now_us(), self._counts.retries
             reply = self._ask(m.ClockSync(sent_us % _U32), m.ClockReply)
@@ -240,6 +244,7 @@ class Client:
         if report.state in _MOVING_STATES:
             self.disarm()
         self._may_move = True
+        self._fed_us = self._fed_until_us = self._clock.now_us()
         self._exchange.request(m.Arm(self._session))
         config = self._config or self.read_config()
         axes_us = 2 * (config.watchdog.arm_axis_ms * 1000 + m.TICK_US)
@@ -247,7 +252,8 @@ class Client:
             State.HOLD, axes_us + _way_to_rest_us(config), on_the_way=(State.ARMING,)
         )
         self._targets.accepted_rad = cdeg_to_rad(report.setpoint_cdeg)
-        self._heard_us = self._clock.now_us()
+        self._heard_us = self._fed_us = self._clock.now_us()
+        self._fed_until_us = self._fed_us + config.watchdog.relax_after_ms * 1000
         self._watching = True
 
     def set_target(
@@ -260,19 +266,26 @@ class Client:
             DeviceError: something has happened to the board since it was last looked at.
         """
         self.poll()
-        first, second = (_on_the_wire(rad_to_cdeg(float(angle))) for angle in q_rad)
+        first, second = (rad_to_cdeg(float(np.clip(angle, -np.pi, np.pi))) for angle in q_rad)
         target = m.SetTarget(self._session, (first, second), ramp_ms, validity_ms)
         if target.first_out_of_range() is not None:
             raise ValueError(f"ramp of {ramp_ms} ms or validity of {validity_ms} ms out of range")
-        self._targets.sent(self._exchange.send(target), self._clock.now_us())
+        self._fed_us = self._clock.now_us()
+        self._fed_until_us = self._fed_us + validity_ms * 1000
+        self._targets.sent(self._exchange.send(target), self._fed_us)
+        if self._fed_us - self._synced_us >= _SYNC_PERIOD_US:
+            self._synced_us = self._fed_us
+            self._exchange.send(m.ClockSync(self._synced_us % _U32))
 
     def disarm(self) -> None:
         """Lead the robot to rest and take the pulses away; returns when that is done.
 
         Raises:
             BoardFaultError, BoardStoppedError: latched meanwhile; there are no pulses either.
-            DeviceError: the board does not get there.
+            DeviceError: the board does not get there, or what :meth:`poll` tells of it.
         """
+        if self._watching:
+            self.poll()
         self._watching = False
         self._exchange.request(m.Disarm(self._session))
         bound_us = _way_to_rest_us(self._config) if self._config else _LONGEST_WAY_TO_REST_US
@@ -300,25 +313,32 @@ class Client:
         """Take in what has arrived.
 
         Raises:
+            LinkLossError: the board leads the robot to rest, or has done so.
             DeviceError: the board has latched a fault, was stopped or reset, obeys another host,
-                or has fallen silent; only between :meth:`arm` and :meth:`disarm`.
+                or has fallen silent. All of them only between :meth:`arm` and :meth:`disarm`.
         """
         now_us = self._clock.now_us()
         self._exchange.poll(now_us)
         if self._watching:
+            if now_us > self._fed_until_us:
+                # After a stall the reports that wait in the port tell of the past.
+                self.read_state()
             self._raise_troubles(now_us)
 
     def advance_to(self, time_us: int) -> None:
         """Take in what has arrived, on behalf of the clock; of all troubles only a latch is raised.
 
         Raises:
-            BoardFaultError, BoardStoppedError: as in :meth:`poll`.
+            BoardFaultError, BoardStoppedError, LinkLossError: as in :meth:`poll`.
         """
         if self._closed:
             return
         self._exchange.poll(time_us)
         if self._watching and self._newest and not self._exchange.waiting:
-            _raise_if_latched(self._newest.report)
+            report = self._newest.report
+            if report.state in _LATCHED_STATES:
+                self._raise_if_led_to_rest(report, time_us)
+                _raise_if_latched(report)
 
     @property
     def next_turn_us(self) -> int:
@@ -375,6 +395,7 @@ class Client:
 
     def _leave(self) -> BaseException | None:
         self._watching = False
+        self._counts.board = None
         try:
             interrupted = self._make_safe() if self._may_move else None
             if self._identity:
@@ -448,6 +469,7 @@ class Client:
             report = self.read_state()
             if report.state is wanted:
                 return report
+            self._raise_if_led_to_rest(report, self._clock.now_us())
             _raise_if_latched(report)
             if report.state not in on_the_way or self._clock.now_us() > deadline_us:
                 raise WrongStateError(wanted, report.state)
@@ -461,11 +483,16 @@ class Client:
                 if self._on_telemetry:
                     self._on_telemetry(report, received.time_us)
             case m.TargetReply() as reply:
+                self._counts.clamped_targets += m.StatusFlags.CLAMPED in reply.flags
                 sent_us = self._targets.answered(received.sequence, reply)
                 if sent_us is not None:
                     self._exchange.note_round_trip(sent_us, received.time_us)
             case m.Nack(request=m.SetTarget.ID) as nack:
                 self._targets.refused(received.sequence, nack)
+            case m.ClockReply() as reply:
+                trip_us = (received.time_us - reply.host_time_us) % _U32
+                sent_us = received.time_us - trip_us
+                self.board_clock.add(sent_us, received.time_us, reply.board_time_us)
 
     def _keep(self, report: m.StateReport, time_us: int) -> None:
         self._newest = ReceivedReport(report, time_us)
@@ -478,22 +505,24 @@ class Client:
 
     def _raise_troubles(self, now_us: int) -> None:
         if self._newest is not None:
+            self._raise_if_led_to_rest(self._newest.report, now_us)
             _raise_if_latched(self._newest.report)
         refusal = self._targets.take_refusal()
         if refusal is not None:
-            self._diagnose()
+            self._diagnose(now_us)
             raise RequestRefusedError(m.SetTarget, refusal.code, refusal.detail)
         silent_us = now_us - self._heard_us
         if self._telemetry_period_ticks and silent_us > self._telemetry_timeout_us():
-            self._diagnose()
+            self._diagnose(now_us)
 
     def _telemetry_timeout_us(self) -> int:
         return max(TELEMETRY_TIMEOUT_US, 5 * self._telemetry_period_ticks * m.TICK_US)
 
-    def _diagnose(self) -> None:
+    def _diagnose(self, now_us: int) -> None:
         """Find out why the board does not go along; return if all is well after all."""
         identity = self._hello()
         if self._identity and identity.boot_id != self._identity.boot_id:
+            self._counts.board_at_start = None
             raise BoardResetError(identity.reset_cause)
         try:
             self.start_telemetry(self._telemetry_period_ticks)
@@ -501,7 +530,15 @@ class Client:
             if refusal.code is m.NackCode.BAD_SESSION:
                 raise SessionTakenError from None
             raise
-        _raise_if_latched(self.read_state())
+        report = self.read_state()
+        self._raise_if_led_to_rest(report, now_us)
+        _raise_if_latched(report)
+
+    def _raise_if_led_to_rest(self, report: m.StateReport, now_us: int) -> None:
+        latched = report.state is State.FAULT and report.fault is m.Fault.LINK_LOSS
+        if latched or report.state is State.RELAXING:
+            stalled = now_us > self._fed_until_us
+            raise LinkLossError(now_us - self._fed_us, host_stalled=stalled, latched=latched)
 
 
 def _raise_if_latched(report: m.StateReport) -> None:
@@ -519,8 +556,3 @@ def _way_to_rest_us(config: BoardConfig) -> int:
         slew = min(config.watchdog.relax_slew_cdeg_tick, config.slew.slew_cdeg_tick[axis])
         longest_ticks = max(longest_ticks, range_cdeg // max(slew, 1) + 1)
     return longest_ticks * m.TICK_US + _MARGIN_US
-
-
-def _on_the_wire(angle_cdeg: int) -> int:
-    field = m.SetTarget.FIELDS[1]
-    return min(max(angle_cdeg, field.minimum), field.maximum)

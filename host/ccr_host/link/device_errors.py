@@ -47,6 +47,7 @@ _FAULTS: Final = {
 }
 
 _CLEAR: Final = "then clear that with key c of: ccr-host jog"
+_CHECK_LINK: Final = "check the board's power, its cable and the USB port or hub"
 
 _REFUSALS: Final = {
     NackCode.UNKNOWN_ID: ("it does not know this request", "flash the board: ccr-host flash"),
@@ -91,13 +92,24 @@ _RESETS: Final = {
 
 
 class BoardSilentError(DeviceError):
-    """No answer came, however often the host asked."""
+    """No answer came, however often the host asked.
 
-    def __init__(self, port: str, request: str) -> None:
-        super().__init__(
-            f"{port}: no answer to {request}",
-            "check that the port is the right one, the cable, and that the firmware is flashed",
-        )
+    Args:
+        port: its URI.
+        request: that was not answered.
+        heard_before: whether the board has ever said anything on this connection.
+    """
+
+    def __init__(self, port: str, request: str, *, heard_before: bool = False) -> None:
+        if heard_before:
+            super().__init__(
+                f"{port}: the board has fallen silent, no answer to {request}", _CHECK_LINK
+            )
+        else:
+            super().__init__(
+                f"{port}: no answer to {request}",
+                "check that the port is the right one, the cable, and that the firmware is flashed",
+            )
 
 
 class SpecMismatchError(DeviceError):
@@ -148,6 +160,26 @@ class BoardFaultError(DeviceError):
         cause, cure = _FAULTS[fault]
         super().__init__(f"the board is in fault: {cause}", f"{cure}; {_CLEAR}")
         self.fault = fault
+
+
+class LinkLossError(DeviceError):
+    """The board got no target in time: it leads the robot to rest, or has done so.
+
+    Args:
+        unfed_us: since the host sent its last target.
+        host_stalled: whether that is the reason; else targets were sent and did not arrive.
+        latched: whether the robot is at rest, which leaves a fault that has to be cleared.
+    """
+
+    def __init__(self, unfed_us: int, *, host_stalled: bool, latched: bool) -> None:
+        if host_stalled:
+            why = f"the host stalled and sent no target for {unfed_us * 1e-6:.1f} s"
+            cure = "let nothing stop, suspend or starve this program"
+        else:
+            why, cure = "link loss: the targets sent did not reach the board", _CHECK_LINK
+        led = "has led" if latched else "has begun to lead"
+        clear = f"; {_CLEAR}" if latched else ""
+        super().__init__(f"{why}; the board {led} the robot to rest", f"{cure}{clear}")
 
 
 class BoardStoppedError(DeviceError):

@@ -122,7 +122,8 @@ class Exchange:
                     return _accepted(request, answer.message)
         finally:
             self._awaited = None
-        raise BoardSilentError(self._transport.name, request.NAME)
+        heard_before = self._counts.received > 0
+        raise BoardSilentError(self._transport.name, request.NAME, heard_before=heard_before)
 
     def poll(self, now_us: int) -> None:
         """Take in what has arrived."""

@@ -29,6 +29,12 @@ class LinkStatistics:
     rtt_us_p99: float | None
     unanswered_targets: int
     lost_telemetry: int
+    clamped_targets: int
+    """Outside the angle limits, so that the board has accepted others instead."""
+    holds: int | None
+    """How often the board held the pose for want of a fresh target; None if it was not asked."""
+    relaxes: int | None
+    """How often it began to lead the robot to rest, likewise."""
 
 
 @dataclass
@@ -39,12 +45,14 @@ class LinkCounts:
     received: int = 0
     retries: int = 0
     lost_telemetry: int = 0
+    clamped_targets: int = 0
     unusable: int = 0
     """Whole frames that are no message this host knows."""
     framing_errors: Counter[FramingError] = field(default_factory=Counter)
     round_trips_us: list[int] = field(default_factory=list)
     board_at_start: CountersReply | None = None
     board: CountersReply | None = None
+    """As last read; None once that has failed."""
 
     def forget_waiting_for_the_board(self) -> None:
         """Start anew once the board has answered its first hello.
@@ -66,16 +74,21 @@ class LinkCounts:
             rtt_us_p99=p99,
             unanswered_targets=unanswered_targets,
             lost_telemetry=self.lost_telemetry,
+            clamped_targets=self.clamped_targets,
+            holds=self._counted_by_the_board("holds"),
+            relaxes=self._counted_by_the_board("relaxes"),
         )
 
     def _board_framing_errors(self) -> int:
+        return sum(self._counted_by_the_board(error.value) or 0 for error in FramingError)
+
+    def _counted_by_the_board(self, name: str) -> int | None:
+        """On this connection, of a counter of 16 bits."""
         if self.board is None or self.board_at_start is None:
-            return 0
-        names = [error.value for error in FramingError]
-        return sum(
-            (getattr(self.board, name) - getattr(self.board_at_start, name)) % _U16
-            for name in names
-        )
+            return None
+        before: int = getattr(self.board_at_start, name)
+        now: int = getattr(self.board, name)
+        return (now - before) % _U16
 
 
 def _median_and_p99(values: list[int]) -> tuple[float | None, float | None]:

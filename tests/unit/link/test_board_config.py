@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from ccr_host.config import load
 from ccr_host.errors import ConfigError
 from ccr_host.link import messages as m
-from ccr_host.link.board_clock import BoardClock
 from ccr_host.link.board_config import board_config
 from ccr_host.link.units import cdeg_to_rad, rad_to_cdeg
 
@@ -66,28 +65,3 @@ def test_right_angle_in_both_units():
 def test_what_is_no_angle_is_never_sent(angle):
     with pytest.raises(ValueError, match="cannot be sent"):
         rad_to_cdeg(angle)
-
-
-@given(
-    offset_us=st.integers(-(2**31), 2**34),
-    exchanges=st.lists(
-        st.tuples(st.integers(0, 2**31), st.integers(0, 20_000), st.floats(0, 1)),
-        min_size=1,
-        max_size=20,
-    ),
-)
-def test_clock_offset_is_right_to_half_the_fastest_round_trip(offset_us, exchanges):
-    clock = BoardClock()
-    now_us = 10**6
-    first_board_us = None
-    for gap_us, round_trip_us, share in exchanges:
-        now_us += gap_us
-        board_us = now_us + int(share * round_trip_us) + offset_us
-        clock.add(now_us, now_us + round_trip_us, board_us % 2**32)
-        if first_board_us is None:
-            first_board_us = board_us
-        now_us += round_trip_us
-    wraps_before_us = first_board_us - first_board_us % 2**32
-    error_us = clock.offset_us - (offset_us - wraps_before_us)
-    assert abs(error_us) <= clock.uncertainty_us + 1
-    assert clock.uncertainty_us == (min(trip for _, trip, _ in exchanges) + 1) // 2

@@ -14,6 +14,7 @@ from ccr_host.link.device_errors import (
     BoardResetError,
     BoardSilentError,
     BoardStoppedError,
+    LinkLossError,
     RequestRefusedError,
     SessionTakenError,
     SpecMismatchError,
@@ -147,11 +148,11 @@ def test_arm_without_configuration_says_what_is_missing(rig):
 
 
 def test_link_loss_is_reported_with_its_cure(rig, config):
-    with pytest.raises(BoardFaultError, match="link loss") as fault, armed(rig, config) as client:
+    with pytest.raises(LinkLossError, match="to rest") as loss, armed(rig, config) as client:
         drive(rig, client)
         rig.wait(10_000_000)
-    assert fault.value.fault is m.Fault.LINK_LOSS
-    assert fault.value.cure
+    assert "the host stalled" in loss.value.cause
+    assert "then clear that" in loss.value.cure
 
 
 def test_latched_fault_is_not_cleared_by_arming(rig, config):
@@ -204,10 +205,79 @@ def test_board_that_falls_silent_in_mid_run(rig, config):
         drive(rig, client, 3)
         rig.line.noise = LineNoise(np.random.default_rng(1), drop=1.0)
         drive(rig, client, 30)
+    assert "has fallen silent" in silent.value.cause
+    assert "power" in silent.value.cure
+    assert "cable" in silent.value.cure
+    assert "flashed" not in str(silent.value), "it has answered before"
     assert "no answer to stop" in "".join(silent.value.__notes__)
     rig.line.advance_to(rig.clock.now_us() + 10_000_000)
     assert rig.board.state is State.FAULT  # the board has helped itself
     assert rig.board.pulses_half_us == (0, 0)
+
+
+def test_targets_that_do_not_arrive_are_the_links_fault_and_end_the_run(rig, config, monkeypatch):
+    with pytest.raises(LinkLossError) as loss, armed(rig, config) as client:
+        drive(rig, client, 3)
+        whole = rig.line.write
+        monkeypatch.setattr(rig.line, "write", lambda data: None if len(data) > 12 else whole(data))
+        drive(rig, client, 40)
+    assert "did not reach the board; the board has begun to lead the robot to rest" in str(
+        loss.value
+    )
+    assert "host stalled" not in str(loss.value)
+    assert rig.board.state is State.DISARMED
+
+
+@pytest.mark.parametrize("silent_s", [2.7, 4.9])
+def test_a_link_that_was_silent_for_a_while_is_not_taken_for_a_stalled_host(rig, config, silent_s):
+    with pytest.raises(LinkLossError) as loss, armed(rig, config) as client:
+        for step in range(100):
+            if step == 3:
+                rig.line.noise = LineNoise(np.random.default_rng(1), drop=1.0)
+                deaf_until_us = rig.clock.now_us() + int(silent_s * 1e6)
+                rig.clock.attach(Hearing(rig.line, deaf_until_us))
+            drive(rig, client, 1)
+    assert "did not reach the board" in str(loss.value)
+
+
+class Hearing:
+    """Ends the noise of a line at a time, whoever waits then."""
+
+    def __init__(self, line, time_us) -> None:
+        self.line = line
+        self.time_us = time_us
+
+    def advance_to(self, time_us: int) -> None:
+        if time_us >= self.time_us:
+            self.line.noise = None
+
+
+@pytest.mark.parametrize(("stalled_s", "still_follows"), [(0.35, True), (0.6, True), (0.8, False)])
+def test_a_host_that_was_away_goes_on_only_if_the_board_has_not_begun_to_relax(
+    rig, config, stalled_s, still_follows
+):
+    client = armed(rig, config)
+    drive(rig, client, 3)
+    rig.wait(int(stalled_s * 1e6))
+    if still_follows:
+        drive(rig, client, 3)
+        client.disarm()
+        client._leave()
+        assert client.statistics.holds == 1
+        assert client.statistics.relaxes == 0
+    else:
+        with pytest.raises(LinkLossError, match="the host stalled"):
+            drive(rig, client, 3)
+        client._leave()
+        assert client.statistics.relaxes == 1
+    assert rig.board.state is State.DISARMED
+
+
+def test_a_stalled_host_cannot_end_its_run_as_if_nothing_had_been(rig, config):
+    with pytest.raises(LinkLossError, match="the host stalled"), armed(rig, config) as client:
+        drive(rig, client, 3)
+        rig.wait(800_000)
+        client.disarm()
 
 
 # Noise
@@ -417,8 +487,9 @@ def test_clock_offset_is_found_within_its_uncertainty(make_rig):
         client.connect()
         rig.wait(5_000_000)
         client.sync_clock(8)
-        error_us = client.board_clock.offset_us - (2**32 - 1_000_000)
-        assert abs(error_us) <= client.board_clock.uncertainty_us < 1_000
+        now_us = rig.clock.now_us()
+        error_us = client.board_clock.offset_us(now_us) - (2**32 - 1_000_000)
+        assert abs(error_us) <= client.board_clock.uncertainty_us(now_us) < 1_000
 
 
 def test_same_seed_gives_the_same_bytes(make_rig, config):
