@@ -101,8 +101,7 @@ def measure(options: RunOptions, *, with_page: bool) -> Table:
         ),
         "missed deadlines, of them skipped": f"{summary['missed_deadlines']}, "
         f"{summary['skipped_steps']}",
-        "holds and relaxes of the board": f"{summary['link']['holds']}, "
-        f"{summary['link']['relaxes']}",
+        "holds and relaxes of the board": f"{summary['board_holds']}, {summary['board_relaxes']}",
         "periods end late by: median, 99 %, most": " / ".join(
             f"{value:.1f}" for value in (*np.quantile(late_ms, [0.5, 0.99]), late_ms.max())
         )

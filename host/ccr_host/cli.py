@@ -27,7 +27,7 @@ from ccr_host.commands.track import track
 from ccr_host.commands.view import view
 from ccr_host.commands.view_option import with_default_address
 from ccr_host.commands.workspace import workspace
-from ccr_host.errors import CcrError
+from ccr_host.errors import CcrError, CodeError
 from ccr_host.stop_signals import stop_signals_interrupt
 
 EXIT_USAGE = 2
@@ -84,6 +84,7 @@ def main() -> NoReturn:
         status, message = _verdict(error)
         if message:
             warn(message)
+            sys.stderr.write(error.traceback if isinstance(error, CodeError) else "")
     sys.stdout.flush()
     if why := lost_output():
         warn(f"standard output is incomplete: {why}")

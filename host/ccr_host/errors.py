@@ -5,6 +5,10 @@ Each carries a cause and a cure and decides the exit status of ``ccr-host``.
 
 from __future__ import annotations
 
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class CcrError(Exception):
     """Base of everything the host raises on purpose.
@@ -38,6 +42,38 @@ class DeviceError(CcrError):
 
 class TrackerError(CcrError):
     """The tracker is absent, silent or reports a fault (exit status 3)."""
+
+
+class CodeError(CcrError):
+    """A class of the user's own has failed (exit status 2).
+
+    Args:
+        cause: what has failed, one line.
+        cure: one line.
+        error: what it has raised; None if it has only answered what cannot be used.
+    """
+
+    exit_status = 2
+
+    def __init__(self, cause: str, cure: str = "", error: BaseException | None = None) -> None:
+        super().__init__(cause, cure)
+        self.traceback = "" if error is None else "".join(traceback.format_exception(error))
+
+
+@contextmanager
+def blaming(who: str, cure: str) -> Iterator[None]:
+    """Turn whatever a class of the user's own raises into one error that says who has failed.
+
+    Raises:
+        CodeError: for every exception but ours and an interruption.
+    """
+    try:
+        yield
+    except CcrError:
+        raise
+    except (Exception, SystemExit) as error:
+        cause = f"{who} has failed: {type(error).__name__}: {error}; the robot is disarmed"
+        raise CodeError(cause, cure, error) from error
 
 
 def full_text(error: Exception) -> str:

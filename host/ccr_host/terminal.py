@@ -20,7 +20,9 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from ccr_host.control.base import Phase
 from ccr_host.run.measured_and_true import why_measured_differs
+from ccr_host.run.observer import RunObserver
 from ccr_host.run.options import RunOptions
 from ccr_host.run.paper_results import paper_mean_mm
 from ccr_host.run.step_record import StepRecord
@@ -35,8 +37,6 @@ _TERMS = {
 }
 """Words of the tables."""
 
-OnStep = Callable[[int, int, StepRecord], None]
-
 
 class OnCount(Protocol):
     """Told how many more pieces of work are done."""
@@ -44,23 +44,42 @@ class OnCount(Protocol):
     def __call__(self, pieces: int = 1) -> None: ...
 
 
+class RunProgress(RunObserver):
+    """Progress bar of a run: over each phase, then over the steps with the error of the last."""
+
+    def __init__(self, progress: Progress, title: str) -> None:
+        self._progress = progress
+        self._title = title
+        self._task = progress.add_task(title, total=None, state="starting")
+        self._phase = ""
+
+    def phase(self, time_us: int, phase: Phase) -> None:
+        """Show a phase, by its share that is done or as one that nobody can tell the end of."""
+        if phase.name != self._phase:
+            self._phase = phase.name
+            self._progress.remove_task(self._task)
+            title = f"{self._title}: {phase.name}"
+            self._task = self._progress.add_task(title, total=None, state="")
+        if phase.done is not None:
+            self._progress.update(self._task, total=1.0, completed=phase.done)
+
+    def on_step(self, step: int, steps: int, record: StepRecord) -> None:
+        """Show a step of the path."""
+        state = f"{step + 1}/{steps}, {_error_text(record)}"
+        self._progress.update(self._task, total=steps, completed=step + 1, state=state)
+
+
 @contextmanager
-def step_progress(console: Console, title: str) -> Iterator[OnStep]:
-    """Progress bar over control steps, with the error of the last one."""
+def step_progress(console: Console, title: str) -> Iterator[RunProgress]:
+    """Progress bar of a run; the run's observer."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
-        MofNCompleteColumn(),
         TextColumn("{task.fields[state]}", markup=False),
         TimeRemainingColumn(),
     )
     with _progress(console, *columns) as progress:
-        task = progress.add_task(title, total=None, state="arming")
-
-        def on_step(step: int, steps: int, record: StepRecord) -> None:
-            progress.update(task, total=steps, completed=step + 1, state=_error_text(record))
-
-        yield on_step
+        yield RunProgress(progress, title)
 
 
 @contextmanager
@@ -163,7 +182,19 @@ def health_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         median, p99 = solve["median"], solve["p99"]
         yield f"controller: median {median:.0f} us a step, 99 % below {p99:.0f} us"
     if summary["missed_deadlines"]:
-        yield f"missed deadlines: {summary['missed_deadlines']}"
+        skipped = summary["skipped_steps"]
+        note = f", {skipped} of them skipped, as the time for them had gone by" if skipped else ""
+        yield f"missed deadlines: {summary['missed_deadlines']}{note}"
+    if summary["board_holds"] or summary["board_relaxes"]:
+        yield (
+            f"for want of fresh targets the board has held the pose: {summary['board_holds']}; "
+            f"has begun to lead the robot to rest: {summary['board_relaxes']}"
+        )
+    if summary["clamped_commands"]:
+        yield (
+            f"commands outside the angle limits, clamped by the board: "
+            f"{summary['clamped_commands']}"
+        )
     if summary["tracker_lost_steps"]:
         yield (
             f"steps without a fresh tracker sample: {summary['tracker_lost_steps']}; commands from "

@@ -12,7 +12,8 @@ SUMMARY_KEYS = {
     "true_mean_error_mm", "true_rmse_mm", "true_p95_error_mm", "true_max_error_mm",
     "true_mean_lateral_error_mm", "floor_mean_error_mm", "twin_floor_mean_error_mm",
     "unreachable_steps", "laps", "open", "solve_us", "missed_deadlines", "tracker_lost_steps",
-    "coasted_steps", "held_steps", "link", "wall_s", "faults",
+    "coasted_steps", "held_steps", "skipped_steps", "clamped_commands", "board_holds",
+    "board_relaxes", "planned_steps", "link", "wall_s", "faults",
 }  # fmt: skip
 
 

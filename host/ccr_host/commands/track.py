@@ -100,12 +100,12 @@ def track(
         twin_open_loop = options.with_controller("open-loop").on_the_twin()
         with in_background(twin_open_loop) if wanted else nullcontext() as open_loop_result:
             title = f"{reference.name}, {controller}"
-            with terminal.step_progress(console(on_stderr=True), title) as on_step:
+            with terminal.step_progress(console(on_stderr=True), title) as progress:
                 result = execute_logged(
                     options,
                     folder.path,
-                    on_step,
-                    [page.feed] if page else [],
+                    progress.on_step,
+                    [progress, page.feed] if page else [progress],
                     page.operator if page else None,
                 )
             kept = keep_result(folder, result, open_loop_result)

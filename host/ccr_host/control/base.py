@@ -8,7 +8,7 @@ i - 1.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -28,6 +28,8 @@ class Outcome(enum.Enum):
     """No measurement: from the model alone."""
     HELD = "held"
     """The solver failed: the last safe command, repeated."""
+    SKIPPED = "skipped"
+    """No command was given: the time for it had gone by when the host was back."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,15 @@ class Observation:
 
 
 @dataclass(frozen=True)
+class Phase:
+    """What a run is doing, for people who wait."""
+
+    name: str
+    done: float | None = None
+    """From 0 to 1; None where nobody knows."""
+
+
+@dataclass(frozen=True)
 class Command:
     """Motor angles to go to, and what the controller expects of them."""
 
@@ -61,6 +72,8 @@ class Command:
     """How long the setpoint takes to ``q_rad``, in a straight line; 0 for a step."""
     iterations: int | None = None
     """Of the solver, where there is one."""
+    phase: Phase | None = None
+    """Of an approach, where it has several."""
 
 
 class Controller(Protocol):
@@ -91,3 +104,38 @@ class Approaching(Protocol):
 
 APPROACH_PERIOD_S = 0.05
 """Between two commands of an approach."""
+
+
+LONGEST_RAMP_S = 10.0
+"""Of the wire."""
+
+
+def checked(answer: object) -> Command:
+    """What a controller has answered, with its numbers as arrays.
+
+    Raises:
+        ValueError: it is no command, or one that nobody could follow; limits are not looked at.
+    """
+    if not isinstance(answer, Command):
+        raise ValueError(f"{type(answer).__name__} instead of a Command")
+    if not isinstance(answer.outcome, Outcome):
+        raise ValueError(f"outcome {answer.outcome!r}, which is no Outcome")
+    if not 0.0 <= answer.ramp_s <= LONGEST_RAMP_S:
+        raise ValueError(f"ramp_s = {answer.ramp_s}, which is not in 0..{LONGEST_RAMP_S:g}")
+    q_rad = _finite("q_rad", answer.q_rad)
+    predicted_mm = _finite("predicted_mm", answer.predicted_mm)
+    if q_rad.shape != (2,):
+        raise ValueError(f"q_rad of shape {q_rad.shape} instead of (2,)")
+    if predicted_mm.shape[1:] != (3,):
+        raise ValueError(f"predicted_mm of shape {predicted_mm.shape} instead of (k, 3)")
+    return replace(answer, q_rad=q_rad, predicted_mm=predicted_mm)
+
+
+def _finite(name: str, numbers: object) -> FloatArray:
+    try:
+        array = np.array(numbers, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} = {numbers!r}, which are no numbers") from None
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} = {array.tolist()}, which is not finite")
+    return array

@@ -39,16 +39,18 @@ class OpenLoop:
         """The nearest reachable configuration of the first sample."""
         self._reference = reference
         self._q_rad = self._limits.clip(reference.q_rad[0])
+        self._step = 0
         return self._command()
 
     def step(self, observation: Observation) -> Command:
-        """One increment of Algorithm 2 from the angles commanded before; looks at nothing else."""
-        i = observation.step
+        """The increments of Algorithm 2 since the last command; looks at nothing else."""
         desired_mm = self._reference.target_mm
-        jacobian = self._model.jacobian_mm_rad(self._reference.q_rad[i - 1])
-        inverse = np.linalg.pinv(jacobian, rcond=SINGULAR_BELOW)
-        increment_rad = inverse @ (desired_mm[i] - desired_mm[i - 1])
-        self._q_rad = self._limits.clip(self._q_rad + increment_rad)
+        for i in range(self._step + 1, observation.step + 1):
+            jacobian = self._model.jacobian_mm_rad(self._reference.q_rad[i - 1])
+            inverse = np.linalg.pinv(jacobian, rcond=SINGULAR_BELOW)
+            increment_rad = inverse @ (desired_mm[i] - desired_mm[i - 1])
+            self._q_rad = self._limits.clip(self._q_rad + increment_rad)
+        self._step = observation.step
         return self._command()
 
     def _command(self) -> Command:

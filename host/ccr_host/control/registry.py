@@ -10,7 +10,7 @@ from ccr_host.control.adaptive.controller import AdaptiveStatics
 from ccr_host.control.base import Controller
 from ccr_host.control.mpc import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
-from ccr_host.errors import ConfigError
+from ccr_host.errors import ConfigError, blaming
 
 _MAKERS: dict[str, Callable[[Description], Controller]] = {
     OpenLoop.name: OpenLoop,
@@ -42,13 +42,17 @@ def make_controller(name: str, description: Description) -> Controller:
 
     Raises:
         ConfigError: unknown name; lists the known ones.
+        CodeError: its class cannot be made.
     """
-    if name in _PEERS:
-        return _load_peer(name)(description)
-    if name not in _MAKERS:
+    if name not in _MAKERS and name not in _PEERS:
         known = ", ".join([*_MAKERS, *_PEERS])
         raise ConfigError(f"unknown controller {name}", f"one of {known}")
-    return _MAKERS[name](description)
+    make = _load_peer(name) if name in _PEERS else _MAKERS[name]
+    with blaming(f"controller {name}", "correct its class"):
+        made = make(description)
+        if not (callable(made.start) and callable(made.step)):
+            raise TypeError("start and step must be methods")
+    return made
 
 
 def _load_peer(name: str) -> Callable[[Description], Controller]:

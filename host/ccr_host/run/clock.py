@@ -8,8 +8,14 @@ catch up with the wall clock in short slices.
 
 from __future__ import annotations
 
+import sys
+import threading
 import time
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from typing import Protocol, TypeVar, runtime_checkable
+
+T = TypeVar("T")
 
 
 class Steppable(Protocol):
@@ -77,6 +83,17 @@ class Clock(Protocol):
     def attach(self, part: Steppable) -> None:
         """Move ``part`` along from now on, after the parts attached before it."""
 
+    def beside(self, work: Callable[[], T], every_us: int, meanwhile: Callable[[], None]) -> T:
+        """The result of computing work, while the world goes on however long that takes.
+
+        In virtual time computing takes no time. In real time it is done by another thread; the
+        parts are moved along here, and ``meanwhile`` is called every ``every_us``.
+
+        Raises:
+            BaseException: whatever the work raises, or the parts, or ``meanwhile``; in these two
+                cases the work is left to itself and its result is lost.
+        """
+
 
 _SLICE_US = 1000
 """The parts are moved along at least so often, so that none runs far ahead of the others; in
@@ -118,6 +135,9 @@ class VirtualClock:
     def attach(self, part: Steppable) -> None:
         self._parts.attach(part)
 
+    def beside(self, work: Callable[[], T], every_us: int, meanwhile: Callable[[], None]) -> T:
+        return work()
+
     def _until_next_turn_us(self) -> int:
         """Whole slices, at least one."""
         slices = -((self._now_us - self._parts.next_turn_us) // self._slice_us)
@@ -125,16 +145,16 @@ class VirtualClock:
 
 
 class RealClock:
-    """Wall-clock time, monotonic."""
+    """Wall-clock time, monotonic; goes on while the computer sleeps, as the board's does."""
 
     realtime = True
 
     def __init__(self) -> None:
-        self._start_ns = time.monotonic_ns()
+        self._start_ns = _elapsed_ns()
         self._parts = Parts()
 
     def now_us(self) -> int:
-        return (time.monotonic_ns() - self._start_ns) // 1000
+        return (_elapsed_ns() - self._start_ns) // 1000
 
     def sleep_until_us(self, time_us: int) -> None:
         while True:
@@ -150,6 +170,36 @@ class RealClock:
 
     def attach(self, part: Steppable) -> None:
         self._parts.attach(part)
+
+    def beside(self, work: Callable[[], T], every_us: int, meanwhile: Callable[[], None]) -> T:
+        result: Future[T] = Future()
+        # A daemon, as a controller that never answers must not keep the program from ending.
+        threading.Thread(target=_compute, args=(work, result), daemon=True).start()
+        due_us = self.now_us() + every_us
+        while not wait([result], _SLICE_US * 1e-6).done:
+            now_us = self.now_us()
+            self._parts.advance_to(now_us)
+            if now_us >= due_us:
+                meanwhile()
+                due_us = now_us + every_us
+        return result.result()
+
+
+def _compute(work: Callable[[], T], result: Future[T]) -> None:
+    try:
+        result.set_result(work())
+    except BaseException as error:
+        result.set_exception(error)
+
+
+def _elapsed_ns() -> int:
+    """Of a clock that counts the time asleep, where the system has one."""
+    if sys.platform == "linux":
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+    if sys.platform == "darwin":
+        # There CLOCK_MONOTONIC counts it, which time.monotonic() does not read.
+        return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
+    return time.monotonic_ns()
 
 
 class LaggingClock(RealClock):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ccr_host.control.base import Phase
 from ccr_host.control.registry import make_controller
 from ccr_host.errors import DeviceError, TrackerError, full_text
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -75,12 +76,12 @@ def execute(
             heard = RecordedOperator(operator, rig.tape) if operator else NoOperator()
             with stopping_at_once(heard, rig.clock, rig.client):
                 follow_path(rig, controller, reference, description, observer, keep, heard)
-        observer.event(rig.clock.now_us(), "done")
     except (Exception, KeyboardInterrupt) as error:
         if rig is None and not isinstance(error, DeviceError | TrackerError | KeyboardInterrupt):
             raise
         failure = error
-        observer.event(rig.clock.now_us() if rig else 0, _describe(error))
+    end_us = rig.clock.now_us() if rig else 0
+    observer.phase(end_us, Phase("done" if failure is None else _describe(failure)))
     return RunResult(
         options=options,
         reference=reference,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,8 +20,11 @@ from ccr_host.control.base import (
     Controller,
     Observation,
     Outcome,
+    Phase,
+    checked,
 )
-from ccr_host.errors import TrackerError
+from ccr_host.errors import CodeError, TrackerError, blaming
+from ccr_host.link.device_errors import LinkLossError
 from ccr_host.robot.reference import Reference
 from ccr_host.run.clock import Stopwatch
 from ccr_host.run.observer import RunObserver
@@ -39,7 +43,10 @@ _BEAT_US = 100_000
 """A multiple of the board's tick and of the usual camera's period."""
 _FIRST_SAMPLE_TIMEOUT_US = 5_000_000
 _SAMPLE_POLL_US = 10_000
+_CURE = "correct the controller"
+_APPROACH = Phase("approaching the first point")
 
+A = TypeVar("A")
 Progress = Callable[[int, int, StepRecord], None]
 
 
@@ -63,8 +70,9 @@ def follow_path(
         DeviceError: the board refused, was lost or latched a fault.
         TrackerError: the markers were lost for longer than coasting and holding allow.
     """
-    run = _PathRun(rig, controller, reference, description, observer, operator or NoOperator())
-    return run.execute(on_step)
+    return _PathRun(
+        rig, controller, reference, description, observer, on_step, operator or NoOperator()
+    ).execute()
 
 
 class _PathRun:
@@ -75,12 +83,14 @@ class _PathRun:
         reference: Reference,
         description: Description,
         observer: RunObserver,
+        on_step: Progress,
         operator: Operator,
     ) -> None:
         self._rig = rig
         self._controller = controller
         self._reference = reference
         self._observer = observer
+        self._on_step = on_step
         self._operator = operator
         self._settle_s = description.control.settle_s
         self._period_us = round(reference.period_s * 1e6)
@@ -90,59 +100,125 @@ class _PathRun:
                 *_VALIDITY_LIMITS_MS,
             )
         )
-        self._watch = _MarkerWatch(rig, description)
+        self._feed_us = self._validity_ms * 1000 // 2
+        self._records: list[StepRecord] = []
+        self._start_us = self._sent_us = 0
+        self._watch = _MarkerWatch(rig, description, self._period_us)
 
-    def execute(self, on_step: Progress) -> list[StepRecord]:
+    def execute(self) -> list[StepRecord]:
         rig, clock = self._rig, self._rig.clock
-        self._note("looking for the markers")
+        self._begin("planning")
+        start = self._controller.start
+        command = _usable(start, self._answer_of(start, self._reference, None)[0])
+        self._begin("looking for the markers")
         self._watch.wait_for_markers()
-        self._note("arming")
+        self._begin("arming")
         rig.client.arm()
         self._wait_for_whole_beat()
-        self._note("approaching the first point")
-        command = self._controller.start(self._reference)
+        self._begin(_APPROACH.name)
         self._observer.control(clock.now_us(), None, command)
         leads = self._controller if isinstance(self._controller, Approaching) else None
         if leads is None:
-            self._hold_command(command, round(self._settle_s * 1e6))
+            self._send_until(clock.now_us() + round(self._settle_s * 1e6), command)
         else:
             command = self._approach(leads, command)
         self._wait_for_whole_beat()
-        start_us = clock.now_us()
-        rig.start_path_clock(start_us)
+        self._start_us = clock.now_us()
+        rig.start_path_clock(self._start_us)
         self._watch.start()
-        self._note("following the path")
-        records: list[StepRecord] = []
-        steps = len(self._reference.time_s)
-        timing = _Timing(solve_us=0.0, late=False)
-        for step in range(steps):
-            if self._operator.wants_pause:
-                start_us += self._pause(command)
-                rig.start_path_clock(start_us)
-            if step > 0 or leads is not None:
-                command, timing = self._next_command(step, command)
-            self._send(command)
-            clock.sleep_until_us(start_us + (step + 1) * self._period_us)
-            record = self._judge(step, command, timing)
-            self._observer.step(record)
-            on_step(step, steps, record)
-            records.append(record)
-        self._note("disarming")
+        self._begin("following the path")
+        try:
+            self._follow(command, leads is not None)
+        except LinkLossError:
+            self._skip_missed_steps(command)
+            raise
+        self._begin("disarming")
         rig.client.disarm()
-        return records
+        return self._records
+
+    def _follow(self, command: Command, starts_with_step: bool) -> None:
+        client = self._rig.client
+        timing = _Timing(solve_us=0.0, late=False)
+        while (step := len(self._records)) < len(self._reference):
+            if self._operator.wants_pause:
+                self._start_us += self._pause(command)
+                self._rig.start_path_clock(self._start_us)
+            client.poll()
+            if self._skip_missed_steps(command):
+                continue
+            if step > 0 or starts_with_step:
+                command, timing = self._next_command(step, command)
+            self._send_until(self._due_us(step + 1), command)
+            self._keep(self._judge(step, command, timing))
+
+    def _due_us(self, step: int) -> int:
+        return self._start_us + step * self._period_us
+
+    def _skip_missed_steps(self, held: Command) -> bool:
+        """Let go of the steps whose time has gone by; whether there were any.
+
+        Their commands would be stale, and where the robot was at their ends nobody has seen.
+        """
+        now_us, first = self._rig.clock.now_us(), len(self._records)
+        late_us = now_us - self._due_us(first)
+        missed = min(late_us // self._period_us, len(self._reference) - first)
+        if missed <= 0:
+            return False
+        text = f"the host was late by {late_us * 1e-6:.2f} s: steps skipped: {missed}"
+        self._observer.event(now_us, text)
+        skipped = replace(held, outcome=Outcome.SKIPPED, detail="the host was late")
+        timing = _Timing(solve_us=0.0, late=True)
+        for step in range(first, first + missed):
+            self._keep(self._record(step, self._due_us(step + 1), skipped, timing, None, None))
+        return True
+
+    def _keep(self, record: StepRecord) -> None:
+        self._observer.step(record)
+        self._on_step(record.step, len(self._reference), record)
+        self._records.append(record)
 
     def _wait_for_whole_beat(self) -> None:
         """Boards take different times to start; from here on their runs can be compared."""
         clock = self._rig.clock
         clock.sleep_until_us(-(-clock.now_us() // _BEAT_US) * _BEAT_US)
 
-    def _hold_command(self, command: Command, duration_us: int) -> None:
-        """Repeat a command often enough to keep the board's watchdog fed."""
+    def _answer_of(
+        self, method: Callable[[A], object], argument: A, held: Command | None
+    ) -> tuple[object, float]:
+        """What the controller answers, however long that takes: the board is fed meanwhile.
+
+        Args:
+            method: of the controller.
+            argument: of the method.
+            held: the command to repeat; None before the robot is armed.
+
+        Returns:
+            The answer and the computing time in us.
+
+        Raises:
+            CodeError: the controller fails.
+        """
+
+        def ask() -> tuple[object, float]:
+            stopwatch = Stopwatch()
+            with blaming(_name_of(method), _CURE):
+                return method(argument), stopwatch.elapsed_us()
+
+        def feed() -> None:
+            if held is not None:
+                self._feed(held)
+
+        return self._rig.clock.beside(ask, self._feed_us, feed)
+
+    def _send_until(self, end_us: int, command: Command) -> None:
+        """Send a command, and again where the board's watchdog would not wait until the end."""
         clock = self._rig.clock
-        end_us = clock.now_us() + duration_us
-        while clock.now_us() < end_us:
-            self._send(command)
-            clock.sleep_until_us(min(end_us, clock.now_us() + self._validity_ms * 1000 // 2))
+        self._send(command)
+        while True:
+            clock.sleep_until_us(min(end_us, clock.now_us() + self._feed_us))
+            if clock.now_us() >= end_us:
+                return
+            self._feed(command)
 
     def _approach(self, controller: Approaching, command: Command) -> Command:
         """Let the controller lead the robot to the first point; the last command it gave."""
@@ -153,44 +229,46 @@ class _PathRun:
             tip_mm, age_us, must_hold = self._watch.look()
             if not must_hold:
                 observation = self._observation(0, due_us, tip_mm, age_us)
-                led = controller.approach(observation)
+                led, _ = self._answer_of(controller.approach, observation, command)
                 if led is None:
                     return command
-                command = led
+                command = _usable(controller.approach, led)
+                self._observer.phase(due_us, command.phase or _APPROACH)
                 self._observer.control(due_us, observation, command)
             self._send(command)
             clock.sleep_until_us(due_us + round(APPROACH_PERIOD_S * 1e6))
 
     def _pause(self, command: Command) -> int:
         """Hold the pose until the operator continues; by how much the path is late, us."""
-        clock, held = self._rig.clock, replace(command, ramp_s=0.0)
+        clock = self._rig.clock
         since_us = resend_us = clock.now_us()
-        self._note("paused")
+        self._begin("paused")
         while self._operator.wants_pause and not self._operator.wants_stop:
             if clock.now_us() >= resend_us:
-                self._send(held)
-                resend_us += self._validity_ms * 1000 // 2
+                self._feed(command)
+                resend_us = clock.now_us() + self._feed_us
             self._watch.fresh_sample()
             clock.idle()
         pause_us = -(-(clock.now_us() - since_us) // _BEAT_US) * _BEAT_US
         clock.sleep_until_us(since_us + pause_us)
         self._watch.start()
-        self._note("following the path")
+        self._begin("following the path")
         return pause_us
 
     def _next_command(self, step: int, last: Command) -> tuple[Command, _Timing]:
         clock = self._rig.clock
-        due_us = clock.now_us()
+        now_us = clock.now_us()
         tip_mm, age_us, must_hold = self._watch.look()
         if must_hold:
             return _repeat(last, "markers lost"), _Timing(solve_us=0.0, late=False)
-        observation = self._observation(step, due_us, tip_mm, age_us)
-        stopwatch = Stopwatch()
-        command = self._controller.step(observation)
-        timing = _Timing(stopwatch.elapsed_us(), late=False)
-        self._observer.control(due_us, observation, command)
-        if clock.now_us() - due_us > _SOLVE_SHARE_OF_PERIOD * self._period_us:
-            return _repeat(last, "solver late"), _Timing(timing.solve_us, late=True)
+        observation = self._observation(step, now_us, tip_mm, age_us)
+
+        solve = self._controller.step
+        answer, solve_us = self._answer_of(solve, observation, last)
+        command, timing = _usable(solve, answer), _Timing(solve_us, late=False)
+        self._observer.control(now_us, observation, command)
+        if clock.now_us() - self._due_us(step) > _SOLVE_SHARE_OF_PERIOD * self._period_us:
+            return _repeat(last, "command late"), _Timing(timing.solve_us, late=True)
         return command, timing
 
     def _observation(
@@ -199,16 +277,39 @@ class _PathRun:
         return Observation(step, time_us, tip_mm, age_us, self._rig.client.accepted_rad)
 
     def _send(self, command: Command) -> None:
+        self._sent_us = self._rig.clock.now_us()
+        self._put(command)
+
+    def _feed(self, command: Command) -> None:
+        """Send the last command again, with what is left of its ramp."""
+        gone_s = (self._rig.clock.now_us() - self._sent_us) * 1e-6
+        self._put(replace(command, ramp_s=max(0.0, command.ramp_s - gone_s)))
+
+    def _put(self, command: Command) -> None:
         self._rig.client.set_target(
             command.q_rad, ramp_ms=round(command.ramp_s * 1e3), validity_ms=self._validity_ms
         )
 
     def _judge(self, step: int, command: Command, timing: _Timing) -> StepRecord:
-        sample = self._watch.fresh_sample()
+        """At the end of its period; a host that comes later by another one has not seen it."""
         now_us = self._rig.clock.now_us()
+        if now_us >= self._due_us(step + 2):
+            return self._record(step, self._due_us(step + 1), command, timing, None, None)
+        sample = self._watch.fresh_sample()
+        return self._record(step, now_us, command, timing, sample, self._rig.true_tip_mm())
+
+    def _record(
+        self,
+        step: int,
+        end_us: int,
+        command: Command,
+        timing: _Timing,
+        sample: Sample | None,
+        true_mm: Vector | None,
+    ) -> StepRecord:
         return StepRecord(
             step=step,
-            end_us=now_us,
+            end_us=end_us,
             time_s=float(self._reference.time_s[step]),
             target_mm=self._reference.target_mm[step],
             q_rad=command.q_rad,
@@ -218,12 +319,25 @@ class _PathRun:
             solve_us=timing.solve_us,
             late=timing.late,
             measured_mm=None if sample is None else sample.tip_mm,
-            measured_age_us=None if sample is None else now_us - sample.exposed_us,
-            true_mm=self._rig.true_tip_mm(),
+            measured_age_us=None if sample is None else end_us - sample.exposed_us,
+            true_mm=true_mm,
         )
 
-    def _note(self, text: str) -> None:
-        self._observer.event(self._rig.clock.now_us(), text)
+    def _begin(self, phase: str) -> None:
+        self._observer.phase(self._rig.clock.now_us(), Phase(phase))
+
+
+def _usable(method: Callable[[A], object], answer: object) -> Command:
+    try:
+        return checked(answer)
+    except ValueError as error:
+        cause = f"{_name_of(method)} has answered {error}; the robot is disarmed"
+        raise CodeError(cause, _CURE) from None
+
+
+def _name_of(method: Callable[[A], object]) -> str:
+    owner = type(getattr(method, "__self__", method)).__name__
+    return f"{owner}.{getattr(method, '__name__', '')}"
 
 
 @dataclass(frozen=True)
@@ -239,9 +353,13 @@ def _repeat(last: Command, why: str) -> Command:
 
 
 class _MarkerWatch:
-    """Decides what a missing sample means: coast on the model, hold the pose, give up."""
+    """Decides what a missing sample means: coast on the model, hold the pose, give up.
 
-    def __init__(self, rig: Rig, description: Description) -> None:
+    Only the time counts in which somebody looked: to a host that was stopped itself the markers
+    were not lost.
+    """
+
+    def __init__(self, rig: Rig, description: Description, period_us: int) -> None:
         control = description.control
         self._rig = rig
         self._check = MarkerCheck(description)
@@ -249,25 +367,30 @@ class _MarkerWatch:
         self._stale_us = control.stale_after_ms * 1000
         self._coast_us = control.coast_s * 1e6
         self._hold_us = control.hold_s * 1e6
+        self._longest_look_away_us = 2 * max(period_us, _BEAT_US)
         self._last_exposed_us: int | None = None
-        self._last_seen_us = 0
+        self._last_seen_us = self._looked_us = 0
 
     def wait_for_markers(self) -> None:
         clock = self._rig.clock
-        deadline_us = clock.now_us() + _FIRST_SAMPLE_TIMEOUT_US
-        while self.fresh_sample() is None:
-            if clock.now_us() >= deadline_us:
-                raise self._lost(_FIRST_SAMPLE_TIMEOUT_US)
+        for _ in range(_FIRST_SAMPLE_TIMEOUT_US // _SAMPLE_POLL_US):
+            if self.fresh_sample() is not None:
+                return
             clock.sleep_until_us(clock.now_us() + _SAMPLE_POLL_US)
+        raise self._lost(_FIRST_SAMPLE_TIMEOUT_US)
 
     def start(self) -> None:
         """The robot moves; count from now on how long the markers are lost."""
         self._check.robot_moves()
-        self._last_seen_us = self._rig.clock.now_us()
+        self._last_seen_us = self._looked_us = self._rig.clock.now_us()
 
     def fresh_sample(self) -> Sample | None:
         sample = self._rig.tracker.newest()
-        if sample is None or self._rig.clock.now_us() - sample.exposed_us > self._stale_us:
+        now_us = self._rig.clock.now_us()
+        away_us, self._looked_us = now_us - self._looked_us, now_us
+        if away_us > self._longest_look_away_us:
+            self._last_seen_us += away_us
+        if sample is None or now_us - sample.exposed_us > self._stale_us:
             return None
         if sample.exposed_us != self._last_exposed_us:
             self._last_exposed_us = sample.exposed_us

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ccr_host.config import Description
-from ccr_host.control.base import Command, Observation
+from ccr_host.control.base import Command, Observation, Phase
 from ccr_host.link.messages import StateReport
 from ccr_host.robot.reference import Reference
 from ccr_host.run.inputs.tape import TapePiece
@@ -57,7 +57,10 @@ class RunObserver:
         """The end of one control period."""
 
     def event(self, time_us: int, text: str) -> None:
-        """Something worth knowing afterwards: phase changes, faults, interruptions."""
+        """Something worth knowing afterwards: faults, interruptions, what the board does alone."""
+
+    def phase(self, time_us: int, phase: Phase) -> None:
+        """What the run is doing from now on, or how much of that is done."""
 
     def inputs(self, piece: TapePiece) -> None:
         """The next piece of all that has come to the host from outside."""
@@ -100,6 +103,10 @@ class Observers(RunObserver):
     def event(self, time_us: int, text: str) -> None:
         for observer in self._observers:
             observer.event(time_us, text)
+
+    def phase(self, time_us: int, phase: Phase) -> None:
+        for observer in self._observers:
+            observer.phase(time_us, phase)
 
     def inputs(self, piece: TapePiece) -> None:
         for observer in self._observers:

@@ -20,7 +20,7 @@ from ccr_host.emulator.server import BackgroundServer, BoardServer
 from ccr_host.errors import DeviceError
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client, TelemetryObserver, drawn_session
-from ccr_host.link.messages import StateReport
+from ccr_host.link.messages import State, StateReport
 from ccr_host.link.transport import Transport, open_transport
 from ccr_host.link.uri import DeviceKind, DeviceUri, parse_device_uri
 from ccr_host.run.clock import Clock, RealClock, VirtualClock
@@ -210,9 +210,22 @@ def _open_port(device: DeviceUri, baud: int, stack: ExitStack) -> Transport:
     return open_transport(device, baud)
 
 
+_ON_ITS_OWN = {
+    (State.ACTIVE, State.HOLD): "the board holds the pose: no fresh target",
+    (State.HOLD, State.RELAXING): "the board begins to lead the robot to rest: no fresh target",
+}
+
+
 def _shown_to(observer: RunObserver) -> TelemetryObserver:
+    """Show every report, and tell of what the board does without being asked."""
+    before: State | None = None
+
     def show(report: StateReport, time_us: int) -> None:
+        nonlocal before
         observer.state(time_us, report)
+        if before is not None and (before, report.state) in _ON_ITS_OWN:
+            observer.event(time_us, _ON_ITS_OWN[before, report.state])
+        before = report.state
 
     return show
 

@@ -44,9 +44,10 @@ def measured_errors_mm(records: Sequence[StepRecord]) -> Vector:
 
 
 def true_errors_mm(records: Sequence[StepRecord]) -> Vector | None:
-    """True tip position minus desired one, (N, 3); None without a twin."""
+    """True tip minus desired one, (N, 3); NaN rows of skipped steps, None without a twin."""
     positions = [record.true_mm for record in records]
-    return None if any(p is None for p in positions) else _errors(records, positions)
+    is_real = bool(positions) and all(position is None for position in positions)
+    return None if is_real else _errors(records, positions)
 
 
 def _errors(records: Sequence[StepRecord], positions: Sequence[Vector | None]) -> Vector:

@@ -12,8 +12,15 @@ from numpy.typing import NDArray
 from ccr_host.config import Description
 from ccr_host.emulator.polaris.camera import change_faults, faults_of, make_polaris
 from ccr_host.emulator.polaris.line import PolarisLine
+from ccr_host.errors import CodeError, blaming
 from ccr_host.run.clock import Clock
-from ccr_host.tracking.frame import RawTracker
+from ccr_host.tracking.frame import (
+    MarkerFrame,
+    RawTracker,
+    StartsAndStops,
+    TrackerHealth,
+    check_frame,
+)
 from ccr_host.tracking.marker_tracker import BelievedAngles, MarkerTracker
 from ccr_host.tracking.ndi.driver import NdiSettings, NdiTracker
 from ccr_host.tracking.ndi.rom import load_rom
@@ -132,12 +139,65 @@ def _tools(description: Description) -> list[Tool]:
     return [Tool(name, load_rom(Path(file))) for name, file in files.items()]
 
 
+class _Guarded(StartsAndStops):
+    """A camera whose class may be a user's own: its failure is told as such.
+
+    It is told once, and the camera not asked again: the robot has to be made safe meanwhile, for
+    which the clock must go on.
+    """
+
+    def __init__(self, camera: RawTracker) -> None:
+        self.name = camera.name
+        self._camera = camera
+        self._frame: MarkerFrame | None = None
+        self._has_failed = False
+
+    @property
+    def health(self) -> TrackerHealth:
+        with self._blamed("health"):
+            return self._camera.health
+
+    def start(self) -> None:
+        with self._blamed("start"):
+            self._camera.start()
+
+    def stop(self) -> None:
+        with self._blamed("stop"):
+            self._camera.stop()
+
+    def advance_to(self, time_us: int) -> None:
+        if not self._has_failed:
+            with self._blamed("advance_to"):
+                self._camera.advance_to(time_us)
+
+    def newest_frame(self) -> MarkerFrame | None:
+        if not self._has_failed:
+            with self._blamed("newest_frame"):
+                frame = self._camera.newest_frame()
+                if frame is not None and frame is not self._frame:
+                    check_frame(frame)
+                self._frame = frame
+        return self._frame
+
+    @contextmanager
+    def _blamed(self, method: str) -> Iterator[None]:
+        name = f"{self.name}: {type(self._camera).__name__}.{method}"
+        cure = "correct the tracker's class, or report this if it is not yours"
+        try:
+            with blaming(name, cure):
+                yield
+        except CodeError:
+            self._has_failed = True
+            raise
+
+
 def _outside(uri: TrackerUri, description: Description) -> RawTracker:
     tracker = description.tracker
-    return open_tracker(
+    camera = open_tracker(
         uri,
         latency_us=round(tracker.latency_ms * 1000),
         tools=_tools(description),
         camera_file=None if tracker.camera_file is None else Path(tracker.camera_file),
         tag_size_mm=tracker.tag_size_mm,
     )
+    return _Guarded(camera)

@@ -26,7 +26,7 @@ def twin_floor_mm(result: RunResult) -> float | None:
     Returns:
         mm; None where the robot was real, or where the twin has no rest for some motor angles.
     """
-    if not result.records or result.records[0].true_mm is None:
+    if all(record.true_mm is None for record in result.records):
         return None
     description = result.options.description()
     with suppress(CcrError):

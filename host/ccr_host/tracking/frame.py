@@ -44,6 +44,23 @@ class MarkerFrame:
     """Bodies seen, by name; those not seen are absent."""
 
 
+def check_frame(frame: object) -> None:
+    """Look at what a camera of another's making gives.
+
+    Raises:
+        ValueError: it is no frame, or has arrays of other shapes.
+    """
+    if not isinstance(frame, MarkerFrame):
+        raise ValueError(f"{type(frame).__name__} instead of a MarkerFrame")
+    count = len(frame.out_of_volume)
+    if np.shape(frame.points_mm) != (count, 3):
+        shape = np.shape(frame.points_mm)
+        raise ValueError(f"points_mm of shape {shape}, and {count} of out_of_volume")
+    for name, pose in frame.tools.items():
+        if np.shape(pose.position_mm) != (3,):
+            raise ValueError(f"{name}: position_mm of shape {np.shape(pose.position_mm)}")
+
+
 @dataclass(frozen=True)
 class TrackerHealth:
     """How a camera is doing, for people to read."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ccr_host.control.base import Command, Observation
+from ccr_host.control.base import Command, Observation, Phase
 from ccr_host.run.observer import RunObserver, RunSetup
 from ccr_host.run.step_record import StepRecord
 from ccr_host.tracking.sample import Sample
@@ -53,6 +53,7 @@ class ViewFeed(RunObserver):
         self._handed_on_us = 0
         self._step_us = self._command_us = -_STEP_EVERY_US
         self._dropped_batches = 0
+        self._phase = ""
 
     def begin(self, setup: RunSetup) -> None:
         self._items.append(("begin", (setup,)))
@@ -79,6 +80,12 @@ class ViewFeed(RunObserver):
     def event(self, time_us: int, text: str) -> None:
         self._items.append(("event", (time_us, text)))
         self._hand_on(time_us)
+
+    def phase(self, time_us: int, phase: Phase) -> None:
+        self._items.append(("phase", (time_us, phase)))
+        if phase.name != self._phase:
+            self._phase = phase.name
+            self._hand_on(time_us)
 
     def _hand_on(self, time_us: int) -> None:
         if not self._put(Batch(self._items, self._dropped_batches)):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccr_host.control.base import Command, Observation
+from ccr_host.control.base import Command, Observation, Phase
 from ccr_host.run.observer import RunObserver, RunSetup
 from ccr_host.run.step_record import StepRecord
 from ccr_host.tracking.sample import Sample
@@ -41,8 +41,8 @@ class Moment:
     """A run at one time of it."""
 
     time_us: float
-    phase: str
-    """The newest event by then."""
+    phase: Phase | None
+    """What the run was doing."""
     record: StepRecord | None
     """The last step that has ended."""
     horizon_mm: FloatArray
@@ -70,7 +70,7 @@ class RunHistory(RunObserver):
         self._command_us = GrowingTable(1)
         self._horizons_mm: list[FloatArray] = []
         self._samples = GrowingTable(10)
-        self._events: list[tuple[int, str]] = []
+        self._phases: list[tuple[int, Phase]] = []
         self._stale_us = math.inf
         self.end_us = 0
 
@@ -110,7 +110,10 @@ class RunHistory(RunObserver):
         self.end_us = max(self.end_us, record.end_us)
 
     def event(self, time_us: int, text: str) -> None:
-        self._events.append((time_us, text))
+        self.end_us = max(self.end_us, time_us)
+
+    def phase(self, time_us: int, phase: Phase) -> None:
+        self._phases.append((time_us, phase))
         self.end_us = max(self.end_us, time_us)
 
     def at(self, time_us: float) -> Moment:
@@ -121,7 +124,7 @@ class RunHistory(RunObserver):
         commands = len(self._command_us.until(time_us))
         return Moment(
             time_us=time_us,
-            phase=next((text for at_us, text in reversed(self._events) if at_us <= time_us), ""),
+            phase=next((one for at_us, one in reversed(self._phases) if at_us <= time_us), None),
             record=self._records[len(steps) - 1] if len(steps) else None,
             horizon_mm=self._horizons_mm[commands - 1] if commands else np.empty((0, 3)),
             markers_mm=samples[-1, 1:].reshape(3, 3) if age_us <= self._stale_us else None,

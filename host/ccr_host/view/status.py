@@ -18,7 +18,7 @@ def status_html(setup: RunSetup, moment: Moment, dropped_batches: int = 0) -> st
     """Table of what matters at a moment."""
     rows = [
         ("run", _text(f"{setup.reference.name}, {setup.options.controller}")),
-        ("phase", f"<b>{_text(moment.phase or 'starting')}</b>"),
+        ("phase", f"<b>{_text(_phase(moment))}</b>"),
         ("step", _step(setup, moment)),
         ("error", _error(moment)),
         ("board", _board(moment)),
@@ -55,6 +55,13 @@ def legend_html(full_scale_mm: float, controller: str) -> str:
         f"<span>{full_scale_mm / 2:g}</span><span>{full_scale_mm:g} or more</span></div>"
     )
     return f'<div style="font-size:0.75em;line-height:1.5;margin:0 1.1em">{swatches}{scale}</div>'
+
+
+def _phase(moment: Moment) -> str:
+    if moment.phase is None:
+        return "starting"
+    done = moment.phase.done
+    return moment.phase.name + ("" if done is None else f", {100 * done:.0f} %")
 
 
 def _step(setup: RunSetup, moment: Moment) -> str:

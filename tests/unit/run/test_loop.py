@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ccr_host.control.base import Command, Outcome
-from ccr_host.errors import TrackerError
+from ccr_host.errors import CodeError, TrackerError
 from ccr_host.link.messages import State
 from ccr_host.robot.reference import Reference
 from ccr_host.run.loop import follow_path
@@ -197,7 +197,7 @@ def test_a_robot_whose_markers_were_never_seen_is_not_armed(rig: Rig) -> None:
 
 def test_whatever_ends_a_run_the_robot_is_disarmed_at_the_pins() -> None:
     with (
-        pytest.raises(RuntimeError, match="boom"),
+        pytest.raises(CodeError, match="boom"),
         open_rig(OPTIONS, OPTIONS.description(), SILENT) as rig,
     ):
 
@@ -210,11 +210,12 @@ def test_whatever_ends_a_run_the_robot_is_disarmed_at_the_pins() -> None:
     assert report.pulse_half_us == (0, 0)
 
 
-def test_targets_stay_fresh_between_slow_steps(rig: Rig) -> None:
+@pytest.mark.parametrize("period_s", [3.0, 30.0])
+def test_targets_stay_fresh_between_slow_steps(rig: Rig, period_s: float) -> None:
     states = set()
 
     def look(step: int, steps: int, record: StepRecord) -> None:
         states.add(rig.client.telemetry.report.state)
 
-    follow(rig, Counting(), reference(4, period_s=3.0), look)
+    follow(rig, Counting(), reference(4, period_s), look)
     assert states == {State.ACTIVE}

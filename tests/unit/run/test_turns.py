@@ -112,6 +112,9 @@ class Witness(RunObserver):
     def event(self, time_us: int, text: str) -> None:
         self.seen.append((time_us, text))
 
+    def phase(self, time_us: int, phase: object) -> None:
+        self.seen.append((time_us, phase))
+
     def inputs(self, piece: object) -> None:
         self.seen.append(piece)
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from ccr_host.control.base import Outcome
+from ccr_host.control.base import Outcome, Phase
 from ccr_host.run.step_record import StepRecord
 from ccr_host.view.feed import Batch, ViewFeed, play
 from ccr_host.view.history import RunHistory
@@ -63,11 +63,11 @@ def test_what_was_handed_on_can_be_played_to_an_observer() -> None:
     box = Mailbox()
     feed = ViewFeed(box.put, realtime=False)
     feed.step(step_record(0, 1_000_000))
-    feed.event(1_500_000, "disarming")
+    feed.phase(1_500_000, Phase("disarming"))
     history = RunHistory()
     for batch in box.batches:
         play(batch.items, history)
     moment = history.at(2e6)
-    assert moment.phase == "disarming"
+    assert moment.phase == Phase("disarming")
     assert moment.record is not None
     assert moment.record.step == 0

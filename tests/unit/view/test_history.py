@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ccr_host import config
+from ccr_host.control.base import Phase
 from ccr_host.run.execute import execute_logged, reference_of
 from ccr_host.run.log.play import play_run
 from ccr_host.run.observer import RunSetup
@@ -59,10 +60,11 @@ def test_a_moment_knows_nothing_of_what_comes_later(run: tuple[RunHistory, RunHi
 
 def test_the_phases_of_a_run_follow_each_other(run: tuple[RunHistory, RunHistory]) -> None:
     history, _ = run
-    phases = list(dict.fromkeys(history.at(t).phase for t in np.linspace(0, history.end_us, 500)))
-    assert phases[-1] == "done"
+    moments = map(history.at, np.linspace(0, history.end_us, 500))
+    phases = list(dict.fromkeys(moment.phase.name for moment in moments if moment.phase))
     wanted = ["arming", "approaching the first point", "following the path", "disarming"]
     assert [phase for phase in phases if phase in wanted] == wanted
+    assert history.at(history.end_us).phase == Phase("done")
 
 
 def test_the_status_tells_board_step_and_error(run: tuple[RunHistory, RunHistory]) -> None:

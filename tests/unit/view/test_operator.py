@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ccr_host.control.base import Phase
 from ccr_host.errors import CcrError
 from ccr_host.link.framing import FrameDecoder
 from ccr_host.link.messages import MESSAGES, Disarm, Message, SetTarget, State, StateReport, Stop
@@ -48,9 +49,9 @@ class Witness(RunObserver):
         if record.step == self.stop_after_step:
             self.press()
 
-    def event(self, time_us: int, text: str) -> None:
-        self.events.append(text)
-        if text == self.stop_while:
+    def phase(self, time_us: int, phase: Phase) -> None:
+        self.events.append(phase.name)
+        if phase.name == self.stop_while:
             self.press()
 
     def press(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from ccr_host.control.adaptive.setpoint_history import SetpointHistory
 from ccr_host.control.adaptive.statics import hold_at, unhindered_shafts_for
 from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
 from ccr_host.control.adaptive.tour_stops import tour_stops_rad
-from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome
+from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome, Phase
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
 
@@ -45,10 +46,10 @@ _US_PER_S = 1e6
 
 
 class _Phase(enum.Enum):
-    SURVEY = enum.auto()
-    FIT = enum.auto()
-    TO_FIRST_POINT = enum.auto()
-    PATH = enum.auto()
+    SURVEY = "exploring the robot"
+    FIT = "identifying the robot"
+    TO_FIRST_POINT = "approaching the first point"
+    PATH = "following the path"
 
 
 class AdaptiveStatics:
@@ -86,6 +87,7 @@ class AdaptiveStatics:
         self._phase: _Phase | None = None
         self._fit: StaticsFit | None = None
         self._approach_setpoints: deque[FloatArray] = deque()
+        self._approach_length = 0
         self._follower: PoseFollower | None = None
         self._seen_us: int | None = None
         self._memory = LapMemory(reference.lap_steps, reference.period_s)
@@ -117,7 +119,8 @@ class AdaptiveStatics:
         if self._approach_setpoints:
             self._last_rad = self._approach_setpoints.popleft()
         self._history.command(now_s, self._last_rad, APPROACH_PERIOD_S)
-        return self._command(0.0, Outcome.SOLVED, APPROACH_PERIOD_S)
+        command = self._command(0.0, Outcome.SOLVED, APPROACH_PERIOD_S)
+        return replace(command, phase=self._approach_phase())
 
     def step(self, observation: Observation) -> Command:
         """Measurement in, command out; works without measurements too."""
@@ -161,6 +164,14 @@ class AdaptiveStatics:
     def _go_through(self, stops_rad: FloatArray, rest_s: float) -> None:
         setpoints = tour(self._last_rad, stops_rad, rest_s, APPROACH_PERIOD_S)
         self._approach_setpoints = deque(setpoints)
+        self._approach_length = len(setpoints)
+
+    def _approach_phase(self) -> Phase | None:
+        if self._phase is None:
+            return None
+        is_moving = self._phase is not _Phase.FIT
+        left = len(self._approach_setpoints) / max(self._approach_length, 1)
+        return Phase(self._phase.value, 1.0 - left if is_moving else None)
 
     def _measure_rest(self, observation: Observation) -> None:
         exposed_us = self._new_exposure_us(observation)

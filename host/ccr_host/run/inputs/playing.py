@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 
 from ccr_host.errors import CcrError, DeviceError, TrackerError
 from ccr_host.run.clock import Steppable
 from ccr_host.run.inputs.tape import TOKENS_WITH_ERROR, TapeError, TapePiece, Token
 from ccr_host.tracking.sample import Sample
+
+T = TypeVar("T")
 
 _DOING = {
     Token.READ: "read the clock",
@@ -21,6 +23,7 @@ _DOING = {
     Token.SAME: "looked at the tracker",
     Token.PAUSE: "was told to pause",
     Token.STOP: "was told to stop",
+    Token.BUSY: "was still computing",
     Token.PORT_LOST: "lost the port",
     Token.RAISED: "was ended",
 }
@@ -130,6 +133,16 @@ class PlayedClock:
 
     def attach(self, part: Steppable) -> None:
         self._parts.append(part)
+
+    def beside(self, work: Callable[[], T], every_us: int, meanwhile: Callable[[], None]) -> T:
+        try:
+            return work()
+        finally:
+            self._give_turns()
+            while self._tape.head is Token.BUSY:
+                self._tape.skip()
+                meanwhile()
+                self._give_turns()
 
     def _give_turns(self) -> None:
         while self._tape.head is Token.TURN:

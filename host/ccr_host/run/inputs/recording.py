@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 from ccr_host.errors import DeviceError
 from ccr_host.link.exchange import FrameObserver
@@ -16,6 +16,8 @@ from ccr_host.run.operator import Operator
 from ccr_host.tracking.frame import MarkerFrame
 from ccr_host.tracking.sample import Sample
 from ccr_host.tracking.tracker import Tracker
+
+T = TypeVar("T")
 
 
 class RecordedClock:
@@ -46,6 +48,13 @@ class RecordedClock:
         if not self._is_attached:
             self._is_attached = True
             self._clock.attach(self)
+
+    def beside(self, work: Callable[[], T], every_us: int, meanwhile: Callable[[], None]) -> T:
+        def noted() -> None:
+            self._tape.note(Token.BUSY)
+            meanwhile()
+
+        return self._clock.beside(work, every_us, noted)
 
     def advance_to(self, time_us: int) -> None:
         """Give the host's parts their turn, on behalf of the clock."""

@@ -38,6 +38,8 @@ class Token(enum.StrEnum):
     """The operator was asked and wanted a pause."""
     STOP = "k"
     """The operator was asked and wanted a stop."""
+    BUSY = "b"
+    """The controller was still computing, and the board was fed meanwhile."""
     PORT_LOST = "p"
     """The port failed; an error."""
     RAISED = "x"

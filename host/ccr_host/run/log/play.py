@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.base import Command, Outcome
+from ccr_host.control.base import Command, Outcome, Phase
 from ccr_host.errors import ConfigError
 from ccr_host.run.log import topics
 from ccr_host.run.log.reader import LogMessage, RunRecording
+from ccr_host.run.log.visuals import PHASE
 from ccr_host.run.observer import RunObserver, RunSetup
 from ccr_host.run.step_record import StepRecord
 from ccr_host.tracking.sample import Sample
@@ -57,6 +58,8 @@ def _show(message: LogMessage, observer: RunObserver, solve_us: dict[int, float]
             observer.control(time_us, None, _command(content))
         case topics.STEP.name:
             observer.step(_step(content, time_us, solve_us.get(content["step"], 0.0)))
+        case topics.EVENT.name if content["name"] == PHASE:
+            observer.phase(time_us, Phase(content["message"]))
         case topics.EVENT.name:
             observer.event(time_us, content["message"])
 

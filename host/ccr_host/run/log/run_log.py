@@ -13,7 +13,7 @@ from cobs import cobs
 from numpy.typing import NDArray
 from pydantic_core import PydanticSerializationError, to_json
 
-from ccr_host.control.base import Command, Observation
+from ccr_host.control.base import Command, Observation, Phase
 from ccr_host.link.messages import MESSAGES, Arm, Fault, State, StateReport
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
@@ -61,6 +61,7 @@ class RunLog(RunObserver):
         self._horizon_mm: Array = np.empty((0, 3))
         self._received = 0
         self._sent = 0
+        self._phase = ""
 
     def begin(self, setup: RunSetup) -> None:
         reference = setup.reference
@@ -167,6 +168,12 @@ class RunLog(RunObserver):
 
     def event(self, time_us: int, text: str) -> None:
         self._write(topics.EVENT, time_us, visuals.log_message(time_us, visuals.INFO, text))
+
+    def phase(self, time_us: int, phase: Phase) -> None:
+        if phase.name != self._phase:
+            self._phase = phase.name
+            content = visuals.log_message(time_us, visuals.INFO, phase.name, visuals.PHASE)
+            self._write(topics.EVENT, time_us, content)
 
     def inputs(self, piece: TapePiece) -> None:
         times_us = [piece.start_us, *piece.times_us]

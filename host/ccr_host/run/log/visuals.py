@@ -43,13 +43,17 @@ def stamp(time_us: int) -> Json:
     return {"sec": time_us // 1_000_000, "nsec": time_us % 1_000_000 * 1000}
 
 
-def log_message(time_us: int, level: int, text: str) -> Json:
+PHASE = "phase"
+"""Name of the log messages that tell of phases; all others bear the program's."""
+
+
+def log_message(time_us: int, level: int, text: str, name: str = "ccr-host") -> Json:
     """``foxglove.Log``."""
     return {
         "timestamp": stamp(time_us),
         "level": level,
         "message": text,
-        "name": "ccr-host",
+        "name": name,
         "file": "",
         "line": 0,
     }

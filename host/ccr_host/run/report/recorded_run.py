@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ccr_host.control.base import Phase
 from ccr_host.errors import ConfigError
 from ccr_host.run.folder import METRICS_FILE
 from ccr_host.run.log.json_schema import NUMBER, OBJECT, TEXT, array, nullable, record, validator
@@ -92,6 +93,9 @@ class _Seen(RunObserver):
 
     def event(self, time_us: int, text: str) -> None:
         self.events.append((time_us * 1e-6, text))
+
+    def phase(self, time_us: int, phase: Phase) -> None:
+        self.event(time_us, phase.name)
 
 
 def _kept_metrics(folder: Path) -> Mapping[str, Any] | None:
