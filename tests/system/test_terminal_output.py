@@ -54,7 +54,7 @@ def test_every_term_of_the_tables_is_explained_below_them(
     for command in (("track",), ("compare", "--path")):
         out = ccr_host(*command, short_path, "--controller", "mpc").out
         table, _, terms = out.partition("distance between measured and desired tip")
-        assert all(len(line) <= 80 for line in out.splitlines())
+        assert all(len(line) <= 80 for line in table.splitlines())
         assert "…" not in table, "no figure is cut off on 80 columns"
         for term in ("true", "floor", "ratio"):
             assert term in table
