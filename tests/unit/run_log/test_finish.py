@@ -22,6 +22,21 @@ def test_a_cut_log_gets_a_summary_and_keeps_its_messages(log_file, tmp_path):
         assert make_reader(file).get_summary().statistics.message_count == count
 
 
+def test_what_was_missing_is_still_missing_in_the_copy(log_file, tmp_path):
+    cut, whole = tmp_path / "log_0000.mcap", bytearray(log_file.read_bytes())
+    cut.write_bytes(whole[: len(whole) // 2])
+    finish_log(RunRecording(cut), tmp_path / "of cut")
+    copy = RunRecording(tmp_path / "of cut").end
+    assert not copy.is_complete
+    assert RunRecording(cut).end.trouble in copy.trouble
+    whole[whole.rindex(b"zstd", 0, len(whole) // 2) + 300] ^= 1
+    cut.write_bytes(whole)
+    finish_log(RunRecording(cut), tmp_path / "of damaged")
+    assert RunRecording(tmp_path / "of damaged").end.lost_messages == (
+        RunRecording(cut).end.lost_messages
+    )
+
+
 def test_no_log_is_written_over(recording):
     with pytest.raises(ConfigError, match="holds a log"):
         finish_log(recording, recording.source)

@@ -17,6 +17,7 @@ FILE_US = 3_600_000_000
 END_RECORD = "ccr_host.end"
 """Name of the metadata record that closes the last file."""
 LOST_MESSAGES = "lost_messages"
+TROUBLE = "copied_with"
 """Its key."""
 
 _NS_PER_US = 1000
@@ -73,18 +74,19 @@ class LogFiles:
         if self.error is not None:
             self.lost += chunk.messages
 
-    def close(self, skipped: int = 0) -> None:
+    def close(self, skipped: int = 0, trouble: str = "") -> None:
         """Finish the last file.
 
         Args:
             skipped: messages that were never given to :meth:`write`, for the closing record.
+            trouble: of the log that this is a copy of, for the closing record.
         """
         try:
             if self._file is None and self.error is None:
                 self._file = self._next()
             if self._file is not None:
-                lost = str(self.lost + skipped)
-                self._file.write_metadata(END_RECORD, {LOST_MESSAGES: lost})
+                end = {LOST_MESSAGES: str(self.lost + skipped)}
+                self._file.write_metadata(END_RECORD, end | ({TROUBLE: trouble} if trouble else {}))
                 self._finish(self._file)
         except OSError as error:
             self.error = self.error or error

@@ -37,7 +37,8 @@ def finish_log(recording: RunRecording, folder: Path) -> int:
                 sink.write(by_name[message.topic], message.time_us, to_json(message.content))
                 count += 1
         finally:
-            sink.close()
+            end = recording.end
+            sink.close(end.lost_messages, end.trouble)
         if sink.trouble:
             raise ConfigError(f"--out {folder}: {sink.trouble}", "name a folder with room")
     except BaseException:

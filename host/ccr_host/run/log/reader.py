@@ -23,6 +23,7 @@ from ccr_host.run.log.files import (
     LOG_PREFIX,
     LOST_MESSAGES,
     TIMING_PREFIX,
+    TROUBLE,
     file_number,
     log_files,
 )
@@ -219,17 +220,21 @@ class _Account:
 
     def end(self) -> LogEnd:
         """What it comes to."""
-        told = "" if self._closing is None else self._closing.metadata.get(LOST_MESSAGES, "")
+        closing = {} if self._closing is None else self._closing.metadata
+        told, copied_with = closing.get(LOST_MESSAGES, ""), closing.get(TROUBLE, "")
         never_written = int(told) if told.isdecimal() else 0
         lost = max(self._gaps, self._unread + never_written)
         if self._closing is None and self._is_finished:
             self._troubles.append("the log goes on in another file, or lacks its closing record")
         elif self._closing is None and not self._is_cut:
             self._troubles.append("the run never closed its log: it was killed, or goes on")
-        if lost:
+        if copied_with:
+            self._troubles.append(f"copied from a log that was not whole ({copied_with})")
+        elif lost:
             at_least = "at least " * self._is_lower_bound
             self._troubles.append(f"{at_least}{lost} messages were lost")
-        return LogEnd(self._closing is not None, lost, "; ".join(self._troubles))
+        is_complete = self._closing is not None and not copied_with
+        return LogEnd(is_complete, lost, "; ".join(self._troubles))
 
     def _count(self, topic: str, sequence: int) -> None:
         """The messages of a topic are numbered from 1; 0 are those that every file begins with."""

@@ -99,9 +99,9 @@ class DirectSink:
     def write(self, topic: Topic, time_us: int, content: bytes) -> None:
         self._write_chunk(self._packer.add(topic, time_us, content))
 
-    def close(self) -> None:
+    def close(self, skipped: int = 0, trouble: str = "") -> None:
         self._write_chunk(self._packer.take())
-        self._files.close()
+        self._files.close(skipped, trouble)
 
     def _write_chunk(self, taken: Taken | None) -> None:
         if taken is not None:
