@@ -98,6 +98,8 @@ class Clock(Protocol):
 _SLICE_US = 1000
 """The parts are moved along at least so often, so that none runs far ahead of the others; in
 virtual time those that foresee their turns get them at multiples of it."""
+_COMPUTING_SLICE_S = 0.02
+"""Longer, as the world and the work take turns on one interpreter: a usual step ends before it."""
 _IDLE_US = 20_000
 """Short for whoever waits for the end of a pause, and hardly any work."""
 _LONGEST_STEP_US = 20_000
@@ -176,7 +178,7 @@ class RealClock:
         # A daemon, as a controller that never answers must not keep the program from ending.
         threading.Thread(target=_compute, args=(work, result), daemon=True).start()
         due_us = self.now_us() + every_us
-        while not wait([result], _SLICE_US * 1e-6).done:
+        while not wait([result], _COMPUTING_SLICE_S).done:
             now_us = self.now_us()
             self._parts.advance_to(now_us)
             if now_us >= due_us:
