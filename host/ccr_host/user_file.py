@@ -31,7 +31,6 @@ _KINDS = (
     (stat.S_ISBLK, "a device"),
 )
 _MEGABYTE = 1_000_000
-_LONGEST_SUFFIX = 20
 _drafts = itertools.count()
 
 
@@ -103,8 +102,8 @@ def replacing(path: Path) -> Iterator[Path]:
     What is not a regular file, such as a pipe or /dev/null, is written as it is.
 
     Yields:
-        A draft to write, with the same suffix. It takes the file's place when the block ends; after
-        an error the file is as it was.
+        A draft to write. It takes the file's place when the block ends; after an error the file is
+        as it was. Whoever looks for files by their suffix does not find a draft.
 
     Raises:
         OSError: the draft cannot be written, or cannot take the place.
@@ -114,8 +113,7 @@ def replacing(path: Path) -> Iterator[Path]:
     if mode and not stat.S_ISREG(mode):
         yield target
         return
-    name = f".draft-{os.getpid()}-{next(_drafts)}"
-    draft = target.with_name(name + target.suffix[:_LONGEST_SUFFIX])
+    draft = target.with_name(f".{os.getpid()}-{next(_drafts)}.draft")
     try:
         yield draft
         with draft.open("rb+") as written:

@@ -18,7 +18,7 @@ import tomlkit
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from ccr_host.cli import app
+from ccr_host.commands.app import app
 from tests.conformance.firmware_build import firmware_elf
 from tests.system.conftest import COMMAND, CcrHost
 from tests.system.driven_terminal import DrivenTerminal

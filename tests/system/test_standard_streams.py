@@ -157,9 +157,9 @@ def test_a_defect_is_one_line_that_names_the_file_with_its_traceback(
     tmp_path: Path, defect: str
 ) -> None:
     program = (
-        "import sys; from ccr_host import cli\n"
+        "import sys; from ccr_host import cli; from ccr_host.commands.app import app\n"
         f"def broken() -> None: raise {defect}\n"
-        "cli.app.command()(broken); sys.argv[1:] = ['broken']; cli.main()"
+        "app.command()(broken); sys.argv[1:] = ['broken']; cli.main()"
     )
     ended = subprocess.run(
         [sys.executable, "-c", program],
@@ -173,3 +173,17 @@ def test_a_defect_is_one_line_that_names_the_file_with_its_traceback(
     assert ended.stderr.splitlines() == [ended.stderr.rstrip()]
     assert str(kept) in ended.stderr
     assert "in broken" in kept.read_text()
+
+
+def test_an_interruption_while_the_program_is_being_loaded_is_one_line_too(tmp_path: Path) -> None:
+    program = (
+        "import os, signal, sys; from ccr_host import cli\n"
+        "class Impatient:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'ccr_host.commands.track': os.kill(os.getpid(), signal.SIGTERM)\n"
+        "sys.meta_path.insert(0, Impatient()); cli.main()"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stderr) == (130, "ccr-host: interrupted\n")

@@ -7,13 +7,13 @@ from ccr_host.run.log import topics
 from tests.system.conftest import PAPERS, CcrHost, events, logged
 
 SUMMARY_KEYS = {
-    "path", "controller", "rate_hz", "steps", "seed", "device", "tracker",
+    "path", "controller", "rate_hz", "steps", "planned_steps", "seed", "device", "tracker",
     "mean_error_mm", "rmse_mm", "p95_error_mm", "max_error_mm", "mean_lateral_error_mm",
     "true_mean_error_mm", "true_rmse_mm", "true_p95_error_mm", "true_max_error_mm",
     "true_mean_lateral_error_mm", "floor_mean_error_mm", "twin_floor_mean_error_mm",
     "unreachable_steps", "laps", "open", "solve_us", "missed_deadlines", "tracker_lost_steps",
     "coasted_steps", "held_steps", "skipped_steps", "clamped_commands", "board_holds",
-    "board_relaxes", "planned_steps", "link", "wall_s", "faults",
+    "board_relaxes", "link", "wall_s", "faults",
 }  # fmt: skip
 
 

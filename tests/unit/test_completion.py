@@ -60,7 +60,7 @@ def test_bash_falls_back_on_files() -> None:
 
 def test_command_names_are_offered_without_loading_what_controllers_need() -> None:
     loaded = subprocess.run(
-        [sys.executable, "-c", "import sys, ccr_host.cli; print(*sys.modules)"],
+        [sys.executable, "-c", "import sys, ccr_host.commands.app; print(*sys.modules)"],
         capture_output=True,
         text=True,
         check=True,

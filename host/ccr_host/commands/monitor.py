@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ccr_host.commands.options import JsonOption, RobotOption, SeedOption, SetOption, TrackerOption
-from ccr_host.commands.output import console, is_output_lost, print_json
+from ccr_host.commands.output import console, print_json
+from ccr_host.standard_streams import is_output_lost
 
 if TYPE_CHECKING:
     from ccr_host.run.monitor import Monitor, MonitorView

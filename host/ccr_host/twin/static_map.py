@@ -122,8 +122,8 @@ def _read(file: Path) -> StaticMap | None:
 def _write(file: Path, found: StaticMap) -> None:
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(file) as draft:
-            np.savez(draft, **vars(found))
+        with replacing(file) as draft, draft.open("wb") as opened:
+            np.savez(opened, **vars(found))
         kept = sorted(file.parent.glob("static-map-*.npz"), key=lambda map_: map_.stat().st_mtime)
         for oldest in kept[:-_MOST_MAPS_KEPT]:
             oldest.unlink()

@@ -23,8 +23,9 @@ Row = dict[str, Any]
 
 _NO_FIGURES = (
     "path", "controller", "planned_steps", "device", "tracker", "laps", "open", "faults",
+    "skipped_steps", "board_holds", "board_relaxes", "clamped_commands",
 )  # fmt: skip
-"""Of the JSON summary: told otherwise, or the same for all runs of a sweep."""
+"""Of the JSON summary: told otherwise, the same for all runs, or a matter of real time."""
 
 LOST_MM = 15.0
 """So far above its floor over the last quarter of the path a run counts as diverged: two thirds of

@@ -20,6 +20,7 @@ from ccr_host.run.folder import write_json
 from ccr_host.run.sweep.job import Row
 from ccr_host.run.sweep.plan import SweepPlan, TwinJob
 from ccr_host.run.versions import versions
+from ccr_host.stop_signals import signals_deferred
 from ccr_host.user_file import read_bytes, read_text, replacing
 
 _PLAN = "sweep.json"
@@ -111,8 +112,9 @@ class SweepFolder:
         self._make_folder()
         names = "-".join(sorted({f"{row['controller']}{row['rate_hz']:g}" for row in rows}))
         part = self._folder / _PARTS / f"{rows[0]['index']:06d}-{names}.parquet"
-        _write(part, rows)
-        self._rows |= {_key(row): row for row in rows}
+        with signals_deferred():
+            _write(part, rows)
+            self._rows |= {_key(row): row for row in rows}
 
     def gather(self) -> None:
         """Put all rows into one file.
@@ -179,5 +181,5 @@ def _read(file: Path) -> list[Row]:
 
 
 def _write(file: Path, rows: Sequence[Row]) -> None:
-    with replacing(file) as draft:
-        pq.write_table(pa.Table.from_pylist(list(rows), schema=_SCHEMA), draft)
+    with replacing(file) as draft, draft.open("wb") as opened:
+        pq.write_table(pa.Table.from_pylist(list(rows), schema=_SCHEMA), opened)

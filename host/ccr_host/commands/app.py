@@ -1,0 +1,79 @@
+"""All commands in one application."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from ccr_host import __version__
+from ccr_host.commands.calibrate import calibrate
+from ccr_host.commands.compare import compare
+from ccr_host.commands.doctor import doctor
+from ccr_host.commands.emulate import emulate
+from ccr_host.commands.export import export
+from ccr_host.commands.flash import flash
+from ccr_host.commands.jog import jog
+from ccr_host.commands.monitor import monitor
+from ccr_host.commands.register import register
+from ccr_host.commands.replay import replay
+from ccr_host.commands.report import report
+from ccr_host.commands.sweep import sweep
+from ccr_host.commands.track import track
+from ccr_host.commands.view import view
+from ccr_host.commands.view_option import with_default_address
+from ccr_host.commands.workspace import workspace
+from ccr_host.errors import ConfigError
+
+app = typer.Typer(
+    name="ccr-host",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+_COMMANDS = (
+    *(track, compare, workspace, sweep),
+    *(doctor, flash, calibrate, register, jog, monitor, emulate),
+    *(view, replay, report, export),
+)
+for command in _COMMANDS:
+    app.command()(command)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"ccr-host {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options_of_all(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_print_version, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Control of tendon-driven continuum robots; without hardware on a digital twin."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Do what the words of the command line say; the exit status.
+
+    Raises:
+        ConfigError: the words are no command.
+        CcrError: what a command has raised.
+        KeyboardInterrupt: it was interrupted.
+    """
+    try:
+        status = app(
+            with_default_address(words) or ["--help"], prog_name="ccr-host", standalone_mode=False
+        )
+    except typer.TyperException as error:
+        message = error.format_message().removesuffix(".")
+        raise ConfigError(message, "see ccr-host --help") from None
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    return int(status or 0)
