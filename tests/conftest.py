@@ -6,6 +6,7 @@ import signal
 from collections import Counter
 from collections.abc import Generator
 
+import hypothesis
 import pytest
 
 from ccr_host.link.messages import REQUIREMENTS
@@ -13,6 +14,11 @@ from tests import without_posix
 from tests.requirement_coverage import Coverage
 
 DEFAULT_DEVICES = ("emulator:", "simavr:")
+
+
+# However long an example takes on a busy machine is no fault of it.
+hypothesis.settings.register_profile("ccr", deadline=None)
+hypothesis.settings.load_profile("ccr")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

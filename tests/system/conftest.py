@@ -23,6 +23,8 @@ from ccr_host.run.log.topics import Topic
 
 PAPERS = ("--controller", "mpc")
 """The quickest closed loop: it follows the path at once."""
+PATIENCE_S = 120
+"""For what hangs when it is wrong: longer than it takes on any machine, however busy."""
 COMMAND = str(Path(sys.executable).with_name("ccr-host"))
 
 
@@ -80,7 +82,7 @@ def messages_in(folder: Path, topic: Topic) -> list[Message]:
 
 
 def wait_until_following(folder: Path, process: subprocess.Popen[str]) -> None:
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + PATIENCE_S
     while process.poll() is None and time.monotonic() < deadline:
         with suppress(ConfigError):  # a file that has only just been made
             if log_files(folder, LOG_PREFIX) and "following the path" in events(folder):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pexpect
 
-from tests.system.conftest import COMMAND
+from tests.system.conftest import COMMAND, PATIENCE_S
 
 UP, DOWN, RIGHT, LEFT = "\x1b[A", "\x1b[B", "\x1b[C", "\x1b[D"
 _STYLING = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
@@ -22,7 +22,7 @@ class DrivenTerminal:
             cwd=folder,
             env=os.environ | {"TERM": "xterm-256color"},
             dimensions=(40, 110),
-            timeout=20,
+            timeout=PATIENCE_S,
             encoding="utf-8",
             ignore_sighup=ignore_sighup,
         )

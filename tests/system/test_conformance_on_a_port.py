@@ -12,7 +12,7 @@ from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
 from tests.conformance.device import EmulatedDevice
 from tests.conformance.host import Host
-from tests.system.conftest import CcrHost
+from tests.system.conftest import PATIENCE_S, CcrHost
 from tests.system.test_emulate import served_uri
 
 ROOT = Path(__file__).parents[2]
@@ -54,7 +54,7 @@ def served(ccr_host: CcrHost):
     server = ccr_host.start("emulate", "--pty", "--boot-ms", "100", "--eeprom", "board.eeprom")
     yield served_uri(server)
     server.send_signal(signal.SIGINT)
-    server.communicate(timeout=10)
+    server.communicate(timeout=PATIENCE_S)
 
 
 def test_a_part_of_the_suite_passes_and_leaves_the_board_as_found(

@@ -20,7 +20,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from ccr_host.commands.app import app
 from tests.conformance.firmware_build import firmware_elf
-from tests.system.conftest import COMMAND, CcrHost
+from tests.system.conftest import COMMAND, PATIENCE_S, CcrHost
 from tests.system.driven_terminal import DrivenTerminal
 
 ROOT = Path(__file__).parents[2]
@@ -140,7 +140,7 @@ def assert_serves_until_interrupted(ccr_host: CcrHost, words: list[str]) -> None
     said = getattr(process, SERVES_UNTIL[words[0]]).readline()
     assert "Ctrl-C ends" in said
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=PATIENCE_S)
     assert "Traceback" not in err
     assert process.returncode in (0, 130)
 

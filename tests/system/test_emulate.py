@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from tests.system.conftest import PAPERS, CcrHost
+from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost
 
 
 def served_uri(process: subprocess.Popen[str]) -> str:
@@ -22,7 +22,7 @@ def test_a_run_over_a_served_board_in_real_time_loses_nothing(
         summary = ccr_host("track", short_path, *PAPERS, "--device", uri, "--json").summary
     finally:
         server.send_signal(signal.SIGINT)
-        server.communicate(timeout=10)
+        server.communicate(timeout=PATIENCE_S)
     assert server.returncode == 0
     assert summary["device"] == uri
     assert summary["steps"] == 6
@@ -45,6 +45,6 @@ def test_eeprom_file_survives_the_emulator(ccr_host: CcrHost, short_path: str) -
             served_uri(server)
         finally:
             server.send_signal(signal.SIGTERM)
-            server.communicate(timeout=10)
+            server.communicate(timeout=PATIENCE_S)
         content = (ccr_host.folder / "board.eeprom").read_bytes()
         assert int.from_bytes(content[256:258], "little") == boots, "counted at each start"

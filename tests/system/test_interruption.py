@@ -4,7 +4,14 @@ import pytest
 
 from ccr_host.link.messages import Disarm, SetTarget, State, Stop, Telemetry
 from ccr_host.run.log import topics
-from tests.system.conftest import PAPERS, CcrHost, events, messages_in, wait_until_following
+from tests.system.conftest import (
+    PAPERS,
+    PATIENCE_S,
+    CcrHost,
+    events,
+    messages_in,
+    wait_until_following,
+)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -17,7 +24,7 @@ def test_an_interrupted_run_disarms_the_robot_first_and_keeps_its_log(
     folder = ccr_host.folder / "kept"
     wait_until_following(folder, process)
     process.send_signal(number)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert err.endswith("ccr-host: interrupted\n")
     assert "Traceback" not in err

@@ -13,7 +13,7 @@ from ccr_host.link.messages import Fault, SetTarget, State
 from ccr_host.run.log import topics
 from ccr_host.run.log.reader import LogMessage, RunRecording
 from tests.system.board_tap import BoardTap
-from tests.system.conftest import PAPERS, CcrHost, logged, wait_until_following
+from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost, logged, wait_until_following
 from tests.system.test_emulate import served_uri
 from tests.unit.run_replay.rewrite import rewritten
 
@@ -36,11 +36,11 @@ def test_a_killed_host_leaves_its_log_and_a_robot_that_comes_to_rest(ccr_host: C
         assert tap.reports[-1].state is State.ACTIVE
         before, killed_s = len(tap.reports), time.monotonic()
         host.kill()
-        host.communicate(timeout=20)
-        assert tap.wait_for(lambda report: report.fault is Fault.LINK_LOSS, timeout_s=20)
+        host.communicate(timeout=PATIENCE_S)
+        assert tap.wait_for(lambda report: report.fault is Fault.LINK_LOSS, timeout_s=PATIENCE_S)
     finally:
         board.send_signal(signal.SIGINT)
-        board.communicate(timeout=10)
+        board.communicate(timeout=PATIENCE_S)
     states = [report.state for report in tap.reports[before:]]
     in_order = [state for i, state in enumerate(states) if i == 0 or states[i - 1] != state]
     assert in_order == [State.ACTIVE, State.HOLD, State.RELAXING, State.FAULT]

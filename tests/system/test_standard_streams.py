@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import COMMAND, PAPERS, CcrHost, events
+from tests.system.conftest import COMMAND, PAPERS, PATIENCE_S, CcrHost, events
 from tests.system.driven_terminal import DrivenTerminal
 
 pytestmark = pytest.mark.usefixtures("short_path")
@@ -115,7 +115,7 @@ def test_a_message_stays_one_line_whatever_the_name_in_it(ccr_host: CcrHost) -> 
 def close_window(terminal: DrivenTerminal) -> int:
     """Status of a command whose terminal is closed."""
     os.close(terminal.process.child_fd)
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + PATIENCE_S
     while terminal.process.isalive() and time.monotonic() < deadline:
         time.sleep(0.05)
     assert terminal.process.signalstatus is None

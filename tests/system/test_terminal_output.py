@@ -8,7 +8,7 @@ from pathlib import Path
 import pexpect
 import pytest
 
-from tests.system.conftest import COMMAND, CcrHost
+from tests.system.conftest import COMMAND, PATIENCE_S, CcrHost
 
 COLOUR = "\x1b[3"
 WORDS = ("track", "short.csv", "--no-open", "--controller", "mpc")
@@ -21,7 +21,7 @@ def on_a_terminal(folder: Path, *words: str, **environment: str) -> str:
         cwd=folder,
         env=os.environ | {"TERM": "xterm-256color"} | environment,
         dimensions=(40, 110),
-        timeout=30,
+        timeout=PATIENCE_S,
         encoding="utf-8",
     )
     terminal.expect(pexpect.EOF)

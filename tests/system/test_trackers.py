@@ -9,7 +9,7 @@ import pytest
 
 from ccr_host.tracking.ndi.rom import DUMMY_MARKERS_MM, make_passive_rom
 from tests.foreign_servers import foreign_server
-from tests.system.conftest import PAPERS, CcrHost, Ended
+from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost, Ended
 
 
 def tracked(ccr_host: CcrHost, path: str, tracker: str, *words: str) -> dict:
@@ -145,7 +145,7 @@ def test_a_run_over_a_served_camera_that_sees_the_twin_of_the_served_board(
         ended = ccr_host("track", short_path, *PAPERS, *uris, "--json")
     finally:
         server.send_signal(signal.SIGINT)
-        server.communicate(timeout=10)
+        server.communicate(timeout=PATIENCE_S)
     assert ended.status == 0, ended.err
     assert ended.summary["steps"] == 6
     assert ended.summary["mean_error_mm"] < 15, "the camera sees what the board moves"

@@ -16,7 +16,7 @@ from playwright.sync_api import sync_playwright
 
 from ccr_host.run.log import topics
 from ccr_host.run.log.reader import RunRecording
-from tests.system.conftest import PAPERS, CcrHost
+from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost
 
 # A machine without a graphics card draws in software, as slowly as it likes.
 PATIENCE_MS = 60_000
@@ -63,7 +63,7 @@ def ended(process: subprocess.Popen[str], number: signal.Signals) -> Iterator[No
     finally:
         if process.poll() is None:
             process.send_signal(number)
-        process.communicate(timeout=30)
+        process.communicate(timeout=PATIENCE_S)
 
 
 def test_pause_continue_and_stop_reach_the_robot(
@@ -86,7 +86,7 @@ def test_pause_continue_and_stop_reach_the_robot(
             tab.get_by_role("button", name="Continue").click()
             tab.get_by_text("following the path").wait_for()
             tab.get_by_role("button", name="STOP the robot").click()
-            _, err = run.communicate(timeout=30)
+            _, err = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 130
     assert "stopped by the operator" in err
     assert "Traceback" not in err
