@@ -144,7 +144,12 @@ def test_laps_of_an_open_path_are_refused(ccr_host: CcrHost) -> None:
     assert "Traceback" not in ended.err
 
 
-def test_adaptive_is_better_in_its_third_lap_than_in_its_first(ccr_host: CcrHost) -> None:
+def test_adaptive_learns_a_load_that_came_after_its_tour_from_lap_to_lap(ccr_host: CcrHost) -> None:
+    """Over seeds 1 to 4 the third lap's error is 13 % below the first one's, within 1 %.
+
+    Without a load there is little to learn after the tour: 4 %, within 5 %, which shows nothing.
+    """
+    late_load = ("--set", "twin.payload_g=10", "--set", "twin.payload_start_s=1")
     words = ("--laps", "3", "--controller", "adaptive", "--no-open", "--json")
-    laps = ccr_host("track", "star", *words).summary["laps"]
-    assert laps[2]["true_mean_error_mm"] < laps[0]["true_mean_error_mm"]
+    laps = ccr_host("track", "star", *late_load, *words).summary["laps"]
+    assert laps[2]["true_mean_error_mm"] < 0.95 * laps[0]["true_mean_error_mm"]

@@ -11,6 +11,10 @@ from ccr_host.tracking.ndi.rom import DUMMY_MARKERS_MM, make_passive_rom
 from tests.foreign_servers import foreign_server
 from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost, Ended
 
+SPREAD = 0.05
+"""Standard deviation, over seeds 1 to 5, of the ratio of the errors under the two trackers, each of
+which has its own noise, with either controller."""
+
 
 def tracked(ccr_host: CcrHost, path: str, tracker: str, *words: str) -> dict:
     ended = ccr_host("track", path, *PAPERS, "--tracker", tracker, "--no-open", "--json", *words)
@@ -34,8 +38,8 @@ def test_the_emulated_polaris_is_as_good_as_the_simulated_camera(
         tracked(ccr_host, path, tracker, "--controller", controller)
         for tracker in ("twin:", "ndi-emulator:")
     )
-    assert polaris["mean_error_mm"] == pytest.approx(direct["mean_error_mm"], rel=0.1)
-    assert polaris["true_mean_error_mm"] == pytest.approx(direct["true_mean_error_mm"], rel=0.1)
+    for error in ("mean_error_mm", "true_mean_error_mm"):
+        assert polaris[error] == pytest.approx(direct[error], rel=4 * SPREAD)
     assert polaris["faults"] == []
 
 
