@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+import pytest
 from rich.console import Console
 
 from ccr_host.bringup.calibrate_by_eye import calibrate_by_eye
@@ -12,6 +13,8 @@ from ccr_host.config import Servo
 from ccr_host.run.observer import Observers
 from ccr_host.run.options import RigOptions
 from ccr_host.run.rig import open_rig
+
+pytestmark = pytest.mark.long
 
 OPTIONS = RigOptions()
 KEYS = ((UP, DOWN), (RIGHT, LEFT))

@@ -56,6 +56,7 @@ def test_an_unusable_description_is_a_failure_of_usage(tmp_path, override) -> No
     assert exit_status(findings.values()) == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("override", "subject"),
     [
@@ -72,6 +73,7 @@ def test_a_poor_camera_is_warned_of_with_a_remedy(tmp_path, override, subject) -
     assert found.remedy
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("segment", [0, 1])
 @pytest.mark.parametrize("factor", [0.73, 1.2])
 def test_a_segment_of_another_length_than_described_is_warned_of(tmp_path, segment, factor) -> None:

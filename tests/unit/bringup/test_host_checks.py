@@ -17,6 +17,7 @@ def test_the_doctor_looks_for_all_extras_of_users_and_for_no_other() -> None:
     assert EXTRAS.keys() == PROJECT["optional-dependencies"].keys() - FOR_DEVELOPERS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("extra", "module"), EXTRAS.items())
 def test_an_extra_is_known_by_a_package_that_it_brings(extra: str, module: str) -> None:
     required = PROJECT["optional-dependencies"][extra]

@@ -35,6 +35,7 @@ FOUND = ServoFit(
 )
 
 
+@pytest.mark.long
 def test_servos_mounted_askew_are_found_within_the_stated_deviation() -> None:
     description = ASKEW.description()
     with open_rig(ASKEW, description, Observers()) as rig:
@@ -65,6 +66,7 @@ def modelled(start_deg: tuple[float, float]) -> Rests:
     return replace(rests, tip_mm=predicted_mm(parameters, rests))
 
 
+@pytest.mark.long
 def test_it_counts_where_the_robot_came_from() -> None:
     fit = fit_servos(modelled((-60.0, -60.0)), Robot(), registered=True)
     # Taken to have come from 0 the model misses by 0.33 mm RMS, and motor 1 by 1.4 deg.
@@ -72,6 +74,7 @@ def test_it_counts_where_the_robot_came_from() -> None:
     np.testing.assert_allclose(np.degrees(fit.neutral_rad), 0.0, atol=0.3)
 
 
+@pytest.mark.long
 def test_rests_that_no_such_robot_has_are_refused() -> None:
     rests = modelled((0.0, 0.0))
     shuffled = replace(rests, tip_mm=np.random.default_rng(1).permutation(rests.tip_mm))

@@ -63,6 +63,7 @@ def test_a_registration_can_be_read_back(tmp_path) -> None:
     assert registration.date == "2025-03-01"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-32"])
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 @pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS)

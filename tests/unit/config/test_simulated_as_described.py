@@ -51,9 +51,10 @@ def test_what_is_set_wins_even_if_it_is_the_default(key: str) -> None:
     assert value(description, f"{section}.{name}") == usual
 
 
-@pytest.mark.parametrize("key", OWN)
-def test_a_robot_of_other_measures_is_followed_without_hardware(key: str) -> None:
-    result = execute_quietly(RunOptions(path="8shape", overrides=(f"{key}={OWN[key]}",)))
+@pytest.mark.long
+def test_a_robot_of_other_measures_is_followed_without_hardware() -> None:
+    overrides = tuple(f"{key}={value}" for key, value in OWN.items())
+    result = execute_quietly(RunOptions(path="8shape", overrides=overrides))
     errors_mm = true_errors_mm(result.records)
     assert errors_mm is not None
     assert np.linalg.norm(errors_mm, axis=1).mean() < 1.5

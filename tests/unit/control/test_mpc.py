@@ -94,6 +94,7 @@ def test_prediction_starts_with_the_end_of_the_commanded_period():
     assert command.predicted_mm[0] == pytest.approx(linear, abs=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("limit_deg", [3.0, 10.0, 40.0])
 def test_commands_stay_within_motor_limits_that_the_path_exceeds(limit_deg):
     tight = config.load(
@@ -117,6 +118,7 @@ def test_increments_stay_within_the_step_bound():
     assert steps.max() >= 0.05 - 1e-5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate_hz", [5.0, 20.0])
 @pytest.mark.parametrize("horizon", [2, 10])
 def test_other_rates_and_horizons_follow_too(rate_hz, horizon):
@@ -175,6 +177,7 @@ def test_unusable_measurement_holds_the_last_command_and_recovers(tip):
         q_rad = command.q_rad
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scale_mm", [1e3, 1e6, 1e12])
 def test_wild_but_finite_measurements_never_leave_the_limits(scale_mm):
     rng = np.random.default_rng(1)

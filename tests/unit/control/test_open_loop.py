@@ -43,6 +43,7 @@ def test_increments_are_those_of_algorithm_2(name):
         )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "within_mm"), [("ellipse", 1.4), ("8shape", 0.7), ("star", 3.0)])
 def test_model_stays_near_the_path_and_nearer_at_a_higher_rate(name, within_mm):
     """Linearisation at one step a second is the price of Algorithm 2."""
@@ -71,7 +72,7 @@ def test_direction_that_no_motor_can_move_is_dropped():
     # Long second segment, short first: J is nearly singular with both segments rolled up.
     odd = config.load(
         overrides=[
-            "robot.segment_lengths_mm=[1.0, 200.0]",
+            "robot.segment_lengths_mm=[5.0, 1000.0]",
             "robot.marker_offset_mm=0",
             "servo.angle_min_deg=-130",
             "servo.angle_max_deg=130",

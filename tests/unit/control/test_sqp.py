@@ -16,7 +16,7 @@ from ccr_host.robot.workspace import MotorLimits
 LIMITS = MotorLimits.of(Description().servo)
 LOWER, UPPER = LIMITS.lower_rad, LIMITS.upper_rad
 STEP_RAD = Description().control.step_bound_rad
-STEPS = 200
+STEPS = 50
 
 
 def minimum_by_scipy(witness, step, start):
@@ -38,6 +38,7 @@ def minimum_by_scipy(witness, step, start):
     return result.fun * scale
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("horizon", [4, 10])
 def test_cost_is_the_minimum_that_ipopt_and_scipy_find(horizon, witness, random_steps, bounds):
     live = horizon - 1
@@ -57,6 +58,7 @@ def test_cost_is_the_minimum_that_ipopt_and_scipy_find(horizon, witness, random_
     assert same >= 0.9 * STEPS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("horizon", [4, 10])
 def test_no_peer_improves_on_the_solution_when_started_there(
     horizon, witness, random_steps, bounds

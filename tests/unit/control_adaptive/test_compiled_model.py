@@ -34,6 +34,7 @@ def _drawn(seed):
     return rng, p if seed % 2 else p._replace(friction_1=0.0)
 
 
+@pytest.mark.long
 @same
 @given(seed=seeds)
 def test_both_models_move_alike(compiled, seed):
@@ -61,6 +62,7 @@ def test_both_models_have_the_same_slopes(compiled, seed):
     assert again.theta_rad == pytest.approx(plain.theta_rad, abs=1e-6)
 
 
+@pytest.mark.long
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
 def test_both_models_predict_the_same_rests(compiled, seed):

@@ -44,6 +44,7 @@ def test_without_any_measurement_it_still_approaches_and_follows():
     assert LIMITS.clip(command.q_rad) == pytest.approx(command.q_rad)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tip", [np.full(3, np.nan), np.full(3, 1e6), np.zeros(3)])
 def test_senseless_measurements_never_lead_outside_the_limits_or_beyond_the_slew(tip):
     controller = AdaptiveStatics(DESCRIPTION)
@@ -59,6 +60,7 @@ def test_senseless_measurements_never_lead_outside_the_limits_or_beyond_the_slew
         q_rad, time_us = command.q_rad, time_us + 50_000
 
 
+@pytest.mark.long
 def test_a_robot_as_believed_is_led_along_the_path():
     """The twin's own statics would do the same; here the prior model plays the robot."""
     controller = AdaptiveStatics(DESCRIPTION)

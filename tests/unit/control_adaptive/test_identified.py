@@ -67,6 +67,7 @@ def _end_of_approach(controller):
     return controller.step(Observation(0, time_us, None, 0, q_rad)), time_us
 
 
+@pytest.mark.long
 def test_an_identified_robot_is_known_without_a_tour():
     controller = AdaptiveStatics(_identified())
     model, limits = ConstantCurvature(BELIEVED.robot), MotorLimits.of(BELIEVED.servo)

@@ -49,12 +49,14 @@ def _tips_elsewhere(p):
     return np.array(tips)
 
 
+@pytest.mark.long
 def test_the_tour_tells_all_parameters_well_enough_to_predict_other_taut_poses():
     truth = _believable(1)
     found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.15), 0.15).finish().score)
     assert _tips_elsewhere(found) == pytest.approx(_tips_elsewhere(truth), abs=0.5)
 
 
+@pytest.mark.long
 def test_the_tour_tells_play_from_friction():
     truth = PRIOR._replace(play_rad=0.008, friction_1=0.22)
     found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.3), 0.3).finish().score)
@@ -62,6 +64,7 @@ def test_the_tour_tells_play_from_friction():
     assert found.friction_1 == pytest.approx(0.22, abs=0.06)
 
 
+@pytest.mark.long
 def test_a_wild_rest_does_not_spoil_the_fit():
     rests = _tour_of(PRIOR)
     rests.tip_mm[7] += 30.0
@@ -69,6 +72,7 @@ def test_a_wild_rest_does_not_spoil_the_fit():
     assert np.median(np.linalg.norm(predicted_mm(found, rests) - rests.tip_mm, axis=1)) < 0.3
 
 
+@pytest.mark.long
 def test_each_step_of_the_fit_leaves_less():
     fit, left_mm = StaticsFit(SCALING, _tour_of(_believable(3)), 0.3), []
     while fit.improve():

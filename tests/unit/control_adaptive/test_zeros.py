@@ -29,12 +29,14 @@ def error_mm(path: str, *overrides: str) -> float:
     return float(np.linalg.norm(errors_mm, axis=1).mean())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", ["ellipse", "8shape", "star"])
 @pytest.mark.parametrize("wrong", [OFF, UNEQUAL])
 def test_under_a_registered_camera_zeros_cost_little(path: str, wrong: str) -> None:
     assert error_mm(path, *REGISTERED, wrong) < 1.15 * error_mm(path, *REGISTERED)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", ["ellipse", "8shape", "star"])
 def test_under_a_camera_that_was_never_registered_too(path: str) -> None:
     assert error_mm(path, OFF) < 1.15 * error_mm(path)

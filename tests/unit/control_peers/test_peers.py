@@ -35,6 +35,7 @@ observations = st.tuples(
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", PEERS)
 @given(seen=st.lists(observations, min_size=1, max_size=12), is_slow=st.booleans())
 @settings(max_examples=40, deadline=None)
@@ -56,6 +57,7 @@ def test_commands_stay_finite_within_limits_and_slew_whatever_is_observed(name, 
         last_rad = command.q_rad
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", PEERS)
 @pytest.mark.parametrize("rate_hz", [1.0, 5.0, 20.0])
 def test_on_a_robot_that_turns_a_tenth_less_than_believed_feedback_halves_the_error(name, rate_hz):
@@ -87,6 +89,7 @@ def test_the_approach_ends_at_the_first_point_however_far_the_robot_sags(name):
     assert np.linalg.norm(last.tip_mm - reference.target_mm[0]) < 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", PEERS)
 def test_a_tip_held_fast_winds_nothing_up(name):
     reference = reference_of("8shape", 20.0)
@@ -98,6 +101,7 @@ def test_a_tip_held_fast_winds_nothing_up(name):
     assert np.linalg.norm(last.tip_mm - reference.target_mm[299]) < 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", PEERS)
 def test_without_markers_it_coasts_along_the_path(name):
     reference = reference_of("8shape", 20.0)

@@ -108,6 +108,7 @@ class Watched:
         return self.board.report()
 
 
+@pytest.mark.long
 @settings(max_examples=150)
 @given(data=st.lists(st.binary(max_size=80), max_size=20), gap_us=st.integers(0, 50_000))
 def test_random_bytes_never_break_the_board_or_move_a_servo(data, gap_us):
@@ -141,6 +142,7 @@ def test_every_frame_is_answered_once_whatever_it_carries(frames):
         assert board.pulses_half_us == (0, 0)
 
 
+@pytest.mark.long
 @settings(max_examples=300)
 @given(
     start=st.tuples(*(st.integers(-13500, 13500),) * 2),

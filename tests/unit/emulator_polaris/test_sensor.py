@@ -42,6 +42,7 @@ def test_quaternion_of_the_placement_agrees_with_scipy():
     assert (Rotation.from_quat((x, y, z, w)) * expected.inv()).magnitude() < 1e-12
 
 
+@pytest.mark.long
 def test_noise_is_the_rms_length_of_the_error_of_the_tip():
     device, errors = sensor(noise_mm=0.4), []
     truth = MARKERS_MM[2] - MARKERS_MM[0]
@@ -73,6 +74,7 @@ def test_frozen_exposures_repeat_the_last_frame():
     assert np.mean(np.diff(counts) == 0) == pytest.approx(0.3, abs=0.03)
 
 
+@pytest.mark.long
 def test_exposures_are_at_20_hz_without_drift():
     device = sensor()
     for _ in range(6000):

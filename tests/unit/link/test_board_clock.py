@@ -50,6 +50,7 @@ def delays(rng: np.random.Generator) -> Iterator[tuple[int, int]]:
         yield int(there * (100 if slow[0] else 1)), int(back * (100 if slow[1] else 1))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("drift", [100e-6, -100e-6, 0.005])
 def test_offset_stays_right_through_a_day_of_a_crystal_that_is_off(drift):
     clock, crystal = BoardClock(), Crystal(drift)

@@ -283,6 +283,7 @@ def test_a_stalled_host_cannot_end_its_run_as_if_nothing_had_been(rig, config):
 # Noise
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("kind", ["drop", "duplicate", "flip"])
 def test_noisy_line_costs_retries_but_no_run(rig, config, kind, seed):

@@ -31,16 +31,19 @@ def test_the_committed_files_are_current() -> None:
     assert generate.stale_files(files, ROOT) == []
 
 
+@pytest.mark.long
 def test_two_runs_give_the_same_bytes(tree: Tree) -> None:
     first = generate.derived_files(from_tree(copy.deepcopy(tree)))
     assert generate.derived_files(from_tree(tree)) == first
 
 
+@pytest.mark.long
 def test_check_passes_on_what_was_just_written(written, capsys) -> None:
     assert generate.main(["--check", "--root", str(written)]) == 0
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.long
 def test_check_names_each_stale_file_and_writes_nothing(written, capsys) -> None:
     edited = written / "protocol/reference.md"
     edited.write_text("by hand")

@@ -44,6 +44,7 @@ def payloads(cls: type[Payload], *, in_range: bool) -> st.SearchStrategy[Any]:
     return st.builds(cls, **values)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cls", ALL)
 @given(data=st.data())
 def test_unpacking_what_was_packed_gives_the_same_payload(cls, data) -> None:
@@ -53,12 +54,14 @@ def test_unpacking_what_was_packed_gives_the_same_payload(cls, data) -> None:
     assert cls.unpack(packed) == payload
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cls", ALL)
 @given(data=st.data())
 def test_values_in_their_ranges_are_not_out_of_range(cls, data) -> None:
     assert data.draw(payloads(cls, in_range=True)).first_out_of_range() is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cls", ALL)
 @given(content=st.binary(max_size=64))
 def test_any_bytes_are_unpacked_or_refused_with_a_payload_error(cls, content: bytes) -> None:
@@ -70,6 +73,7 @@ def test_any_bytes_are_unpacked_or_refused_with_a_payload_error(cls, content: by
         assert payload.pack() == content
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cls", ALL)
 @given(data=st.data())
 def test_bytes_of_the_right_length_are_unpacked_or_have_an_undefined_value(cls, data) -> None:

@@ -404,6 +404,7 @@ def test_a_contradiction_is_told_with_its_place(tree: Tree, edit: Edit, expected
     assert all("\n" not in line for line in lines)
 
 
+@pytest.mark.long
 def test_every_rule_has_an_edit_that_breaks_it() -> None:
     """A rule that no edit reaches would be a rule without a test."""
     for module, edits, mark in (

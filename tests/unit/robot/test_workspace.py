@@ -37,6 +37,7 @@ def least_distance_on_grid(model, limits, points, per_axis=181):
     return np.array([np.hypot(*(reached - point).T).min() for point in points])
 
 
+@pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(
     geometry=geometries,
@@ -55,6 +56,7 @@ def test_no_configuration_within_the_limits_is_nearer(geometry, limit_deg, seed)
     assert found.distance_mm == pytest.approx(claimed, abs=1e-9 * reach)
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(first=finite, second=finite)
 def test_any_finite_point_gets_a_configuration_within_the_limits(first, second):
@@ -64,6 +66,7 @@ def test_any_finite_point_gets_a_configuration_within_the_limits(first, second):
     assert found.distance_mm[0] >= 0.0
 
 
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(
     geometry=geometries,
@@ -90,6 +93,7 @@ def test_inside_the_workspace_it_inverts_the_model(first, second):
     assert found.distance_mm[0] < 1e-10
 
 
+@pytest.mark.long
 @settings(max_examples=20, deadline=None)
 @given(
     radii=st.tuples(st.floats(5, 60), st.floats(5, 80)),

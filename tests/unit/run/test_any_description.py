@@ -47,6 +47,7 @@ def assert_run_or_refused(path: str, controller: str, sets: list[str]) -> None:
         assert isinstance(result.failure, CcrError)
 
 
+@pytest.mark.long
 @given(
     st.sampled_from(["open-loop", "mpc", "pid-ik"]),
     st.lists(st.sampled_from(QUICK), min_size=1, max_size=3, unique=True).flatmap(
@@ -73,6 +74,7 @@ def test_every_key_at_its_bounds(path: str, key: str, end: str, controller: str)
     assert_run_or_refused(path, controller, overrides(chosen))
 
 
+@pytest.mark.long
 def test_a_marker_on_the_backbone_is_a_robot_too(path: str) -> None:
     options = RunOptions(path=path, overrides=("robot.marker_offset_mm=0",))
     assert execute_quietly(options).failure is None

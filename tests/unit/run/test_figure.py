@@ -51,6 +51,7 @@ def legend_of(*runs: PlottedRun) -> list[str]:
     return [text.get_text() for text in run_figure(runs).legends[0].get_texts()]
 
 
+@pytest.mark.long
 def test_every_figure_is_kept_as_png_pdf_and_svg(tmp_path: Path, run: PlottedRun) -> None:
     write_run_figure(tmp_path / "run.png", [run])
     write_comparison_figure(tmp_path / "compare.png", [[run], [run]])
@@ -61,6 +62,7 @@ def test_every_figure_is_kept_as_png_pdf_and_svg(tmp_path: Path, run: PlottedRun
         assert "<svg" in (tmp_path / f"{name}.svg").read_text()
 
 
+@pytest.mark.long
 def test_the_same_run_gives_the_same_files(tmp_path: Path, run: PlottedRun) -> None:
     for name in ("a.png", "b.png"):
         write_run_figure(tmp_path / name, [run])
@@ -146,6 +148,7 @@ def test_the_papers_means_stand_beside_its_own_experiment_alone(run: PlottedRun)
         assert not any("paper" in text for text in legend_of(replace(run, options=other)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["cost $5 $x", "_private", "two\nlines", "x" * 250, "\udce9t\udce9", "経路"]
 )
@@ -160,6 +163,7 @@ def test_a_name_from_outside_is_shown_as_it_is(tmp_path: Path, run: PlottedRun, 
     assert len(legend_of(named)) == 4
 
 
+@pytest.mark.long
 def test_one_step_alone_can_be_drawn(tmp_path: Path, run: PlottedRun) -> None:
     one = replace(run.reference, **{
         name: getattr(run.reference, name)[:1]

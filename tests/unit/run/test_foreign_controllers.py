@@ -79,6 +79,7 @@ def dawdle(command: Command) -> Command:
     return command
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("call", [("start", 0), ("approach", 2), ("step", 0), ("step", 4)])
 def test_a_controller_may_take_its_time_wherever_it_likes_and_the_board_is_fed(
     run, tmp_path, call
@@ -118,6 +119,7 @@ UNUSABLE = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("realtime", [False, True])
 @pytest.mark.parametrize("call", [("start", 0), ("approach", 2), ("step", 0), ("step", 7)])
 def test_a_controller_that_raises_ends_the_run_disarmed_with_log_and_traceback(
@@ -145,6 +147,7 @@ def test_nothing_that_a_controller_raises_gets_past_the_loop(run, error) -> None
     assert isinstance(run({("step", 3): raising(error)}).failure, CodeError)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["start", "step"])
 @pytest.mark.parametrize("deed", UNUSABLE.values(), ids=UNUSABLE)
 def test_an_answer_that_is_no_command_ends_the_run_disarmed(run, deed, method) -> None:

@@ -51,6 +51,7 @@ def fail(answer):
     raise ZeroDivisionError("my exposure")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("method", "deed", "told"),
     [

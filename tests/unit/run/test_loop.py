@@ -165,6 +165,7 @@ def test_exchanged_markers_are_named_before_the_robot_is_armed(rig: Rig, order) 
     assert rig.clock.now_us() < 3_000_000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("period_s", [1.0, 0.05])
 @pytest.mark.parametrize("order", EXCHANGES)
 def test_markers_exchanged_in_mid_run_end_it_before_anybody_steers_by_them(
@@ -210,6 +211,7 @@ def test_whatever_ends_a_run_the_robot_is_disarmed_at_the_pins() -> None:
     assert report.pulse_half_us == (0, 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("period_s", [3.0, 30.0])
 def test_targets_stay_fresh_between_slow_steps(rig: Rig, period_s: float) -> None:
     states = set()

@@ -140,6 +140,7 @@ def turns(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return seen_us
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rate_hz", "overrides"),
     [

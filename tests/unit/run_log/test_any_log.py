@@ -68,6 +68,7 @@ def mutated(value, draw):
     return changed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(20))
 def test_messages_of_wrong_content(recording, tmp_path, seed):
     draw = random.Random(seed)
@@ -85,6 +86,7 @@ def test_messages_of_wrong_content(recording, tmp_path, seed):
     read_by_all(tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(20))
 def test_bytes_changed_lost_and_added(log_file, tmp_path, seed):
     draw = random.Random(seed)
@@ -102,6 +104,7 @@ def test_bytes_changed_lost_and_added(log_file, tmp_path, seed):
     read_by_all(tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_a_report_needs_no_summary_that_makes_sense(recording, tmp_path, seed):
     draw = random.Random(seed)

@@ -29,6 +29,7 @@ def rows_of(folder, form, name):
             return pq.read_table(path).to_pylist()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", list(Format))
 def test_every_message_has_a_row_with_every_column(recording, tmp_path, form):
     written = export(recording, form, tmp_path)

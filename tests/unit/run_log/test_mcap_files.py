@@ -62,6 +62,7 @@ def test_sequence_numbers_show_that_nothing_is_missing(log_file):
         assert numbers == list(range(1, len(numbers) + 1))
 
 
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(share=st.floats(0, 1))
 def test_a_file_cut_anywhere_gives_all_chunks_that_are_whole(recording, tmp_path_factory, share):
@@ -103,6 +104,7 @@ def record_starts(data: bytes) -> list[int]:
     return [*starts, at]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("is_finished", [True, False])
 def test_a_damaged_byte_costs_no_more_than_its_chunk(log_file, tmp_path, is_finished):
     data = log_file.read_bytes()
@@ -171,6 +173,7 @@ def chunk(content: bytes, size: int, compressed: int) -> bytes:
     return struct.pack("<BQ", 6, len(head) + len(content)) + head + content
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "content",
     [

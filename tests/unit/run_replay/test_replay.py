@@ -63,6 +63,7 @@ def assert_equal(folder, steps):
     assert result.steps == steps
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("controller", ["mpc", "open-loop", "adaptive"])
 def test_a_run_in_virtual_time_repeats_byte_for_byte(folder, short_path, controller):
     result = run(folder, short_path, controller=controller)
@@ -70,6 +71,7 @@ def test_a_run_in_virtual_time_repeats_byte_for_byte(folder, short_path, control
     assert_equal(folder, steps=4)
 
 
+@pytest.mark.long
 def test_laps_repeat_byte_for_byte(folder, tmp_path):
     file = tmp_path / "loop.csv"
     file.write_text("t_s,y_mm,z_mm\n0,0,50\n2,4,50\n4,4,46\n6,0,46\n8,0,50\n")
@@ -79,12 +81,14 @@ def test_laps_repeat_byte_for_byte(folder, tmp_path):
     assert_equal(folder, steps=24)
 
 
+@pytest.mark.long
 def test_a_run_in_real_time_repeats_byte_for_byte(folder, short_path):
     result = run(folder, short_path, *QUICK, realtime=True, rate_hz=10.0)
     assert result.failure is None
     assert_equal(folder, steps=31)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "overrides", [("tracker.dropout=0.9",), ("tracker.rotation_deg=3", "twin.friction=0.2")]
 )
@@ -93,6 +97,7 @@ def test_so_does_one_with_a_poor_camera_or_robot(folder, short_path, overrides):
     assert_equal(folder, steps=31)
 
 
+@pytest.mark.long
 def test_so_does_one_through_the_polaris_emulator_and_its_frames_are_logged(folder, short_path):
     result = run(folder, short_path, tracker="ndi-emulator:", rate_hz=5.0)
     assert result.failure is None
@@ -127,6 +132,7 @@ def interrupt(line):
     raise KeyboardInterrupt
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("trouble", "realtime"),
     [(inject_fault, False), (unplug, False), (interrupt, False), (interrupt, True)],
@@ -166,6 +172,7 @@ def test_so_does_one_over_a_noisy_line(folder, short_path, lines):
     assert_equal(folder, steps=len(result.records))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("buttons", [Buttons(pause_at=10), Buttons(stop_at=20)])
 def test_so_does_one_with_an_operator_at_its_buttons(folder, short_path, buttons):
     result = run(folder, short_path, rate_hz=10.0, on_step=buttons.on_step, operator=buttons)

@@ -10,6 +10,7 @@ from ccr_host.run.sweep.job import LOST_MM, run_job
 from ccr_host.run.sweep.plan import SweepPlan
 
 
+@pytest.mark.long
 def test_a_row_tells_what_the_same_run_alone_tells(plan):
     (job,) = plan.jobs([0], [(2.0, "mpc")])
     (row,) = run_job(job)
@@ -19,6 +20,7 @@ def test_a_row_tells_what_the_same_run_alone_tells(plan):
     assert row["ratio"] == row["true_mean_error_mm"] / row["twin_floor_mean_error_mm"]
 
 
+@pytest.mark.long
 def test_where_the_time_went_adds_up(plan):
     (job,) = plan.jobs([0], [(2.0, "mpc")])
     (row,) = run_job(job)
@@ -27,6 +29,7 @@ def test_where_the_time_went_adds_up(plan):
     assert sum(parts.values()) == pytest.approx(row["cpu_s"])
 
 
+@pytest.mark.long
 def test_timing_ends_with_the_run(plan):
     (job,) = plan.jobs([0], [(2.0, "open-loop")])
     options = job.options((2.0, "open-loop"))
@@ -37,6 +40,7 @@ def test_timing_ends_with_the_run(plan):
     assert spent.parts == before
 
 
+@pytest.mark.long
 def test_a_run_that_ends_far_from_its_path_has_diverged(short_path, narrow):
     away = {"tracker.rotation_deg": [0.0, 120.0, 0.0]}
     plan = SweepPlan(1, (short_path,), overrides=narrow, twins=({}, away))
@@ -46,6 +50,7 @@ def test_a_run_that_ends_far_from_its_path_has_diverged(short_path, narrow):
     assert lost["diverged"]
 
 
+@pytest.mark.long
 def test_a_run_that_a_fault_ends_says_so_and_the_others_go_on(short_path, narrow):
     blind = {"tracker.latency_ms": 1000.0}
     plan = SweepPlan(1, (short_path,), overrides=narrow, twins=(blind,))
@@ -66,6 +71,7 @@ def test_a_twin_that_has_no_static_map_is_run_without_floor(plan, monkeypatch):
     assert np.isfinite(row["true_mean_error_mm"])
 
 
+@pytest.mark.long
 def test_a_twin_that_cannot_be_simulated_is_a_row_and_the_others_go_on(short_path):
     stiff = {"twin.bending_stiffness_nm_rad": [100.0, 100.0]}
     plan = SweepPlan(1, (short_path,), twins=(stiff, {}))

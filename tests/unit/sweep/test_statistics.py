@@ -34,6 +34,7 @@ def test_runs_without_figures_are_the_worst(row):
     assert [r["index"] for r in ordered] == [1, 2, 0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ratio", [None, 1.5])
 def test_the_figure_is_drawn_whatever_is_there(tmp_path, row, ratio):
     write_sweep_figure(tmp_path / "figure.png", [row(0, ratio=ratio)])
@@ -42,6 +43,7 @@ def test_the_figure_is_drawn_whatever_is_there(tmp_path, row, ratio):
     assert "<svg" in (tmp_path / "figure.svg").read_text()
 
 
+@pytest.mark.long
 def test_the_figure_has_the_controllers_own_colours(tmp_path, row):
     write_sweep_figure(tmp_path / "figure.png", [row(0), row(0, controller="adaptive")])
     drawn = (tmp_path / "figure.svg").read_text()

@@ -12,6 +12,7 @@ from ccr_host.run.sweep.store import SweepFolder
 DRIVES = [(2.0, "open-loop"), (4.0, "open-loop")]
 
 
+@pytest.mark.long
 def test_every_figure_of_a_run_has_its_column_and_comes_back_as_it_was(tmp_path, plan):
     store = SweepFolder(tmp_path, plan)
     (job,) = plan.jobs([1], DRIVES)

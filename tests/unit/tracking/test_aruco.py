@@ -66,6 +66,7 @@ def detector():
     return TagDetector(CameraModel(MATRIX, DISTORTION), ArucoSettings(TAG_MM))
 
 
+@pytest.mark.long
 def test_two_tags_are_found_where_they_are(scene, detector):
     poses = detector.poses(scene)
     assert set(poses) == {"M1", "M3"}
@@ -88,6 +89,7 @@ def test_tags_nobody_asked_for_and_empty_images_give_nothing(detector):
     assert detector.poses(np.full(SIZE, 128, np.uint8)) == {}
 
 
+@pytest.mark.long
 def test_tag_that_appears_twice_counts_as_not_seen(detector):
     image = render({0: BASE, 1: TIP})
     image = np.maximum(np.roll(image, (0, 450), axis=(0, 1)) * 0, image)

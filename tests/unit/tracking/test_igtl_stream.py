@@ -127,6 +127,7 @@ def test_nobody_there_is_told_at_once():
         igtl_opener("127.0.0.1", port)()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [*FOREIGN, "hangs"])
 def test_foreign_server_is_one_clear_error(kind, capfd):
     with foreign_server(kind) as port:

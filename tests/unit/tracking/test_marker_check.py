@@ -97,6 +97,7 @@ def test_a_lost_marker_and_a_camera_that_is_moved_are_no_exchange(at_rest) -> No
         assert check.accepts(Sample(frame * FRAME_US, markers_mm))
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_no_random_twin_is_refused_in_any_pose_and_exchanges_are_found_at_rest(seed) -> None:

@@ -1,7 +1,5 @@
 """Tracker URIs."""
 
-from pathlib import Path
-
 import pytest
 
 from ccr_host.errors import ConfigError
@@ -80,11 +78,11 @@ def test_missing_package_gives_the_line_that_installs_it(text, line, monkeypatch
         raise ImportError(name)
 
     monkeypatch.setattr(optional.importlib, "import_module", missing)
+    camera_file = tmp_path / "camera.yaml"
+    camera_file.write_text(
+        "camera_matrix:\n  data: [600, 0, 320, 0, 600, 240, 0, 0, 1]\n"
+        "distortion_coefficients:\n  data: [0, 0, 0, 0, 0]\n"
+    )
     with pytest.raises(ConfigError, match="not installed") as refusal:
-        open_tracker(
-            parse_tracker_uri(text),
-            latency_us=0,
-            camera_file=Path(tmp_path / "camera.yaml"),
-            tag_size_mm=20,
-        )
+        open_tracker(parse_tracker_uri(text), latency_us=0, camera_file=camera_file, tag_size_mm=20)
     assert line in refusal.value.cure

@@ -118,6 +118,7 @@ def test_a_cache_that_cannot_be_written_is_done_without(tmp_path):
     assert np.isfinite(found.tip_mm).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("key", Twin.model_fields)
 def test_twins_that_share_a_kept_map_rest_alike(tmp_path, key):
     lower, upper = np.array([0.0, 0.0]), np.array([30.0, 30.0])

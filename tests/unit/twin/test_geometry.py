@@ -45,6 +45,7 @@ def test_positive_second_angle_moves_the_tip_towards_plus_x(tip):
     assert z == pytest.approx(0, abs=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("angles_deg", [(20, 0), (0, 20), (15, -25), (-20, 30)])
 def test_tip_approaches_10_with_more_flexures(posed, angles_deg):
     coarse = deviation_mm(posed(*angles_deg, **IDEAL, flexures=(6, 5)))

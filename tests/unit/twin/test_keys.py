@@ -35,6 +35,7 @@ CHANGED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("key", Twin.model_fields)
 def test_no_key_is_without_effect(pulses_half_us, key):
     def swing_mm(twin: Twin):
@@ -160,6 +161,7 @@ def test_segment_lengths_make_the_robot_longer(tip):
     )
 
 
+@pytest.mark.long
 def test_stuck_tendons_leave_the_tip_on_either_side(posed, pulses_half_us):
     def gap_mm(friction: float) -> float:
         robot = posed(friction=friction)
@@ -241,6 +243,7 @@ def test_time_step_hardly_moves_the_motion(pulses_half_us):
     assert not np.array_equal(swing_mm(0.5), swing_mm(0.1))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "keys",
     [

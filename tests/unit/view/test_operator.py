@@ -70,6 +70,7 @@ def run(options: RunOptions, witness: Witness) -> RunResult:
     return execute(options, witness, lambda *_: None, witness)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "stop_while",
     ["looking for the markers", "arming", "approaching the first point", "following the path",
@@ -93,6 +94,7 @@ def test_a_stopped_run_keeps_the_steps_that_it_has_made(options: RunOptions) -> 
     assert [record.step for record in result.records] == [0, 1, 2]
 
 
+@pytest.mark.long
 def test_a_pause_in_virtual_time_changes_nothing_of_the_path(options: RunOptions) -> None:
     free, paused = Witness(), Witness()
     run(options, free)

@@ -30,6 +30,7 @@ def meeting_in_corners(rng, n, scale):
     return -upper, upper
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bounds", [loose, even, starting_on_bounds, meeting_in_corners])
 def test_minimiser_is_that_of_daqp_within_its_tolerance(bounds):
     rng = np.random.default_rng(1)

@@ -12,6 +12,7 @@ ALL = ("M1", "M2", "M3")
 PROVEN = 12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("view", ["camera", "unregistered_camera"])
 def test_three_markers_at_rest_are_told_apart_within_a_second(view, rest, rest_q, request):
     found = request.getfixturevalue(view).show_again(rest, PROVEN, q_rad=rest_q)

@@ -13,6 +13,7 @@ def label(motion, hostility, seed, **keys) -> Score:
     return score
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kinds", ["unm", "n"])
 def test_no_swap_and_no_false_tip_with_a_fifth_hidden_and_phantoms_nearby(slow_motion, kinds):
     score = label(slow_motion, Hostility(kinds=kinds), seed=11)
@@ -20,24 +21,28 @@ def test_no_swap_and_no_false_tip_with_a_fifth_hidden_and_phantoms_nearby(slow_m
     assert score.tips > 0.8 * score.visible
 
 
+@pytest.mark.long
 def test_no_swap_and_no_false_tip_while_the_robot_jumps_and_rings(jerky_motion):
     score = label(jerky_motion, HOSTILE, seed=12)
     assert (score.swaps, score.false_tips) == (0, 0)
     assert score.tips > 0.35 * score.visible
 
 
+@pytest.mark.long
 def test_a_clear_view_of_a_robot_that_has_settled_gives_nearly_every_tip(slow_motion):
     settled = Motion(slow_motion.q_rad[80:], slow_motion.markers_mm[80:])
     score = label(settled, Hostility(occlusion=0.0, phantoms=0), seed=13)
     assert score.tips > 0.97 * score.frames
 
 
+@pytest.mark.long
 def test_before_registration_labels_are_right_too_only_fewer(slow_motion):
     score = label(slow_motion, HOSTILE, seed=14, registered=False)
     assert (score.swaps, score.false_tips) == (0, 0)
     assert score.tips > 0.03 * score.visible
 
 
+@pytest.mark.long
 def test_phantoms_that_come_after_a_long_clear_view_give_no_false_tip(jerky_motion):
     """A clear view makes the identifier bold; the first phantoms must not profit from it."""
     score = Score()

@@ -209,6 +209,7 @@ def test_device_reset_in_mid_run_is_started_anew(bench):
     assert run.tracker.health.reconnections >= 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("baud", [9600, 19_200, 57_600, 115_200, 230_400, 921_600, 1_228_739])
 @pytest.mark.parametrize("has_break", [True, False])
 def test_device_left_tracking_at_another_rate_is_recovered(bench, baud, has_break):
@@ -247,6 +248,7 @@ def test_camera_that_refuses_a_faster_rate_is_tracked_at_the_slow_one(bench):
     assert max(errors_us) <= 5000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("start_s", [0.0, 6.0])
 @pytest.mark.parametrize("duration_s", [0.06, 3.0])
 def test_frame_numbers_that_jump_cost_a_second_and_are_counted(bench, start_s, duration_s):

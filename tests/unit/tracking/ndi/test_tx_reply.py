@@ -67,6 +67,7 @@ def test_unoccupied_handle_has_neither_status_nor_frame():
     assert (tool.handle, tool.state, tool.frame) == (10, ToolState.UNOCCUPIED, None)
 
 
+@pytest.mark.long
 def test_10000_random_frames_round_trip_exactly():
     rng = np.random.default_rng(1)
     for _ in range(ROUND_TRIPS):
@@ -111,6 +112,7 @@ def damage(line: bytes, rng: np.random.Generator) -> bytes:
     return bytes(data)
 
 
+@pytest.mark.long
 def test_damaged_frames_never_give_a_wrong_marker():
     rng = np.random.default_rng(2)
     refused = 0

@@ -68,6 +68,7 @@ def mean_errors_mm(options: RunOptions, camera_to_robot) -> tuple[float, float]:
     return float(measured), float(true)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot", ["default", "hard", "loose-tendons", "tool-tip"])
 def test_the_shipped_robots_are_registered_to_a_degree(robot):
     found = registered(turned(TURNS["askew"], robot))
@@ -75,6 +76,7 @@ def test_the_shipped_robots_are_registered_to_a_degree(robot):
     assert np.max(np.abs(np.degrees(rotation_vector(error)))) < 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turn", ["half turn", "askew"])
 def test_the_closed_loop_is_as_good_as_with_an_aligned_camera(turn):
     aligned = mean_errors_mm(turned(TURNS["aligned"]), np.eye(3))
@@ -83,6 +85,7 @@ def test_the_closed_loop_is_as_good_as_with_an_aligned_camera(turn):
     np.testing.assert_allclose(corrected, aligned, rtol=0.05)
 
 
+@pytest.mark.long
 def test_a_camera_that_sees_nothing_is_told(monkeypatch):
     options = turned(TURNS["aligned"])
     description = options.description()
@@ -92,6 +95,7 @@ def test_a_camera_that_sees_nothing_is_told(monkeypatch):
             register_robot(rig, description, lambda *_: None)
 
 
+@pytest.mark.long
 def test_servos_with_dead_power_are_noticed():
     options = RunOptions(path="8shape", overrides=("twin.servo_rate_deg_s=0.01",))
     with pytest.raises(RegistrationError, match="swung by"):

@@ -21,6 +21,7 @@ def changed(poses, q=lambda q: q, markers=lambda m: m):
     return [RestPose(q(pose.q_rad), markers(pose.markers_mm)) for pose in poses]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turn", TURNS.values(), ids=TURNS)
 def test_any_turn_of_the_camera_is_found_to_half_a_degree(seen, turn):
     found = register(seen(turn, NOISE_MM), Robot())
@@ -34,6 +35,7 @@ def test_any_turn_of_the_camera_is_found_to_half_a_degree(seen, turn):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "twin",
     [
@@ -61,6 +63,7 @@ def test_a_robot_that_hangs_upside_down_is_found_to_a_degree(seen):
     assert np.all(np.abs(error_deg(found, TURNS["askew"])) < 1.0)
 
 
+@pytest.mark.long
 def test_the_stated_uncertainty_covers_the_errors_made(seen):
     shares = []
     for seed in range(20):
