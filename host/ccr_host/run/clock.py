@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, wait
+from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
 
 T = TypeVar("T")
@@ -86,12 +86,12 @@ class Clock(Protocol):
     def beside(self, work: Callable[[], T], every_us: int, meanwhile: Callable[[], None]) -> T:
         """The result of computing work, while the world goes on however long that takes.
 
-        In virtual time computing takes no time. In real time it is done by another thread; the
-        parts are moved along here, and ``meanwhile`` is called every ``every_us``.
+        In virtual time computing takes no time. In real time another thread steps in when the work
+        takes long: it moves the parts along and calls ``meanwhile`` every ``every_us``.
 
         Raises:
-            BaseException: whatever the work raises, or the parts, or ``meanwhile``; in these two
-                cases the work is left to itself and its result is lost.
+            BaseException: whatever the work raises, or, when that is done, what the parts or
+                ``meanwhile`` have raised; after such an error they are left alone.
         """
 
 
@@ -100,6 +100,8 @@ _SLICE_US = 1000
 virtual time those that foresee their turns get them at multiples of it."""
 _COMPUTING_SLICE_S = 0.02
 """Longer, as the world and the work take turns on one interpreter: a usual step ends before it."""
+_MINDER_STAYS_SLICES = 100
+"""Without work; it is started again when there is some."""
 _IDLE_US = 20_000
 """Short for whoever waits for the end of a pause, and hardly any work."""
 _LONGEST_STEP_US = 20_000
@@ -154,6 +156,9 @@ class RealClock:
     def __init__(self) -> None:
         self._start_ns = _elapsed_ns()
         self._parts = Parts()
+        self._turns = threading.Lock()
+        self._work: _Work | None = None
+        self._is_minded = False
 
     def now_us(self) -> int:
         return (_elapsed_ns() - self._start_ns) // 1000
@@ -174,24 +179,59 @@ class RealClock:
         self._parts.attach(part)
 
     def beside(self, work: Callable[[], T], every_us: int, meanwhile: Callable[[], None]) -> T:
-        result: Future[T] = Future()
-        # A daemon, as a controller that never answers must not keep the program from ending.
-        threading.Thread(target=_compute, args=(work, result), daemon=True).start()
-        due_us = self.now_us() + every_us
-        while not wait([result], _COMPUTING_SLICE_S).done:
-            now_us = self.now_us()
-            self._parts.advance_to(now_us)
-            if now_us >= due_us:
-                meanwhile()
-                due_us = now_us + every_us
-        return result.result()
+        started = _Work(meanwhile, every_us, self.now_us())
+        with self._turns:
+            self._work = started
+            if not self._is_minded:
+                self._is_minded = True
+                threading.Thread(target=self._mind, daemon=True).start()
+        try:
+            result = work()
+        finally:
+            with self._turns:
+                self._work = None
+        if started.error is not None:
+            raise started.error
+        return result
+
+    def _mind(self) -> None:
+        """Let the world go on beside work that takes long.
+
+        Handing each step to a thread instead costs two changes of thread a step: on a busy machine
+        5 % of the steps at 20 Hz were late, against 0.1 % when they are computed in place.
+        """
+        idle_slices = 0
+        while idle_slices < _MINDER_STAYS_SLICES:
+            time.sleep(_COMPUTING_SLICE_S)
+            with self._turns:
+                work, now_us = self._work, self.now_us()
+                idle_slices = idle_slices + 1 if work is None else 0
+                if work is not None and now_us - work.start_us >= _COMPUTING_SLICE_S * 1e6:
+                    work.stand_in(self._parts, now_us)
+                self._is_minded = idle_slices < _MINDER_STAYS_SLICES
 
 
-def _compute(work: Callable[[], T], result: Future[T]) -> None:
-    try:
-        result.set_result(work())
-    except BaseException as error:
-        result.set_exception(error)
+@dataclass
+class _Work:
+    """What is being computed while the world goes on."""
+
+    meanwhile: Callable[[], None]
+    every_us: int
+    start_us: int
+    stood_in_us: int = 0
+    error: BaseException | None = None
+
+    def stand_in(self, parts: Parts, now_us: int) -> None:
+        """Do what whoever computes would do if it were waiting."""
+        if self.error is not None:
+            return
+        try:
+            parts.advance_to(now_us)
+            if now_us - max(self.start_us, self.stood_in_us) >= self.every_us:
+                self.stood_in_us = now_us
+                self.meanwhile()
+        except BaseException as error:
+            self.error = error
 
 
 def _elapsed_ns() -> int:
