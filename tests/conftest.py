@@ -44,6 +44,9 @@ def pytest_configure(config: pytest.Config) -> None:
         without_posix.hide()
     # A shell's background jobs ignore Ctrl-C, and so would all the commands that they start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    # Under nohup, what the tests start would be deaf to it too.
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
     config.addinivalue_line("markers", "requirement(*ids): that the test shows, by spec.toml's ids")
     config.addinivalue_line("markers", "in_step(reason): why it takes a simulator in step with it")
 

@@ -40,11 +40,6 @@ def _both_axes(value: object) -> object:
     return (value, value) if isinstance(value, int | float) else value
 
 
-def _all_tendons(value: object) -> object:
-    """Let one number stand for all four tendons."""
-    return (value,) * 4 if isinstance(value, int | float) else value
-
-
 def _within(low: float, high: float) -> FieldInfo:
     """Bounds of a number; neither a text nor `true` is one."""
     bounds: FieldInfo = Field(ge=low, le=high, strict=True)
@@ -229,9 +224,6 @@ class Push(_Section):
 _Flexures = Annotated[int, _within(1, 40)]
 
 
-_Slack = Annotated[float, _within(0, 100)]
-
-
 class Twin(_Section):
     """The simulated robot; docs/twin.md tells how each default was chosen."""
 
@@ -265,13 +257,8 @@ class Twin(_Section):
     """Mass on the centre of the last disk."""
     payload_start_s: _Seconds = 0.0
     """When the payload is hung on, on the path's clock; 0: it is there from power-up."""
-    slack_mm: Annotated[tuple[_Slack, _Slack, _Slack, _Slack], BeforeValidator(_all_tendons)] = (
-        1.2,
-        1.2,
-        1.2,
-        1.2,
-    )
-    """Excess length at rest of tendons 1 to 4, or one number for all of them."""
+    slack_mm: Annotated[float, _within(0, 100)] = 1.2
+    """Excess length of each tendon at rest."""
     tendon_stiffness_n_m: Annotated[float, _within(10, 1e6)] = 4000.0
     """Pull of a taut tendon over its stretch."""
     tendon_force_max_n: Annotated[float, _within(0.1, 1000)] = 60.0

@@ -50,8 +50,8 @@ def test_a_word_that_makes_no_sense_gets_one_line_with_the_cure(
     [
         ("t_s,y_mm\n0,1\n1,2\n", ["z_mm"]),
         ("t_s,y_mm,z_mm\n0,0,30\n1,nan,31\n", ["3", "y_mm"]),
-        ("t_s,y_mm,z_mm\n0,0,30\n0,1,31\n", ["3", "t_s"]),
-        ("t_s,y_mm,z_mm\n0,0,30\n", ["two rows"]),
+        ("t_s,y_mm,z_mm\n0,0,30\n0,1,31\n", ["3", "time"]),
+        ("t_s,y_mm,z_mm\n0,0,30\n", ["1 row"]),
         ("t_s,y_mm,z_mm\n0,0,thirty\n1,0,30\n", ["thirty"]),
         ("t_s,y_mm,z_mm\n0,0\n1,0,30\n", ["2"]),
         ("", ["empty"]),

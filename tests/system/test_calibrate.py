@@ -111,7 +111,7 @@ def test_an_identified_robot_is_followed_without_a_tour(ccr_host: CcrHost, robot
             content["message"]: content["timestamp"]["sec"] + content["timestamp"]["nsec"] * 1e-9
             for content in logged(ccr_host.folder / out, topics.EVENT)
         }
-        approach_s = noted_s["following the path"] - noted_s["approaching the first point"]
+        approach_s = noted_s["following the path"] - noted_s["arming"]
         return approach_s, summary["true_mean_error_mm"]
 
     tour_s, toured_mm = track("toured")

@@ -24,7 +24,7 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
     Raises:
         TrackerError: no robot of the kind rests there.
     """
-    fit = fit_to(Scaling.of(description), rests)
+    fit = fit_to(Scaling(description.robot), rests)
     if fit is None:
         raise TrackerError(
             f"{len(rests.count)} rests were seen, and no robot as described rests there",

@@ -23,8 +23,6 @@ _RATE_SHARE = 0.9
 _NOISE_FACTOR = 2.0
 _TURN_RAD = np.radians(1.0)
 """A camera that is aligned, or was registered, is turned by no more."""
-_ZERO_RAD = np.radians(1.0)
-"""Servos that were calibrated are set to zero so well."""
 _SURPRISING = 2.0
 """Standard deviations."""
 _PROBE = 1e-4
@@ -140,7 +138,7 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
 
 def _askew_deg(tip_mm: NDArray[np.float64], description: Description) -> tuple[float, float]:
     """Angle to where the robot should rest, and how much of it would be no surprise."""
-    scaling = Scaling(description.robot, _TURN_RAD, _ZERO_RAD)
+    scaling = Scaling(description.robot, _TURN_RAD)
     rest_rad = np.radians(description.servo.rest_deg)
     rests = Rests(rest_rad, rest_rad[None], tip_mm[None], np.ones(1))
     *near_mm, expected_mm = predicted_mm(scaling.perturbed(np.zeros(COUNT), _PROBE), rests)[0]

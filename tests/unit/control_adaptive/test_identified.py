@@ -8,7 +8,7 @@ from ccr_host.control.adaptive.excitation import tour_bending_rad
 from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
 from ccr_host.control.adaptive.identified import identified_rests
 from ccr_host.control.adaptive.parameters import COUNT
-from ccr_host.control.adaptive.statics import unhindered_setpoints_for
+from ccr_host.control.adaptive.statics import unhindered_shafts_for
 from ccr_host.control.base import Observation
 from ccr_host.errors import ConfigError, TrackerError
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -21,7 +21,7 @@ TRUTH = PRIOR._replace(slack_1_rad=0.12, tip_per_mm=0.003)
 
 
 def _rests(count=20):
-    stops = unhindered_setpoints_for(PRIOR, tour_bending_rad())[:count]
+    stops = unhindered_shafts_for(PRIOR, tour_bending_rad())[:count]
     rests = Rests(np.zeros(2), stops, np.zeros((len(stops), 3)), np.full(len(stops), 30.0))
     return Rests(rests.start_rad, stops, predicted_mm(TRUTH, rests), rests.count)
 

@@ -17,7 +17,7 @@ from ccr_host.control.adaptive.parameters import COUNT, Parameters
 from ccr_host.control.adaptive.pose_follower import PoseFollower
 from ccr_host.control.adaptive.sensitivity import sensitivity
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
-from ccr_host.control.adaptive.statics import rest_at, routes_at, unhindered_setpoints_for
+from ccr_host.control.adaptive.statics import rest_at, routes_at, unhindered_shafts_for
 from ccr_host.control.adaptive.tip import tip_mm
 
 SCALING = Scaling(Robot())
@@ -28,7 +28,7 @@ STILL = np.zeros(2)
 
 
 def _tour_of(p, noise_mm=0.0, seed=1, count=6.0):
-    stops = unhindered_setpoints_for(PRIOR, tour_bending_rad())
+    stops = unhindered_shafts_for(PRIOR, tour_bending_rad())
     rests = Rests(STILL, stops, np.zeros((len(stops), 3)), np.full(len(stops), count))
     tips = predicted_mm(p, rests)
     noise = noise_mm / np.sqrt(count) * np.random.default_rng(seed).standard_normal(tips.shape)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Description, Robot
+from ccr_host.config import Robot
 from ccr_host.control.adaptive.motion import first_rest, moved
 from ccr_host.control.adaptive.parameters import COUNT, Parameters, parameters_of, prior_of
 from ccr_host.control.adaptive.tip import tip_mm
@@ -23,14 +22,8 @@ _DONE = 1e-2
 """Of a prior deviation: smaller steps of the fit end it."""
 _HUBER_DEVIATIONS = 3.0
 TURNS = [Parameters._fields.index(f"turn_{axis}_rad") for axis in "xyz"]
-ZEROS = [Parameters._fields.index(f"zero_{motor}_rad") for motor in (1, 2)]
 PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_per_mm")]
 """A robot at rest is taken to be pushed by nothing: pushes look like a turned camera."""
-_USUAL_TURN_DEG = 0.5
-"""Standard deviation of a registration that does not state it."""
-_LEAST_TURN_DEG = 0.1
-_FREE_ZERO_RAD = 0.8
-"""Where zeros are looked for: the horn of a servo fits on its spline every 14.4 deg."""
 
 
 @dataclass(frozen=True)
@@ -64,35 +57,16 @@ class Scaling:
 
     Args:
         robot: what the prior knows.
-        turn_deviation_rad: of the camera's rotation, about each axis or about x, y and z, (3,),
-            where it was registered.
-        zero_deviation_rad: of the servos' zeros, where they are believed otherwise.
+        turn_deviation_rad: of the camera's rotation about each axis, where it was registered.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        turn_deviation_rad: FloatArray | float | None = None,
-        zero_deviation_rad: float | None = None,
-    ) -> None:
+    def __init__(self, robot: Robot, turn_deviation_rad: float | None = None) -> None:
         prior = prior_of(robot)
         self._mean, self._deviation = prior.mean, prior.deviation
         if turn_deviation_rad is not None:
             self._deviation[TURNS] = turn_deviation_rad
-        if zero_deviation_rad is not None:
-            self._deviation[ZEROS] = zero_deviation_rad
-            prior.lower[ZEROS], prior.upper[ZEROS] = -_FREE_ZERO_RAD, _FREE_ZERO_RAD
         self._lower = (prior.lower - prior.mean) / self._deviation
         self._upper = (prior.upper - prior.mean) / self._deviation
-
-    @classmethod
-    def of(cls, description: Description) -> Scaling:
-        """Believes a registered camera's rotation as precisely as its registration states."""
-        registration = description.registration
-        if registration is None:
-            return cls(description.robot)
-        stated_deg = registration.uncertainty_deg or _USUAL_TURN_DEG
-        return cls(description.robot, np.radians(np.maximum(stated_deg, _LEAST_TURN_DEG)))
 
     def parameters(self, score: FloatArray) -> Parameters:
         """Floats for the model."""
@@ -102,20 +76,6 @@ class Scaling:
         """Each score raised by ``probe`` in turn, and at last none: arrays (COUNT + 1,)."""
         scores = score + probe * np.eye(COUNT + 1, COUNT)
         return Parameters(*(self._mean + self._deviation * scores).T)
-
-    def freed(self, indices: Sequence[int], factor: float) -> Scaling:
-        """Some parameters are believed so many times less, and may go so much further."""
-        other = copy.copy(self)
-        lower, upper = (self._mean + self._deviation * end for end in (self._lower, self._upper))
-        other._deviation = self._deviation.copy()
-        for index in indices:
-            mean = self._mean[index]
-            other._deviation[index] *= factor
-            upper[index] = mean + factor * (upper[index] - mean)
-            lower[index] *= factor if mean == 0.0 else 0.5
-        other._lower = (lower - other._mean) / other._deviation
-        other._upper = (upper - other._mean) / other._deviation
-        return other
 
     def bounded(self, score: FloatArray) -> FloatArray:
         """The nearest scores with a meaning."""
@@ -153,11 +113,6 @@ class StaticsFit:
         self._information = np.eye(COUNT)
         self._damping = _DAMPING_FIRST
         self._steps_left = _ITERATIONS
-
-    @property
-    def cost(self) -> float:
-        """Squared standardised residuals, as far as they count, and squared scores."""
-        return self._cost
 
     def improve(self) -> bool:
         """Make a step; whether another one may be worth it."""

@@ -58,18 +58,14 @@ class RestSurvey:
             self._tips_mm.append([])
         self._tips_mm[-1].append(tip_mm)
 
-    def rests(self) -> Rests:
-        """What was measured."""
-        return Rests(
-            self._start_rad,
-            np.array(self._setpoints_rad).reshape(-1, 2),
-            np.array([np.mean(tips, axis=0) for tips in self._tips_mm]).reshape(-1, 3),
-            np.array([float(len(tips)) for tips in self._tips_mm]),
-        )
-
     def fit(self) -> StaticsFit | None:
         """The fit to what was measured, yet to be made; None if it makes no sense."""
-        return fit_to(self._scaling, self.rests(), self._predict)
+        if not self._tips_mm:
+            return None
+        means_mm = np.array([np.mean(tips, axis=0) for tips in self._tips_mm])
+        counts = np.array([float(len(tips)) for tips in self._tips_mm])
+        rests = Rests(self._start_rad, np.array(self._setpoints_rad), means_mm, counts)
+        return fit_to(self._scaling, rests, self._predict)
 
 
 def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> StaticsFit | None:
@@ -80,10 +76,5 @@ def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> St
     off_mm = np.linalg.norm(rests.tip_mm - predicted_mm(prior, rests), axis=1)
     if not np.median(off_mm) < _BELIEVABLE_MM:
         return None
-    return fit_of(scaling, rests, predict)
-
-
-def fit_of(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> StaticsFit:
-    """The fit to any rests, yet to be made."""
     counted = replace(rests, count=np.minimum(rests.count, _MOST_COUNTED))
     return StaticsFit(scaling, counted, _NOISE_MM, predict)
