@@ -21,6 +21,7 @@ from ccr_host.run.observer import Observers, RunObserver, RunSetup
 from ccr_host.run.operator import NoOperator, Operator, stopping_at_once
 from ccr_host.run.options import RunOptions
 from ccr_host.run.rig import Rig, is_simulated, open_rig
+from ccr_host.run.robot_check import RobotCheck
 from ccr_host.run.step_record import StepRecord
 from ccr_host.run.summary import RunResult
 
@@ -75,7 +76,8 @@ def execute(
         with open_rig(options, description, observer) as rig:
             heard = RecordedOperator(operator, rig.tape) if operator else NoOperator()
             with stopping_at_once(heard, rig.clock, rig.client):
-                follow_path(rig, controller, reference, description, observer, keep, heard)
+                check = RobotCheck(description) if options.is_checked else None
+                follow_path(rig, controller, reference, description, observer, keep, heard, check)
     except (Exception, KeyboardInterrupt) as error:
         if rig is None and not isinstance(error, DeviceError | TrackerError | KeyboardInterrupt):
             raise

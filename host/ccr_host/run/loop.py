@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from ccr_host.config import Description
+from ccr_host.control.adaptive.identification import Rests
 from ccr_host.control.base import (
     APPROACH_PERIOD_S,
     Approaching,
@@ -30,6 +31,7 @@ from ccr_host.run.clock import Stopwatch
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.operator import NoOperator, Operator
 from ccr_host.run.rig import Rig
+from ccr_host.run.robot_check import RobotCheck
 from ccr_host.run.step_record import StepRecord, Vector
 from ccr_host.tracking.marker_check import MarkerCheck
 from ccr_host.tracking.sample import Sample
@@ -45,6 +47,9 @@ _FIRST_SAMPLE_TIMEOUT_US = 5_000_000
 _SAMPLE_POLL_US = 10_000
 _CURE = "correct the controller"
 _APPROACH = Phase("approaching the first point")
+_PROBE = Phase("checking that the robot moves as described")
+_PROBE_VALIDITY_MS = 1000
+"""The fit is computed meanwhile."""
 
 A = TypeVar("A")
 Progress = Callable[[int, int, StepRecord], None]
@@ -58,10 +63,12 @@ def follow_path(
     observer: RunObserver,
     on_step: Progress,
     operator: Operator | None = None,
+    check: RobotCheck | None = None,
 ) -> list[StepRecord]:
     """Arm the robot, approach the first point, follow the path, disarm.
 
-    While the operator wants a pause, the path's clock waits and the pose is held.
+    While the operator wants a pause, the path's clock waits and the pose is held. With a check the
+    robot makes a few small moves first, and has to answer as described from then on.
 
     Returns:
         One record for each step of the reference.
@@ -69,9 +76,11 @@ def follow_path(
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
         TrackerError: the markers were lost for longer than coasting and holding allow.
+        MisfitError: the robot is not the one that is described; it is disarmed by then.
     """
+    heard = operator or NoOperator()
     return _PathRun(
-        rig, controller, reference, description, observer, on_step, operator or NoOperator()
+        rig, controller, reference, description, observer, on_step, heard, check
     ).execute()
 
 
@@ -85,6 +94,7 @@ class _PathRun:
         observer: RunObserver,
         on_step: Progress,
         operator: Operator,
+        check: RobotCheck | None,
     ) -> None:
         self._rig = rig
         self._controller = controller
@@ -92,6 +102,7 @@ class _PathRun:
         self._observer = observer
         self._on_step = on_step
         self._operator = operator
+        self._check = check
         self._settle_s = description.control.settle_s
         self._period_us = round(reference.period_s * 1e6)
         self._validity_ms = int(
@@ -115,13 +126,17 @@ class _PathRun:
         self._begin("arming")
         rig.client.arm()
         self._wait_for_whole_beat()
+        if self._check is not None:
+            self._probe(self._check)
         self._begin(_APPROACH.name)
         self._observer.control(clock.now_us(), None, command)
         leads = self._controller if isinstance(self._controller, Approaching) else None
         if leads is None:
             self._send_until(clock.now_us() + round(self._settle_s * 1e6), command)
         else:
-            command = self._approach(leads, command)
+            command = self._approach(leads, command, _APPROACH)
+        if self._check is not None:
+            self._end_if_odd(self._check.judge_controller(self._controller))
         self._wait_for_whole_beat()
         self._start_us = clock.now_us()
         rig.start_path_clock(self._start_us)
@@ -150,6 +165,27 @@ class _PathRun:
                 command, timing = self._next_command(step, command)
             self._send_until(self._due_us(step + 1), command)
             self._keep(self._judge(step, command, timing))
+            self._look_at(self._records[-1])
+
+    def _look_at(self, record: StepRecord) -> None:
+        if self._check is not None and record.measured_mm is not None:
+            q_rad = self._rig.client.accepted_rad
+            self._end_if_odd(self._check.judge_step(record.end_us, q_rad, record.measured_mm))
+
+    def _probe(self, check: RobotCheck) -> None:
+        """Move a little, and end the run where that shows another robot than described."""
+        here = Command(self._rig.client.accepted_rad, np.zeros((0, 3)), Outcome.SOLVED)
+        usual_ms, self._validity_ms = self._validity_ms, max(self._validity_ms, _PROBE_VALIDITY_MS)
+        self._approach(check.probe, here, _PROBE)
+        self._validity_ms = usual_ms
+        self._end_if_odd(check.judge_probe())
+
+    def _end_if_odd(self, odd: Rests | None) -> None:
+        """Disarm before the cause is computed, and raise it."""
+        if odd is not None and self._check is not None:
+            self._begin("disarming")
+            self._rig.client.disarm()
+            raise self._check.cause_of(odd)
 
     def _due_us(self, step: int) -> int:
         return self._start_us + step * self._period_us
@@ -220,7 +256,7 @@ class _PathRun:
                 return
             self._feed(command)
 
-    def _approach(self, controller: Approaching, command: Command) -> Command:
+    def _approach(self, controller: Approaching, command: Command, phase: Phase) -> Command:
         """Let the controller lead the robot to the first point; the last command it gave."""
         clock = self._rig.clock
         self._watch.start()
@@ -233,7 +269,7 @@ class _PathRun:
                 if led is None:
                     return command
                 command = _usable(controller.approach, led)
-                self._observer.phase(due_us, command.phase or _APPROACH)
+                self._observer.phase(due_us, command.phase or phase)
                 self._observer.control(due_us, observation, command)
             self._send(command)
             clock.sleep_until_us(due_us + round(APPROACH_PERIOD_S * 1e6))

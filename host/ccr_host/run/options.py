@@ -49,11 +49,18 @@ class RunOptions(RigOptions):
     controller: str = "adaptive"
     rate_hz: float = 1.0
     laps: int = 1
+    checked: bool = False
+    """Whether the robot has to move as described, before the path and along it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.laps < 1:
             raise ConfigError(f"{self.laps} laps: none to run", "give 1 or more")
+
+    @property
+    def is_checked(self) -> bool:
+        """Whether the robot is looked at; recorded markers answer to no command."""
+        return self.checked and not self.tracker.startswith("replay:")
 
     def with_controller(self, controller: str) -> RunOptions:
         """The same run under another controller."""

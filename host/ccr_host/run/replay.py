@@ -34,6 +34,7 @@ from ccr_host.run.loop import follow_path
 from ccr_host.run.observer import Observers
 from ccr_host.run.operator import stopping_at_once
 from ccr_host.run.rig import Rig
+from ccr_host.run.robot_check import RobotCheck
 from ccr_host.run.step_record import StepRecord
 from ccr_host.tracking.sample import Sample
 
@@ -163,6 +164,7 @@ class _Replay:
     def _execute(self) -> None:
         description = self._recording.description
         controller = make_controller(self._recording.options.controller, description)
+        check = RobotCheck(description) if self._recording.options.is_checked else None
         tape, clock = self._tape, PlayedClock(self._tape)
         tracker = PlayedTracker(tape, self._feed.samples)
         operator = PlayedOperator(tape)
@@ -188,6 +190,7 @@ class _Replay:
                         Observers(),
                         self._count_step,
                         operator,
+                        check,
                     )
         except (CcrError, KeyboardInterrupt):
             return  # as the recorded run ended

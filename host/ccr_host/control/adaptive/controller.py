@@ -122,6 +122,11 @@ class AdaptiveStatics:
         command = self._command(0.0, Outcome.SOLVED, APPROACH_PERIOD_S)
         return replace(command, phase=self._approach_phase())
 
+    @property
+    def identification(self) -> StaticsFit | None:
+        """The fit that the path was planned with; None if there was nothing to fit."""
+        return self._fit
+
     def step(self, observation: Observation) -> Command:
         """Measurement in, command out; works without measurements too."""
         self._phase = _Phase.PATH

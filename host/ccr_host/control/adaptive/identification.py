@@ -135,6 +135,7 @@ class StaticsFit:
         rests: what was measured.
         noise_mm: standard deviation of a coordinate of one measurement, model error included.
         predict: instead of ``predicted_mm``.
+        start: scores to begin with, (COUNT,), the prior's by default.
     """
 
     def __init__(
@@ -143,12 +144,13 @@ class StaticsFit:
         rests: Rests,
         noise_mm: float,
         predict: Predict | None = None,
+        start: FloatArray | None = None,
     ) -> None:
         self._predict = predict or predicted_mm
-        self._scaling = scaling
-        self._rests = rests
+        self.scaling = scaling
+        self.rests = rests
         self._weight = np.sqrt(rests.count)[:, None] / noise_mm
-        self._score = np.zeros(COUNT)
+        self._score = np.zeros(COUNT) if start is None else start
         self._residual_mm, self._cost = self._judge(self._score)
         self._information = np.eye(COUNT)
         self._damping = _DAMPING_FIRST
@@ -185,7 +187,7 @@ class StaticsFit:
         """Damp the step until it leads downhill; its length, 0 if none does."""
         while self._damping < _DAMPING_MOST:
             damped = self._information + self._damping * np.diag(np.diag(self._information))
-            trial = self._scaling.bounded(self._score + np.linalg.solve(damped, gradient))
+            trial = self.scaling.bounded(self._score + np.linalg.solve(damped, gradient))
             residual_mm, cost = self._judge(trial)
             if cost < self._cost:
                 length = float(np.abs(trial - self._score).max())
@@ -196,13 +198,13 @@ class StaticsFit:
         return 0.0
 
     def _judge(self, score: FloatArray) -> tuple[FloatArray, float]:
-        predicted = self._predict(self._scaling.parameters(score), self._rests)
-        residual_mm = self._rests.tip_mm - predicted
+        predicted = self._predict(self.scaling.parameters(score), self.rests)
+        residual_mm = self.rests.tip_mm - predicted
         return residual_mm, _cost(residual_mm * self._weight, score)
 
     def _sensitivity(self) -> FloatArray:
         """d tip / d score at each rest, (N, 3, COUNT), the way to it included."""
-        tips_mm = self._predict(self._scaling.perturbed(self._score, _PROBE), self._rests)
+        tips_mm = self._predict(self.scaling.perturbed(self._score, _PROBE), self.rests)
         slope = np.moveaxis(tips_mm[:, :COUNT] - tips_mm[:, COUNT:], 1, -1) / _PROBE
         slope[..., PUSHES] = 0.0
         return slope

@@ -83,7 +83,12 @@ def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> St
     return fit_of(scaling, rests, predict)
 
 
-def fit_of(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> StaticsFit:
+def fit_of(
+    scaling: Scaling,
+    rests: Rests,
+    predict: Predict | None = None,
+    start: FloatArray | None = None,
+) -> StaticsFit:
     """The fit to any rests, yet to be made."""
     counted = replace(rests, count=np.minimum(rests.count, _MOST_COUNTED))
-    return StaticsFit(scaling, counted, _NOISE_MM, predict)
+    return StaticsFit(scaling, counted, _NOISE_MM, predict, start)
