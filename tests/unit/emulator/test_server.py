@@ -3,7 +3,6 @@
 import os
 import signal
 import socket
-import threading
 
 import numpy as np
 import pytest
@@ -149,8 +148,11 @@ def test_port_that_cannot_be_opened_is_one_clear_line(uri, cause):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_ends_the_server_cleanly(number):
     handler_before = signal.getsignal(number)
-    server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock())
-    threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
+
+    def send(_: int) -> None:  # a timer might be early, which would end the tests instead
+        os.kill(os.getpid(), number)
+
+    server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock(), on_advance=send)
     server.run_until_signal()
     assert signal.getsignal(number) is handler_before
     with pytest.raises(DeviceError, match="refused"):
