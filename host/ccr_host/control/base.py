@@ -73,7 +73,7 @@ class Command:
     iterations: int | None = None
     """Of the solver, where there is one."""
     phase: Phase | None = None
-    """Of an approach, where it has several."""
+    """What an approach is doing at the moment; None if it has only one phase."""
 
 
 class Controller(Protocol):
@@ -107,7 +107,7 @@ APPROACH_PERIOD_S = 0.05
 
 
 LONGEST_RAMP_S = 10.0
-"""Of the wire."""
+"""The longest ramp that the protocol can carry."""
 
 
 def checked(answer: object) -> Command:
