@@ -89,10 +89,10 @@ def test_ctrl_c_ends_a_comparison_with_what_is_there(ccr_host: CcrHost, short_pa
 
 
 def test_twins_whose_workers_are_killed_are_missing_until_the_command_is_repeated(
-    ccr_host: CcrHost, short_path: str, monkeypatch: pytest.MonkeyPatch
+    ccr_host: CcrHost, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")
-    words = ("--path", short_path, "--controller", "mpc", "--rate", "2", "--runs", "1")
+    words = ("--path", "8shape", "--controller", "mpc", "--rate", "1", "--runs", "1")
     words = ("sweep", *words, "--workers", "1", "--out", "kept")
     process = ccr_host.start(*words)
     deadline = time.monotonic() + 90
