@@ -132,9 +132,17 @@ class BytePort:
                 )
 
     def write(self, data: bytes) -> None:
-        """Send bytes."""
+        """Send bytes.
+
+        A host that was stopped while it wrote finds its time used up although the port would have
+        taken the bytes, so it tries once more. What was sent twice by that ends in a frame that the
+        peer refuses or repeats its answer to.
+        """
         with self._told(self._lost):
-            self._port.write(data)
+            try:
+                self._port.write(data)
+            except (serial.SerialTimeoutException, TimeoutError):
+                self._port.write(data)
 
     def read(self) -> bytes:
         """Bytes that have arrived; empty if none have, never waits."""
@@ -195,7 +203,7 @@ class BytePort:
         noun = self._peer.noun
         if isinstance(error, serial.SerialTimeoutException | TimeoutError):
             return (
-                f"nothing could be sent for {_WRITE_TIMEOUT_S:g} s",
+                f"nothing could be sent for {2 * _WRITE_TIMEOUT_S:g} s",
                 f"check cable and power of the {noun}; if a program serves it, that it is running",
             )
         if not self._is_tcp:

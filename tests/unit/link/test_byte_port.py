@@ -193,3 +193,25 @@ def test_what_the_other_end_says_before_it_hangs_up_is_passed_on(greeting, told)
 def test_a_host_of_an_unknown_name_is_told_from_one_that_refuses():
     with pytest.raises(DeviceError, match="no host of this name"):
         opened("tcp://nowhere.invalid:5025")
+
+
+def test_a_host_stopped_while_it_wrote_has_not_lost_its_port(terminal, monkeypatch):
+    port = opened(f"serial:{terminal}")
+    write, expired = serial.Serial.write, iter([True])
+
+    def stopped_once(self, data):
+        if next(expired, False):
+            raise serial.SerialTimeoutException("Write timeout")
+        return write(self, data)
+
+    monkeypatch.setattr(serial.Serial, "write", stopped_once)
+    port.write(b"\x01\x02\x00")
+    port.close()
+
+
+def test_a_port_that_takes_nothing_is_lost(terminal, monkeypatch):
+    port = opened(f"serial:{terminal}")
+    monkeypatch.setattr(serial.Serial, "write", failing(serial.SerialTimeoutException("timeout")))
+    with pytest.raises(DeviceError, match="nothing could be sent"):
+        port.write(b"\x01\x02\x00")
+    port.close()
