@@ -140,11 +140,12 @@ class _PathRun:
         client = self._rig.client
         timing = _Timing(solve_us=0.0, late=False)
         while (step := len(self._records)) < len(self._reference):
+            client.poll()
+            if self._skip_missed_steps(command):
+                continue
             if self._operator.wants_pause:
                 self._start_us += self._pause(command)
                 self._rig.start_path_clock(self._start_us)
-            client.poll()
-            if self._skip_missed_steps(command):
                 continue
             if step > 0 or starts_with_step:
                 command, timing = self._next_command(step, command)
@@ -249,11 +250,11 @@ class _PathRun:
                 resend_us = clock.now_us() + self._feed_us
             self._watch.fresh_sample()
             clock.idle()
-        pause_us = -(-(clock.now_us() - since_us) // _BEAT_US) * _BEAT_US
-        clock.sleep_until_us(since_us + pause_us)
+        beats = -(-(clock.now_us() - since_us) // _BEAT_US)
+        clock.sleep_until_us(since_us + beats * _BEAT_US)
         self._watch.start()
         self._begin("following the path")
-        return pause_us
+        return (clock.now_us() - since_us) // _BEAT_US * _BEAT_US
 
     def _next_command(self, step: int, last: Command) -> tuple[Command, _Timing]:
         clock = self._rig.clock

@@ -9,6 +9,7 @@ from ccr_host.control.base import Phase
 from ccr_host.errors import CcrError
 from ccr_host.link.framing import FrameDecoder
 from ccr_host.link.messages import MESSAGES, Disarm, Message, SetTarget, State, StateReport, Stop
+from ccr_host.run.clock import VirtualClock
 from ccr_host.run.execute import execute
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.operator import OperatorStop
@@ -105,6 +106,46 @@ def test_a_pause_in_virtual_time_changes_nothing_of_the_path(options: RunOptions
     for one, other in zip(free.records, paused.records, strict=True):
         np.testing.assert_array_equal(one.measured_mm, other.measured_mm)
         assert one.end_us == other.end_us
+
+
+@pytest.mark.parametrize("stall_at", ["step", "pause"])
+def test_no_step_ends_within_a_pause_though_the_host_stalls(
+    options: RunOptions, monkeypatch: pytest.MonkeyPatch, stall_at: str
+) -> None:
+    class Stalling(Witness):
+        stalls = False
+        continued_us: int | None = None
+        steps_before = 0
+
+        def step(self, record: StepRecord) -> None:
+            super().step(record)
+            if record.step == 1:
+                self.stalls = stall_at == "step"
+            elif record.step == 2:
+                self.pauses_left = 3
+
+        def phase(self, time_us: int, phase: Phase) -> None:
+            super().phase(time_us, phase)
+            if phase.name == "paused":
+                self.steps_before, self.stalls = len(self.records), stall_at == "pause"
+            elif self.steps_before and phase.name == "following the path":
+                self.continued_us = time_us
+
+    witness = Stalling()
+    sleep_until_us = VirtualClock.sleep_until_us
+
+    def overslept(clock: VirtualClock, time_us: int) -> None:
+        late_us = 2_500_000 if witness.stalls else 0
+        witness.stalls = False
+        sleep_until_us(clock, time_us + late_us)
+
+    monkeypatch.setattr(VirtualClock, "sleep_until_us", overslept)
+    result = run(options, witness)
+    assert result.failure is None
+    after = witness.records[witness.steps_before :]
+    assert len(after) >= 1
+    assert witness.continued_us is not None
+    assert all(record.end_us > witness.continued_us for record in after)
 
 
 def test_stop_ends_a_pause(options: RunOptions) -> None:
