@@ -60,6 +60,8 @@ _Pulse = Annotated[float, _within(500, 2500)]
 _PulseSpan = Annotated[float, _within(-2000, 2000)]
 _LEAST_SPAN_US = 50.0
 _LEAST_RANGE_DEG = 1.0
+_LEAST_PULSE_RANGE_US = 1.0
+"""The board counts in halves of it."""
 _FULL_TURN_DEG = 360
 _MOST_BENDING_DEG = 540
 """One and a half turns of one segment; the paper's robot bends by 236 deg at its limits."""
@@ -143,10 +145,10 @@ class Servo(_Section):
                     f"servo.pulse_per_90_deg_us = {span_us:g} {of_axis} is nearer to 0 than "
                     f"{_LEAST_SPAN_US:g}"
                 )
-            if not low_us < high_us:
+            if high_us - low_us < _LEAST_PULSE_RANGE_US:
                 raise ValueError(
-                    f"servo.pulse_min_us = {low_us:g} does not lie below pulse_max_us = "
-                    f"{high_us:g} {of_axis}"
+                    f"servo.pulse_min_us = {low_us:g} does not lie {_LEAST_PULSE_RANGE_US:g} us or "
+                    f"more below pulse_max_us = {high_us:g} {of_axis}"
                 )
             if not low_us <= neutral_us <= high_us:
                 raise ValueError(
