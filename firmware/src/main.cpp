@@ -38,15 +38,17 @@ struct Firmware {
   ccr::Board board;
   uno::ProgressWatchdog watchdog;
 
-  explicit Firmware(ccr::ResetCause reset_cause)
-      : hardware(stack), board(hardware, reset_cause, CCR_TICK_AT_RESET) {}
+  explicit Firmware(ccr::Start start)
+      : hardware(stack), board(hardware, start, CCR_TICK_AT_RESET) {}
 
   void run_tick() {
     stack.look_further();
     if (stack.least_free() < kLeastFreeStack) {
       board.raise_fault(ccr::Fault::kStackLow);
     }
-    uno::frame_timer::prepare(board.tick());
+    const ccr::Pulses pulses = board.tick();
+    uno::keep_in_mind(pulses);
+    uno::frame_timer::prepare(pulses);
     board.report();
     uno::frame_timer::finish_tick();
     if (uno::frame_timer::take_overrun()) {
@@ -78,12 +80,12 @@ void sleep_unless_needed() {
 }  // namespace
 
 int main() {
-  const ccr::ResetCause reset_cause = uno::find_reset_cause();
+  const ccr::Start start = uno::find_start();
   uno::uart::start();
   uno::frame_timer::enable_interrupts();
   sei();
 
-  static Firmware firmware(reset_cause);
+  static Firmware firmware(start);
   for (;;) {
     if (uno::frame_timer::is_tick_due()) {
       firmware.run_tick();

@@ -4,7 +4,8 @@
 
 #include <stdint.h>
 
-#include "ccr_messages.h"
+#include "pulses.h"
+#include "safety.h"
 
 namespace uno {
 
@@ -20,8 +21,12 @@ inline void count_ms_since_feed() {
 }
 inline void clear_ms_since_feed() { ms_since_feed = 0; }
 
+/// In each tick, before its pulses are handed on: whether a servo has one is what the next start
+/// has to know.
+void keep_in_mind(const ccr::Pulses& pulses);
+
 /// Once, at the start.
-ccr::ResetCause find_reset_cause();
+ccr::Start find_start();
 
 }  // namespace uno
 

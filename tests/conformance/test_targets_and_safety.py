@@ -335,6 +335,27 @@ def test_reset_by_watchdog_or_brown_out_ends_boot_in_fault(armed, cause, fault):
     assert armed.state() is m.State.DISARMED
 
 
+@pytest.mark.requirement("FLT-3")
+@pytest.mark.parametrize("state", [s for s in m.State if s is not m.State.BOOT])
+def test_reset_of_unknown_cause_ends_boot_in_fault_where_it_has_cut_pulses(armed, state):
+    bring_to(armed, state)
+    armed.wait_ticks(1)
+    armed.reset(m.ResetCause.UNKNOWN)
+    assert armed.hello().reset_cause is m.ResetCause.UNKNOWN
+    report = armed.report_of_tick(m.BOOT_TICKS)
+    expected = m.Fault.RESET_WHILE_ARMED if state in PULSING else m.Fault.NONE
+    assert report.fault is expected
+    assert report.state is (m.State.FAULT if expected else m.State.DISARMED)
+
+
+@pytest.mark.requirement("FLT-3")
+@pytest.mark.parametrize("cause", [m.ResetCause.EXTERNAL, m.ResetCause.POWER_ON])
+def test_reset_of_another_known_cause_is_no_fault(armed, cause):
+    armed.reset(cause)
+    report = armed.report_of_tick(m.BOOT_TICKS)
+    assert (report.state, report.fault) == (m.State.DISARMED, m.Fault.NONE)
+
+
 def test_disarm_leads_slowly_to_rest_and_then_takes_the_pulses_away(armed):
     armed.target(450, 100)
     armed.wait_ticks(5)

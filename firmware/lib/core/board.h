@@ -18,8 +18,8 @@ class Board {
   /// Loads the configuration and counts the boot, waiting for EEPROM where it has to.
   ///
   /// `first_tick` is what the tick counter shows before the first tick, to see it wrap.
-  Board(Hardware& hardware, ResetCause cause, uint32_t first_tick = 0)
-      : controller_(hardware, cause, first_tick), dispatcher_(controller_, hardware, cause) {}
+  Board(Hardware& hardware, Start start, uint32_t first_tick = 0)
+      : controller_(hardware, start, first_tick), dispatcher_(controller_, hardware, start.cause) {}
 
   /// Takes a received byte; answers where it completes a request.
   void on_byte(uint8_t byte) { dispatcher_.receive(decoder_.feed(byte), decoder_); }

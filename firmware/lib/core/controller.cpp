@@ -4,13 +4,13 @@
 
 namespace ccr {
 
-Controller::Controller(Hardware& hardware, ResetCause cause, uint32_t first_tick)
+Controller::Controller(Hardware& hardware, Start start, uint32_t first_tick)
     : store_(hardware),
       configuration_(empty_configuration()),
       eeprom_status_(store_.load(configuration_)),
       boot_id_(store_.count_boot()),
       ticks_(first_tick),
-      safety_(cause),
+      safety_(start),
       setpoints_{Setpoint(configuration_.limits.rest_cdeg[0]),
                  Setpoint(configuration_.limits.rest_cdeg[1])},
       reported_setpoint_cdeg_{setpoints_[0].cdeg(), setpoints_[1].cdeg()} {}

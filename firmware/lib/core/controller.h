@@ -19,7 +19,7 @@ namespace ccr {
 class Controller {
  public:
   /// Loads the configuration and counts the boot.
-  Controller(Hardware& hardware, ResetCause cause, uint32_t first_tick);
+  Controller(Hardware& hardware, Start start, uint32_t first_tick);
 
   /// One control tick but for its report (TIM-4).
   Pulses tick();
@@ -40,9 +40,7 @@ class Controller {
 
   const Configuration& configuration() const { return configuration_; }
   /// As of the last tick.
-  bool has_pulses() const {
-    return pulses_.half_us[0] != kNoPulse || pulses_.half_us[1] != kNoPulse;
-  }
+  bool has_pulses() const { return !pulses_.are_none(); }
   bool is_saving() const { return store_.is_saving(); }
   State state() const { return safety_.state(); }
   uint16_t boot_id() const { return boot_id_; }

@@ -13,6 +13,8 @@ constexpr uint16_t kNoPulse = 0;
 
 struct Pulses {
   uint16_t half_us[kAxes];
+
+  bool are_none() const { return half_us[0] == kNoPulse && half_us[1] == kNoPulse; }
 };
 
 /// PUL-1.

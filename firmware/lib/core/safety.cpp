@@ -12,15 +12,16 @@ constexpr uint16_t kPulsingStates = state_bit(State::kArming) | state_bit(State:
 
 constexpr bool has_pulses(State state) { return (state_bit(state) & kPulsingStates) != 0; }
 
-constexpr Fault fault_of(ResetCause cause) {
-  return cause == ResetCause::kWatchdog   ? Fault::kWatchdogReset
-         : cause == ResetCause::kBrownOut ? Fault::kBrownOutReset
-                                          : Fault::kNone;
+constexpr Fault fault_of(Start start) {
+  return start.cause == ResetCause::kWatchdog   ? Fault::kWatchdogReset
+         : start.cause == ResetCause::kBrownOut ? Fault::kBrownOutReset
+         : start.cause == ResetCause::kUnknown && start.had_pulses ? Fault::kResetWhileArmed
+                                                                   : Fault::kNone;
 }
 
 }  // namespace
 
-Safety::Safety(ResetCause cause) : fault_after_boot_(fault_of(cause)), countdown_(kBootTicks) {}
+Safety::Safety(Start start) : fault_after_boot_(fault_of(start)), countdown_(kBootTicks) {}
 
 void Safety::arm(const Watchdog& watchdog) {
   apply(Event::kArmRequested);

@@ -9,9 +9,16 @@
 
 namespace ccr {
 
+/// How the board came to start.
+struct Start {
+  ResetCause cause;
+  /// Did it make pulses when the reset came?
+  bool had_pulses;
+};
+
 class Safety {
  public:
-  explicit Safety(ResetCause cause);
+  explicit Safety(Start start);
 
   State state() const { return state_; }
   /// The first one since the last clear.

@@ -8,9 +8,9 @@
 
 namespace ccr {
 
-constexpr uint8_t kProtocolVersion = 1;
-constexpr uint32_t kSpecHash = 0x5990D50CUL;
-constexpr uint8_t kFirmwareVersion[3] = {0, 1, 0};
+constexpr uint8_t kProtocolVersion = 2;
+constexpr uint32_t kSpecHash = 0x4B681C90UL;
+constexpr uint8_t kFirmwareVersion[3] = {0, 2, 0};
 
 constexpr uint32_t kBaud = 250000UL;
 constexpr uint32_t kBaudFallback = 115200UL;
@@ -113,10 +113,12 @@ enum class Fault : uint8_t {
   kEepromFailed = 6,
   /// An invariant of the firmware did not hold.
   kInternal = 7,
+  /// The board has restarted while it made pulses, and the boot loader has hidden why.
+  kResetWhileArmed = 8,
 };
 
 constexpr bool is_fault(uint8_t value) {
-  return value <= 7U;
+  return value <= 8U;
 }
 
 /// Why the board last started.

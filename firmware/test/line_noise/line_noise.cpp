@@ -119,7 +119,7 @@ bool is_same(const ccr::FrameDecoder& frame, const Bytes& sent) {
 class Trial {
  public:
   Trial(double probability, uint64_t seed)
-      : line_(probability, seed), board_(hardware_, ccr::ResetCause::kPowerOn) {
+      : line_(probability, seed), board_(hardware_, {ccr::ResetCause::kPowerOn, false}) {
     make_armed(board_);
   }
 

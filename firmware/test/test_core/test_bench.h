@@ -68,7 +68,7 @@ class Bench {
 
   void reset(ccr::ResetCause cause = ccr::ResetCause::kExternal) {
     hardware.sent.clear();
-    board_.reset(new ccr::Board(hardware, cause));
+    board_.reset(new ccr::Board(hardware, {cause, has_pulses()}));
     pulses = {};
   }
 

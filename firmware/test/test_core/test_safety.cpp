@@ -374,6 +374,20 @@ TEST_CASE("FLT-3: boot ends in a fault after the watchdog or a brown-out") {
   }
 }
 
+TEST_CASE("FLT-3: boot ends in a fault after an unknown reset that has cut pulses") {
+  Bench bench;
+  bench.make_armed();
+  bench.reset(ResetCause::kUnknown);
+  bench.tick(kBootTicks);
+  CHECK(bench.state() == State::kBoot);
+  bench.tick();
+  CHECK(bench.state() == State::kFault);
+  CHECK(bench.fault() == Fault::kResetWhileArmed);
+  bench.reset(ResetCause::kUnknown);
+  bench.tick(kBootTicks + 1);
+  CHECK(bench.state() == State::kDisarmed);
+}
+
 TEST_CASE("FLT-3: stop during boot comes before the fault of the reset") {
   Bench bench(ResetCause::kWatchdog);
   bench.acknowledged(Stop{});
@@ -383,7 +397,7 @@ TEST_CASE("FLT-3: stop during boot comes before the fault of the reset") {
 }
 
 TEST_CASE("a state that is none, as after a bit flip in memory, is a fault without pulses") {
-  Safety safety(ResetCause::kPowerOn);
+  Safety safety({ResetCause::kPowerOn, false});
   // What the class cannot do to itself.
   *reinterpret_cast<uint8_t*>(&safety) = 0x7F;
   REQUIRE_FALSE(is_state(static_cast<uint8_t>(safety.state())));

@@ -18,7 +18,8 @@ class WatchedBoard {
 
   void reset(ccr::ResetCause cause) {
     hardware.sent.clear();
-    board_.reset(new ccr::Board(hardware, cause));
+    const bool had_pulses = board_ != nullptr && board_->controller().has_pulses();
+    board_.reset(new ccr::Board(hardware, {cause, had_pulses}));
     before_ = now();
     require(before_.state == ccr::State::kBoot, "a reset leads to boot");
   }

@@ -54,12 +54,14 @@ class UnoEmulator:
         self._board_time_at_reset_us = board_time_at_reset_us
         self._tick_offset = tick_offset
         self._now_us = start_us
+        self._pulses_prepared = _NO_PULSES
         self.reset(reset_cause)
 
     def reset(self, cause: ResetCause, boot_loader_us: int = 0) -> None:
         """Start anew, `boot_loader_us` from now; bytes that come before that are lost."""
         self._start_us = self._now_us + boot_loader_us
-        self._core = BoardCore(self._eeprom, cause, self._tick_offset)
+        had_pulses = any(self._pulses_prepared)
+        self._core = BoardCore(self._eeprom, cause, had_pulses, self._tick_offset)
         self._dispatcher = Dispatcher(self._core, self.board_time_us, self._spec_hash)
         self._decoder = FrameDecoder()
         self._sending = SendBuffer(self._baud)

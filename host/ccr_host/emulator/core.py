@@ -44,17 +44,24 @@ class BoardCore:
     Args:
         eeprom: survives the reset.
         reset_cause: why it started.
+        had_pulses: whether it made pulses when the reset came.
         tick_offset: added to the tick counter, to see it wrap.
     """
 
-    def __init__(self, eeprom: Eeprom, reset_cause: ResetCause, tick_offset: int = 0) -> None:
+    def __init__(
+        self,
+        eeprom: Eeprom,
+        reset_cause: ResetCause,
+        had_pulses: bool = False,
+        tick_offset: int = 0,
+    ) -> None:
         self.reset_cause = reset_cause
         self.store = ConfigStore(eeprom)
         self.boot_id = self.store.count_boot()
         self.eeprom_status = self.store.status
         self.configuration = self.store.configuration or Configuration()
         self.unsaved = False
-        self.safety = SafetyMachine(reset_cause)
+        self.safety = SafetyMachine(reset_cause, had_pulses)
         self.session = Session()
         self.counters = Counters()
         self.next_tick = 0

@@ -19,10 +19,12 @@ _FAULT_AFTER_RESET: Final = {
 class SafetyMachine:
     """State, first fault, and which axes may have pulses."""
 
-    def __init__(self, reset_cause: ResetCause) -> None:
+    def __init__(self, reset_cause: ResetCause, had_pulses: bool) -> None:
         self.state = State.BOOT
         self.fault = Fault.NONE
         self._fault_after_boot = _FAULT_AFTER_RESET.get(reset_cause)
+        if reset_cause is ResetCause.UNKNOWN and had_pulses:
+            self._fault_after_boot = Fault.RESET_WHILE_ARMED
         self._deadline_tick = BOOT_TICKS
         self._axis_2_tick = 0
         self._enabled = (False, False)

@@ -44,6 +44,10 @@ _FAULTS: Final = {
         "internal: the firmware found itself in a state that must not be",
         "report this as a defect",
     ),
+    Fault.RESET_WHILE_ARMED: (
+        "reset while armed: the board has restarted while it held the robot, nobody knows why",
+        "look at its supply and its cable, and at the robot",
+    ),
 }
 
 _CLEAR: Final = "then clear that with key c of: ccr-host jog"

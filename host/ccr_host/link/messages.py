@@ -14,9 +14,9 @@ from ccr_host.link.payload import Field, Payload, PayloadError
 __all__ = ["Payload", "PayloadError"]  # re-exported; all else is public as it stands
 
 
-PROTOCOL_VERSION: Final = 1
-SPEC_HASH: Final = 0x5990D50C
-FIRMWARE_VERSION: Final = (0, 1, 0)
+PROTOCOL_VERSION: Final = 2
+SPEC_HASH: Final = 0x4B681C90
+FIRMWARE_VERSION: Final = (0, 2, 0)
 
 BAUD: Final = 250000
 BAUD_FALLBACK: Final = 115200
@@ -123,6 +123,8 @@ class Fault(IntEnum):
     """A byte read back from EEPROM was not the one written."""
     INTERNAL = 7
     """An invariant of the firmware did not hold."""
+    RESET_WHILE_ARMED = 8
+    """The board has restarted while it made pulses, and the boot loader has hidden why."""
 
 
 class ResetCause(IntEnum):
@@ -1677,7 +1679,8 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "FLT-2": "From `fault` and `stopped` only clear_fault leads on, to `disarmed`.",
         "FLT-3": (
             "A reset by the hardware watchdog or a brown-out ends `boot` in `fault` with that "
-            "reason, unless `stop` came before."
+            "reason, and one of unknown cause that came while the last tick had commanded pulses "
+            "with reset_while_armed, unless `stop` came before."
         ),
         "FLT-4": (
             "Until a tick has computed a frame without pulses clear_fault gets busy. So whatever "

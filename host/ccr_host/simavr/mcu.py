@@ -23,6 +23,7 @@ SERVO_PINS: Final = 2
 """0 is OC1A, the UNO's pin 9; 1 is OC1B, pin 10."""
 
 _MCUSR_FLAGS: Final = {
+    ResetCause.UNKNOWN: 0,
     ResetCause.POWER_ON: 1 << 0,
     ResetCause.EXTERNAL: 1 << 1,
     ResetCause.BROWN_OUT: 1 << 2,

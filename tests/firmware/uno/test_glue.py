@@ -19,7 +19,9 @@ from ccr_host.simavr.mcu import CYCLES_PER_US
 from ccr_host.simavr.pulse_meter import Edge
 from tests.conformance.firmware_build import firmware_elf
 
-JUMP_TO_ITSELF = b"\xff\xcf"
+HANG = b"\xff\xcf"
+HANG_WITHOUT_INTERRUPTS = b"\xf8\x94\xff\xcf"
+JUMP_TO_THE_START = b"\x0c\x94\x00\x00"
 SESSION = 0x1234
 LIMITS = m.Limits((-9000, -9000), (9000, 9000), (0, 0))
 SLEW = m.Slew((500, 500))
@@ -77,16 +79,17 @@ class Uno:
         assert self.report().state is m.State.HOLD
 
     @contextmanager
-    def hanging_in(self, function: str) -> Iterator[None]:
-        """The program hangs as soon as it calls a function, with interrupts on."""
+    def hanging_in(self, function: str, code: bytes = HANG) -> Iterator[None]:
+        """The program goes astray as soon as it calls a function."""
         flash = self.board._mcu.flash
         at = self.board.symbol(function)
-        before = flash[at : at + 2].tobytes()
-        flash[at : at + 2] = list(JUMP_TO_ITSELF)
+        end = at + len(code)
+        before = flash[at:end].tobytes()
+        flash[at:end] = list(code)
         try:
             yield
         finally:
-            flash[at : at + 2] = list(before)
+            flash[at:end] = list(before)
 
     def resets(self) -> int:
         return self.board.statistics().resets
@@ -154,6 +157,59 @@ def test_behind_a_boot_loader_that_hides_it_a_reset_from_outside_is_no_fault() -
     uno.wait(BOOT_LOADER_US)
     assert uno.hello().reset_cause is m.ResetCause.UNKNOWN
     assert uno.report().state is m.State.DISARMED
+
+
+@pytest.mark.parametrize("cause", [m.ResetCause.BROWN_OUT, m.ResetCause.EXTERNAL])
+def test_behind_a_boot_loader_that_hides_it_a_reset_while_armed_is_a_fault(
+    cause: m.ResetCause,
+) -> None:
+    uno = Uno(boot_loader=optiboot())
+    uno.wait(BOOT_LOADER_US)
+    uno.make_armed()
+    uno.board.reset(cause)
+    uno.wait(BOOT_LOADER_US)
+    assert uno.hello().reset_cause is m.ResetCause.UNKNOWN
+    report = uno.report()
+    assert (report.state, report.fault) == (m.State.FAULT, m.Fault.RESET_WHILE_ARMED)
+    uno.board.reset(cause)
+    uno.wait(BOOT_LOADER_US)
+    assert uno.report().state is m.State.DISARMED
+
+
+@pytest.mark.parametrize("code", [HANG_WITHOUT_INTERRUPTS, JUMP_TO_THE_START])
+@pytest.mark.parametrize("has_boot_loader", [False, True])
+def test_a_program_that_goes_astray_while_armed_comes_back_in_fault(
+    code: bytes, has_boot_loader: bool
+) -> None:
+    uno = Uno(boot_loader=optiboot() if has_boot_loader else None)
+    if has_boot_loader:
+        uno.wait(BOOT_LOADER_US)
+    uno.make_armed()
+    with uno.hanging_in(_kept_function(uno), code):
+        uno.wait(WATCHDOG_LATEST_US)
+    uno.wait(BOOT_OVER_US + 20_000)
+    report = uno.report()
+    is_told = code == HANG_WITHOUT_INTERRUPTS and not has_boot_loader
+    fault = m.Fault.WATCHDOG_RESET if is_told else m.Fault.RESET_WHILE_ARMED
+    assert (report.state, report.fault) == (m.State.FAULT, fault)
+
+
+def test_after_a_loss_of_power_that_memory_outlasts_the_flag_of_power_on_is_believed() -> None:
+    uno = Uno()
+    uno.make_armed()
+    uno.board._mcu.reset(m.ResetCause.POWER_ON)
+    uno.wait(BOOT_OVER_US)
+    assert uno.hello().reset_cause is m.ResetCause.POWER_ON
+    assert uno.report().state is m.State.DISARMED
+
+
+def test_a_brown_out_is_told_also_where_the_reset_pin_was_pulled_besides() -> None:
+    uno = Uno()
+    uno.make_armed()
+    uno.board.reset(m.ResetCause.BROWN_OUT)
+    uno.board.reset(m.ResetCause.EXTERNAL)
+    uno.wait(BOOT_OVER_US)
+    assert uno.report().fault is m.Fault.BROWN_OUT_RESET
 
 
 def test_pulses_are_exact_behind_a_boot_loader_that_leaves_timers_running() -> None:

@@ -14,6 +14,7 @@ typedef struct rig rig_t;
 
 /* Values are the bits of MCUSR. */
 typedef enum {
+    RESET_UNKNOWN = 0, /* what a boot loader leaves that clears them */
     RESET_POWER_ON = 1 << 0,
     RESET_EXTERNAL = 1 << 1,
     RESET_BROWN_OUT = 1 << 2,
