@@ -57,7 +57,7 @@ def in_background(options: RunOptions) -> Iterator[Callable[[], RunResult]]:
 def execute_all(runs: Sequence[RunOptions]) -> Iterator[tuple[int, Outcome]]:
     """Execute runs, on all cores where all is simulated.
 
-    Where the robot is real, an interruption ends them all.
+    Where the robot is real, the first that fails ends them all: somebody has to look at it.
 
     Yields:
         Index, and result or error, as each ends.
@@ -68,7 +68,7 @@ def execute_all(runs: Sequence[RunOptions]) -> Iterator[tuple[int, Outcome]]:
     for index, run in enumerate(runs):
         outcome = _execute(run)
         yield index, outcome
-        if isinstance(outcome, RunResult) and isinstance(outcome.failure, KeyboardInterrupt):
+        if not isinstance(outcome, RunResult) or outcome.failure is not None:
             return
 
 

@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ccr_host.addresses import joined
 from ccr_host.errors import TrackerError
 from ccr_host.tracking.clock_fit import ClockFit
 from ccr_host.tracking.frame import (
@@ -82,7 +83,7 @@ class IgtlTracker(StartsAndStops):
         latency_us: int = DEFAULT_LATENCY_US,
         open_stream: Callable[[], Stream] | None = None,
     ) -> None:
-        self.name = f"igtl://{host}:{port}"
+        self.name = f"igtl://{joined(host, port)}"
         self._open_stream = open_stream or igtl_opener(host, port)
         self._expected = tuple(expected_tools)
         self._latency_us = latency_us

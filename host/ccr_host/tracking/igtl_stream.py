@@ -12,6 +12,7 @@ import socket
 from collections.abc import Callable
 from typing import Any
 
+from ccr_host.addresses import joined
 from ccr_host.errors import TrackerError
 from ccr_host.tracking.frame import ForeignPeerError
 from ccr_host.tracking.optional import import_optional
@@ -146,7 +147,7 @@ def igtl_opener(host: str, port: int) -> Callable[[], IgtlStream]:
         ConfigError: pyigtl is not installed.
     """
     base = import_optional("pyigtl", "igtl", "tracker igtl://").MessageBase
-    name = f"igtl://{host}:{port}"
+    name = f"igtl://{joined(host, port)}"
     peer: tuple[int, Any] | None = None
 
     def unpack(header: bytes, body: bytes) -> Message:

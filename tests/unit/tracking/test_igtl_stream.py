@@ -120,11 +120,16 @@ def test_closed_connection_is_told_after_the_last_message(served):
         received(stream, 1)
 
 
-def test_nobody_there_is_told_at_once():
-    with socket.create_server(("127.0.0.1", 0)) as listener:
+@pytest.mark.parametrize(
+    ("host", "named"), [("127.0.0.1", "igtl://127.0.0.1:{}"), ("::1", "igtl://[::1]:{}")]
+)
+def test_nobody_there_is_told_at_once_and_where(host, named):
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.create_server((host, 0), family=family) as listener:
         port = listener.getsockname()[1]
-    with pytest.raises(TrackerError, match="cannot be reached"):
-        igtl_opener("127.0.0.1", port)()
+    with pytest.raises(TrackerError, match="cannot be reached") as refusal:
+        igtl_opener(host, port)()
+    assert str(refusal.value).startswith(named.format(port))
 
 
 @pytest.mark.long
