@@ -26,11 +26,15 @@ constexpr uint8_t kCountsPerMs = F_CPU / 1000 / kMsPrescaler;
 static_assert(1000UL * kMsPrescaler * kCountsPerMs == F_CPU, "Timer2 counts whole ms");
 
 constexpr uint8_t kMsPerFrame = ccr::kTickUs / 1000;
+constexpr uint16_t kFrameCountsPerMs = kFrameCounts / kMsPerFrame;
 constexpr uint8_t kTickAtMs = ccr::kTickPhaseUs / 1000;
 // The pins are low then, whatever the pulses: connecting or disconnecting one cuts none. The tick
 // has 1 ms; if it is late its pulses wait for the next frame.
 constexpr uint8_t kCommitAtMs = kTickAtMs + 1;
 static_assert(kCommitAtMs < kMsPerFrame, "before the next frame");
+// Which pins are connected changes at once, unlike how long their pulses last: never so late that
+// the next frame may have begun.
+constexpr uint16_t kCommitBeforeCounts = kFrameCounts - 50 * kCountsPerUs;
 static_assert(ccr::kPulseCeilingHalfUs < kTickAtMs * 1000UL * kCountsPerUs, "pins are low");
 
 constexpr uint8_t kFastPwmToIcr1A = _BV(WGM11);
@@ -44,13 +48,37 @@ struct CompareSettings {
 
 CompareSettings prepared = {0, 0, kFastPwmToIcr1A};
 volatile uint32_t frame_start_us = CCR_TIME_AT_RESET_US;
-volatile uint8_t ms_in_frame = 0;
 volatile uint8_t ticks_due = 0;
 volatile bool has_overrun = false;
+volatile bool has_lost_ms = false;
+
+/// Of interrupts alone. Counted, and held against Timer1, which cannot lose any.
+uint8_t ms_in_frame = 0;
+uint16_t ms_began_counts = 0;
+bool has_frame_had_its_tick = false;
 
 /// The pin is high for one count more than the register says.
 constexpr uint16_t compare_value(uint16_t pulse_half_us) {
   return static_cast<uint16_t>(pulse_half_us - 1);
+}
+
+void begin_next_ms() {
+  ++ms_in_frame;
+  ms_began_counts = static_cast<uint16_t>(ms_began_counts + kFrameCountsPerMs);
+  if (ms_in_frame == kMsPerFrame) {
+    ms_in_frame = 0;
+    ms_began_counts = 0;
+  } else if (ms_in_frame == kTickAtMs) {
+    if (ticks_due > 0) {
+      has_overrun = true;
+    }
+    ticks_due = static_cast<uint8_t>(ticks_due + 1);
+    has_frame_had_its_tick = true;
+  }
+}
+
+bool is_in_ms(uint16_t counts) {
+  return static_cast<uint16_t>(counts - ms_began_counts) < kFrameCountsPerMs;
 }
 
 /// The boot loader may have left them running.
@@ -107,13 +135,17 @@ void finish_tick() {
   ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { ticks_due = static_cast<uint8_t>(ticks_due - 1); }
 }
 
-bool take_overrun() {
-  const bool overrun = has_overrun;
-  if (overrun) {
-    has_overrun = false;
+bool take(volatile bool& flag) {
+  const bool is_set = flag;
+  if (is_set) {
+    flag = false;
   }
-  return overrun;
+  return is_set;
 }
+
+bool take_overrun() { return take(has_overrun); }
+
+bool take_lost_ms() { return take(has_lost_ms); }
 
 void prepare(const ccr::Pulses& pulses) {
   CompareSettings next = {0, 0, kFastPwmToIcr1A};
@@ -128,22 +160,32 @@ void prepare(const ccr::Pulses& pulses) {
   ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { prepared = next; }
 }
 
-ISR(TIMER1_OVF_vect) { frame_start_us = frame_start_us + ccr::kTickUs; }
+ISR(TIMER1_OVF_vect) {
+  frame_start_us = frame_start_us + ccr::kTickUs;
+  if (!has_frame_had_its_tick) {
+    has_lost_ms = true;
+  }
+  has_frame_had_its_tick = false;
+}
 
 ISR(TIMER2_COMPA_vect) {
   count_ms_since_feed();
-  const uint8_t ms = static_cast<uint8_t>(ms_in_frame + 1);
-  ms_in_frame = ms == kMsPerFrame ? uint8_t{0} : ms;
-  if (ms == kTickAtMs) {
-    if (ticks_due > 0) {
-      has_overrun = true;
-    }
-    ticks_due = static_cast<uint8_t>(ticks_due + 1);
-  } else if (ms == kCommitAtMs) {
-    OCR1A = prepared.ocr_a;
-    OCR1B = prepared.ocr_b;
-    TCCR1A = prepared.tccr_a;
+  const uint16_t counts = TCNT1;
+  begin_next_ms();
+  while (!is_in_ms(counts)) {  // Once round the frame at most.
+    has_lost_ms = true;
+    begin_next_ms();
   }
+  if (ms_in_frame != kCommitAtMs) {
+    return;
+  }
+  if (counts >= kCommitBeforeCounts) {
+    has_lost_ms = true;
+    return;
+  }
+  OCR1A = prepared.ocr_a;
+  OCR1B = prepared.ocr_b;
+  TCCR1A = prepared.tccr_a;
 }
 
 }  // namespace frame_timer

@@ -25,6 +25,9 @@ bool is_tick_due();
 void finish_tick();
 /// Was one due before the last one was done, since the last call?
 bool take_overrun();
+/// Was a millisecond lost since the last call, because interrupts were off for longer than one? The
+/// frame goes on in its place.
+bool take_lost_ms();
 
 /// Pulses from the start of the next frame on.
 void prepare(const ccr::Pulses& pulses);

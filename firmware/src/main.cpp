@@ -46,6 +46,10 @@ struct Firmware {
     if (stack.least_free() < kLeastFreeStack) {
       board.raise_fault(ccr::Fault::kStackLow);
     }
+    // Before the tick, which may have come at another time or once too often.
+    if (uno::frame_timer::take_lost_ms()) {
+      board.raise_fault(ccr::Fault::kInternal);
+    }
     const ccr::Pulses pulses = board.tick();
     uno::keep_in_mind(pulses);
     uno::frame_timer::prepare(pulses);

@@ -1,4 +1,4 @@
-// How much of the stack was never used, told by the paint that is left of what the start put there.
+// How much of the stack was never used, told by the paint that is left.
 #ifndef CCR_UNO_STACK_MONITOR_H
 #define CCR_UNO_STACK_MONITOR_H
 
@@ -6,10 +6,9 @@
 
 namespace uno {
 
-constexpr uint8_t kStackPaint = 0xC5;
-
 class StackMonitor {
  public:
+  /// Paints what lies between the variables and the stack.
   StackMonitor();
 
   /// Looks at the next few bytes; a sweep over all takes a second at one call a tick.

@@ -4,24 +4,12 @@
 #include <avr/wdt.h>
 
 #include "frame_timer.h"
-#include "stack_monitor.h"
-
-/// End of the variables, from the linker.
-extern uint8_t _end;
 
 namespace uno {
 
 namespace {
 
 volatile uint8_t mcusr_found __attribute__((section(".noinit")));
-
-inline void paint_stack() {
-  // volatile, or the compiler may call memset, which would paint over its own return address.
-  volatile uint8_t* const top = reinterpret_cast<uint8_t*>(SP);
-  for (volatile uint8_t* at = &_end; at <= top; ++at) {
-    *at = kStackPaint;
-  }
-}
 
 }  // namespace
 
@@ -39,7 +27,6 @@ void ccr_startup() {
   wdt_enable(WDTO_120MS);
   wdt_reset();  // simavr takes over another time-out only then
   frame_timer::start();
-  paint_stack();
 }
 
 }  // namespace uno

@@ -19,6 +19,8 @@ from ccr_host.simavr.mcu import CYCLES_PER_US
 from ccr_host.simavr.pulse_meter import Edge
 from tests.conformance.firmware_build import firmware_elf
 
+RETURN_FROM_INTERRUPT = b"\x18\x95"
+MILLISECOND_VECTOR = 7 * 4
 HANG = b"\xff\xcf"
 HANG_WITHOUT_INTERRUPTS = b"\xf8\x94\xff\xcf"
 JUMP_TO_THE_START = b"\x0c\x94\x00\x00"
@@ -81,8 +83,24 @@ class Uno:
     @contextmanager
     def hanging_in(self, function: str, code: bytes = HANG) -> Iterator[None]:
         """The program goes astray as soon as it calls a function."""
+        with self._patched(self.board.symbol(function), code):
+            yield
+
+    @contextmanager
+    def losing_milliseconds(self) -> Iterator[None]:
+        """The interrupt of each millisecond is served, and does nothing."""
+        with self._patched(MILLISECOND_VECTOR, RETURN_FROM_INTERRUPT):
+            yield
+
+    @contextmanager
+    def masking_interrupts(self) -> Iterator[None]:
+        """From the next millisecond on no interrupt is served until the end."""
+        with self._patched(MILLISECOND_VECTOR, HANG):
+            yield
+
+    @contextmanager
+    def _patched(self, at: int, code: bytes) -> Iterator[None]:
         flash = self.board._mcu.flash
-        at = self.board.symbol(function)
         end = at + len(code)
         before = flash[at:end].tobytes()
         flash[at:end] = list(code)
@@ -107,7 +125,7 @@ def test_it_boots_however_the_compiler_writes_the_loop_that_paints_the_stack(
 def test_interrupts_are_on_within_the_first_millisecond_so_that_none_is_missed() -> None:
     uno = Uno(profiling=True)
     uno.wait(5000)
-    assert uno.board.statistics().longest_masked_cycles < 1000 * CYCLES_PER_US
+    assert uno.board.statistics().longest_masked_cycles < 400 * CYCLES_PER_US
 
 
 def test_pulses_are_exact_and_begin_with_their_frame() -> None:
@@ -241,6 +259,79 @@ def test_a_late_tick_is_a_fault_and_cuts_no_pulse(ends_us_into_frame: int) -> No
     ]
     assert set(widths) == {3000 * CYCLES_PER_US // 2}
     assert uno.board.pulses_half_us == (0, 0)
+
+
+@pytest.mark.parametrize("lost_ms", range(m.TICK_US // 1000))
+def test_a_lost_millisecond_is_a_fault_and_cuts_no_pulse(lost_ms: int) -> None:
+    uno = Uno()
+    edges = _edges_of_widest_pulses(uno)
+    frame_us = _next_frame_us(uno)
+    uno.board.advance_to(frame_us + (lost_ms - 1) * 1000 + 500)
+    with uno.losing_milliseconds():
+        uno.wait(1000)
+    uno.wait(3 * m.TICK_US)
+    _assert_whole_pulses_and_then_none(uno, edges)
+
+
+@pytest.mark.parametrize("masked_us", [1100, 1900, 2100, 4500, 19_500, 20_500, 21_500, 40_500])
+@pytest.mark.parametrize("first_ms", [1, 3, 16, 17, 18, 19])
+def test_interrupts_off_for_longer_than_a_millisecond_are_a_fault_and_cut_no_pulse(
+    first_ms: int, masked_us: int
+) -> None:
+    uno = Uno()
+    edges = _edges_of_widest_pulses(uno)
+    uno.board.advance_to(_next_frame_us(uno) + first_ms * 1000 - 500)
+    with uno.masking_interrupts():
+        uno.wait(500 + masked_us)
+    uno.wait(3 * m.TICK_US)
+    _assert_whole_pulses_and_then_none(uno, edges)
+
+
+@pytest.mark.parametrize("masked_us", [200, 900, 960, 990])
+def test_a_late_millisecond_connects_no_pin_in_the_middle_of_a_pulse(masked_us: int) -> None:
+    uno = Uno()
+    edges = _edges_of_widest_pulses(uno)
+    uno.board.advance_to(_next_frame_us(uno) + 17_500)
+    uno.board.receive(encode_frame(m.Stop.ID, 1, b""))
+    uno.wait(1_000)
+    with uno.masking_interrupts():
+        uno.wait(500 + masked_us)
+    uno.wait(3 * m.TICK_US)
+    assert _widths_us(edges) == {2500}
+    assert uno.board.pulses_half_us == (0, 0)
+
+
+def _edges_of_widest_pulses(uno: Uno) -> list[Edge]:
+    edges: list[Edge] = []
+    uno.make_armed()
+    uno.ask(m.SetTarget(SESSION, (9000, 9000), 0, 10_000))
+    uno.wait(1_000_000)
+    uno.board.observe_edges(edges.append)
+    return edges
+
+
+def _next_frame_us(uno: Uno) -> int:
+    return (uno.board.now_us // m.TICK_US + 1) * m.TICK_US
+
+
+def _widths_us(edges: list[Edge]) -> set[float]:
+    return {
+        (fall.cycle - rise.cycle) / CYCLES_PER_US
+        for pin in (0, 1)
+        for rise, fall in zip(*_rises_and_falls(edges, pin), strict=True)
+    }
+
+
+def _assert_whole_pulses_and_then_none(uno: Uno, edges: list[Edge]) -> None:
+    assert _widths_us(edges) == {2500}
+    assert uno.board.pulses_half_us == (0, 0)
+    report = uno.report()
+    assert (report.state, report.fault) == (m.State.FAULT, m.Fault.INTERNAL)
+    uno.ask(m.ClearFault(SESSION))
+    uno.ask(m.Arm(SESSION))
+    uno.wait(5 * m.TICK_US)
+    assert uno.report().state is m.State.ARMING
+    assert 0 not in uno.board.pulses_half_us
 
 
 def test_used_up_stack_is_a_fault_and_told() -> None:
