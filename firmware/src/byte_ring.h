@@ -22,18 +22,15 @@ class ByteRing {
     return true;
   }
 
-  /// All of them or none.
-  bool push_all(const uint8_t* bytes, uint8_t count) {
-    if (free() < count) {
-      return false;
-    }
+  uint8_t free() const { return static_cast<uint8_t>(tail_ - head_ - 1) & kMask; }
+  /// Into a ring that has room for them.
+  void push_all(const uint8_t* bytes, uint8_t count) {
     uint8_t head = head_;
     for (uint8_t at = 0; at < count; ++at) {
       bytes_[head] = bytes[at];
       head = after(head);
     }
     head_ = head;
-    return true;
   }
 
   /// Of a ring that is not empty.
@@ -48,7 +45,6 @@ class ByteRing {
   static constexpr uint8_t kMask = static_cast<uint8_t>(kSize - 1);
 
   static uint8_t after(uint8_t index) { return static_cast<uint8_t>(index + 1) & kMask; }
-  uint8_t free() const { return static_cast<uint8_t>(tail_ - head_ - 1) & kMask; }
 
   volatile uint8_t head_ = 0;
   volatile uint8_t tail_ = 0;

@@ -58,12 +58,11 @@ uint8_t take_lost_bytes() {
   return lost;
 }
 
-bool send(const uint8_t* bytes, uint8_t size) {
-  if (!to_send.push_all(bytes, size)) {
-    return false;
-  }
+bool has_room(uint8_t size) { return to_send.free() >= size; }
+
+void send(const uint8_t* bytes, uint8_t size) {
+  to_send.push_all(bytes, size);
   UCSR0B = UCSR0B | _BV(UDRIE0);
-  return true;
 }
 
 ISR(USART_RX_vect) {

@@ -15,8 +15,9 @@ uint8_t take_byte();
 /// Received bytes lost since the last call, in the UART or for want of room.
 uint8_t take_lost_bytes();
 
-/// Queues all of it or nothing.
-bool send(const uint8_t* bytes, uint8_t size);
+bool has_room(uint8_t size);
+/// Of a line that has room for it.
+void send(const uint8_t* bytes, uint8_t size);
 
 }  // namespace uart
 }  // namespace uno

@@ -21,7 +21,9 @@ uint16_t UnoHardware::capabilities() {
 
 uint32_t UnoHardware::time_us() { return frame_timer::now_us(); }
 
-bool UnoHardware::send(const uint8_t* frame, uint8_t size) { return uart::send(frame, size); }
+bool UnoHardware::has_room(uint8_t size) { return uart::has_room(size); }
+
+void UnoHardware::send(const uint8_t* frame, uint8_t size) { uart::send(frame, size); }
 
 bool UnoHardware::is_eeprom_ready() { return eeprom_is_ready(); }
 

@@ -15,7 +15,8 @@ class UnoHardware final : public ccr::Hardware {
 
   uint16_t capabilities() override;
   uint32_t time_us() override;
-  bool send(const uint8_t* frame, uint8_t size) override;
+  bool has_room(uint8_t size) override;
+  void send(const uint8_t* frame, uint8_t size) override;
   bool is_eeprom_ready() override;
   uint8_t read_eeprom(uint16_t address) override;
   void write_eeprom(uint16_t address, uint8_t byte) override;

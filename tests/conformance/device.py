@@ -20,9 +20,6 @@ PULSES_OVER_US = 3_000
 _ANSWER_TIMEOUT_US = 15_000
 """Of TIM-5."""
 
-LISTENS_AFTER_US = 2_000
-"""A board has to take bytes from then on after a reset (TIM-5)."""
-
 
 class Device(Protocol):
     """A board and its wire; time counts from the start of its first frame after a reset.
@@ -68,7 +65,7 @@ class EmulatedDevice:
         self.board = UnoEmulator(eeprom, **start_values)
         self._line = SerialLine(self.board)
         self._reset_us = 0
-        self.advance_to(LISTENS_AFTER_US)
+        self.advance_to(m.LISTENS_AFTER_US)
 
     def send(self, data: bytes) -> None:
         self._line.write(data)
@@ -89,7 +86,7 @@ class EmulatedDevice:
     def reset(self, cause: m.ResetCause) -> None:
         self.board.reset(cause)
         self._reset_us = self.board.now_us
-        self.advance_to(LISTENS_AFTER_US)
+        self.advance_to(m.LISTENS_AFTER_US)
 
     def close(self) -> None:
         pass
@@ -168,7 +165,7 @@ class SimavrDevice:
             assert self.board.now_us < begin_us + _START_UP_LIMIT_US, "the firmware does not start"
             self.board.advance_to(self.board.now_us + _PROBE_US)
         self._first_frame_us = self.board.now_us - _PROBE_US
-        self.advance_to(LISTENS_AFTER_US)
+        self.advance_to(m.LISTENS_AFTER_US)
 
     def _timers_run(self) -> bool:
         (hold,) = self.board.read_memory(_GTCCR, 1)

@@ -93,6 +93,73 @@ def test_answers_that_do_not_fit_the_send_buffer_are_dropped_and_counted(listeni
     assert (understood == 60) == (counters.overruns == 0)
 
 
+@pytest.mark.requirement("REQ-5")
+@pytest.mark.parametrize("request_", [m.GetCounters(), m.GetState(), m.ClockSync(0x01020304)])
+def test_as_many_requests_as_may_be_outstanding_are_answered(with_session, request_):
+    frame = encode_frame(request_.ID, 1, request_.pack())
+    count = min(m.OUTSTANDING_REQUESTS, m.OUTSTANDING_BYTES // len(frame))
+    with_session.done(m.SetTelemetry(SESSION, 1))
+    for _ in range(50):
+        assert len(with_session.exchange(frame * count)) == count
+    assert with_session.counters().replies_dropped == 0
+
+
+@pytest.mark.requirement("REQ-5", "TIM-5")
+@pytest.mark.in_step("the moment of the reset cannot be seen on a port")
+def test_as_many_requests_as_may_be_outstanding_are_answered_as_soon_as_the_board_listens(
+    make_host,
+):
+    frame = encode_frame(m.SetCalibration.ID, 1, bytes(m.SetCalibration.SIZE))
+    shortest = encode_frame(m.GetCounters.ID, 2, b"")
+    left = m.OUTSTANDING_BYTES - 2 * len(frame)
+    requests = frame * 2 + shortest * min(m.OUTSTANDING_REQUESTS - 2, left // len(shortest))
+    listening = make_host()
+    for cause in (m.ResetCause.POWER_ON, m.ResetCause.EXTERNAL):
+        listening.reset(cause)
+        assert len(listening.exchange(requests)) == requests.count(0)
+        assert listening.link_errors() == 0
+
+
+@pytest.mark.requirement("TIM-5")
+@pytest.mark.in_step("a port is opened before its board listens")
+def test_what_comes_right_after_a_reset_is_lost(make_host):
+    listening = make_host()
+    device = listening.device
+    device.board.reset(m.ResetCause.EXTERNAL)
+    device.send(HELLO)
+    device.board.advance_to(device.board.now_us + 50_000)
+    assert device.read() == b""
+
+
+FLOODS = {
+    "states": [m.GetState()],
+    "counters": [m.GetCounters()],
+    "targets": [m.SetTarget(SESSION, (8000, -5000), 300, 10_000)],
+    "targets and states": [m.SetTarget(SESSION, (8000, -5000), 300, 10_000)] * 6 + [m.GetState()],
+    "hellos": [m.Hello(m.PROTOCOL_VERSION, m.SPEC_HASH)],
+}
+
+
+@pytest.mark.requirement("REQ-5", "STP-1")
+@pytest.mark.parametrize("flood", FLOODS.values(), ids=FLOODS.keys())
+@pytest.mark.in_step("a port does not tell how full its line is")
+def test_on_a_line_that_never_pauses_each_request_is_obeyed_and_a_stop_is_answered(armed, flood):
+    armed.done(m.SetTelemetry(SESSION, 1))
+    armed.target(8000, -5000, ramp_ms=10_000)
+    before = armed.counters().frames_accepted
+    frames = [encode_frame(r.ID, 1, r.pack()) for r in flood]
+    repeated = frames * (2000 // len(frames))
+    stop = encode_frame(m.Stop.ID, 99, b"")
+    data = b"".join(repeated) + stop + b"".join(repeated[:50])
+    answers = armed.exchange(data, wait_us=len(data) * 10_000_000 // m.BAUD + 50_000)
+    acks = [m.Ack.unpack(a.payload) for a in answers if (a.id, a.sequence) == (m.Ack.ID, 99)]
+    assert acks == [m.Ack(m.Stop.ID, m.State.STOPPED)]
+    counters = armed.counters()
+    assert counters.overruns == 0
+    # The end of the exchange and get_counters itself come on top.
+    assert counters.frames_accepted - before == len(repeated) + 1 + 50 + 2
+
+
 @pytest.mark.requirement("REQ-2")
 def test_checks_come_in_their_order_and_change_nothing(host):
     host.done(m.Arm(SESSION))

@@ -15,7 +15,7 @@ void Dispatcher::receive(Received received, const FrameDecoder& frame) {
       return refuse(frame, Refusal{NackCode::kBadState, static_cast<uint8_t>(controller_.state())});
     }
     ++counters_.repeats_answered;
-    send(frame.sequence(), session_.retries.answer());
+    send<Ack>(frame.sequence(), [this] { return session_.retries.answer(); });
     return;
   }
   dispatch(frame);
@@ -24,7 +24,8 @@ void Dispatcher::receive(Received received, const FrameDecoder& frame) {
 void Dispatcher::end_tick() {
   session_.retries.count();
   if (session_.telemetry.is_due()) {
-    send(session_.telemetry.take_sequence(), Telemetry{state_report()});
+    send<Telemetry>(session_.telemetry.take_sequence(),
+                    [this] { return Telemetry{state_report()}; });
   }
 }
 
@@ -139,52 +140,59 @@ Dispatcher::Refusal Dispatcher::check_not_saving() const {
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const Hello&) {
-  HelloReply reply;
-  reply.protocol_version = kProtocolVersion;
-  reply.spec_hash = kSpecHash;
-  for (uint8_t part = 0; part < sizeof(kFirmwareVersion); ++part) {
-    reply.firmware_version[part] = kFirmwareVersion[part];
-  }
-  reply.boot_id = controller_.boot_id();
-  reply.reset_cause = cause_;
-  reply.eeprom_status = controller_.eeprom_status();
-  reply.capabilities = hardware_.capabilities();
-  reply.axes = kAxes;
-  reply.max_payload = kMaxPayload;
-  reply.tick_us = kTickUs;
-  send(frame.sequence(), reply);
+  send<HelloReply>(frame.sequence(), [this] {
+    HelloReply reply;
+    reply.protocol_version = kProtocolVersion;
+    reply.spec_hash = kSpecHash;
+    for (uint8_t part = 0; part < sizeof(kFirmwareVersion); ++part) {
+      reply.firmware_version[part] = kFirmwareVersion[part];
+    }
+    reply.boot_id = controller_.boot_id();
+    reply.reset_cause = cause_;
+    reply.eeprom_status = controller_.eeprom_status();
+    reply.capabilities = hardware_.capabilities();
+    reply.axes = kAxes;
+    reply.max_payload = kMaxPayload;
+    reply.tick_us = kTickUs;
+    return reply;
+  });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const OpenSession& request) {
   session_.open(request.session);
-  send(frame.sequence(), SessionReply{request.session, controller_.boot_id(), controller_.state()});
+  send<SessionReply>(frame.sequence(), [&] {
+    return SessionReply{request.session, controller_.boot_id(), controller_.state()};
+  });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const ClockSync& request) {
-  send(frame.sequence(), ClockReply{request.host_time_us, hardware_.time_us()});
+  send<ClockReply>(frame.sequence(),
+                   [&] { return ClockReply{request.host_time_us, hardware_.time_us()}; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetState&) {
-  send(frame.sequence(), StateReply{state_report()});
+  send<StateReply>(frame.sequence(), [this] { return StateReply{state_report()}; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetCounters&) {
-  const Controller::Counts& counts = controller_.counts();
-  CountersReply reply;
-  reply.frames_accepted = counters_.frames_accepted;
-  reply.bad_crc = counters_.bad_crc;
-  reply.bad_encoding = counters_.bad_encoding;
-  reply.bad_size = counters_.bad_size;
-  reply.overruns = counters_.overruns;
-  reply.replies_dropped = counters_.replies_dropped;
-  reply.nacks = counters_.nacks;
-  reply.repeats_answered = counters_.repeats_answered;
-  reply.targets_accepted = counts.targets_accepted;
-  reply.targets_clamped = counts.targets_clamped;
-  reply.holds = counts.holds;
-  reply.relaxes = counts.relaxes;
-  reply.saves = counts.saves;
-  send(frame.sequence(), reply);
+  send<CountersReply>(frame.sequence(), [this] {
+    const Controller::Counts& counts = controller_.counts();
+    CountersReply reply;
+    reply.frames_accepted = counters_.frames_accepted;
+    reply.bad_crc = counters_.bad_crc;
+    reply.bad_encoding = counters_.bad_encoding;
+    reply.bad_size = counters_.bad_size;
+    reply.overruns = counters_.overruns;
+    reply.replies_dropped = counters_.replies_dropped;
+    reply.nacks = counters_.nacks;
+    reply.repeats_answered = counters_.repeats_answered;
+    reply.targets_accepted = counts.targets_accepted;
+    reply.targets_clamped = counts.targets_clamped;
+    reply.holds = counts.holds;
+    reply.relaxes = counts.relaxes;
+    reply.saves = counts.saves;
+    return reply;
+  });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetTelemetry& request) {
@@ -205,7 +213,7 @@ void Dispatcher::execute(const FrameDecoder& frame, const Disarm&) {
 void Dispatcher::execute(const FrameDecoder& frame, const Stop&) {
   controller_.stop();
   session_.retries.make_void();
-  send(frame.sequence(), Ack{Stop::kId, controller_.state()});
+  send<Ack, 0>(frame.sequence(), [this] { return Ack{Stop::kId, controller_.state()}; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const ClearFault&) {
@@ -215,12 +223,16 @@ void Dispatcher::execute(const FrameDecoder& frame, const ClearFault&) {
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetTarget& request) {
   controller_.accept_target(request, frame.sequence());
-  send(frame.sequence(), TargetReply{controller_.state(), flags(),
-                                     {controller_.target_cdeg(0), controller_.target_cdeg(1)}});
+  send<TargetReply>(frame.sequence(), [this] {
+    return TargetReply{controller_.state(),
+                       flags(),
+                       {controller_.target_cdeg(0), controller_.target_cdeg(1)}};
+  });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetLimits&) {
-  send(frame.sequence(), LimitsReply{controller_.configuration().limits});
+  send<LimitsReply>(frame.sequence(),
+       [this] { return LimitsReply{controller_.configuration().limits}; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetLimits& request) {
@@ -229,7 +241,8 @@ void Dispatcher::execute(const FrameDecoder& frame, const SetLimits& request) {
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetSlew&) {
-  send(frame.sequence(), SlewReply{controller_.configuration().slew});
+  send<SlewReply>(frame.sequence(),
+       [this] { return SlewReply{controller_.configuration().slew}; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetSlew& request) {
@@ -238,7 +251,8 @@ void Dispatcher::execute(const FrameDecoder& frame, const SetSlew& request) {
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetWatchdog&) {
-  send(frame.sequence(), WatchdogReply{controller_.configuration().watchdog});
+  send<WatchdogReply>(frame.sequence(),
+       [this] { return WatchdogReply{controller_.configuration().watchdog}; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetWatchdog& request) {
@@ -247,7 +261,8 @@ void Dispatcher::execute(const FrameDecoder& frame, const SetWatchdog& request) 
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetCalibration&) {
-  send(frame.sequence(), CalibrationReply{controller_.configuration().calibration});
+  send<CalibrationReply>(frame.sequence(),
+       [this] { return CalibrationReply{controller_.configuration().calibration}; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetCalibration& request) {
@@ -262,26 +277,34 @@ void Dispatcher::execute(const FrameDecoder& frame, const SaveConfig&) {
 
 void Dispatcher::refuse(const FrameDecoder& frame, Refusal refusal) {
   ++counters_.nacks;
-  send(frame.sequence(), Nack{frame.id(), refusal.code, refusal.detail});
+  send<Nack>(frame.sequence(), [&] { return Nack{frame.id(), refusal.code, refusal.detail}; });
 }
 
 void Dispatcher::acknowledge(const FrameDecoder& frame) {
   session_.retries.remember(frame, controller_.state());
-  send(frame.sequence(), session_.retries.answer());
+  send<Ack>(frame.sequence(), [this] { return session_.retries.answer(); });
 }
 
-template <typename Reply>
-void Dispatcher::send(uint8_t sequence, const Reply& reply) {
+template <typename Reply, uint8_t kLeft, typename Make>
+void Dispatcher::send(uint8_t sequence, Make make) {
+  if (!finds_room(wire_size(Reply::kSize) + kLeft)) {
+    return;
+  }
   uint8_t wire[wire_size(Reply::kSize)];
-  encode(reply, wire + kPayloadAt);
+  encode(make(), wire + kPayloadAt);
   send_frame(Reply::kId, sequence, Reply::kSize, wire);
 }
 
-void Dispatcher::send_frame(uint8_t id, uint8_t sequence, uint8_t payload_size, uint8_t* wire) {
-  const uint8_t size = close_frame(id, sequence, payload_size, wire);
-  if (!hardware_.send(wire, size)) {
+bool Dispatcher::finds_room(uint8_t size) {
+  const bool has_room = hardware_.has_room(size);
+  if (!has_room) {
     ++counters_.replies_dropped;
   }
+  return has_room;
+}
+
+void Dispatcher::send_frame(uint8_t id, uint8_t sequence, uint8_t payload_size, uint8_t* wire) {
+  hardware_.send(wire, close_frame(id, sequence, payload_size, wire));
 }
 
 uint8_t Dispatcher::flags() const {

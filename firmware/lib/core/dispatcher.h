@@ -85,8 +85,11 @@ class Dispatcher {
 
   void refuse(const FrameDecoder& frame, Refusal refusal);
   void acknowledge(const FrameDecoder& frame);
-  template <typename Reply>
-  void send(uint8_t sequence, const Reply& reply);
+  /// Makes a frame and sends it where there is room for it and, but for the answer to `stop`, for
+  /// such an answer besides. On a saturated line most answers find none, and take no time then.
+  template <typename Reply, uint8_t kLeft = wire_size(Ack::kSize), typename Make>
+  void send(uint8_t sequence, Make make);
+  bool finds_room(uint8_t size);
   void send_frame(uint8_t id, uint8_t sequence, uint8_t payload_size, uint8_t* wire);
   uint8_t flags() const;
   StateReport state_report() const;

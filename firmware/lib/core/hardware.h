@@ -14,8 +14,10 @@ class Hardware {
   /// Since the reset; wraps.
   virtual uint32_t time_us() = 0;
 
-  /// Queues a frame, whole or not at all; false where it does not fit.
-  virtual bool send(const uint8_t* frame, uint8_t size) = 0;
+  /// May so many bytes more be queued? Looked at before an answer is made, which takes much longer.
+  virtual bool has_room(uint8_t size) = 0;
+  /// Queues a frame for which there is room.
+  virtual void send(const uint8_t* frame, uint8_t size) = 0;
 
   /// May EEPROM be read or written without waiting?
   virtual bool is_eeprom_ready() = 0;

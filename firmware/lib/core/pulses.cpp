@@ -20,16 +20,22 @@ int32_t wanted_half_us(const Calibration& calibration, uint8_t axis, int16_t ang
   return calibration.neutral_half_us[axis] + change;
 }
 
+uint16_t least_half_us(const Calibration& calibration, uint8_t axis) {
+  const uint16_t least = calibration.pulse_min_half_us[axis];
+  return least > kPulseFloorHalfUs ? least : kPulseFloorHalfUs;
+}
+
+uint16_t greatest_half_us(const Calibration& calibration, uint8_t axis) {
+  const uint16_t greatest = calibration.pulse_max_half_us[axis];
+  return greatest < kPulseCeilingHalfUs ? greatest : kPulseCeilingHalfUs;
+}
+
 }  // namespace
 
 uint16_t pulse_half_us(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg) {
   const int32_t pulse = wanted_half_us(calibration, axis, angle_cdeg);
-  const uint16_t least = calibration.pulse_min_half_us[axis] > kPulseFloorHalfUs
-                             ? calibration.pulse_min_half_us[axis]
-                             : kPulseFloorHalfUs;
-  const uint16_t greatest = calibration.pulse_max_half_us[axis] < kPulseCeilingHalfUs
-                                ? calibration.pulse_max_half_us[axis]
-                                : kPulseCeilingHalfUs;
+  const uint16_t least = least_half_us(calibration, axis);
+  const uint16_t greatest = greatest_half_us(calibration, axis);
   if (pulse < least) {
     return least;
   }
@@ -37,14 +43,13 @@ uint16_t pulse_half_us(const Calibration& calibration, uint8_t axis, int16_t ang
 }
 
 bool is_saturated(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg) {
-  return wanted_half_us(calibration, axis, angle_cdeg) !=
-         pulse_half_us(calibration, axis, angle_cdeg);
+  const int32_t pulse = wanted_half_us(calibration, axis, angle_cdeg);
+  return pulse < least_half_us(calibration, axis) || pulse > greatest_half_us(calibration, axis);
 }
 
 bool is_allowed_pulse(const Calibration& calibration, uint8_t axis, uint16_t half_us) {
-  return half_us >= kPulseFloorHalfUs && half_us <= kPulseCeilingHalfUs &&
-         half_us >= calibration.pulse_min_half_us[axis] &&
-         half_us <= calibration.pulse_max_half_us[axis];
+  return half_us >= least_half_us(calibration, axis) &&
+         half_us <= greatest_half_us(calibration, axis);
 }
 
 }  // namespace ccr

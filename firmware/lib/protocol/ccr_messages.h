@@ -9,7 +9,7 @@
 namespace ccr {
 
 constexpr uint8_t kProtocolVersion = 2;
-constexpr uint32_t kSpecHash = 0x4B681C90UL;
+constexpr uint32_t kSpecHash = 0xBBCD0658UL;
 constexpr uint8_t kFirmwareVersion[3] = {0, 2, 0};
 
 constexpr uint32_t kBaud = 250000UL;
@@ -29,6 +29,17 @@ constexpr uint16_t kTickPhaseUs = 18000U;
 constexpr uint8_t kBootTicks = 5U;
 /// For so long a repeated request is answered from memory instead of being executed again. [tick]
 constexpr uint8_t kRetryWindowTicks = 50U;
+/// From a reset until the board takes requests; what comes before that is lost. [us]
+constexpr uint16_t kListensAfterUs = 2000U;
+/// So many may a host have sent without having read their answers (REQ-5): the longest answers to
+/// them and two reports fit into send_bytes. [request]
+constexpr uint8_t kOutstandingRequests = 5U;
+/// And no more bytes than these, frames as they are on the wire: they fit where the board keeps
+/// what it has received. [byte]
+constexpr uint8_t kOutstandingBytes = 63U;
+/// Room for frames that wait to be sent. One that finds none is dropped and counted. All but the
+/// answer to `stop` leave room for that. [byte]
+constexpr uint8_t kSendBytes = 255U;
 /// No pulse is ever shorter, whatever the calibration says. [0.5 us]
 constexpr uint16_t kPulseFloorHalfUs = 1000U;
 /// No pulse is ever longer, whatever the calibration says. [0.5 us]
@@ -911,7 +922,7 @@ struct CountersReply {
   uint16_t bad_size;
   /// Bytes lost because they were not read in time.
   uint16_t overruns;
-  /// Frames not sent because more than 256 bytes waited to be sent.
+  /// Frames not sent because they found no room in send_bytes.
   uint16_t replies_dropped;
   /// Requests refused.
   uint16_t nacks;

@@ -104,7 +104,7 @@ void run_step(Script& script, WatchedBoard& board) {
         board.hardware.eeprom[address % ccr::kEepromSize] = script.byte();
       } else if ((step & 0x08) != 0) {
         board.hardware.is_eeprom_busy = (step & 1) != 0;
-        board.hardware.has_room = (step & 2) != 0;
+        board.hardware.room = (step & 2) != 0 ? 255 : 0;
       } else if ((step & 0x04) != 0) {
         board.raise(static_cast<ccr::Fault>(1 + (step & 0x03)));
       } else {

@@ -19,7 +19,7 @@ struct FakeHardware final : ccr::Hardware {
   EepromImage eeprom = erased_eeprom();
   Bytes sent;
   uint32_t now_us = 0;
-  bool has_room = true;
+  unsigned room = 255;
   bool is_eeprom_busy = false;
   int worn_out_address = -1;
   unsigned eeprom_writes = 0;
@@ -27,11 +27,9 @@ struct FakeHardware final : ccr::Hardware {
 
   uint16_t capabilities() override { return ccr::capabilities::kEeprom; }
   uint32_t time_us() override { return now_us; }
-  bool send(const uint8_t* frame, uint8_t size) override {
-    if (has_room) {
-      sent.insert(sent.end(), frame, frame + size);
-    }
-    return has_room;
+  bool has_room(uint8_t size) override { return size <= room; }
+  void send(const uint8_t* frame, uint8_t size) override {
+    sent.insert(sent.end(), frame, frame + size);
   }
   bool is_eeprom_ready() override { return !is_eeprom_busy; }
   uint8_t read_eeprom(uint16_t address) override { return eeprom.at(address); }

@@ -64,9 +64,32 @@ TEST_CASE("bytes lost before they came here are counted as overruns and link err
 
 TEST_CASE("an answer that finds no room is dropped whole and counted") {
   Bench bench;
-  bench.hardware.has_room = false;
+  bench.hardware.room = 0;
   bench.feed(wire(1, GetState{}));
   CHECK(bench.hardware.sent.empty());
-  bench.hardware.has_room = true;
+  bench.hardware.room = 255;
   CHECK(bench.counters().replies_dropped == 1);
+}
+
+TEST_CASE("REQ-5: only the answer to stop takes the room that is left for it") {
+  constexpr uint8_t kAckSize = wire_size(Ack::kSize);
+  Bench bench;
+  bench.hardware.room = wire_size(ClockReply::kSize) + kAckSize - 1;
+  bench.feed(wire(1, ClockSync{}));
+  CHECK(bench.hardware.sent.empty());
+  bench.hardware.room += 1;
+  bench.feed(wire(2, ClockSync{}));
+  CHECK(bench.take_sent().size() == 1);
+  bench.hardware.room = kAckSize;
+  bench.feed(wire(3, Stop{}));
+  CHECK(bench.take_sent().size() == 1);
+}
+
+TEST_CASE("REQ-5: a request is obeyed that finds no room for its answer") {
+  Bench bench;
+  bench.make_armed();
+  bench.hardware.room = 0;
+  bench.feed(wire(1, Stop{}));
+  bench.hardware.room = 255;
+  CHECK(bench.state() == State::kStopped);
 }

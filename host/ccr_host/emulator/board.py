@@ -10,17 +10,24 @@ from ccr_host.emulator.setpoint import Axes
 from ccr_host.link.framing import FrameDecoder, FramingError, encode_frame
 from ccr_host.link.messages import (
     BAUD,
+    LISTENS_AFTER_US,
+    OUTSTANDING_BYTES,
     SPEC_HASH,
     TICK_PHASE_US,
     TICK_US,
+    Ack,
     Fault,
     ResetCause,
     State,
     StateReport,
+    Stop,
     Telemetry,
 )
 
 _NO_PULSES: Axes = (0, 0)
+_START_UP_US = 9_000
+"""Until then it reads its EEPROM, and what it receives has to wait."""
+_STOP_ANSWER_BYTES = len(encode_frame(Ack.ID, 0, bytes(Ack.SIZE)))
 _U32 = 1 << 32
 
 
@@ -58,12 +65,13 @@ class UnoEmulator:
         self.reset(reset_cause)
 
     def reset(self, cause: ResetCause, boot_loader_us: int = 0) -> None:
-        """Start anew, `boot_loader_us` from now; bytes that come before that are lost."""
+        """Start anew, `boot_loader_us` from now; what comes before the board listens is lost."""
         self._start_us = self._now_us + boot_loader_us
         had_pulses = any(self._pulses_prepared)
         self._core = BoardCore(self._eeprom, cause, had_pulses, self._tick_offset)
         self._dispatcher = Dispatcher(self._core, self.board_time_us, self._spec_hash)
         self._decoder = FrameDecoder()
+        self._received_early = bytearray()
         self._sending = SendBuffer(self._baud)
         self._next_tick_us = self._start_us + TICK_PHASE_US
         self._pulses_on_pins = _NO_PULSES
@@ -72,6 +80,11 @@ class UnoEmulator:
 
     def advance_to(self, time_us: int) -> None:
         """Run all control ticks up to and including `time_us`."""
+        started_us = self._start_us + _START_UP_US
+        if self._received_early and time_us >= started_us:
+            self._now_us = max(started_us, self._now_us)
+            self._take(bytes(self._received_early))
+            self._received_early.clear()
         while self._next_tick_us <= time_us:
             self._now_us = self._next_tick_us
             self._next_tick_us += TICK_US
@@ -79,15 +92,28 @@ class UnoEmulator:
         self._now_us = max(time_us, self._now_us)
 
     def receive(self, data: bytes) -> None:
-        """Take bytes that arrive now, and dispatch the requests that they complete."""
-        if self._now_us < self._start_us:
+        """Take bytes that arrive now, and dispatch the requests that they complete.
+
+        While it starts up they wait, as many as a host may have outstanding.
+        """
+        since_start_us = self._now_us - self._start_us
+        if since_start_us < LISTENS_AFTER_US:
             return
+        if since_start_us < _START_UP_US:
+            room = OUTSTANDING_BYTES - len(self._received_early)
+            self._received_early += data[:room]
+            self._core.counters.count("overruns", len(data[room:]))
+            return
+        self._take(data)
+
+    def _take(self, data: bytes) -> None:
         for item in self._decoder.feed(data):
             if isinstance(item, FramingError):
                 self._core.counters.count_framing_error(item)
                 continue
             self._core.counters.count("frames_accepted")
-            self._send(self._dispatcher.answer(item))
+            answer = self._dispatcher.answer(item)
+            self._send(answer, 0 if item.id == Stop.ID else _STOP_ANSWER_BYTES)
 
     def take_output(self) -> bytes:
         """Bytes that have left the board and were not taken yet."""
@@ -129,7 +155,8 @@ class UnoEmulator:
     def next_event_us(self) -> int:
         """When something happens next if no byte arrives."""
         done_us = self._sending.frame_done_us()
-        return self._next_tick_us if done_us is None else min(done_us, self._next_tick_us)
+        event_us = self._next_tick_us if done_us is None else min(done_us, self._next_tick_us)
+        return min(self._start_us + _START_UP_US, event_us) if self._received_early else event_us
 
     def board_time_us(self) -> int:
         """The board's own clock, 32 bits."""
@@ -143,8 +170,9 @@ class UnoEmulator:
         self._latch_us = self._now_us + TICK_US - TICK_PHASE_US
         sequence = core.session.telemetry.tick()
         if sequence is not None:
-            self._send(encode_frame(Telemetry.ID, sequence, core.report().pack()))
+            report = encode_frame(Telemetry.ID, sequence, core.report().pack())
+            self._send(report, _STOP_ANSWER_BYTES)
 
-    def _send(self, frame: bytes) -> None:
-        if not self._sending.offer(frame, self._now_us):
+    def _send(self, frame: bytes, spare_bytes: int) -> None:
+        if not self._sending.offer(frame, self._now_us, spare_bytes):
             self._core.counters.count("replies_dropped")

@@ -17,9 +17,9 @@ class Counters:
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
 
-    def count(self, name: str) -> None:
-        """One more of `name`."""
-        self._counts[name] += 1
+    def count(self, name: str, number: int = 1) -> None:
+        """So many more of `name`."""
+        self._counts[name] += number
 
     def count_framing_error(self, error: FramingError) -> None:
         """One more frame that is none."""

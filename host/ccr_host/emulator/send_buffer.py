@@ -6,9 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from ccr_host.emulator.wire_time import bytes_in, wire_time_us
-
-CAPACITY_BYTES = 256
-"""Room of the send buffer: two telemetry frames and several answers."""
+from ccr_host.link.messages import SEND_BYTES
 
 
 @dataclass(slots=True)
@@ -30,11 +28,11 @@ class SendBuffer:
         self._frames: deque[_Sending] = deque()
         self._free_us = 0
 
-    def offer(self, frame: bytes, now_us: int) -> bool:
-        """Queue a frame; False if it does not fit."""
+    def offer(self, frame: bytes, now_us: int, spare_bytes: int = 0) -> bool:
+        """Queue a frame; False if it does not fit, or would leave less than `spare_bytes`."""
         start_us = max(now_us, self._free_us)
         waiting = bytes_in(start_us - now_us, self._baud)
-        if waiting + len(frame) > CAPACITY_BYTES:
+        if waiting + len(frame) + spare_bytes > SEND_BYTES:
             return False
         self._frames.append(_Sending(start_us, frame))
         self._free_us = start_us + wire_time_us(len(frame), self._baud)

@@ -15,7 +15,7 @@ __all__ = ["Payload", "PayloadError"]  # re-exported; all else is public as it s
 
 
 PROTOCOL_VERSION: Final = 2
-SPEC_HASH: Final = 0x4B681C90
+SPEC_HASH: Final = 0xBBCD0658
 FIRMWARE_VERSION: Final = (0, 2, 0)
 
 BAUD: Final = 250000
@@ -37,6 +37,20 @@ BOOT_TICKS: Final = 5
 """Length of the self-test after a reset: control tick 5, the sixth, ends it. [tick]"""
 RETRY_WINDOW_TICKS: Final = 50
 """For so long a repeated request is answered from memory instead of being executed again. [tick]"""
+LISTENS_AFTER_US: Final = 2000
+"""From a reset until the board takes requests; what comes before that is lost. [us]"""
+OUTSTANDING_REQUESTS: Final = 5
+"""So many may a host have sent without having read their answers (REQ-5): the longest answers to
+them and two reports fit into send_bytes. [request]
+"""
+OUTSTANDING_BYTES: Final = 63
+"""And no more bytes than these, frames as they are on the wire: they fit where the board keeps what
+it has received. [byte]
+"""
+SEND_BYTES: Final = 255
+"""Room for frames that wait to be sent. One that finds none is dropped and counted. All but the
+answer to `stop` leave room for that. [byte]
+"""
 PULSE_FLOOR_HALF_US: Final = 1000
 """No pulse is ever shorter, whatever the calibration says. [0.5 us]"""
 PULSE_CEILING_HALF_US: Final = 5000
@@ -772,7 +786,7 @@ class CountersReply(Message):
     overruns: int
     """Bytes lost because they were not read in time."""
     replies_dropped: int
-    """Frames not sent because more than 256 bytes waited to be sent."""
+    """Frames not sent because they found no room in send_bytes."""
     nacks: int
     """Requests refused."""
     repeats_answered: int
@@ -1595,6 +1609,12 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
             "gets bad_state."
         ),
         "REQ-4": "Ids that are not requests, replies among them, get unknown_id.",
+        "REQ-5": (
+            "Each request is answered of a host that has no more than outstanding_requests and "
+            "outstanding_bytes unanswered. Where a host has sent more, answers may be dropped; "
+            "from tick 0 on each request is obeyed all the same, `stop` among them, also on a line "
+            "that never pauses, and one `stop` among other requests is answered."
+        ),
         "SES-1": (
             "Without an open session, or with another one, whatever needs a session gets "
             "bad_session."
@@ -1622,8 +1642,8 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
             "write one EEPROM byte; report."
         ),
         "TIM-5": (
-            "From 2 ms after the reset on the board takes requests, and answers them during `boot` "
-            "too, at the latest 15 ms later."
+            "From listens_after_us after the reset on the board takes requests, and answers them "
+            "during `boot` too, at the latest 15 ms later."
         ),
         "ARM-1": (
             "After `arm` the pulses of axis 1 begin at the next tick, those of axis 2 arm_axis_ms "

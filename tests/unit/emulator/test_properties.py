@@ -113,6 +113,7 @@ class Watched:
 @given(data=st.lists(st.binary(max_size=80), max_size=20), gap_us=st.integers(0, 50_000))
 def test_random_bytes_never_break_the_board_or_move_a_servo(data, gap_us):
     board = UnoEmulator()
+    board.advance_to(m.TICK_US)
     decoder = FrameDecoder()
     for chunk in data:
         board.receive(chunk)
@@ -133,6 +134,7 @@ def test_random_bytes_never_break_the_board_or_move_a_servo(data, gap_us):
 )
 def test_every_frame_is_answered_once_whatever_it_carries(frames):
     board = UnoEmulator()
+    board.advance_to(m.TICK_US)
     decoder = FrameDecoder()
     for message_id, sequence, payload in frames:
         board.receive(encode_frame(message_id, sequence, payload))
@@ -288,8 +290,10 @@ class AnyHost(RuleBasedStateMachine):
 
     @rule(cause=st.sampled_from(m.ResetCause))
     def reset(self, cause):
-        self.watched.board.reset(cause)
-        assert self.watched.board.pulses_half_us == (0, 0)
+        board = self.watched.board
+        board.reset(cause)
+        assert board.pulses_half_us == (0, 0)
+        board.advance_to(board.now_us + m.LISTENS_AFTER_US)
         self.watched.limits, self.watched.slew, _, self.watched.calibration = self.read_config()
         self.watched.judge_ticks(m.BOOT_TICKS + 2)
         assert self.watched.board.pulses_half_us == (0, 0)
