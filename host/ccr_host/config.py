@@ -40,6 +40,11 @@ def _both_axes(value: object) -> object:
     return (value, value) if isinstance(value, int | float) else value
 
 
+def _all_tendons(value: object) -> object:
+    """Let one number stand for all four tendons."""
+    return (value,) * 4 if isinstance(value, int | float) else value
+
+
 def _within(low: float, high: float) -> FieldInfo:
     """Bounds of a number; neither a text nor `true` is one."""
     bounds: FieldInfo = Field(ge=low, le=high, strict=True)
@@ -226,6 +231,9 @@ class Push(_Section):
 _Flexures = Annotated[int, _within(1, 40)]
 
 
+_Slack = Annotated[float, _within(0, 100)]
+
+
 class Twin(_Section):
     """The simulated robot; docs/twin.md tells how each default was chosen."""
 
@@ -259,8 +267,13 @@ class Twin(_Section):
     """Mass on the centre of the last disk."""
     payload_start_s: _Seconds = 0.0
     """When the payload is hung on, on the path's clock; 0: it is there from power-up."""
-    slack_mm: Annotated[float, _within(0, 100)] = 1.2
-    """Excess length of each tendon at rest."""
+    slack_mm: Annotated[tuple[_Slack, _Slack, _Slack, _Slack], BeforeValidator(_all_tendons)] = (
+        1.2,
+        1.2,
+        1.2,
+        1.2,
+    )
+    """Excess length at rest of tendons 1 to 4, or one number for all of them."""
     tendon_stiffness_n_m: Annotated[float, _within(10, 1e6)] = 4000.0
     """Pull of a taut tendon over its stretch."""
     tendon_force_max_n: Annotated[float, _within(0.1, 1000)] = 60.0
@@ -398,6 +411,8 @@ class Identified(_Section):
     """Motor angles of each rest, in the order of the tour."""
     tip_mm: tuple[_Place, ...]
     """Mean of the tip measured at each rest."""
+    middle_mm: tuple[_Place, ...] = ()
+    """Mean of M2 - M1 measured at each rest; none in files of before December 2026."""
     count: tuple[Annotated[int, _within(1, 1e9)], ...]
     """Of the measurements behind each mean."""
     valid_for: str
@@ -407,9 +422,11 @@ class Identified(_Section):
 
     @model_validator(mode="after")
     def _rows_belong_together(self) -> Identified:
-        if not len(self.setpoint_rad) == len(self.tip_mm) == len(self.count):
+        columns = self.tip_mm, self.middle_mm or self.tip_mm, self.count
+        if any(len(column) != len(self.setpoint_rad) for column in columns):
             raise ValueError(
-                "identified.setpoint_rad, tip_mm and count have different numbers of rows"
+                "identified.setpoint_rad, tip_mm, middle_mm and count have different numbers of "
+                "rows"
             )
         return self
 

@@ -24,7 +24,7 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
     Raises:
         TrackerError: no robot of the kind rests there.
     """
-    fit = fit_to(Scaling(description.robot), rests)
+    fit = fit_to(Scaling.of(description), rests)
     if fit is None:
         raise TrackerError(
             f"{len(rests.count)} rests were seen, and no robot as described rests there",
@@ -41,6 +41,7 @@ def identified_section(
         "start_rad": rests.start_rad.round(_ANGLE_DECIMALS).tolist(),
         "setpoint_rad": _rows(rests.setpoint_rad.round(_ANGLE_DECIMALS).tolist()),
         "tip_mm": _rows(rests.tip_mm.round(_LENGTH_DECIMALS).tolist()),
+        "middle_mm": _rows(rests.markers_mm[:, 0].round(_LENGTH_DECIMALS).tolist()),
         "count": [int(count) for count in rests.count],
         "valid_for": digest_of(description),
         "date": date,

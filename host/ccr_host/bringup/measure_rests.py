@@ -29,6 +29,8 @@ def measure_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
     return Rests(
         start_rad=tour.start_rad,
         setpoint_rad=np.array([pose.q_rad for pose in poses]).reshape(-1, 2),
-        tip_mm=np.array([pose.markers_mm[2] - pose.markers_mm[0] for pose in poses]).reshape(-1, 3),
+        markers_mm=np.array([pose.markers_mm[1:] - pose.markers_mm[0] for pose in poses]).reshape(
+            -1, 2, 3
+        ),
         count=np.array([pose.count for pose in poses], dtype=np.float64),
     )

@@ -23,6 +23,8 @@ _RATE_SHARE = 0.9
 _NOISE_FACTOR = 2.0
 _TURN_RAD = np.radians(1.0)
 """A camera that is aligned, or was registered, is turned by no more."""
+_ZERO_RAD = np.radians(1.0)
+"""Servos that were calibrated are set to zero so well."""
 _SURPRISING = 2.0
 """Standard deviations."""
 _PROBE = 1e-4
@@ -138,10 +140,11 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
 
 def _askew_deg(tip_mm: NDArray[np.float64], description: Description) -> tuple[float, float]:
     """Angle to where the robot should rest, and how much of it would be no surprise."""
-    scaling = Scaling(description.robot, _TURN_RAD)
+    scaling = Scaling(description.robot, _TURN_RAD, _ZERO_RAD)
     rest_rad = np.radians(description.servo.rest_deg)
-    rests = Rests(rest_rad, rest_rad[None], tip_mm[None], np.ones(1))
-    *near_mm, expected_mm = predicted_mm(scaling.perturbed(np.zeros(COUNT), _PROBE), rests)[0]
+    rests = Rests(rest_rad, rest_rad[None], np.full((1, 2, 3), np.nan), np.ones(1))
+    near = scaling.perturbed(np.zeros(COUNT), _PROBE)
+    *near_mm, expected_mm = predicted_mm(near, rests)[0, :, 1]
     slope = (np.array(near_mm) - expected_mm) / _PROBE
     length_mm = float(np.linalg.norm(expected_mm))
     aside = tip_mm / np.linalg.norm(tip_mm) - expected_mm / length_mm

@@ -46,6 +46,8 @@ class Observation:
     """From the exposure of ``tip_mm`` to ``time_us``; 0 without one."""
     q_rad: FloatArray
     """Motor angles commanded last, as the board accepted them, (2,)."""
+    middle_mm: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    """M2 - M1, the end of segment 1, in the picture of ``tip_mm``, (3,); NaN where not seen."""
 
 
 @dataclass(frozen=True)

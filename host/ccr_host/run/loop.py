@@ -227,9 +227,9 @@ class _PathRun:
         self._watch.start()
         while True:
             due_us = clock.now_us()
-            tip_mm, age_us, must_hold = self._watch.look()
+            sample, must_hold = self._watch.look()
             if not must_hold:
-                observation = self._observation(0, due_us, tip_mm, age_us)
+                observation = self._observation(0, due_us, sample)
                 led, _ = self._answer_of(controller.approach, observation, command)
                 if led is None:
                     return command
@@ -259,10 +259,10 @@ class _PathRun:
     def _next_command(self, step: int, last: Command) -> tuple[Command, _Timing]:
         clock = self._rig.clock
         now_us = clock.now_us()
-        tip_mm, age_us, must_hold = self._watch.look()
+        sample, must_hold = self._watch.look()
         if must_hold:
             return _repeat(last, "markers lost"), _Timing(solve_us=0.0, late=False)
-        observation = self._observation(step, now_us, tip_mm, age_us)
+        observation = self._observation(step, now_us, sample)
 
         solve = self._controller.step
         answer, solve_us = self._answer_of(solve, observation, last)
@@ -272,10 +272,12 @@ class _PathRun:
             return _repeat(last, "command late"), _Timing(timing.solve_us, late=True)
         return command, timing
 
-    def _observation(
-        self, step: int, time_us: int, tip_mm: Vector | None, age_us: int
-    ) -> Observation:
-        return Observation(step, time_us, tip_mm, age_us, self._rig.client.accepted_rad)
+    def _observation(self, step: int, time_us: int, sample: Sample | None) -> Observation:
+        q_rad = self._rig.client.accepted_rad
+        if sample is None:
+            return Observation(step, time_us, None, 0, q_rad)
+        age_us = time_us - sample.exposed_us
+        return Observation(step, time_us, sample.tip_mm, age_us, q_rad, sample.middle_mm)
 
     def _send(self, command: Command) -> None:
         self._sent_us = self._rig.clock.now_us()
@@ -400,16 +402,15 @@ class _MarkerWatch:
                 self._last_seen_us = sample.exposed_us
         return sample if self._fits else None
 
-    def look(self) -> tuple[Vector | None, int, bool]:
-        """Newest measurement or None, its age in us or 0, and whether the pose must be held."""
+    def look(self) -> tuple[Sample | None, bool]:
+        """Newest measurement or None, and whether the pose must be held."""
         sample = self.fresh_sample()
-        now_us = self._rig.clock.now_us()
         if sample is not None:
-            return sample.tip_mm, now_us - sample.exposed_us, False
-        lost_us = now_us - self._last_seen_us
+            return sample, False
+        lost_us = self._rig.clock.now_us() - self._last_seen_us
         if lost_us > self._coast_us + self._hold_us:
             raise self._lost(lost_us)
-        return None, 0, lost_us > self._coast_us
+        return None, lost_us > self._coast_us
 
     def _lost(self, lost_us: int) -> TrackerError:
         trouble = self._rig.tracker.trouble()

@@ -22,3 +22,9 @@ class Sample:
         """(3,): f_m of the paper, M3 - M1."""
         tip: NDArray[np.float64] = self.markers_mm[2] - self.markers_mm[0]
         return tip
+
+    @property
+    def middle_mm(self) -> NDArray[np.float64]:
+        """(3,): the end of segment 1, M2 - M1."""
+        middle: NDArray[np.float64] = self.markers_mm[1] - self.markers_mm[0]
+        return middle

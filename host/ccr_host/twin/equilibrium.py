@@ -46,7 +46,7 @@ class Equilibrium:
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
-        self._slack_lengths_m = self._data.ten_length + twin.slack_mm / _MM_PER_M
+        self._slack_lengths_m = self._data.ten_length + np.divide(twin.slack_mm, _MM_PER_M)
         self._markers = [self._model.site(MARKERS[0]).id, self._model.site(MARKERS[2]).id]
         if twin.payload_start_s == 0:
             self._model.body_mass[self._model.body(TIP).id] = twin.payload_g * _KG_PER_G

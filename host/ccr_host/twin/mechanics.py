@@ -53,7 +53,7 @@ class Mechanics:
         self._model = mujoco.MjModel.from_xml_string(robot_mjcf(twin))
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
-        slack_lengths_m = self._data.ten_length + twin.slack_mm / _MM_PER_M
+        slack_lengths_m = self._data.ten_length + np.divide(twin.slack_mm, _MM_PER_M)
         self._slack_lengths_m: list[float] = slack_lengths_m.tolist()
         self._tendon_lengths_m = self._data.ctrl  # views: numpy's ways to a few numbers are long
         self._angles_rad = self._data.qpos

@@ -60,10 +60,10 @@ def modelled(start_deg: tuple[float, float]) -> Rests:
     rests = Rests(
         start_rad=np.radians(start_deg),
         setpoint_rad=np.radians(stops),
-        tip_mm=np.zeros((len(stops), 3)),
+        markers_mm=np.zeros((len(stops), 2, 3)),
         count=np.full(len(stops), 20.0),
     )
-    return replace(rests, tip_mm=predicted_mm(parameters, rests))
+    return replace(rests, markers_mm=predicted_mm(parameters, rests))
 
 
 @pytest.mark.long
@@ -77,14 +77,14 @@ def test_it_counts_where_the_robot_came_from() -> None:
 @pytest.mark.long
 def test_rests_that_no_such_robot_has_are_refused() -> None:
     rests = modelled((0.0, 0.0))
-    shuffled = replace(rests, tip_mm=np.random.default_rng(1).permutation(rests.tip_mm))
+    shuffled = replace(rests, markers_mm=np.random.default_rng(1).permutation(rests.markers_mm))
     with pytest.raises(CalibrationError, match="misses the poses"):
         fit_servos(shuffled, Robot(), registered=True)
 
 
 def test_too_few_rests_are_refused() -> None:
     rests = modelled((0.0, 0.0))
-    few = Rests(rests.start_rad, rests.setpoint_rad[:11], rests.tip_mm[:11], rests.count[:11])
+    few = Rests(rests.start_rad, rests.setpoint_rad[:11], rests.markers_mm[:11], rests.count[:11])
     with pytest.raises(CalibrationError, match="11 poses"):
         fit_servos(few, Robot(), registered=True)
 

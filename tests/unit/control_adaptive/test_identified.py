@@ -8,7 +8,7 @@ from ccr_host.control.adaptive.excitation import tour_bending_rad
 from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
 from ccr_host.control.adaptive.identified import identified_rests
 from ccr_host.control.adaptive.parameters import COUNT
-from ccr_host.control.adaptive.statics import unhindered_shafts_for
+from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.base import Observation
 from ccr_host.errors import ConfigError, TrackerError
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -21,8 +21,8 @@ TRUTH = PRIOR._replace(slack_1_rad=0.12, tip_per_mm=0.003)
 
 
 def _rests(count=20):
-    stops = unhindered_shafts_for(PRIOR, tour_bending_rad())[:count]
-    rests = Rests(np.zeros(2), stops, np.zeros((len(stops), 3)), np.full(len(stops), 30.0))
+    stops = unhindered_setpoints_for(PRIOR, tour_bending_rad())[:count]
+    rests = Rests(np.zeros(2), stops, np.zeros((len(stops), 2, 3)), np.full(len(stops), 30.0))
     return Rests(rests.start_rad, stops, predicted_mm(TRUTH, rests), rests.count)
 
 
@@ -73,15 +73,18 @@ def test_an_identified_robot_is_known_without_a_tour():
     model, limits = ConstantCurvature(BELIEVED.robot), MotorLimits.of(BELIEVED.servo)
     controller.start(load_path("8shape", 1.0, model, limits))
     command, duration_us = _end_of_approach(controller)
-    there = Rests(np.zeros(2), command.q_rad[None], np.zeros((1, 3)), np.ones(1))
-    off_prior_mm = np.linalg.norm(predicted_mm(PRIOR, there) - predicted_mm(TRUTH, there))
+    there = Rests(np.zeros(2), command.q_rad[None], np.zeros((1, 2, 3)), np.ones(1))
+    known_mm, prior_mm = (predicted_mm(p, there)[0, 1] for p in (TRUTH, PRIOR))
+    off_prior_mm = np.linalg.norm(prior_mm - known_mm)
     assert duration_us < 5_000_000
-    assert np.linalg.norm(command.predicted_mm - predicted_mm(TRUTH, there)) < 0.3 < off_prior_mm
+    assert np.linalg.norm(command.predicted_mm - known_mm) < 0.3 < off_prior_mm
 
 
 def test_rests_of_no_such_robot_are_not_kept():
     measured = _rests()
-    upside_down = Rests(measured.start_rad, measured.setpoint_rad, -measured.tip_mm, measured.count)
+    upside_down = Rests(
+        measured.start_rad, measured.setpoint_rad, -measured.markers_mm, measured.count
+    )
     for rests in (upside_down, _rests(count=5)):
         with pytest.raises(TrackerError, match="no robot as described"):
             trial_fit(rests, BELIEVED)

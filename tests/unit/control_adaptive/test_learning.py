@@ -17,7 +17,7 @@ from ccr_host.control.adaptive.parameters import COUNT, Parameters
 from ccr_host.control.adaptive.pose_follower import PoseFollower
 from ccr_host.control.adaptive.sensitivity import sensitivity
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
-from ccr_host.control.adaptive.statics import rest_at, routes_at, unhindered_shafts_for
+from ccr_host.control.adaptive.statics import rest_at, routes_at, unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import tip_mm
 
 SCALING = Scaling(Robot())
@@ -28,8 +28,8 @@ STILL = np.zeros(2)
 
 
 def _tour_of(p, noise_mm=0.0, seed=1, count=6.0):
-    stops = unhindered_shafts_for(PRIOR, tour_bending_rad())
-    rests = Rests(STILL, stops, np.zeros((len(stops), 3)), np.full(len(stops), count))
+    stops = unhindered_setpoints_for(PRIOR, tour_bending_rad())
+    rests = Rests(STILL, stops, np.zeros((len(stops), 2, 3)), np.full(len(stops), count))
     tips = predicted_mm(p, rests)
     noise = noise_mm / np.sqrt(count) * np.random.default_rng(seed).standard_normal(tips.shape)
     return Rests(STILL, stops, tips + noise, rests.count)
@@ -52,14 +52,14 @@ def _tips_elsewhere(p):
 @pytest.mark.long
 def test_the_tour_tells_all_parameters_well_enough_to_predict_other_taut_poses():
     truth = _believable(1)
-    found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.15), 0.15).finish().score)
+    found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.15)).finish().score)
     assert _tips_elsewhere(found) == pytest.approx(_tips_elsewhere(truth), abs=0.5)
 
 
 @pytest.mark.long
 def test_the_tour_tells_play_from_friction():
     truth = PRIOR._replace(play_rad=0.008, friction_1=0.22)
-    found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.3), 0.3).finish().score)
+    found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.3)).finish().score)
     assert found.play_rad == pytest.approx(0.008, abs=0.003)
     assert found.friction_1 == pytest.approx(0.22, abs=0.06)
 
@@ -67,14 +67,14 @@ def test_the_tour_tells_play_from_friction():
 @pytest.mark.long
 def test_a_wild_rest_does_not_spoil_the_fit():
     rests = _tour_of(PRIOR)
-    rests.tip_mm[7] += 30.0
-    found = SCALING.parameters(StaticsFit(SCALING, rests, 0.3).finish().score)
-    assert np.median(np.linalg.norm(predicted_mm(found, rests) - rests.tip_mm, axis=1)) < 0.3
+    rests.markers_mm[7] += 30.0
+    found = SCALING.parameters(StaticsFit(SCALING, rests).finish().score)
+    assert np.median(np.linalg.norm(predicted_mm(found, rests) - rests.markers_mm, axis=2)) < 0.3
 
 
 @pytest.mark.long
 def test_each_step_of_the_fit_leaves_less():
-    fit, left_mm = StaticsFit(SCALING, _tour_of(_believable(3)), 0.3), []
+    fit, left_mm = StaticsFit(SCALING, _tour_of(_believable(3))), []
     while fit.improve():
         left_mm.append(fit.result().rms_mm)
     assert len(left_mm) > 2
@@ -108,7 +108,7 @@ def test_sensitivity_is_the_derivative_of_the_rest_pose():
 
 @functools.cache
 def _fit_to_the_prior():
-    return StaticsFit(SCALING, _tour_of(PRIOR), 0.3).finish()
+    return StaticsFit(SCALING, _tour_of(PRIOR)).finish()
 
 
 def _estimator_at_rest():

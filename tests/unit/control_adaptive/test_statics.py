@@ -4,7 +4,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ccr_host.config import Robot, Twin
-from ccr_host.control.adaptive.motion import first_rest
+from ccr_host.control.adaptive.motion import first_rest, setpoint_for
 from ccr_host.control.adaptive.parameters import Parameters, parameters_of, prior_of
 from ccr_host.control.adaptive.statics import (
     Drive,
@@ -13,6 +13,7 @@ from ccr_host.control.adaptive.statics import (
     likely_bending_rad,
     rest_at,
     routes_at,
+    unhindered_setpoints_for,
 )
 from ccr_host.control.adaptive.tip import tip_at, tip_mm, turned_back_mm, vector_mm
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -123,3 +124,27 @@ def test_known_parameters_predict_a_weightless_twin_within_a_tenth_of_a_millimet
     for q in np.radians([[20.0, 30.0], [-30.0, 50.0], [10.0, -45.0], [3.0, 60.0]]):
         rest = rest_at(known, _drive(known, STILL, q), likely_bending_rad(known, q))
         assert tip_mm(known, rest) == pytest.approx(equilibrium.tip_mm(*q), abs=0.1)
+
+
+def test_unequal_slack_of_a_pair_is_an_offset_of_its_servo():
+    """Tendons of 1.0 and 0.4 mm, against both of 0.7 mm and a servo that is off by 0.3 mm."""
+    unequal, off_rad = Twin(slack_mm=(1.0, 1.2, 0.4, 1.2)), 0.3 / 12.5
+    equal = Twin(slack_mm=(0.7, 1.2, 0.7, 1.2))
+    for q_1, q_2 in np.radians([[20.0, 30.0], [-30.0, 50.0], [10.0, -45.0]]):
+        there = Equilibrium(unequal).tip_mm(q_1, q_2)
+        assert there == pytest.approx(Equilibrium(equal).tip_mm(q_1 - off_rad, q_2), abs=1e-3)
+
+
+def test_a_zero_shifts_the_setpoints_and_nothing_else():
+    off = PRIOR._replace(zero_1_rad=0.05, zero_2_rad=-0.03)
+    shift = np.array([0.05, -0.03])
+    for q in np.radians([[20.0, 30.0], [-30.0, 50.0], [0.0, 3.0]]):
+        assert first_rest(off, q + shift).theta_rad == pytest.approx(first_rest(PRIOR, q).theta_rad)
+    theta = np.array([0.4, -0.6])
+    assert unhindered_setpoints_for(off, theta) == pytest.approx(
+        unhindered_setpoints_for(PRIOR, theta) + shift
+    )
+    rest = first_rest(off, np.radians([20.0, 30.0]))
+    assert setpoint_for(off, rest.drive, np.array([0.5, -0.5])) == pytest.approx(
+        np.array([0.5, -0.5]) + shift
+    )

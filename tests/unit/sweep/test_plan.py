@@ -44,7 +44,7 @@ def test_twins_of_ones_own_are_taken_in_order(short_path, tmp_path):
     file.write_text('{"twin.slack_mm": 0.5}\n\n{"tracker.rotation_deg": [1, 0, 2.5]}\n')
     jobs = SweepPlan(1, (short_path,), twins=read_twins(file)).jobs([0, 1], ONE_HZ)
     first, second = (job.options(ONE_HZ[0]).description() for job in jobs)
-    assert first.twin.slack_mm == 0.5
+    assert first.twin.slack_mm == (0.5,) * 4
     assert second.tracker.rotation_deg == (1.0, 0.0, 2.5)
 
 

@@ -39,6 +39,7 @@ def _column(drawn, key):
         ("twin.friction", 0.0, 0.437),
         ("tracker.latency_ms", 0.0, 100.0),
         ("tracker.noise_mm", 0.0, 0.5),
+        ("twin.servo_neutral_us", 1444.0, 1556.0),
         ("robot.tendon_radius_mm", 4.05, 4.95),
         ("robot.pulley_radius_mm", 11.25, 13.75),
         ("robot.marker_offset_mm", 13.5, 16.5),
@@ -56,6 +57,12 @@ def test_the_camera_is_turned_by_at_most_five_degrees_about_any_axis(drawn):
     angles = np.linalg.norm(vectors, axis=1)
     assert 4.8 < angles.max() <= 5.001
     assert np.abs((vectors / angles[:, None]).mean(axis=0)).max() < 0.1
+
+
+def test_slack_differs_between_the_tendons_of_a_motor_by_at_most_half_a_millimetre(drawn):
+    slack_mm = _column(drawn, "twin.slack_mm")
+    unequal_mm = np.abs(slack_mm[:, :2] - slack_mm[:, 2:])
+    assert 0.45 < unequal_mm.max() <= 0.5001
 
 
 def test_the_push_lasts_five_seconds_within_the_path(drawn):

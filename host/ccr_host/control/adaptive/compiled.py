@@ -74,6 +74,7 @@ _forces_of = callable_when_compiled(statics.forces_of)
 _routes_of = callable_when_compiled(statics.routes_of)
 _likely_of = callable_when_compiled(statics.likely_of)
 _settled = callable_when_compiled(statics.settled)
+_shafts_of = callable_when_compiled(statics.shafts_of)
 _lag_of = callable_when_compiled(motion.lag_of)
 _tip_of = callable_when_compiled(tip.tip_of)
 _seen_of = callable_when_compiled(tip.seen_of)
@@ -121,10 +122,10 @@ class CompiledModel:
 
     def predicted_mm(self, p: Parameters, rests: Rests) -> FloatArray:
         rows = np.array(p).T
-        tips_mm = self._entries.predicted_mm(
+        markers_mm = self._entries.predicted_mm(
             np.atleast_2d(rows).copy(), np.array(rests.start_rad), np.array(rests.setpoint_rad)
         )
-        return tips_mm if rows.ndim > 1 else tips_mm[:, 0]
+        return markers_mm if rows.ndim > 1 else markers_mm[:, 0]
 
     def polished(
         self, p: Parameters, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
@@ -166,7 +167,7 @@ def _make_entries(fingerprint: int) -> _Entries:
 
     def predicted_mm(rows: FloatArray, start: FloatArray, setpoints: FloatArray) -> FloatArray:
         _ = fingerprint
-        tips_mm = np.empty((len(setpoints), len(rows), 3))
+        markers_mm = np.empty((len(setpoints), len(rows), 2, 3))
         for i in range(len(rows)):
             p = _parameters(rows[i])
             pose = _first(rows[i], start[0], start[1])
@@ -174,9 +175,10 @@ def _make_entries(fingerprint: int) -> _Entries:
                 pose = _moved(p, pose, setpoints[j, 0], setpoints[j, 1])
                 arc_1, arc_2 = arc_at(pose.theta_1), arc_at(pose.theta_2)
                 at = _tip_of(p, pose.theta_1, pose.theta_2, arc_1, arc_2)
-                seen = _seen_of(p, at.across, at.sagittal)
-                tips_mm[j, i, 0], tips_mm[j, i, 1], tips_mm[j, i, 2] = seen
-        return tips_mm
+                for axis in range(3):
+                    markers_mm[j, i, 0, axis] = _seen_of(p, p.middle_aside_mm, at.middle)[axis]
+                    markers_mm[j, i, 1, axis] = _seen_of(p, at.across, at.sagittal)[axis]
+        return markers_mm
 
     def polished(
         packed: FloatArray, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
@@ -244,7 +246,7 @@ def _parameters(row: FloatArray) -> Parameters:
     return Parameters(
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10],
         row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20],
-        row[21],
+        row[21], row[22], row[23], row[24], row[25], row[26],
     )  # fmt: skip
 
 
@@ -257,7 +259,8 @@ def _first(row: FloatArray, q_1: float, q_2: float) -> _Pose:
     free = _parameters(without_friction)
     guess_1, guess_2 = _likely_of(p, q_1, q_2)
     anchors = _routes_of(p, guess_1, guess_2)
-    theta_1, theta_2 = _settled(free, guess_1, guess_2, (q_1, q_2), anchors)
+    shafts = _shafts_of(p, (q_1, q_2), (0.0, 0.0))
+    theta_1, theta_2 = _settled(free, guess_1, guess_2, shafts, anchors)
     return _Pose(q_1, q_2, 0.0, 0.0, _routes_of(p, theta_1, theta_2), theta_1, theta_2)
 
 
@@ -275,7 +278,7 @@ def _stepped(p: Parameters, pose: _Pose, travel_1: float, travel_2: float) -> _P
     q_1, q_2 = pose.q_1 + travel_1, pose.q_2 + travel_2
     lag_1 = _lag_of(p.play_rad, pose.lag_1, travel_1)
     lag_2 = _lag_of(p.play_rad, pose.lag_2, travel_2)
-    shafts = q_1 - p.play_rad * lag_1, q_2 - p.play_rad * lag_2
+    shafts = _shafts_of(p, (q_1, q_2), (lag_1, lag_2))
     theta_1, theta_2 = _settled(p, pose.theta_1, pose.theta_2, shafts, pose.anchors)
     route_1, route_2, route_3, route_4 = _routes_of(p, theta_1, theta_2)
     anchor_1, anchor_2, anchor_3, anchor_4 = pose.anchors
@@ -293,7 +296,8 @@ def _columns(near: FloatArray, pose: _Pose, rate_rad_s: FloatArray) -> FloatArra
     """Derivatives of tip (3) and bending angles (2) in each score, then in time: (5, COUNT + 1)."""
     here, theta_1, theta_2 = _parameters(near[-1]), pose.theta_1, pose.theta_2
     arc_1, arc_2 = arc_at(theta_1), arc_at(theta_2)
-    shafts = pose.q_1 - here.play_rad * pose.lag_1, pose.q_2 - here.play_rad * pose.lag_2
+    lags = pose.lag_1, pose.lag_2
+    shafts = _shafts_of(here, (pose.q_1, pose.q_2), lags)
     forces = _forces_of(here, theta_1, theta_2, shafts, pose.anchors)
     k_11, k_12, k_22 = forces.stiffness_11, forces.stiffness_12, forces.stiffness_22
     determinant = k_11 * k_22 - k_12 * k_12
@@ -306,7 +310,7 @@ def _columns(near: FloatArray, pose: _Pose, rate_rad_s: FloatArray) -> FloatArra
         p = _parameters(near[i])
         in_time = PROBE * (i == len(near) - 1)
         q_1, q_2 = pose.q_1 + in_time * rate_rad_s[0], pose.q_2 + in_time * rate_rad_s[1]
-        shafts = q_1 - p.play_rad * pose.lag_1, q_2 - p.play_rad * pose.lag_2
+        shafts = _shafts_of(p, (q_1, q_2), lags)
         moved = _forces_of(p, theta_1, theta_2, shafts, pose.anchors)
         moment_1, moment_2 = moved.moment_1 - forces.moment_1, moved.moment_2 - forces.moment_2
         yielding_1 = (k_12 * moment_2 - k_22 * moment_1) / determinant

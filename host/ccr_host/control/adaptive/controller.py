@@ -21,7 +21,7 @@ from ccr_host.control.adaptive.path_plan import PathPlan, plan_path
 from ccr_host.control.adaptive.pose_follower import PoseFollower
 from ccr_host.control.adaptive.rest_survey import SETTLED_AFTER_S, RestSurvey, fit_to
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
-from ccr_host.control.adaptive.statics import hold_at, unhindered_shafts_for
+from ccr_host.control.adaptive.statics import hold_at, unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
 from ccr_host.control.adaptive.tour_stops import tour_stops_rad
 from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome, Phase
@@ -73,7 +73,7 @@ class AdaptiveStatics:
         self._limits = MotorLimits.of(description.servo)
         self._slew_rad_s = np.radians(description.servo.slew_deg_s)
         self._settle_s = description.control.settle_s
-        self._scaling = Scaling(description.robot)
+        self._scaling = Scaling.of(description)
         self._identified = identified_rests(description)
         self._model = make_model(description.control)
 
@@ -177,7 +177,8 @@ class AdaptiveStatics:
         exposed_us = self._new_exposure_us(observation)
         if exposed_us is not None and observation.tip_mm is not None:
             time_s = _seconds(exposed_us) - self._estimator.delay_s
-            self._survey.add(self._history, time_s, observation.tip_mm)
+            markers_mm = np.stack([observation.middle_mm, observation.tip_mm])
+            self._survey.add(self._history, time_s, markers_mm)
 
     def _is_resting(self, observation: Observation) -> bool:
         seen_s = _seconds(observation.time_us - observation.tip_age_us)
@@ -256,7 +257,7 @@ class AdaptiveStatics:
     def _first_setpoint(self) -> FloatArray:
         self._theta_rad = self._plan.bending_rad(0.0)
         p = self._estimator.parameters
-        return self._limits.clip(unhindered_shafts_for(p, self._theta_rad))
+        return self._limits.clip(unhindered_setpoints_for(p, self._theta_rad))
 
     def _plan_path(self) -> PathPlan:
         stride = max(1, round(_KNOT_PERIOD_S / self._reference.period_s))

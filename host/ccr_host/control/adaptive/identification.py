@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Robot
+from ccr_host.config import Description, Robot
 from ccr_host.control.adaptive.motion import first_rest, moved
 from ccr_host.control.adaptive.parameters import COUNT, Parameters, parameters_of, prior_of
-from ccr_host.control.adaptive.tip import tip_mm
+from ccr_host.control.adaptive.tip import markers_mm
 
 FloatArray = NDArray[np.float64]
 
@@ -21,35 +21,55 @@ _PROBE = 1e-4
 _DONE = 1e-2
 """Of a prior deviation: smaller steps of the fit end it."""
 _HUBER_DEVIATIONS = 3.0
+_NOISE_MM = 0.35
+"""Of a coordinate of one measurement at rest: camera and ringing."""
+_MODEL_MM = 0.25
+"""Of a coordinate of a rest, however often it was measured: what the model leaves is alike in
+neighbouring rests, so that to believe it less than it seems to be is not enough."""
 TURNS = [Parameters._fields.index(f"turn_{axis}_rad") for axis in "xyz"]
+ZEROS = [Parameters._fields.index(f"zero_{motor}_rad") for motor in (1, 2)]
 PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_per_mm")]
 """A robot at rest is taken to be pushed by nothing: pushes look like a turned camera."""
+_USUAL_TURN_DEG = 0.5
+"""Standard deviation of a registration that does not state it."""
+_LEAST_TURN_DEG = 0.1
+_FREE_ZERO_RAD = 0.8
+"""Where zeros are looked for: the horn of a servo fits on its spline every 14.4 deg."""
 
 
 @dataclass(frozen=True)
 class Fit:
     """Parameters in prior deviations from the prior mean.
 
-    ``score`` (COUNT,), ``covariance`` (COUNT, COUNT), ``rms_mm`` of what the fit leaves.
+    ``score`` (COUNT,), ``covariance`` (COUNT, COUNT), ``rms_mm`` of the markers that the fit
+    leaves; ``cost`` is what it has minimised: squared standardised residuals, as far as they
+    count, and squared scores.
     """
 
     score: FloatArray
     covariance: FloatArray
     rms_mm: float
+    cost: float
 
 
 @dataclass(frozen=True)
 class Rests:
     """Rests in the order in which the robot came to them, straight from one to the next.
 
-    ``setpoint_rad`` (N, 2); ``tip_mm`` (N, 3) is the mean of ``count`` (N,) measurements;
-    ``start_rad`` (2,) is where the robot came from.
+    ``setpoint_rad`` (N, 2); ``markers_mm`` (N, 2, 3), M2 and M3 against M1, is the mean of
+    ``count`` (N,) measurements, NaN where a marker was not seen; ``start_rad`` (2,) is where the
+    robot came from.
     """
 
     start_rad: FloatArray
     setpoint_rad: FloatArray
-    tip_mm: FloatArray
+    markers_mm: FloatArray
     count: FloatArray
+
+    @property
+    def tip_mm(self) -> FloatArray:
+        """M3 against M1, (N, 3)."""
+        return self.markers_mm[:, 1]
 
 
 class Scaling:
@@ -57,16 +77,35 @@ class Scaling:
 
     Args:
         robot: what the prior knows.
-        turn_deviation_rad: of the camera's rotation about each axis, where it was registered.
+        turn_deviation_rad: of the camera's rotation, about each axis or about x, y and z, (3,),
+            where it was registered.
+        zero_deviation_rad: of the servos' zeros, where they are believed otherwise.
     """
 
-    def __init__(self, robot: Robot, turn_deviation_rad: float | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        turn_deviation_rad: FloatArray | float | None = None,
+        zero_deviation_rad: float | None = None,
+    ) -> None:
         prior = prior_of(robot)
         self._mean, self._deviation = prior.mean, prior.deviation
         if turn_deviation_rad is not None:
             self._deviation[TURNS] = turn_deviation_rad
+        if zero_deviation_rad is not None:
+            self._deviation[ZEROS] = zero_deviation_rad
+            prior.lower[ZEROS], prior.upper[ZEROS] = -_FREE_ZERO_RAD, _FREE_ZERO_RAD
         self._lower = (prior.lower - prior.mean) / self._deviation
         self._upper = (prior.upper - prior.mean) / self._deviation
+
+    @classmethod
+    def of(cls, description: Description) -> Scaling:
+        """Believes a registered camera's rotation as precisely as its registration states."""
+        registration = description.registration
+        if registration is None:
+            return cls(description.robot)
+        stated_deg = registration.uncertainty_deg or _USUAL_TURN_DEG
+        return cls(description.robot, np.radians(np.maximum(stated_deg, _LEAST_TURN_DEG)))
 
     def parameters(self, score: FloatArray) -> Parameters:
         """Floats for the model."""
@@ -86,29 +125,31 @@ Predict = Callable[[Parameters, Rests], FloatArray]
 
 
 class StaticsFit:
-    """Levenberg and Marquardt's method from the prior, one step at a time.
+    """Levenberg and Marquardt's method, one step at a time.
 
     A step takes tenths of a second, during which the board must go on hearing from the host.
 
     Args:
         scaling: prior.
         rests: what was measured.
-        noise_mm: standard deviation of a coordinate of one measurement, model error included.
         predict: instead of ``predicted_mm``.
+        start: scores to begin with, (COUNT,); the prior's without.
     """
 
     def __init__(
         self,
         scaling: Scaling,
         rests: Rests,
-        noise_mm: float,
         predict: Predict | None = None,
+        start: FloatArray | None = None,
     ) -> None:
         self._predict = predict or predicted_mm
         self._scaling = scaling
         self._rests = rests
-        self._weight = np.sqrt(rests.count)[:, None] / noise_mm
-        self._score = np.zeros(COUNT)
+        self._seen = np.isfinite(rests.markers_mm).all(axis=-1).ravel()
+        deviation_mm = np.sqrt(_NOISE_MM**2 / rests.count + _MODEL_MM**2)
+        self._weight = 1.0 / np.repeat(deviation_mm, 2)[self._seen, None]
+        self._score = np.zeros(COUNT) if start is None else start
         self._residual_mm, self._cost = self._judge(self._score)
         self._information = np.eye(COUNT)
         self._damping = _DAMPING_FIRST
@@ -134,7 +175,7 @@ class StaticsFit:
         """What has been found so far."""
         rms_mm = float(np.sqrt((self._residual_mm**2).sum(axis=1).mean()))
         covariance = np.asarray(np.linalg.inv(self._information), dtype=np.float64)
-        return Fit(self._score, covariance, rms_mm)
+        return Fit(self._score, covariance, rms_mm, self._cost)
 
     def _descend(self, gradient: FloatArray) -> float:
         """Damp the step until it leads downhill; its length, 0 if none does."""
@@ -152,26 +193,26 @@ class StaticsFit:
 
     def _judge(self, score: FloatArray) -> tuple[FloatArray, float]:
         predicted = self._predict(self._scaling.parameters(score), self._rests)
-        residual_mm = self._rests.tip_mm - predicted
+        residual_mm = (self._rests.markers_mm - predicted).reshape(-1, 3)[self._seen]
         return residual_mm, _cost(residual_mm * self._weight, score)
 
     def _sensitivity(self) -> FloatArray:
-        """d tip / d score at each rest, (N, 3, COUNT), the way to it included."""
-        tips_mm = self._predict(self._scaling.perturbed(self._score, _PROBE), self._rests)
-        slope = np.moveaxis(tips_mm[:, :COUNT] - tips_mm[:, COUNT:], 1, -1) / _PROBE
+        """d marker / d score of each that was seen, (M, 3, COUNT), the way to it included."""
+        near_mm = self._predict(self._scaling.perturbed(self._score, _PROBE), self._rests)
+        slope = np.moveaxis(near_mm[:, :COUNT] - near_mm[:, COUNT:], 1, -1) / _PROBE
         slope[..., PUSHES] = 0.0
-        return slope
+        return slope.reshape(-1, 3, COUNT)[self._seen]
 
 
 def predicted_mm(p: Parameters, rests: Rests) -> FloatArray:
-    """Tips at the rests, (N, ..., 3), for parameters that are floats or arrays (...)."""
+    """M2 and M3 at the rests, (N, ..., 2, 3), for parameters that are floats or arrays (...)."""
     shape = np.shape(p.gain_1)
     rest = first_rest(p, np.broadcast_to(rests.start_rad, (*shape, 2)))
-    tips = []
+    markers = []
     for setpoint in rests.setpoint_rad:
         rest = moved(p, rest, np.broadcast_to(setpoint, (*shape, 2)))
-        tips.append(tip_mm(p, rest.theta_rad))
-    return np.array(tips)
+        markers.append(markers_mm(p, rest.theta_rad))
+    return np.array(markers)
 
 
 def _cost(standardised: FloatArray, score: FloatArray) -> float:

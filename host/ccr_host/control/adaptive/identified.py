@@ -43,9 +43,11 @@ def identified_rests(description: Description) -> Rests | None:
             "[registration]",
             "identify again: ccr-host calibrate --identify; or remove the section",
         )
+    not_seen = np.full_like(identified.tip_mm, np.nan)
+    middle_mm = np.array(identified.middle_mm) if identified.middle_mm else not_seen
     return Rests(
         start_rad=np.array(identified.start_rad),
         setpoint_rad=np.array(identified.setpoint_rad),
-        tip_mm=np.array(identified.tip_mm),
+        markers_mm=np.stack([middle_mm, identified.tip_mm], axis=1),
         count=np.array(identified.count, dtype=np.float64),
     )

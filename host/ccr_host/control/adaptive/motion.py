@@ -17,6 +17,7 @@ from ccr_host.control.adaptive.statics import (
     likely_bending_rad,
     rest_at,
     routes_at,
+    zeros_rad,
 )
 from ccr_host.robot.arc import Number
 
@@ -69,9 +70,9 @@ def shifted(before: Parameters, after: Parameters, rest: Rest, theta_rad: FloatA
 def setpoint_for(p: Parameters, drive: Drive, shaft_rad: FloatArray) -> FloatArray:
     """Setpoint that takes the shafts from where they are to given angles, past their play, (2,)."""
     lag = drive.lag
-    shaft_now = drive.setpoint_rad - p.play_rad * lag
-    turned = lag + (shaft_rad - shaft_now) / _UNMOVED_RAD
-    return np.asarray(shaft_rad + p.play_rad * within(turned, 1.0))
+    wanted = shaft_rad + zeros_rad(p)
+    turned = lag + (wanted - drive.setpoint_rad + p.play_rad * lag) / _UNMOVED_RAD
+    return np.asarray(wanted + p.play_rad * within(turned, 1.0))
 
 
 def stepped(p: Parameters, rest: Rest, travel_rad: FloatArray) -> Rest:

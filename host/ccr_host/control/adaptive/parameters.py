@@ -57,6 +57,14 @@ class Parameters(NamedTuple):
     push_x_per_mm: Number
     """Steady force on the tip over k_1, along x and y of (10); along z it counts as weight."""
     push_y_per_mm: Number
+    zero_1_rad: Number = 0.0
+    """Setpoint at which a shaft stands at 0: how the horn sits on its spline. Half the difference
+    between the slack of a pair's two tendons is the same thing."""
+    zero_2_rad: Number = 0.0
+    middle_along_mm: Number = 0.0
+    """Where M2 is glued, off its place: along the backbone, away from it, and along f[0]."""
+    middle_up_mm: Number = 0.0
+    middle_aside_mm: Number = 0.0
 
     @property
     def gain_2(self) -> Number:
@@ -86,7 +94,8 @@ def prior_of(robot: Robot) -> Prior:
 
     The geometry is believed to some per cent. The rest are assumptions about a printed robot with
     thread tendons: 1 mm of slack, tendons four times stiffer than the flexures, gravity bending it
-    by a third of a radian. Bounds keep the model meaningful, whatever is measured.
+    by a third of a radian, servos set to zero as well as a camera is aligned, M2 glued on to
+    half a millimetre. Bounds keep the model meaningful, whatever is measured.
     """
     length_1, length_2 = robot.segment_lengths_mm
     offset = robot.marker_offset_mm
@@ -96,6 +105,8 @@ def prior_of(robot: Robot) -> Prior:
     compliance, sag = (0.25, 0.15, 0.02, 1.2), (0.04, 0.03, 0.0, 0.15)
     slack = (slack_unit, 0.6 * slack_unit, 0.0, 4.0 * slack_unit)
     push = (0.0, 0.0015, -0.01, 0.01)
+    zero = (0.0, turn[1], -0.3, 0.3)
+    glue = (0.0, 0.5, -3.0, 3.0)
     rows = Parameters(
         length_1_mm=(length_1, *(length_1 * share for share in length)),
         length_2_mm=(length_2, *(length_2 * share for share in length)),
@@ -119,6 +130,11 @@ def prior_of(robot: Robot) -> Prior:
         friction_ratio=(1.0, 0.3, 0.3, 3.0),
         push_x_per_mm=push,
         push_y_per_mm=push,
+        zero_1_rad=zero,
+        zero_2_rad=zero,
+        middle_along_mm=glue,
+        middle_up_mm=glue,
+        middle_aside_mm=glue,
     )
     return Prior(*np.array(rows, dtype=np.float64).T)
 

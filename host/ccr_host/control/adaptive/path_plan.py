@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.either import arc_at, split, stacked, within
 from ccr_host.control.adaptive.parameters import Parameters
-from ccr_host.control.adaptive.statics import unhindered_shafts_for
+from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import straight_tip_mm, tip_of
 from ccr_host.robot.arc import Number
 from ccr_host.robot.workspace import MotorLimits
@@ -59,7 +59,7 @@ class Atlas:
         axis = np.linspace(-_MOST_BENDING_RAD, _MOST_BENDING_RAD, count)
         self._p = p
         self._theta = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
-        q_rad = unhindered_shafts_for(p, self._theta)
+        q_rad = unhindered_setpoints_for(p, self._theta)
         allowed = np.all(limits.clip(q_rad) == q_rad, axis=-1, keepdims=True)
         self._tip_mm = np.where(allowed, straight_tip_mm(p, self._theta), np.inf)
 

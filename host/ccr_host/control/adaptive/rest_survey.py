@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,10 +22,6 @@ SETTLED_AFTER_S = 0.15
 _FEWEST_RESTS = 10
 _BELIEVABLE_MM = 60.0
 """Random robots of the kind are 10 to 30 mm off the prior; markers mixed up are further."""
-_NOISE_MM = 0.35
-"""Of a coordinate at rest: camera noise, ringing, the model's own error."""
-_MOST_COUNTED = 10
-"""Measurements of one rest: the model itself leaves 0.11 mm of the twin, however many there are."""
 
 
 class RestSurvey:
@@ -46,26 +40,30 @@ class RestSurvey:
         self._scaling = scaling
         self._start_rad = start_rad
         self._setpoints_rad: list[FloatArray] = []
-        self._tips_mm: list[list[FloatArray]] = []
+        self._markers_mm: list[list[FloatArray]] = []
 
-    def add(self, history: SetpointHistory, time_s: float, tip_mm: FloatArray) -> None:
+    def add(self, history: SetpointHistory, time_s: float, markers_mm: FloatArray) -> None:
         """Keep a measurement if the setpoints had stood for long enough by then."""
         if time_s - history.resting_since(time_s) < SETTLED_AFTER_S:
             return
         setpoint = history.at(time_s)
         if not self._setpoints_rad or not np.array_equal(setpoint, self._setpoints_rad[-1]):
             self._setpoints_rad.append(setpoint)
-            self._tips_mm.append([])
-        self._tips_mm[-1].append(tip_mm)
+            self._markers_mm.append([])
+        self._markers_mm[-1].append(markers_mm)
+
+    def rests(self) -> Rests:
+        """What was measured."""
+        return Rests(
+            self._start_rad,
+            np.array(self._setpoints_rad).reshape(-1, 2),
+            np.array([np.mean(seen, axis=0) for seen in self._markers_mm]).reshape(-1, 2, 3),
+            np.array([float(len(seen)) for seen in self._markers_mm]),
+        )
 
     def fit(self) -> StaticsFit | None:
         """The fit to what was measured, yet to be made; None if it makes no sense."""
-        if not self._tips_mm:
-            return None
-        means_mm = np.array([np.mean(tips, axis=0) for tips in self._tips_mm])
-        counts = np.array([float(len(tips)) for tips in self._tips_mm])
-        rests = Rests(self._start_rad, np.array(self._setpoints_rad), means_mm, counts)
-        return fit_to(self._scaling, rests, self._predict)
+        return fit_to(self._scaling, self.rests(), self._predict)
 
 
 def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> StaticsFit | None:
@@ -73,8 +71,7 @@ def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> St
     if len(rests.setpoint_rad) < _FEWEST_RESTS:
         return None
     prior = scaling.parameters(np.zeros(COUNT))
-    off_mm = np.linalg.norm(rests.tip_mm - predicted_mm(prior, rests), axis=1)
+    off_mm = np.linalg.norm(rests.tip_mm - predicted_mm(prior, rests)[:, 1], axis=1)
     if not np.median(off_mm) < _BELIEVABLE_MM:
         return None
-    counted = replace(rests, count=np.minimum(rests.count, _MOST_COUNTED))
-    return StaticsFit(scaling, counted, _NOISE_MM, predict)
+    return StaticsFit(scaling, rests, predict)

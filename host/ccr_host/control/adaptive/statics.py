@@ -166,12 +166,13 @@ _TINY = 1e-18
 
 
 def likely_bending_rad(p: Parameters, q_rad: FloatArray) -> FloatArray:
-    """Rest without gravity and sag, to start a search from; (..., 2)."""
+    """Rest at setpoints without gravity and sag, to start a search from; (..., 2)."""
     return stacked(*likely_of(p, *split(q_rad)))
 
 
 def likely_of(p: Parameters, q_1: Number, q_2: Number) -> Two:
     """``likely_bending_rad`` one by one."""
+    q_1, q_2 = q_1 - p.zero_1_rad, q_2 - p.zero_2_rad
     taut_1, taut_2 = positive(abs(q_1) - p.slack_1_rad), positive(abs(q_2) - p.slack_2_rad)
     return (
         sign(q_1) * p.gain_1 * taut_1 / (1.0 + p.compliance_1),
@@ -245,10 +246,16 @@ def _side(pull: Number, before: FloatArray) -> FloatArray:
     return np.where(stays, before, np.where(pull < 0.0, -1.0, 1.0))
 
 
-def unhindered_shafts_for(p: Parameters, theta_rad: FloatArray) -> FloatArray:
-    """Shaft angles that hold given bending angles without friction, (..., 2)."""
+def unhindered_setpoints_for(p: Parameters, theta_rad: FloatArray) -> FloatArray:
+    """Setpoints that hold given bending angles without friction and play, (..., 2)."""
     anyhow = np.zeros_like(theta_rad)
-    return hold_at(p, theta_rad, routes_at(p, theta_rad), anyhow).shaft_rad
+    shafts = hold_at(p, theta_rad, routes_at(p, theta_rad), anyhow).shaft_rad
+    return shafts + zeros_rad(p)
+
+
+def zeros_rad(p: Parameters) -> FloatArray:
+    """Setpoints at which the shafts stand at 0, (..., 2)."""
+    return stacked(p.zero_1_rad, p.zero_2_rad)
 
 
 def _loads(p: Parameters, theta_1: Number, theta_2: Number, first: Arc, second: Arc) -> Forces:
@@ -294,8 +301,15 @@ def _held(p: Parameters, drive: Drive) -> tuple[Two, Four]:
     q_1, q_2 = split(drive.setpoint_rad)
     is_one = drive.anchor.ndim == 1
     first, second, third, fourth = drive.anchor.tolist() if is_one else drive.anchor.T
-    shafts = q_1 - p.play_rad * lag_1, q_2 - p.play_rad * lag_2
-    return shafts, (first, second, third, fourth)
+    return shafts_of(p, (q_1, q_2), (lag_1, lag_2)), (first, second, third, fourth)
+
+
+def shafts_of(p: Parameters, q: Two, lag: Two) -> Two:
+    """Angles of the shafts at setpoints, by whose play they stay behind."""
+    return (
+        q[0] - p.play_rad * lag[0] - p.zero_1_rad,
+        q[1] - p.play_rad * lag[1] - p.zero_2_rad,
+    )
 
 
 def forces_of(

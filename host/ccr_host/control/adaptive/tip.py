@@ -28,13 +28,17 @@ The effect is below 1 mm, so another pulley's r_p is not worth a parameter."""
 
 
 class Tip(NamedTuple):
-    """f before the camera's rotation, f[0] and -f[1] + i f[2], with derivatives in theta."""
+    """f before the camera's rotation, f[0] and -f[1] + i f[2], with derivatives in theta.
+
+    ``middle`` is M2 against M1 in the sagittal plane, in which it moves.
+    """
 
     across: Number
     across_2: Number
     sagittal: Number
     sagittal_1: Number
     sagittal_2: Number
+    middle: Number
 
 
 def tip_at(p: Parameters, theta_rad: FloatArray) -> Tip:
@@ -47,6 +51,13 @@ def tip_mm(p: Parameters, theta_rad: FloatArray) -> FloatArray:
     """Tip in the camera's frame over bending angles (..., 2) -> (..., 3)."""
     tip = tip_at(p, theta_rad)
     return vector_mm(p, tip.across, tip.sagittal)
+
+
+def markers_mm(p: Parameters, theta_rad: FloatArray) -> FloatArray:
+    """M2 and M3 against M1 in the camera's frame over bending angles (..., 2) -> (..., 2, 3)."""
+    tip = tip_at(p, theta_rad)
+    middle_mm = vector_mm(p, p.middle_aside_mm, tip.middle)
+    return np.stack([middle_mm, vector_mm(p, tip.across, tip.sagittal)], axis=-2)
 
 
 def straight_tip_mm(p: Parameters, theta_rad: FloatArray) -> FloatArray:
@@ -106,12 +117,15 @@ def tip_of(p: Parameters, theta_1: Number, theta_2: Number, first: Arc, second: 
     reach_2_slope = -2.0 * short_2 * theta_2 * p.length_2_mm
     turning = (reach_2 * arc_2[0].real + 1j * p.marker_offset_mm) * turn
     bulge, bulge_1, bulge_2 = _bulge_mm(p, theta_1, theta_2, arc_1, turn)
+    end_1 = reach_1 * arc_1[0] + bulge - 1j * p.marker_offset_mm
+    height_2 = p.marker_offset_mm + p.middle_up_mm
     return Tip(
         reach_2 * arc_2[0].imag,
         reach_2 * arc_2[1].imag + reach_2_slope * arc_2[0].imag,
-        reach_1 * arc_1[0] + turning + bulge - 1j * p.marker_offset_mm,
+        end_1 + turning,
         reach_1 * arc_1[1] + reach_1_slope * arc_1[0] + 1j * turning + bulge_1,
         (reach_2 * arc_2[1].real + reach_2_slope * arc_2[0].real) * turn + bulge_2,
+        end_1 + (p.middle_along_mm + 1j * height_2) * turn,
     )
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.excitation import tour_bending_rad
 from ccr_host.control.adaptive.parameters import Parameters
-from ccr_host.control.adaptive.statics import unhindered_shafts_for
+from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.robot.workspace import MotorLimits
 
 
@@ -18,4 +18,4 @@ def tour_stops_rad(p: Parameters, limits: MotorLimits) -> NDArray[np.float64]:
         p: as the robot is believed to be, floats.
         limits: of the motors.
     """
-    return limits.clip(unhindered_shafts_for(p, tour_bending_rad()))
+    return limits.clip(unhindered_setpoints_for(p, tour_bending_rad()))

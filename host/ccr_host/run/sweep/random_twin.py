@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 from ccr_host.config import Description
 
 SLACK_MM = 2.0
+UNEQUAL_SLACK_MM = 0.5
+"""Between the two tendons of a motor at most, as far as both stay within `SLACK_MM`."""
+ZERO_DEG = 5.0
+"""Of each servo: a tooth of its spline is 14.4 deg, and the eye sets the horn to some degrees."""
 SPREAD = 0.5
 """Of stiffness and masses."""
 BELIEF_SPREAD = 0.1
@@ -61,7 +65,6 @@ def draw_twin(rng: np.random.Generator, base: Description, duration_s: float) ->
     force_n = rng.uniform(0.0, PUSH_N) * _direction(rng)
     settings = {
         **{f"twin.{key}": getattr(twin, key) for key in _GEOMETRY},
-        "twin.slack_mm": slack_mm,
         "twin.bending_stiffness_nm_rad": stiffness,
         "twin.disk_mass_g": disk_mass_g,
         "twin.marker_mass_g": marker_mass_g,
@@ -83,6 +86,14 @@ def draw_twin(rng: np.random.Generator, base: Description, duration_s: float) ->
         "robot.tendon_radius_mm": _spread(rng, robot.tendon_radius_mm, BELIEF_SPREAD),
         "robot.marker_offset_mm": _spread(rng, robot.marker_offset_mm, BELIEF_SPREAD),
         "robot.pulley_radius_mm": _spread(rng, robot.pulley_radius_mm, BELIEF_SPREAD),
+    }
+    more_mm = 0.5 * rng.uniform(-UNEQUAL_SLACK_MM, UNEQUAL_SLACK_MM, 2)
+    zeros = rng.uniform(-ZERO_DEG, ZERO_DEG, 2) / 90.0
+    settings |= {
+        "twin.slack_mm": np.clip(slack_mm + np.append(more_mm, -more_mm), 0.0, SLACK_MM).tolist(),
+        "twin.servo_neutral_us": (
+            np.array(twin.servo_neutral_us) + zeros * twin.servo_us_per_90_deg
+        ).tolist(),
     }
     return {key: _readable(value) for key, value in settings.items()}
 
