@@ -169,4 +169,4 @@ def slot_size(struct_sizes: Mapping[str, int]) -> int:
 
 def _eeprom(node: Tree, structs: Mapping[str, Struct]) -> Eeprom:
     size = slot_size({name: struct.size for name, struct in structs.items()})
-    return Eeprom(**{**node, "prose": _prose(node)}, slot_size=size)
+    return Eeprom(**{"boot_counters": 1, **node, "prose": _prose(node)}, slot_size=size)

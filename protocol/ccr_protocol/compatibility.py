@@ -169,6 +169,7 @@ def _addresses(eeprom: Eeprom) -> tuple[int, ...]:
         eeprom.slot_a,
         eeprom.slot_b,
         eeprom.boot_counter,
+        eeprom.boot_counters,
         eeprom.magic,
         eeprom.layout,
         eeprom.slot_size,

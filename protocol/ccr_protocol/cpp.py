@@ -165,6 +165,7 @@ def _constants(spec: Spec) -> str:
         f"constexpr uint16_t kEepromSlotB = {eeprom.slot_b};",
         f"constexpr uint16_t kEepromSlotSize = {eeprom.slot_size};",
         f"constexpr uint16_t kEepromBootCounter = {eeprom.boot_counter};",
+        f"constexpr uint8_t kEepromBootCounters = {eeprom.boot_counters};",
         f"constexpr uint16_t kEepromMagic = 0x{eeprom.magic:04X}U;",
         f"constexpr uint8_t kEepromLayout = {eeprom.layout};",
     ]

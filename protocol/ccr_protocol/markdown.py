@@ -242,7 +242,7 @@ def _eeprom_table(spec: Spec) -> str:
         [
             [str(eeprom.slot_a), str(eeprom.slot_size), "slot a"],
             [str(eeprom.slot_b), str(eeprom.slot_size), "slot b"],
-            [str(eeprom.boot_counter), "2", "boot counter"],
+            [str(eeprom.boot_counter), f"2 * {eeprom.boot_counters}", "boot counters"],
         ],
     )
 

@@ -284,7 +284,11 @@ def _eeprom(tree: Tree) -> Iterator[str]:
         [
             (node["slot_a"], slot, "slot_a"),
             (node["slot_b"], slot, "slot_b"),
-            (node["boot_counter"], _BOOT_COUNTER_SIZE, "boot_counter"),
+            (
+                node["boot_counter"],
+                _BOOT_COUNTER_SIZE * node.get("boot_counters", 1),
+                "boot_counter",
+            ),
         ]
     )
     for (start, size, name), (after, _, next_name) in pairwise(areas):

@@ -86,6 +86,7 @@ def _constants(spec: Spec) -> str:
         "EEPROM_SLOT_B": eeprom.slot_b,
         "EEPROM_SLOT_SIZE": eeprom.slot_size,
         "EEPROM_BOOT_COUNTER": eeprom.boot_counter,
+        "EEPROM_BOOT_COUNTERS": eeprom.boot_counters,
     }
     lines = [
         f"PROTOCOL_VERSION: Final = {spec.version}",

@@ -272,7 +272,8 @@ SPEC = table(
                 "boot_counter": integer(0, 65535),
                 "magic": integer(0, 65535),
                 "layout": integer(0, 255),
-            }
+            },
+            {"boot_counters": integer(1, 255)},
         ),
         "requirement": list_of(table({"id": requirement_id, "text": prose})),
     }

@@ -232,6 +232,7 @@ class Eeprom:
     slot_a: int
     slot_b: int
     boot_counter: int
+    boot_counters: int
     magic: int
     layout: int
     slot_size: int

@@ -193,6 +193,26 @@ def test_only_accepted_targets_feed_the_watchdog(armed):
     assert armed.report_of_tick(tick + 5).state is m.State.HOLD
 
 
+@pytest.mark.requirement("WDG-6")
+@pytest.mark.in_step("it takes a minute")
+def test_the_slowest_way_to_rest_that_can_be_configured_ends_in_time(with_session):
+    host = with_session
+    far, slow = m.Limits((-13500,) * 2, (-13499,) * 2, (-13500,) * 2), m.Slew((10, 10))
+    host.configure(limits=far, slew=slow, watchdog=m.Watchdog(1000, 10, 20))
+    host.done(m.SetLimits(SESSION, m.Limits((-13500,) * 2, (13500,) * 2, (13500,) * 2)))
+    for too_slow in (m.Slew((9, 10)), m.Slew((10, 1))):
+        assert host.refusal(m.SetSlew(SESSION, too_slow))[0] is m.NackCode.OUT_OF_RANGE
+    assert host.refusal(m.SetWatchdog(SESSION, m.Watchdog(1000, 9, 20)))[0] is (
+        m.NackCode.OUT_OF_RANGE
+    )
+    host.done(m.Arm(SESSION))
+    begins = host.next_tick() + 2
+    way_ticks = m.WAY_TO_REST_MS * 1000 // m.TICK_US
+    assert host.report_of_tick(begins).setpoint_cdeg == (-13489, -13489)
+    assert host.report_of_tick(begins + way_ticks - 1).setpoint_cdeg == (13500, 13500)
+    assert host.state() is m.State.ARMING
+
+
 @pytest.mark.requirement("WDG-4")
 @pytest.mark.parametrize("state", [m.State.HOLD, m.State.RELAXING])
 def test_fresh_target_ends_hold_and_relaxing(armed, state):

@@ -21,8 +21,8 @@ constexpr uint8_t kSlotSize = kSlotCrcAt + sizeof(uint32_t);
 
 static_assert(kSlotSize == kEepromSlotSize, "as the spec says");
 static_assert(kEepromSlotA + kSlotSize <= kEepromSlotB, "slots do not overlap");
-static_assert(kEepromSlotB + kSlotSize <= kEepromBootCounter, "nor does the boot counter");
-static_assert(kEepromBootCounter + sizeof(uint16_t) <= kEepromSize, "all fits");
+static_assert(kEepromSlotB + kSlotSize <= kEepromBootCounter, "nor do the boot counters");
+static_assert(kEepromBootCounter + kEepromBootCounters * sizeof(uint16_t) <= kEepromSize, "all fits");
 
 /// Generation and configuration are only good where the content is.
 SlotContent read_slot(Hardware& hardware, uint16_t address, uint16_t& generation,

@@ -8,6 +8,10 @@ namespace {
 
 constexpr uint16_t kBootCounterErased = 0xFFFF;
 
+constexpr uint16_t boot_counter_address(uint8_t number) {
+  return static_cast<uint16_t>(kEepromBootCounter + number * sizeof(uint16_t));
+}
+
 EepromStatus status_of(SlotContent a, SlotContent b) {
   if (a == SlotContent::kBlank && b == SlotContent::kBlank) {
     return EepromStatus::kBlank;
@@ -43,16 +47,33 @@ EepromStatus ConfigStore::load(Configuration& configuration) {
 }
 
 uint16_t ConfigStore::count_boot() {
-  uint8_t bytes[] = {hardware_.read_eeprom(kEepromBootCounter),
-                     hardware_.read_eeprom(kEepromBootCounter + 1)};
-  const uint16_t stored = get_u16(bytes);
-  const uint16_t counted =
-      stored == kBootCounterErased ? uint16_t{1} : static_cast<uint16_t>(stored + 1);
+  uint16_t newest = kBootCounterErased;
+  for (uint8_t number = 0; number < kEepromBootCounters; ++number) {
+    const uint16_t stored = read_u16(boot_counter_address(number));
+    const bool is_first = newest == kBootCounterErased;
+    if (stored != kBootCounterErased && (is_first || is_newer(stored, newest))) {
+      newest = stored;
+    }
+  }
+  const uint16_t counted = newest == kBootCounterErased       ? uint16_t{1}
+                           : newest == kBootCounterErased - 1 ? uint16_t{0}
+                                                              : static_cast<uint16_t>(newest + 1);
+  uint8_t bytes[sizeof(counted)];
   put_u16(bytes, counted);
   for (uint8_t at = 0; at < sizeof(bytes); ++at) {
-    hardware_.write_eeprom(static_cast<uint16_t>(kEepromBootCounter + at), bytes[at]);
+    const uint16_t address =
+        static_cast<uint16_t>(boot_counter_address(counted % kEepromBootCounters) + at);
+    if (hardware_.read_eeprom(address) != bytes[at]) {
+      hardware_.write_eeprom(address, bytes[at]);
+    }
   }
   return counted;
+}
+
+uint16_t ConfigStore::read_u16(uint16_t address) {
+  const uint8_t bytes[] = {hardware_.read_eeprom(address),
+                           hardware_.read_eeprom(static_cast<uint16_t>(address + 1))};
+  return get_u16(bytes);
 }
 
 void ConfigStore::begin_save() {

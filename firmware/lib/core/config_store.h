@@ -32,6 +32,7 @@ class ConfigStore {
   Step continue_save(const Configuration& configuration);
 
  private:
+  uint16_t read_u16(uint16_t address);
   bool was_last_byte_kept();
   void finish_save();
 

@@ -9,7 +9,7 @@
 namespace ccr {
 
 constexpr uint8_t kProtocolVersion = 2;
-constexpr uint32_t kSpecHash = 0xBBCD0658UL;
+constexpr uint32_t kSpecHash = 0x225FA999UL;
 constexpr uint8_t kFirmwareVersion[3] = {0, 2, 0};
 
 constexpr uint32_t kBaud = 250000UL;
@@ -29,6 +29,9 @@ constexpr uint16_t kTickPhaseUs = 18000U;
 constexpr uint8_t kBootTicks = 5U;
 /// For so long a repeated request is answered from memory instead of being executed again. [tick]
 constexpr uint8_t kRetryWindowTicks = 50U;
+/// The way to rest takes no longer whatever is configured: 270 deg in the smallest steps that slew
+/// and relax slew may have. [ms]
+constexpr uint16_t kWayToRestMs = 54000U;
 /// From a reset until the board takes requests; what comes before that is lost. [us]
 constexpr uint16_t kListensAfterUs = 2000U;
 /// So many may a host have sent without having read their answers (REQ-5): the longest answers to
@@ -50,6 +53,7 @@ constexpr uint16_t kEepromSlotA = 0;
 constexpr uint16_t kEepromSlotB = 128;
 constexpr uint16_t kEepromSlotSize = 47;
 constexpr uint16_t kEepromBootCounter = 256;
+constexpr uint8_t kEepromBootCounters = 32;
 constexpr uint16_t kEepromMagic = 0xCC52U;
 constexpr uint8_t kEepromLayout = 1;
 
@@ -318,7 +322,8 @@ inline int8_t inconsistent_axis(const Limits& value) {
 struct Slew {
   enum : uint8_t { kSize = 4 };
 
-  /// Greatest change of the setpoint in one 20 ms tick. [0.01 deg/tick] 1 to 2000.
+  /// Greatest change of the setpoint in one 20 ms tick. The least value bounds the way to rest
+  /// (WDG-6). [0.01 deg/tick] 10 to 2000.
   uint16_t slew_cdeg_tick[2];
 };
 static_assert(Slew::kSize == sizeof(Slew::slew_cdeg_tick) && uint8_t{Slew::kSize} <= kMaxPayload,
@@ -337,8 +342,8 @@ inline Reading decode(const uint8_t* bytes, Slew& value) {
 
 /// Index of the first field out of its range; an array is one field.
 inline int8_t first_out_of_range(const Slew& value) {
-  if (value.slew_cdeg_tick[0] < 1U || value.slew_cdeg_tick[0] > 2000U || value.slew_cdeg_tick[1] <
-      1U || value.slew_cdeg_tick[1] > 2000U) {
+  if (value.slew_cdeg_tick[0] < 10U || value.slew_cdeg_tick[0] > 2000U || value.slew_cdeg_tick[1] <
+      10U || value.slew_cdeg_tick[1] > 2000U) {
     return 0;
   }
   return kNone;

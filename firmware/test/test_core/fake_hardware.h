@@ -23,6 +23,7 @@ struct FakeHardware final : ccr::Hardware {
   bool is_eeprom_busy = false;
   int worn_out_address = -1;
   unsigned eeprom_writes = 0;
+  std::array<unsigned, ccr::kEepromSize> cell_writes = {};
   uint16_t free_stack = ccr::kStackNotMeasured;
 
   uint16_t capabilities() override { return ccr::capabilities::kEeprom; }
@@ -35,6 +36,7 @@ struct FakeHardware final : ccr::Hardware {
   uint8_t read_eeprom(uint16_t address) override { return eeprom.at(address); }
   void write_eeprom(uint16_t address, uint8_t byte) override {
     ++eeprom_writes;
+    ++cell_writes.at(address);
     if (address != worn_out_address) {
       eeprom.at(address) = byte;
     }

@@ -137,7 +137,7 @@ TEST_CASE("CFG-3: what was loaded is not saved over, whichever slot it is in") {
   for (uint16_t saves = 2; saves <= 5; ++saves) {
     Bench bench = saved_twice();
     for (uint16_t save = 3; save <= saves; ++save) {
-      save_slew(bench, save);
+      save_slew(bench, static_cast<uint16_t>(100 + save));
     }
     const uint16_t newest = slew(bench);
     bench.reset();

@@ -388,6 +388,14 @@ TEST_CASE("FLT-3: boot ends in a fault after an unknown reset that has cut pulse
   CHECK(bench.state() == State::kDisarmed);
 }
 
+TEST_CASE("WDG-6: steps so small that the way to rest would take too long are refused") {
+  Bench bench;
+  bench.make_ready();
+  CHECK(bench.refused(SetSlew{kSession, {{9, 10}}}).code == NackCode::kOutOfRange);
+  CHECK(bench.refused(SetWatchdog{kSession, {200, 9, 40}}).code == NackCode::kOutOfRange);
+  CHECK(bench.acknowledged(SetSlew{kSession, {{10, 10}}}) == State::kDisarmed);
+}
+
 TEST_CASE("FLT-3: stop during boot comes before the fault of the reset") {
   Bench bench(ResetCause::kWatchdog);
   bench.acknowledged(Stop{});

@@ -12,6 +12,7 @@ from ccr_host.emulator.configuration import Configuration
 from ccr_host.emulator.eeprom import ERASED, Eeprom
 from ccr_host.link.messages import (
     EEPROM_BOOT_COUNTER,
+    EEPROM_BOOT_COUNTERS,
     EEPROM_LAYOUT,
     EEPROM_MAGIC,
     EEPROM_SLOT_A,
@@ -76,10 +77,17 @@ class ConfigStore:
 
     def count_boot(self) -> int:
         """Count up the boot counter and give its new value."""
-        (counter,) = _COUNTER.unpack(self._eeprom.read(EEPROM_BOOT_COUNTER, _COUNTER.size))
-        boot_id: int = ((0 if counter == _COUNTER_ERASED else counter) + 1) % _U16
-        for offset, byte in enumerate(_COUNTER.pack(boot_id)):
-            self._eeprom.write(EEPROM_BOOT_COUNTER + offset, byte)
+        stored = self._eeprom.read(EEPROM_BOOT_COUNTER, EEPROM_BOOT_COUNTERS * _COUNTER.size)
+        newest = 0
+        counters = [c for (c,) in _COUNTER.iter_unpack(stored) if c != _COUNTER_ERASED]
+        for number, counter in enumerate(counters):
+            if number == 0 or _is_newer(counter, newest):
+                newest = counter
+        boot_id = (newest + 1) % _COUNTER_ERASED
+        address = EEPROM_BOOT_COUNTER + boot_id % EEPROM_BOOT_COUNTERS * _COUNTER.size
+        for offset, byte in enumerate(_COUNTER.pack(boot_id), address):
+            if self._eeprom.read(offset, 1)[0] != byte:
+                self._eeprom.write(offset, byte)
         return boot_id
 
     def begin_save(self, configuration: Configuration) -> None:
@@ -129,8 +137,11 @@ def _newest(good: list[_Slot]) -> _Slot | None:
     if len(good) < len(_SLOTS):
         return good[0] if good else None
     first, second = good
-    second_is_newer = 0 < (second.generation - first.generation) % _U16 < _HALF_U16
-    return second if second_is_newer else first
+    return second if _is_newer(second.generation, first.generation) else first
+
+
+def _is_newer(number: int, other: int) -> bool:
+    return 0 < (number - other) % _U16 < _HALF_U16
 
 
 def _status(contents: list[_Slot | _SlotContent]) -> EepromStatus:

@@ -40,8 +40,6 @@ TELEMETRY_TIMEOUT_US = 1_000_000
 """Fifty reports in a row are not lost by chance."""
 _STATE_POLL_US = m.TICK_US
 _SYNC_PERIOD_US = 10_000_000
-_LONGEST_WAY_TO_REST_US = 60_000_000
-"""270 deg at the slowest relax slew of the wire, 0.1 deg a tick."""
 _MARGIN_US = 1_000_000
 _STOP_ATTEMPTS = 8
 _U8 = 1 << 8
@@ -288,7 +286,9 @@ class Client:
             self.poll()
         self._watching = False
         self._exchange.request(m.Disarm(self._session))
-        bound_us = _way_to_rest_us(self._config) if self._config else _LONGEST_WAY_TO_REST_US
+        bound_us = (
+            _way_to_rest_us(self._config) if self._config else m.WAY_TO_REST_MS * 1000 + _MARGIN_US
+        )
         self._wait_for_state(State.DISARMED, bound_us, on_the_way=(State.DISARMING,))
         self._may_move = False
 

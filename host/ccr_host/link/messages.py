@@ -15,7 +15,7 @@ __all__ = ["Payload", "PayloadError"]  # re-exported; all else is public as it s
 
 
 PROTOCOL_VERSION: Final = 2
-SPEC_HASH: Final = 0xBBCD0658
+SPEC_HASH: Final = 0x225FA999
 FIRMWARE_VERSION: Final = (0, 2, 0)
 
 BAUD: Final = 250000
@@ -37,6 +37,10 @@ BOOT_TICKS: Final = 5
 """Length of the self-test after a reset: control tick 5, the sixth, ends it. [tick]"""
 RETRY_WINDOW_TICKS: Final = 50
 """For so long a repeated request is answered from memory instead of being executed again. [tick]"""
+WAY_TO_REST_MS: Final = 54000
+"""The way to rest takes no longer whatever is configured: 270 deg in the smallest steps that slew
+and relax slew may have. [ms]
+"""
 LISTENS_AFTER_US: Final = 2000
 """From a reset until the board takes requests; what comes before that is lost. [us]"""
 OUTSTANDING_REQUESTS: Final = 5
@@ -61,6 +65,7 @@ EEPROM_SLOT_A: Final = 0
 EEPROM_SLOT_B: Final = 128
 EEPROM_SLOT_SIZE: Final = 47
 EEPROM_BOOT_COUNTER: Final = 256
+EEPROM_BOOT_COUNTERS: Final = 32
 EEPROM_MAGIC: Final = 0xCC52
 EEPROM_LAYOUT: Final = 1
 
@@ -298,13 +303,15 @@ class Slew(Payload):
     """How fast the setpoint may move."""
 
     slew_cdeg_tick: tuple[int, int]
-    """Greatest change of the setpoint in one 20 ms tick. [0.01 deg/tick] 1 to 2000."""
+    """Greatest change of the setpoint in one 20 ms tick. The least value bounds the way to rest
+    (WDG-6). [0.01 deg/tick] 10 to 2000.
+    """
 
     NAME: ClassVar[str] = "slew"
     SIZE: ClassVar[int] = 4
     LAYOUT: ClassVar[struct.Struct] = struct.Struct("<2H")
     FIELDS: ClassVar[tuple[Field, ...]] = (
-        Field("slew_cdeg_tick", "H", 1, 2000, count=2, unit="deg/tick", scale=0.01),
+        Field("slew_cdeg_tick", "H", 10, 2000, count=2, unit="deg/tick", scale=0.01),
     )
 
     @classmethod
@@ -1688,6 +1695,10 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         ),
         "WDG-4": "A fresh target ends `hold` and `relaxing`.",
         "WDG-5": "At rest after `relaxing` the state is `fault` with link_loss, without pulses.",
+        "WDG-6": (
+            "The way to rest takes at most way_to_rest_ms: a configuration that could make it "
+            "longer is refused."
+        ),
         "STP-1": (
             "`stop` takes the pulses away at the next frame that a tick has prepared, from every "
             "state, with and without a session."

@@ -109,7 +109,7 @@ class Script:
                 return m.SetLimits(session, m.Limits(low, high, rest))
             case 1:
                 top = int(800 * beyond**10)
-                return m.SetSlew(session, m.Slew((self._integer(1, top), self._integer(0, top))))
+                return m.SetSlew(session, m.Slew((self._integer(10, top), self._integer(0, top))))
             case 2:
                 return m.SetWatchdog(
                     session,

@@ -27,7 +27,7 @@ limits_in_use = st.builds(
     ),
     *(st.tuples(st.integers(-13000, 13000)),) * 4,
 )
-slews = st.builds(m.Slew, st.tuples(*(st.integers(1, 2000),) * 2))
+slews = st.builds(m.Slew, st.tuples(*(st.integers(10, 2000),) * 2))
 watchdogs = st.builds(m.Watchdog, st.integers(20, 400), st.integers(10, 500), st.integers(20, 200))
 
 

@@ -181,8 +181,8 @@ NEW_VERSION: dict[str, tuple[Edit, str]] = {
         "message set_target, ramp_ms: 0 to 9999 is narrower than before",
     ),
     "narrower below": (
-        lambda t: field(t, "struct", "slew", "slew_cdeg_tick").update(min=2),
-        "message set_slew, slew_cdeg_tick: 2 to 2000 is narrower than before",
+        lambda t: field(t, "struct", "slew", "slew_cdeg_tick").update(min=20),
+        "message set_slew, slew_cdeg_tick: 20 to 2000 is narrower than before",
     ),
     "consistency": (
         lambda t: find(t, "struct", "limits").pop("consistent"),

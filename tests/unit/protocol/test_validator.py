@@ -377,7 +377,7 @@ MEANING: dict[str, tuple[Edit, str]] = {
     ),
     "boot counter in a slot": (
         lambda t: _set(t["eeprom"], boot_counter=127),
-        "eeprom: boot_counter (2 bytes) reaches into slot_b",
+        "eeprom: boot_counter (64 bytes) reaches into slot_b",
     ),
     "EEPROM too small": (
         lambda t: _set(t["eeprom"], size=257),
