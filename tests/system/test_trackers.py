@@ -46,9 +46,9 @@ def test_the_emulated_polaris_is_as_good_as_the_simulated_camera(
 @pytest.mark.parametrize(
     ("tracker", "rotation_deg"),
     [
-        ("twin:", "17"),
         ("twin:", "[0, 127.28, 127.28]"),
-        ("ndi-emulator:", "[50, -60, 45]"),
+        pytest.param("twin:", "17", marks=pytest.mark.slow),
+        pytest.param("ndi-emulator:", "[50, -60, 45]", marks=pytest.mark.slow),
         pytest.param("ndi-emulator:", "[0, 127.28, 127.28]", marks=pytest.mark.slow),
         pytest.param("ndi-emulator:", "17", marks=pytest.mark.slow),
     ],

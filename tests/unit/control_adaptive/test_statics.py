@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ccr_host.config import Robot, Twin
@@ -85,10 +85,9 @@ def test_without_weight_and_sag_the_tip_is_that_of_equation_10(theta):
     assert tip_mm(ideal, theta) == pytest.approx(expected, abs=1e-9)
 
 
-@given(bends)
+@given(bends.map(lambda theta: theta + np.copysign(1e-3, theta)))
 def test_jacobian_is_the_derivative_of_the_tip(theta):
     h = 1e-6
-    assume(np.abs(theta).min() > 1e-3)
     tip = tip_at(PRIOR, theta)
     by_1 = vector_mm(PRIOR, 0.0, tip.sagittal_1)
     by_2 = vector_mm(PRIOR, tip.across_2, tip.sagittal_2)
