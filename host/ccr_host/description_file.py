@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections.abc import Mapping
@@ -52,6 +53,25 @@ def _can_be_replaced(file: Path) -> bool:
         return False
 
 
+def begin_description(file: Path, robot: str | None) -> bool:
+    """Make a robot description where there is none; whether there was none.
+
+    Args:
+        file: of `file_to_keep_in`.
+        robot: as given with ``--robot``; where it is the file itself, that begins with its name.
+
+    Raises:
+        ConfigError: it cannot be made.
+    """
+    if file.exists():
+        return False
+    if own_file(robot) == file:
+        _write(file, f"name = {json.dumps(file.stem)}\n".encode())
+    else:
+        keep_in(file, {}, robot)
+    return True
+
+
 def keep_in(file: Path, sections: Sections, robot: str | None) -> None:
     """Rewrite a robot description at once or not at all.
 
@@ -69,8 +89,12 @@ def keep_in(file: Path, sections: Sections, robot: str | None) -> None:
     text = updated(text, sections)
     config.parse(text)
     content = text.encode(encoding)
+    _write(target, content)
+
+
+def _write(file: Path, content: bytes) -> None:
     try:
-        with replacing(target) as draft:
+        with replacing(file) as draft:
             draft.write_bytes(content)
     except OSError as error:
         raise ConfigError(

@@ -25,6 +25,9 @@ def registration_table(found: Registration) -> Table:
     table.add_row("residual (mm)", f"{found.residual_mm:.2f}")
     table.add_row("scale, by segment 2", f"{found.scale:.4f}")
     table.add_row("segment 1 as measured (mm)", f"{found.segment_1_mm:.1f}")
+    if found.reversed_motors:
+        motors = " and ".join(map(str, found.reversed_motors))
+        table.add_row("turns the wrong way", f"motor {motors}; ccr-host calibrate corrects it")
     return table
 
 

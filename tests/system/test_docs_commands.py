@@ -52,6 +52,7 @@ TOLD_ELSEWHERE = {
     r"tcp://127\.0\.0\.1:5025": "tests/system/test_emulate.py",
     r"simavr:": "tests/firmware runs the binary in simavr",
     r"sweep": "tests/system/test_sweep.py",
+    r"setup": "tests/system/test_setup.py",
 }
 HELP = {"--help", "-h", "--with-open"}
 SERVES_UNTIL = {"emulate": "stdout", "view": "stderr"}

@@ -93,6 +93,8 @@ def _tracker(uri: TrackerUri, description: Description, seed: int) -> Iterator[F
     if eyes.scene is not None:
         clock.attach(eyes.scene)
     with eyes.running(clock):
-        tracker = eyes.tracker(clock, lambda: np.zeros(2))
+        # Spheres without a name are told apart without a rotation if none was registered.
+        unregistered = description.registration is None
+        tracker = eyes.tracker(clock, lambda: np.zeros(2), in_camera_frame=unregistered)
         eyes.wait_until_tracking(clock)
         yield from check_tracker(tracker, clock, description)

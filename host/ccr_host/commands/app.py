@@ -19,6 +19,7 @@ from ccr_host.commands.monitor import monitor
 from ccr_host.commands.register import register
 from ccr_host.commands.replay import replay
 from ccr_host.commands.report import report
+from ccr_host.commands.setup import setup
 from ccr_host.commands.sweep import sweep
 from ccr_host.commands.track import track
 from ccr_host.commands.view import view
@@ -34,7 +35,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     *(track, compare, workspace, sweep),
-    *(doctor, flash, calibrate, register, jog, monitor, emulate),
+    *(setup, doctor, flash, calibrate, register, jog, monitor, emulate),
     *(view, replay, report, export),
 )
 for command in _COMMANDS:

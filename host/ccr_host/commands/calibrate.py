@@ -93,7 +93,7 @@ def calibrate(
             return
         if by_eye:
             blind = sees_simulated_robot(options)
-            servo = _by_eye(screen, rig, description, simulated_tip=blind)
+            servo = lead_by_eye(screen, rig, description, simulated_tip=blind)
         else:
             servo = _by_tracker(screen, rig, description)
         if servo is None:
@@ -105,9 +105,10 @@ def calibrate(
     screen.print(f"kept in {file} and in the board's EEPROM")
 
 
-def _by_eye(
+def lead_by_eye(
     screen: Console, rig: Rig, description: Description, *, simulated_tip: bool
 ) -> Servo | None:
+    """Ask for the marks on a terminal; None if the user leaves before the last one."""
     from rich.live import Live
 
     from ccr_host.bringup.calibrate_by_eye import calibrate_by_eye

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -16,6 +18,11 @@ from ccr_host.commands.options import (
 )
 from ccr_host.commands.output import console, print_json
 from ccr_host.run.options import RigOptions
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ccr_host.bringup.finding import Finding
 
 _COLOURS = {"good": "green", "warning": "yellow", "failure": "bold red"}
 
@@ -42,16 +49,19 @@ def doctor(
         seed=seed,
         overrides=tuple(overrides or ()),
     )
-    screen = console(on_stderr=as_json)
-    findings = []
-    for finding in examine(options, Path()):
-        findings.append(finding)
+    findings = list(printed(examine(options, Path()), console(on_stderr=as_json)))
+    if as_json:
+        print_json({"findings": [finding.as_summary() for finding in findings]})
+    if status := exit_status(findings):
+        raise typer.Exit(status)
+
+
+def printed(findings: Iterable[Finding], screen: Console) -> Iterator[Finding]:
+    """The findings, each shown as it comes."""
+    for finding in findings:
         severity = finding.severity.name.lower()
         screen.print(f"{severity:8}", style=_COLOURS[severity], end="")
         screen.print(f"{finding.subject}: {finding.text}")
         if finding.remedy:
             screen.print(f"{'':8}-> {finding.remedy}")
-    if as_json:
-        print_json({"findings": [finding.as_summary() for finding in findings]})
-    if status := exit_status(findings):
-        raise typer.Exit(status)
+        yield finding

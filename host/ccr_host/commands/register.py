@@ -81,6 +81,7 @@ def register(
                 **section,
                 "date": section["date"].isoformat(),
                 "segment_1_mm": found.segment_1_mm,
+                "reversed_motors": list(found.reversed_motors),
                 "device": device,
                 "tracker": tracker,
                 "seed": seed,

@@ -3,13 +3,14 @@
 The robot at rest is 20 mm and more away from (10), so fitting (10) to its poses would turn the
 frame by several degrees. What is used instead holds whatever slack and gravity do:
 
-- M2 moves in a plane, whose normal is the x of (10), and so does M3 - M2 while segment 2 rests.
+- M2 moves in a plane, whose normal is the x of (10). M3 does not if segment 2 is bent, as by a
+  servo's zero: its weight bends it more or less as segment 1 swings.
 - The part of M3 - M2 in that plane points along the tangent at the end of segment 1.
 - Between its two end tangents, segment 1 is an arc that sags by one unknown load
   (``sagging_segment``): this gives the tangent at the base, -y of (10).
 - The markers stand on the +z side.
 
-Motor angles only serve to check that both motors turn the right way.
+Motor angles only serve to tell which motors turn the wrong way.
 """
 
 from __future__ import annotations
@@ -88,6 +89,8 @@ class Registration:
     """See ``sagging_segment``."""
     base_marker_aside_mm: float
     """M1 beside the plane in which segment 1 bends."""
+    reversed_motors: tuple[int, ...]
+    """Those that turn against their description, 1 or 2."""
 
     @property
     def camera_to_robot_deg(self) -> Array:
@@ -120,8 +123,8 @@ def register(poses: Sequence[RestPose], geometry: Robot) -> Registration:
         segment_1_mm=geometry.segment_lengths_mm[0] + fit.length_error_mm,
         load=fit.load,
         base_marker_aside_mm=plane.base_aside_mm,
+        reversed_motors=_reversed_motors(seen, fit),
     )
-    _require_right_way(seen, fit)
     _require_quality(result, geometry)
     return result
 
@@ -207,20 +210,14 @@ def _require_coverage(seen: _Vectors) -> None:
 
 
 def _fit_plane(seen: _Vectors) -> _Plane:
-    """Fit one normal to the places of M2 and, with segment 2 at rest, the directions to M3.
-
-    Both may stand aside of the plane by a constant: markers are glued by hand.
-    """
-    groups = (seen.along_1, seen.along_2[seen.straight_2])
+    """Fit the normal to the places of M2; it may stand aside by a constant, as glued by hand."""
+    places = seen.along_1
     prior_weight = (_SHAPE_ERROR_MM / _LENGTH_TOLERANCE_MM) ** 2
-    scatter = np.zeros((3, 3))
-    for vectors in groups:
-        total = vectors.sum(axis=0)
-        scatter += vectors.T @ vectors - np.outer(total, total) / (len(vectors) + prior_weight)
+    total = places.sum(axis=0)
+    scatter = places.T @ places - np.outer(total, total) / (len(places) + prior_weight)
     normal = np.linalg.eigh(scatter)[1][:, 0]
-    distances = np.concatenate([(v - v.mean(axis=0)) @ normal for v in groups])
-    residual_mm = float(np.sqrt(np.mean(distances**2)))
-    return _Plane(normal, scatter, residual_mm, abs(float(np.mean(seen.along_1 @ normal))))
+    aside_mm = places @ normal
+    return _Plane(normal, scatter, float(np.std(aside_mm)), abs(float(np.mean(aside_mm))))
 
 
 def _tilt_sigma_rad(plane: _Plane, fit: _Shape) -> tuple[float, float]:
@@ -293,8 +290,12 @@ def _fit_sided(seen: _Vectors, normal: Array, geometry: Robot) -> _Shape:
     )
 
 
-def _require_right_way(seen: _Vectors, fit: _Shape) -> None:
-    """Positive angles lift the tip and move it towards +x."""
+def _reversed_motors(seen: _Vectors, fit: _Shape) -> tuple[int, ...]:
+    """Positive angles lift the tip and move it towards +x.
+
+    Raises:
+        RegistrationError: motor 2 moves nothing.
+    """
     sideways_mm = seen.along_2 @ fit.camera_to_robot[0]
     lowest, highest = np.argmin(seen.q_rad[:, 1]), np.argmax(seen.q_rad[:, 1])
     moved_mm = float(sideways_mm[highest] - sideways_mm[lowest])
@@ -306,13 +307,7 @@ def _require_right_way(seen: _Vectors, fit: _Shape) -> None:
     lifting = float(
         np.polyfit(seen.q_rad[seen.straight_2, 0], fit.bending_rad[seen.straight_2], 1)[0]
     )
-    wrong = [axis for axis, way in (("1", lifting), ("2", moved_mm)) if way < 0]
-    if wrong:
-        raise RegistrationError(
-            f"servo {' and '.join(wrong)} bends the robot the wrong way",
-            f"negate servo.pulse_per_90_deg_us of axis {' and '.join(wrong)}, "
-            "or swap the two tendons on the pulley",
-        )
+    return tuple(motor for motor, way in ((1, lifting), (2, moved_mm)) if way < 0)
 
 
 def _require_quality(result: Registration, geometry: Robot) -> None:

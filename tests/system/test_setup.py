@@ -1,0 +1,79 @@
+"""A new robot is led to its first path: servos reversed and off by 8 deg, the camera turned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.system.conftest import CcrHost
+from tests.system.driven_terminal import DrivenTerminal
+
+ROBOT = (
+    "tracker.rotation_deg=[40,-100,70]",
+    "twin.servo_neutral_us=[1589,1411]",
+    "twin.servo_us_per_90_deg=[-1000,-1000]",
+)
+OVERRIDES = [word for key in ROBOT for word in ("--set", key)]
+EIGHT = ("track", "8shape", "--no-open", "--robot", "mine.toml", *OVERRIDES, "--json")
+
+
+@pytest.mark.parametrize(
+    "ends",
+    [
+        ("--device", "emulator:", "--tracker", "twin:"),
+        pytest.param(
+            ("--device", "emulator+pty:", "--tracker", "ndi-emulator:"), marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_a_new_robot_is_set_up_and_followed_and_what_is_done_is_not_done_again(
+    tmp_path: Path, ends: tuple[str, ...]
+) -> None:
+    words = ("setup", "--robot", "mine.toml", *ends, *OVERRIDES)
+    first = DrivenTerminal(tmp_path, *words)
+    first.process.timeout = 600
+    first.wait_for("measure how camera and servos stand .Enter begins")
+    first.press("\r")
+    assert "motor 1 and 2" in first.wait_for("once more")
+    first.wait_for("kept in mine.toml: camera and rests")
+    first.wait_for("Enter begins")
+    first.press("\r")
+    assert "is set up: ccr-host track 8shape --robot mine.toml" in first.end()
+    assert first.status == 0
+    before = (tmp_path / "mine.toml").read_bytes()
+
+    again = DrivenTerminal(tmp_path, *words)
+    again.wait_for("done before; Enter goes on")
+    again.press("\r")
+    again.wait_for("Enter begins, s skips")
+    again.press("s\r")
+    assert "poses" not in again.end()
+    assert again.status == 0
+    assert (tmp_path / "mine.toml").read_bytes() == before
+
+    followed = CcrHost(tmp_path)(*EIGHT, timeout_s=600)
+    assert followed.summary["true_mean_error_mm"] < 0.8
+
+
+def test_without_a_terminal_somebody_has_to_say_so(ccr_host: CcrHost) -> None:
+    ended = ccr_host("setup", "--robot", "mine.toml")
+    assert ended.status == 2
+    assert "give --yes" in ended.err
+    assert not (ccr_host.folder / "mine.toml").exists()
+
+
+def test_a_board_that_does_not_answer_ends_it_and_the_file_stays(ccr_host: CcrHost) -> None:
+    words = ("setup", "--yes", "--robot", "mine.toml", "--tracker", "twin:")
+    ended = ccr_host(*words, "--device", "tcp://127.0.0.1:9")
+    assert ended.status == 3
+    assert "start again: it goes on here" in ended.out
+    assert (ccr_host.folder / "mine.toml").read_text() == 'name = "mine"\n'
+
+
+def test_a_segment_that_no_motor_bends_ends_it_with_the_cause(ccr_host: CcrHost) -> None:
+    words = ("setup", "--yes", "--robot", "mine.toml", "--set", "twin.servo_rate_deg_s=0.01")
+    ended = ccr_host(*words)
+    assert ended.status == 3
+    assert "segment 1 swung by" in ended.err.strip().splitlines()[-1]
+    assert (ccr_host.folder / "mine.toml").read_text() == 'name = "mine"\n'
