@@ -1,7 +1,7 @@
 """Do the deviations hold that ``ccr-host setup`` states? ``python -m bench.survey --robots 100``.
 
 Random robots: servos off by up to 10 deg, reversed or not, the camera turned anyhow, slack of each
-segment up to 2 mm, friction of each tendon up to 0.3 N. One tour each in virtual time, 4 s of a core.
+segment up to 2 mm, friction of each tendon up to 0.3 N. One tour each in virtual time.
 """
 
 from __future__ import annotations
