@@ -37,7 +37,7 @@ SIMULATED = {
     r"--realtime": "",
     r"--view$": "--view 127.0.0.1:0",
     r"^(track|compare --path) (8shape|ellipse|star)": r"\1 short.csv",
-    r"^compare": "compare --path short.csv",
+    r"^compare": "compare --path short.csv --controller mpc",
     r"^track": "track --no-open --controller mpc",
     r"--seed 1 --rate 1": "",
     r"^(calibrate .*) --tracker ndi-emulator:": r"\1",
@@ -53,6 +53,7 @@ TOLD_ELSEWHERE = {
     r"simavr:": "tests/firmware runs the binary in simavr",
     r"sweep": "tests/system/test_sweep.py",
     r"setup": "tests/system/test_setup.py",
+    r"calibrate (--identify )?--robot": "tests/system/test_calibrate.py",
 }
 HELP = {"--help", "-h", "--with-open"}
 SERVES_UNTIL = {"emulate": "stdout", "view": "stderr"}

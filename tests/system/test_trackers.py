@@ -22,7 +22,7 @@ def tracked(ccr_host: CcrHost, path: str, tracker: str, *words: str) -> dict:
     return ended.summary
 
 
-@pytest.mark.parametrize("controller", ["mpc", "adaptive"])
+@pytest.mark.parametrize("controller", ["mpc", pytest.param("adaptive", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "path",
     [

@@ -39,7 +39,7 @@ def minimum_by_scipy(witness, step, start):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("horizon", [4, 10])
+@pytest.mark.parametrize("horizon", [4, pytest.param(10, marks=pytest.mark.slow)])
 def test_cost_is_the_minimum_that_ipopt_and_scipy_find(horizon, witness, random_steps, bounds):
     live = horizon - 1
     judge = witness(live)

@@ -77,7 +77,7 @@ def test_the_shipped_robots_are_registered_to_a_degree(robot):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("turn", ["half turn", "askew"])
+@pytest.mark.parametrize("turn", [pytest.param("half turn", marks=pytest.mark.slow), "askew"])
 def test_the_closed_loop_is_as_good_as_with_an_aligned_camera(turn):
     aligned = mean_errors_mm(turned(TURNS["aligned"]), np.eye(3))
     options = turned(TURNS[turn])
