@@ -32,10 +32,10 @@ static_assert(divisor(kClocksPerCount) <= 4096, "the baud rate register has 12 b
 // 115200, the fallback, is 2.1 % off.
 static_assert(error_baud(kClocksPerCount) * 40 <= kBaud, "baud rate more than 2.5 % off");
 
-// 64 bytes are 2.5 ms of a saturated line; the loop is back after 0.5 ms at most.
-ByteRing<64> received;
-// Two telemetry frames and several answers; room for a byte less, and two are in the UART.
-ByteRing<256> to_send;
+// 2.5 ms of a saturated line; the loop is back after 0.5 ms at most.
+ByteRing<ccr::kOutstandingBytes + 1> received;
+// Two more bytes are in the UART.
+ByteRing<ccr::kSendBytes + 1> to_send;
 volatile uint8_t lost_bytes = 0;
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Protocol
 
 from ccr_host.emulator.board import UnoEmulator
@@ -106,12 +107,13 @@ class SimavrDevice:
     in_step = True
     answer_timeout_us = _ANSWER_TIMEOUT_US
 
-    def __init__(self, eeprom: EepromImage, **start_values: int) -> None:
+    def __init__(self, eeprom: EepromImage, elf: Path | None = None, **start_values: int) -> None:
         flags = {
             "board_time_at_reset_us": "CCR_TIME_AT_RESET_US",
             "tick_offset": "CCR_TICK_AT_RESET",
         }
-        elf = firmware_elf(*(f"-D{flags[name]}={value}UL" for name, value in start_values.items()))
+        given = (f"-D{flags[name]}={value}UL" for name, value in start_values.items())
+        elf = elf or firmware_elf(*given)
         self.eeprom = eeprom
         self.board = SimavrBoard(read_flash_image(elf), eeprom=eeprom)
         self.board.wear_out_eeprom(*eeprom.worn_out)

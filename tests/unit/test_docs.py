@@ -17,6 +17,7 @@ from ccr_host.link.device_errors import BoardFaultError
 from ccr_host.link.messages import REQUIREMENTS, Fault
 from ccr_host.run.execute import reference_of
 from ccr_host.run.options import RunOptions
+from tests.firmware.pins.mutants import AT_THE_PINS, INSIDE
 
 ROOT = Path(__file__).parents[2]
 FAULT_PAGES = ROOT / "docs" / "faults"
@@ -51,6 +52,23 @@ def test_safety_names_requirements_that_exist() -> None:
     named = re.findall(r"\b[A-Z]{3}-\d+\b", (ROOT / "SAFETY.md").read_text())
     assert named
     assert set(named) <= set(REQUIREMENTS)
+
+
+def test_safety_names_tests_that_exist() -> None:
+    named = re.findall(r"`(test_\w+)(?:\.py)?`", (ROOT / "SAFETY.md").read_text())
+    files = list((ROOT / "tests").rglob("test_*.py"))
+    there = {file.stem for file in files}
+    there |= {name for file in files for name in re.findall(r"def (test_\w+)", file.read_text())}
+    assert len(named) > 20
+    assert set(named) <= there
+
+
+def test_every_seeded_fault_and_what_notices_it_is_in_the_table() -> None:
+    page = (ROOT / "docs" / "firmware.md").read_text()
+    for mutant in AT_THE_PINS + INSIDE:
+        noticed = mutant.noticed_by.rpartition("::")[2]
+        told = f"`{noticed}`" if noticed.startswith("test_") else noticed.replace("|", " or ")
+        assert re.search(rf"^\| {mutant.name} \| (oracle: )?{told} \|$", page, re.M), mutant.name
 
 
 def quoted_messages() -> list[str]:

@@ -5,6 +5,11 @@
 
 namespace ccr {
 
+static_assert(kOutstandingRequests * wire_size(CountersReply::kSize) +
+                      2 * wire_size(Telemetry::kSize) + wire_size(Ack::kSize) <=
+                  kSendBytes,
+              "the longest answers to what a host may ask at once, and two reports");
+
 void Dispatcher::receive(Received received, const FrameDecoder& frame) {
   counters_.count(received);
   if (received != Received::kFrame) {

@@ -40,6 +40,15 @@ class Script:
         self.commands += count
         return b"".join(self._one(state) for _ in range(count))
 
+    def say(self, *requests: m.Request) -> bytes:
+        """Requests of the caller's choice, numbered on."""
+        return b"".join(self._framed(request.ID, request.pack()) for request in requests)
+
+    @property
+    def session(self) -> int:
+        """That which its requests carry."""
+        return self._session
+
     def _one(self, state: State) -> bytes:
         if self._last and self._chance(0.05):
             return self._note("again", self._last)

@@ -1,0 +1,290 @@
+"""Single faults that are seeded into the firmware, and what notices each."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.conformance.firmware_build import ROOT
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A change of one place of the firmware."""
+
+    name: str
+    file: str
+    before: str
+    after: str
+    noticed_by: str
+    """The rule of the oracle, or rules where several may come first; or a test."""
+
+    def build(self, folder: Path) -> Path:
+        """The mutant's program; `folder` is empty."""
+        self.seed(folder)
+        build = folder / "scripts" / "build-firmware"
+        subprocess.run([build, folder / "out"], check=True, capture_output=True)
+        return folder / "out" / "firmware.elf"
+
+    def is_noticed(self, folder: Path) -> bool:
+        """Whether the test fails with it; `folder` is empty."""
+        self.seed(folder)
+        for part in ("tests", "protocol"):
+            shutil.copytree(
+                ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__")
+            )
+        shutil.copy(ROOT / "pyproject.toml", folder)
+        command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
+        test, _, name = self.noticed_by.partition("::")
+        result = subprocess.run(
+            [*command, test, "-k", name], cwd=folder, capture_output=True, text=True, check=False
+        )
+        failed = result.returncode == 1 and "1 failed" in result.stdout
+        assert failed or result.returncode == 0, result.stdout
+        return failed
+
+    def seed(self, folder: Path) -> None:
+        """The sources with the fault."""
+        shutil.copytree(ROOT / "firmware", folder / "firmware")
+        (folder / "scripts").mkdir()
+        shutil.copy(ROOT / "scripts" / "build-firmware", folder / "scripts")
+        source = folder / "firmware" / self.file
+        text = source.read_text(encoding="utf-8")
+        assert text.count(self.before) == 1, f"{self.name}: its place is gone"
+        source.write_text(text.replace(self.before, self.after), encoding="utf-8")
+
+
+SETPOINT = "lib/core/setpoint.cpp"
+SAFETY = "lib/core/safety.cpp"
+CONTROLLER = "lib/core/controller.cpp"
+DISPATCHER_H = "lib/core/dispatcher.h"
+
+AT_THE_PINS = [
+    Mutant(
+        "steps are not limited",
+        SETPOINT,
+        "clamped(way, static_cast<int16_t>(-slew), slew)",
+        "(slew > 0 ? way : int16_t{0})",
+        "slew limit",
+    ),
+    Mutant(
+        "the way to rest is as fast as any",
+        CONTROLLER,
+        "slew < relax_slew ? slew : relax_slew",
+        "slew < relax_slew ? slew : slew",
+        "slow way to rest",
+    ),
+    Mutant(
+        "targets are not clamped",
+        CONTROLLER,
+        "const int16_t accepted = clamped(target.target_cdeg[axis], limits.angle_min_cdeg[axis],\n"
+        "                                     limits.angle_max_cdeg[axis]);",
+        "const int16_t accepted = target.target_cdeg[axis];\n    (void)limits;",
+        "angle limits",
+    ),
+    Mutant(
+        "the least calibrated pulse is ignored",
+        "lib/core/pulses.cpp",
+        "return least > kPulseFloorHalfUs ? least : kPulseFloorHalfUs;",
+        "return least > kPulseFloorHalfUs ? kPulseFloorHalfUs : least;",
+        "calibrated pulses",
+    ),
+    Mutant(
+        "stop ends nothing",
+        SAFETY,
+        "void Safety::stop() { apply(Event::kStopRequested); }",
+        "void Safety::stop() {}",
+        "no pulses after a stop|a stop is latched",
+    ),
+    Mutant(
+        "disarming goes on for ever",
+        SAFETY,
+        "    case State::kDisarming:\n      if (is_at_rest) {",
+        "    case State::kDisarming:\n      if (is_at_rest && is_due && enabled_axes_ > kAxes) {",
+        "disarming ends",
+    ),
+    Mutant(
+        "hold goes on for ever",
+        SAFETY,
+        "        apply(Event::kHoldExpired);",
+        "        countdown_.start(ticks_of_ms(watchdog.relax_after_ms));",
+        "a silent host ends the pulses",
+    ),
+    Mutant(
+        "a target never expires",
+        SAFETY,
+        "        apply(Event::kTargetExpired);",
+        "",
+        "hold stands still|a silent host ends the pulses",
+    ),
+    Mutant(
+        "both servos are enabled at once",
+        SAFETY,
+        "  enabled_axes_ = 1;",
+        "  enabled_axes_ = kAxes;",
+        "one servo after the other",
+    ),
+    Mutant(
+        "pulses without arming",
+        SAFETY,
+        "return has_pulses(state_) && axis < enabled_axes_;",
+        "return (has_pulses(state_) || state_ == State::kDisarmed) && axis < enabled_axes_;",
+        "disarming ends|no pulses before arming|no pulses after a stop",
+    ),
+    Mutant(
+        "a stop is cleared while its pulses last",
+        DISPATCHER_H,
+        "controller_.has_pulses() ? NackCode::kBusy : kGranted",
+        "controller_.has_pulses() && kAxes == 0 ? NackCode::kBusy : kGranted",
+        "cleared after a frame without pulses",
+    ),
+    Mutant(
+        "any session will do",
+        "lib/core/dispatcher.cpp",
+        "(!session_.is_open() || get_u16(frame.payload()) != session_.number)",
+        "!session_.is_open()",
+        "only the open session",
+    ),
+    Mutant(
+        "ranges are not checked",
+        "lib/core/dispatcher.cpp",
+        "  if (field != kNone) {",
+        "  if (field != kNone && frame.id() == Hello::kId) {",
+        "values in range",
+    ),
+    Mutant(
+        "pins are connected at any time",
+        "src/frame_timer.cpp",
+        "constexpr uint8_t kCommitAtMs = kTickAtMs + 1;",
+        "constexpr uint8_t kCommitAtMs = 1;",
+        "arming gives pulses",
+    ),
+    Mutant(
+        "axes are exchanged in the report",
+        CONTROLLER,
+        "report.pulse_half_us[axis] = pulses_.half_us[axis];",
+        "report.pulse_half_us[axis] = pulses_.half_us[1 - axis];",
+        "the report tells the pins",
+    ),
+    Mutant(
+        "a repeated request is executed again",
+        "lib/core/retry_memory.cpp",
+        "  if (!is_set_ || request.id() != id_",
+        "  if (!is_set_ || is_set_ || request.id() != id_",
+        "not executed again",
+    ),
+]
+
+GLUE = "tests/firmware/uno/test_glue.py::"
+CONFORMANCE = "tests/conformance::"
+
+INSIDE = [
+    Mutant(
+        "the watchdog is fed without a tick",
+        "src/watchdog.cpp",
+        "if (!has_ticked_ || !has_received_) {",
+        "if (!has_received_) {",
+        GLUE + "test_without_ticks_the_watchdog_bites",
+    ),
+    Mutant(
+        "the watchdog is fed without the receiver",
+        "src/watchdog.cpp",
+        "if (!has_ticked_ || !has_received_) {",
+        "if (!has_ticked_) {",
+        GLUE + "test_without_the_receiver_the_watchdog_bites",
+    ),
+    Mutant(
+        "bytes come before ticks",
+        "src/main.cpp",
+        "    if (uno::frame_timer::is_tick_due()) {",
+        "    if (uno::frame_timer::is_tick_due() && !uno::uart::has_received()) {",
+        GLUE + "test_ticks_come_before_the_bytes_of_a_line_faster_than_the_processor",
+    ),
+    Mutant(
+        "overruns of the UART are not counted",
+        "src/uart.cpp",
+        "if ((status & _BV(DOR0)) != 0) {",
+        "if ((status & _BV(DOR0)) == 0xFF) {",
+        GLUE + "test_a_byte_that_the_uart_has_lost_is_counted",
+    ),
+    Mutant(
+        "overruns of the ring are not counted",
+        "src/uart.cpp",
+        "if (!received.push(byte)) {",
+        "if (!received.push(byte) && status == 0xFF) {",
+        GLUE + "test_ticks_come_before_the_bytes_of_a_line_faster_than_the_processor",
+    ),
+    Mutant(
+        "interrupts stay on before sleep",
+        "src/main.cpp",
+        "  cli();\n  if (!uno::frame_timer",
+        "  if (!uno::frame_timer",
+        GLUE + "test_no_interrupt_is_slept_through",
+    ),
+    Mutant(
+        "pulses are prepared with interrupts on",
+        "src/frame_timer.cpp",
+        "  ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { prepared = next; }",
+        "  prepared = next;",
+        GLUE + "test_both_pulses_of_a_frame_are_of_one_tick_however_late_it_is",
+    ),
+    Mutant(
+        "the clock is read with interrupts on",
+        "src/frame_timer.cpp",
+        "  bool has_new_frame_begun;\n  ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {",
+        "  bool has_new_frame_begun;\n  {",
+        GLUE + "test_the_clock_does_not_jump_where_a_frame_begins",
+    ),
+    Mutant(
+        "a tick is finished with interrupts on",
+        "src/frame_timer.cpp",
+        "  ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { ticks_due = static_cast<uint8_t>(ticks_due - 1); }",
+        "  ticks_due = static_cast<uint8_t>(ticks_due - 1);",
+        GLUE + "test_no_tick_is_lost_however_late_one_is_done",
+    ),
+    Mutant(
+        "the phase of the frame is not compared",
+        "src/frame_timer.cpp",
+        "while (!is_in_ms(counts)) {",
+        "while (!is_in_ms(counts) && kMsPerFrame == 0) {",
+        GLUE + "test_a_lost_millisecond_is_a_fault_and_cuts_no_pulse",
+    ),
+    Mutant(
+        "pins are connected however late",
+        "src/frame_timer.cpp",
+        "kFrameCounts - 50 * kCountsPerUs;",
+        "kFrameCounts;",
+        GLUE + "test_a_late_millisecond_connects_no_pin_in_the_middle_of_a_pulse",
+    ),
+    Mutant(
+        "that there were pulses is not kept in mind",
+        "src/reset_cause.cpp",
+        "pulses.are_none() ? 0 : kPulsesMark;",
+        "pulses.are_none() ? 0 : kPulsesMark - 1;",
+        CONFORMANCE + "test_reset_of_unknown_cause_ends_boot_in_fault_where_it_has_cut_pulses",
+    ),
+    Mutant(
+        "the answer to stop has no room of its own",
+        "lib/core/dispatcher.cpp",
+        "send<Ack, 0>(",
+        "send<Ack>(",
+        "tests/firmware/native_core/test_core.py::test_every_case_passes_and_none_is_left_out",
+    ),
+    Mutant(
+        "a request outlives a stop",
+        "lib/core/dispatcher.cpp",
+        "  session_.retries.make_void();\n",
+        "",
+        CONFORMANCE + "test_what_came_before_a_stop_is_neither_repeated_nor_acknowledged_again",
+    ),
+    Mutant(
+        "one cell counts all boots",
+        "lib/core/config_store.cpp",
+        "boot_counter_address(counted % kEepromBootCounters)",
+        "boot_counter_address(0)",
+        CONFORMANCE + "test_no_cell_of_the_eeprom_is_written_at_every_reset",
+    ),
+]

@@ -1,0 +1,164 @@
+"""The binary and whatever a host may say to it, with the servo pins watched."""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ccr_host.emulator.eeprom import EepromImage
+from ccr_host.link import messages as m
+from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
+from tests.conformance.device import SimavrDevice
+from tests.firmware.differential.script import Script
+from tests.firmware.pins.mutants import AT_THE_PINS, INSIDE, Mutant
+from tests.firmware.pins.oracle import PinOracle, ViolationError, require
+
+FRAMES = 2500
+"""50 s of the board's time."""
+SEEDS = range(6)
+MORE_SEEDS = range(400)
+MUTANT_SEEDS = range(30)
+_RESETS = list(m.ResetCause)
+
+
+class WatchedTalk:
+    """Random talk to a binary, held against the oracle frame by frame."""
+
+    def __init__(self, seed: int, elf: Path | None = None) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.device = SimavrDevice(EepromImage(), elf)
+        self.script = Script(self.rng)
+        self.pulses = 0
+        self.states: set[m.State] = set()
+        self._started()
+
+    def _started(self) -> None:
+        self.oracle = PinOracle()
+        self.state = m.State.BOOT
+        self._heard, self._said = FrameDecoder(), FrameDecoder()
+        self._unanswered: deque[Frame] = deque()
+        self._frame = 0
+
+    def run(self, frames: int) -> None:
+        for _ in range(frames):
+            if self.rng.random() < 0.002:
+                self._look()
+                self.device.reset(_RESETS[int(self.rng.integers(len(_RESETS)))])
+                self._started()
+            self._one_frame()
+
+    def _look(self) -> None:
+        pins = self.device.pulses_in_frame(self._frame)
+        self._read_answers()
+        self.oracle.look(self._frame, pins)
+        self.pulses += sum(pulse > 0 for pulse in pins)
+
+    def _one_frame(self) -> None:
+        self._look()
+        self.device.advance_to(self._frame * m.TICK_US + 3_100 + int(self.rng.integers(0, 4_000)))
+        self._say()
+        self._frame += 1
+
+    def _say(self) -> None:
+        if self._frame == 0:
+            return
+        if self._frame == 1:
+            ask = (m.GetLimits(), m.GetSlew(), m.GetWatchdog(), m.GetCalibration())
+            data = b"".join(encode_frame(request.ID, 1, b"") for request in ask)
+        else:
+            hurried = self.rng.random() < 0.01
+            data = self._hurry() if hurried else self.script.next_frame(self.state)
+            # The zero ends what the script may have left unfinished.
+            data += b"\0" + encode_frame(m.GetState.ID, 0, b"")
+        self.device.send(data)
+        self._unanswered += [f for f in self._said.feed(data) if isinstance(f, Frame)]
+
+    def _hurry(self) -> bytes:
+        """Stop, clear and arm again, far away, with no tick between."""
+        session = self.script.session
+        low = int(self.rng.integers(-9000, 8900))
+        limits = m.Limits((low, low), (low + 100, low + 100), (low, low))
+        return self.script.say(
+            m.Stop(), m.SetLimits(session, limits), m.ClearFault(session), m.Arm(session)
+        )
+
+    def _read_answers(self) -> None:
+        for answer in self._heard.feed(self.device.read()):
+            assert isinstance(answer, Frame)
+            message = m.MESSAGES[answer.id].unpack(answer.payload)
+            if isinstance(message, m.Telemetry):
+                continue
+            require(bool(self._unanswered), "answered once", message)
+            self._take_configuration(message)
+            self.oracle.take(self._frame - 1, self._unanswered.popleft(), answer)
+            if isinstance(message, m.StateReply):
+                self.state = message.report.state
+                self.states.add(self.state)
+        require(not self._unanswered, "each request is answered", self._unanswered)
+
+    def _take_configuration(self, message: m.Message) -> None:
+        """What was loaded from EEPROM; later on it must be what was set."""
+        oracle = self.oracle
+        match message:
+            case m.LimitsReply(group):
+                require(oracle.limits in (None, group), "configuration as set", group)
+                oracle.limits = group
+            case m.SlewReply(group):
+                require(oracle.slew in (None, group), "configuration as set", group)
+                oracle.slew = group
+            case m.WatchdogReply(group):
+                require(oracle.watchdog in (None, group), "configuration as set", group)
+                oracle.watchdog = group
+            case m.CalibrationReply(group):
+                require(oracle.calibration in (None, group), "configuration as set", group)
+                oracle.calibration = group
+
+
+def talk(seed: int, frames: int = FRAMES, elf: Path | None = None) -> WatchedTalk:
+    watched = WatchedTalk(seed, elf)
+    with closing(watched.device):
+        watched.run(frames)
+    return watched
+
+
+def test_whatever_a_host_says_the_pins_obey_the_rules() -> None:
+    runs = [talk(seed) for seed in SEEDS]
+    assert sum(run.pulses for run in runs) > 5000
+    assert set.union(*(run.states for run in runs)) == set(m.State)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", MORE_SEEDS)
+def test_whatever_a_host_says_the_pins_obey_the_rules_for_long(seed: int) -> None:
+    talk(1000 + seed)
+
+
+def _broken_rule(elf: Path) -> str:
+    """Of the first seed that breaks one; empty if none does."""
+    for seed in MUTANT_SEEDS:
+        try:
+            talk(seed, elf=elf)
+        except ViolationError as violation:
+            return violation.rule
+        except AssertionError as error:
+            return str(error)
+    return ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mutant", AT_THE_PINS, ids=lambda mutant: mutant.name)
+def test_the_oracle_tells_a_faulty_firmware_by_the_rule_that_it_breaks(
+    mutant: Mutant, tmp_path: Path
+) -> None:
+    broken = _broken_rule(mutant.build(tmp_path))
+    assert broken.startswith(tuple(mutant.noticed_by.split("|"))), broken or "none"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mutant", INSIDE, ids=lambda mutant: mutant.name)
+def test_a_test_fails_on_a_faulty_firmware(mutant: Mutant, tmp_path: Path) -> None:
+    assert mutant.is_noticed(tmp_path)
