@@ -85,7 +85,7 @@ def main() -> None:
     table.add_row("processor busy, link saturated", f"{busy.share:.0%}", "")
     table.add_row("  bytes lost", f"{busy.overruns}", "0")
     table.add_row("longest time with interrupts off", f"{masked_us:.1f} us", "")
-    table.add_row("flash", f"{flash} bytes", "12288 bytes")
+    table.add_row("flash", f"{flash} bytes", "13312 bytes")
     table.add_row("static RAM", f"{ram} bytes", "1024 bytes")
     table.add_row("least free stack", f"{free_stack} bytes", "512 bytes")
     Console().print(table)
