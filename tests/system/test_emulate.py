@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from ccr_host.link.messages import EEPROM_BOOT_COUNTER
 from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost
 
 
@@ -47,4 +48,5 @@ def test_eeprom_file_survives_the_emulator(ccr_host: CcrHost, short_path: str) -
             server.send_signal(signal.SIGTERM)
             server.communicate(timeout=PATIENCE_S)
         content = (ccr_host.folder / "board.eeprom").read_bytes()
-        assert int.from_bytes(content[256:258], "little") == boots, "counted at each start"
+        at = EEPROM_BOOT_COUNTER + 2 * boots
+        assert int.from_bytes(content[at : at + 2], "little") == boots, "counted at each start"
