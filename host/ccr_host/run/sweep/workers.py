@@ -21,13 +21,18 @@ _IDENTIFY_S = 5
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Client]:
-    """Worker processes of one thread each; one that dies is replaced and its job repeated."""
+    """Worker processes of one thread each; one that dies is replaced and its job repeated.
+
+    Whoever reaches a scheduler can let its workers run any code. So connections take certificates
+    that exist in these processes alone.
+    """
     _silence()
     with (
         LocalCluster(
             n_workers=count,
             threads_per_worker=1,
             processes=True,
+            security=True,
             dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
         ) as cluster,
