@@ -3,6 +3,7 @@
 import signal
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,6 @@ from tests.system.test_emulate import served_uri
 from tests.unit.run_replay.rewrite import rewritten
 
 RELAX_AFTER = "link.relax_after_ms=300"
-LAST_STEP_US = 7_000_000
-"""On the run's clock: between steps 4 and 5 of the short path."""
 
 
 def test_a_killed_host_leaves_its_log_and_a_robot_that_comes_to_rest(ccr_host: CcrHost) -> None:
@@ -74,7 +73,9 @@ def test_replay_says_that_all_is_equal_or_where_it_is_not(
     assert equal.summary["steps"] == 6
     assert equal.summary["frames"] == len(logged(run_folder, topics.SENT))
     (ccr_host.folder / "tampered").mkdir()
-    rewritten(run_folder, ccr_host.folder / "tampered", _turned_last_target)
+    *_, fifth, _ = RunRecording(run_folder).messages(topics.STEP)
+    change = partial(_turned_targets, fifth.time_us)
+    rewritten(run_folder, ccr_host.folder / "tampered", change)
     different = ccr_host("replay", "tampered", "--json")
     assert different.status == 3
     assert different.summary["equal"] is False
@@ -84,14 +85,14 @@ def test_replay_says_that_all_is_equal_or_where_it_is_not(
     assert len(different.err.splitlines()) == 1
 
 
-def _turned_last_target(message: LogMessage) -> dict[str, Any]:
+def _turned_targets(since_us: int, message: LogMessage) -> dict[str, Any]:
     content = message.content
     if message.topic != topics.SENT.name or content["name"] != SetTarget.NAME:
         return content
     frame = decode_single_frame(bytes.fromhex(content["hex"]))
     assert frame is not None
     target = SetTarget.unpack(frame.payload)
-    if message.time_us < LAST_STEP_US:
+    if message.time_us < since_us:
         return content
     turned = replace(target, target_cdeg=(target.target_cdeg[0] + 1, target.target_cdeg[1]))
     data = encode_frame(frame.id, frame.sequence, turned.pack())

@@ -12,8 +12,9 @@ from ccr_host.config import Description
 from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT
 from ccr_host.errors import TrackerError
-from ccr_host.robot.marker_shape import exchanged_markers, seen_lengths_mm, wrong_segments
+from ccr_host.robot.marker_shape import seen_lengths_mm, wrong_segments
 from ccr_host.run.clock import Clock
+from ccr_host.tracking.marker_check import MarkerCheck
 from ccr_host.tracking.sample import Sample
 from ccr_host.tracking.tracker import Tracker
 
@@ -117,13 +118,13 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
     if np.isfinite(markers_mm).all():
         lengths = " and ".join(f"{length:.1f}" for length in seen_lengths_mm(markers_mm, robot))
         described = " and ".join(f"{length:g}" for length in robot.segment_lengths_mm)
-        order = exchanged_markers(markers_mm, robot)
+        told = MarkerCheck(description).trouble(markers_mm)
         yield judged(
             "scale",
             f"the segments measure {lengths} mm, straight; described: {described}",
-            fine=not wrong_segments(markers_mm, robot),
-            remedy=f"the markers are mixed up: what is called {order} is M1, M2, M3"
-            if order
+            fine=not told and not wrong_segments(markers_mm, robot),
+            remedy="; ".join(told)
+            if told
             else "measure robot.segment_lengths_mm again; check that each marker is the right one, "
             "the camera's calibration, and that the robot is at rest (ccr-host jog)",
         )

@@ -18,6 +18,7 @@ from ccr_host.commands.options import (
     SeedOption,
     SetOption,
     TrackerOption,
+    UncheckedOption,
     warn_of_mismatch,
 )
 from ccr_host.commands.output import console, print_json, tell_kept
@@ -58,6 +59,7 @@ def compare(
     seed: SeedOption = 1,
     overrides: SetOption = None,
     realtime: RealtimeOption = False,
+    unchecked: UncheckedOption = False,
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -86,6 +88,7 @@ def compare(
             rate_hz=rate,
             seed=seed,
             realtime=realtime,
+            checks="none" if unchecked else "motion",
         )
         for one_path in path or PAPER_RESULTS
         for name in names

@@ -56,6 +56,12 @@ SetOption = Annotated[
         "--set", metavar="KEY=VALUE", help="Override one key of the description; may be repeated."
     ),
 ]
+UncheckedOption = Annotated[
+    bool,
+    typer.Option(
+        "--unchecked", help="Follow the path whatever markers and motion of the robot look like."
+    ),
+]
 RealtimeOption = Annotated[bool, typer.Option("--realtime", help="Run in real time.")]
 OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")]
 KeepInOption = Annotated[

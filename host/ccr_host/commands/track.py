@@ -20,6 +20,7 @@ from ccr_host.commands.options import (
     SeedOption,
     SetOption,
     TrackerOption,
+    UncheckedOption,
     warn_of_mismatch,
 )
 from ccr_host.commands.output import console, print_json, tell_kept
@@ -44,6 +45,7 @@ def track(
     seed: SeedOption = 1,
     overrides: SetOption = None,
     realtime: RealtimeOption = False,
+    unchecked: UncheckedOption = False,
     laps: Annotated[
         int,
         typer.Option(
@@ -85,6 +87,7 @@ def track(
             seed=seed,
             realtime=realtime,
             laps=laps,
+            checks="none" if unchecked else "motion",
         )
         warn_of_mismatch(options)
         reference = reference_of(options)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,6 @@ Array = NDArray[np.float64]
 
 _TOLERANCE = (2.5, 0.02)
 """mm, and of the length: glue, print, uneven bending. Up to 2.3 mm were seen on random twins."""
-_NAMES = ("M1", "M2", "M3")
 
 
 def seen_lengths_mm(markers_mm: Array, robot: Robot) -> Array:
@@ -45,12 +43,3 @@ def wrong_segments(markers_mm: Array, robot: Robot) -> list[int]:
     off_mm = np.abs(seen_lengths_mm(markers_mm, robot) - robot.segment_lengths_mm)
     allowed_mm = absolute_mm + share * np.array(robot.segment_lengths_mm)
     return [int(segment) for segment in np.flatnonzero(off_mm > allowed_mm)]
-
-
-def exchanged_markers(markers_mm: Array, robot: Robot) -> str:
-    """Another order of the markers that fits the robot where the present one does not; or empty."""
-    for order in permutations(range(len(_NAMES))):
-        if not wrong_segments(markers_mm[list(order)], robot):
-            given = ", ".join(_NAMES[place] for place in order)
-            return "" if given == ", ".join(_NAMES) else given
-    return ""

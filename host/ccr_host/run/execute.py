@@ -75,7 +75,16 @@ def execute(
         with open_rig(options, description, observer) as rig:
             heard = RecordedOperator(operator, rig.tape) if operator else NoOperator()
             with stopping_at_once(heard, rig.clock, rig.client):
-                follow_path(rig, controller, reference, description, observer, keep, heard)
+                follow_path(
+                    rig,
+                    controller,
+                    reference,
+                    description,
+                    observer,
+                    keep,
+                    heard,
+                    options.effective_checks,
+                )
     except (Exception, KeyboardInterrupt) as error:
         if rig is None and not isinstance(error, DeviceError | TrackerError | KeyboardInterrupt):
             raise

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from ccr_host.config import Description
+from ccr_host.control.adaptive.identification import Rests
 from ccr_host.control.base import (
     APPROACH_PERIOD_S,
     Approaching,
@@ -29,7 +30,9 @@ from ccr_host.robot.reference import Reference
 from ccr_host.run.clock import Stopwatch
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.operator import NoOperator, Operator
+from ccr_host.run.options import Checks
 from ccr_host.run.rig import Rig
+from ccr_host.run.robot_check import RobotCheck
 from ccr_host.run.step_record import StepRecord, Vector
 from ccr_host.tracking.marker_check import MarkerCheck
 from ccr_host.tracking.sample import Sample
@@ -45,6 +48,7 @@ _FIRST_SAMPLE_TIMEOUT_US = 5_000_000
 _SAMPLE_POLL_US = 10_000
 _CURE = "correct the controller"
 _APPROACH = Phase("approaching the first point")
+_PROBE = Phase("checking that the robot moves as described")
 
 A = TypeVar("A")
 Progress = Callable[[int, int, StepRecord], None]
@@ -58,10 +62,12 @@ def follow_path(
     observer: RunObserver,
     on_step: Progress,
     operator: Operator | None = None,
+    checks: Checks = "markers",
 ) -> list[StepRecord]:
     """Arm the robot, approach the first point, follow the path, disarm.
 
-    While the operator wants a pause, the path's clock waits and the pose is held.
+    While the operator wants a pause, the path's clock waits and the pose is held. Where its motion
+    is checked the robot makes a few small moves first, and has to answer as described from then on.
 
     Returns:
         One record for each step of the reference.
@@ -69,9 +75,11 @@ def follow_path(
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
         TrackerError: the markers were lost for longer than coasting and holding allow.
+        MisfitError: the robot is not the one that is described; it is disarmed by then.
     """
+    heard = operator or NoOperator()
     return _PathRun(
-        rig, controller, reference, description, observer, on_step, operator or NoOperator()
+        rig, controller, reference, description, observer, on_step, heard, checks
     ).execute()
 
 
@@ -85,6 +93,7 @@ class _PathRun:
         observer: RunObserver,
         on_step: Progress,
         operator: Operator,
+        checks: Checks,
     ) -> None:
         self._rig = rig
         self._controller = controller
@@ -92,6 +101,7 @@ class _PathRun:
         self._observer = observer
         self._on_step = on_step
         self._operator = operator
+        self._check = RobotCheck(description, controller) if checks == "motion" else None
         self._settle_s = description.control.settle_s
         self._period_us = round(reference.period_s * 1e6)
         self._validity_ms = int(
@@ -103,7 +113,8 @@ class _PathRun:
         self._feed_us = self._validity_ms * 1000 // 2
         self._records: list[StepRecord] = []
         self._start_us = self._sent_us = 0
-        self._watch = _MarkerWatch(rig, description, self._period_us)
+        marker_check = None if checks == "none" else MarkerCheck(description)
+        self._watch = _MarkerWatch(rig, description, self._period_us, marker_check)
 
     def execute(self) -> list[StepRecord]:
         rig, clock = self._rig, self._rig.clock
@@ -115,13 +126,23 @@ class _PathRun:
         self._begin("arming")
         rig.client.arm()
         self._wait_for_whole_beat()
+        if self._check is not None and self._check.probe is not None:
+            self._observer.phase(clock.now_us(), _PROBE)
+            here = Command(rig.client.accepted_rad, np.zeros((0, 3)), Outcome.SOLVED)
+            self._approach(self._check.probe, here, _PROBE)
+            self._end_if_odd(self._check.judge_probe())
         self._begin(_APPROACH.name)
         self._observer.control(clock.now_us(), None, command)
         leads = self._controller if isinstance(self._controller, Approaching) else None
         if leads is None:
             self._send_until(clock.now_us() + round(self._settle_s * 1e6), command)
         else:
-            command = self._approach(leads, command)
+            command = self._approach(leads, command, _APPROACH)
+        if self._check is not None:
+            self._end_if_odd(self._check.judge_approach())
+            if self._check.is_blind:
+                text = "the markers were seen at too few rests: the robot's motion is not checked"
+                self._observer.event(clock.now_us(), text)
         self._wait_for_whole_beat()
         self._start_us = clock.now_us()
         rig.start_path_clock(self._start_us)
@@ -151,6 +172,19 @@ class _PathRun:
                 command, timing = self._next_command(step, command)
             self._send_until(self._due_us(step + 1), command)
             self._keep(self._judge(step, command, timing))
+            sample = self._watch.fresh_sample()
+            if self._check is not None and sample is not None:
+                q_rad, now_us = self._rig.client.accepted_rad, self._rig.clock.now_us()
+                self._end_if_odd(
+                    self._check.judge_step(now_us, q_rad, sample.middle_mm, sample.tip_mm)
+                )
+
+    def _end_if_odd(self, odd: Rests | None) -> None:
+        """Disarm before the cause is computed, and raise it."""
+        if odd is not None and self._check is not None:
+            self._begin("disarming")
+            self._rig.client.disarm()
+            raise self._check.cause_of(odd)
 
     def _due_us(self, step: int) -> int:
         return self._start_us + step * self._period_us
@@ -221,7 +255,7 @@ class _PathRun:
                 return
             self._feed(command)
 
-    def _approach(self, controller: Approaching, command: Command) -> Command:
+    def _approach(self, controller: Approaching, command: Command, phase: Phase) -> Command:
         """Let the controller lead the robot to the first point; the last command it gave."""
         clock = self._rig.clock
         self._watch.start()
@@ -234,7 +268,7 @@ class _PathRun:
                 if led is None:
                     return command
                 command = _usable(controller.approach, led)
-                self._observer.phase(due_us, command.phase or _APPROACH)
+                self._observer.phase(due_us, command.phase or phase)
                 self._observer.control(due_us, observation, command)
             self._send(command)
             clock.sleep_until_us(due_us + round(APPROACH_PERIOD_S * 1e6))
@@ -362,10 +396,12 @@ class _MarkerWatch:
     were not lost.
     """
 
-    def __init__(self, rig: Rig, description: Description, period_us: int) -> None:
+    def __init__(
+        self, rig: Rig, description: Description, period_us: int, check: MarkerCheck | None
+    ) -> None:
         control = description.control
         self._rig = rig
-        self._check = MarkerCheck(description)
+        self._check = check
         self._fits = False
         self._stale_us = control.stale_after_ms * 1000
         self._coast_us = control.coast_s * 1e6
@@ -384,7 +420,8 @@ class _MarkerWatch:
 
     def start(self) -> None:
         """The robot moves; count from now on how long the markers are lost."""
-        self._check.robot_moves()
+        if self._check is not None:
+            self._check.robot_moves()
         self._last_seen_us = self._looked_us = self._rig.clock.now_us()
 
     def fresh_sample(self) -> Sample | None:
@@ -397,7 +434,7 @@ class _MarkerWatch:
             return None
         if sample.exposed_us != self._last_exposed_us:
             self._last_exposed_us = sample.exposed_us
-            self._fits = self._check.accepts(sample)
+            self._fits = self._check is None or self._check.accepts(sample)
             if self._fits:
                 self._last_seen_us = sample.exposed_us
         return sample if self._fits else None

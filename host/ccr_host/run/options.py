@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from ccr_host import config
 from ccr_host.config import Description
@@ -37,6 +38,10 @@ class RigOptions:
         return config.load(self.robot, self.overrides)
 
 
+Checks = Literal["none", "markers", "motion"]
+"""Nothing, whether the markers can be the robot's, or also whether it moves as described."""
+
+
 @dataclass(frozen=True)
 class RunOptions(RigOptions):
     """One run, fully determined.
@@ -49,11 +54,19 @@ class RunOptions(RigOptions):
     controller: str = "adaptive"
     rate_hz: float = 1.0
     laps: int = 1
+    checks: Checks = "markers"
+    """Before the path and along it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.laps < 1:
             raise ConfigError(f"{self.laps} laps: none to run", "give 1 or more")
+
+    @property
+    def effective_checks(self) -> Checks:
+        """Those that make sense: recorded markers answer to no command."""
+        recorded = self.checks == "motion" and self.tracker.startswith("replay:")
+        return "markers" if recorded else self.checks
 
     def with_controller(self, controller: str) -> RunOptions:
         """The same run under another controller."""

@@ -188,6 +188,7 @@ class _Replay:
                         Observers(),
                         self._count_step,
                         operator,
+                        self._recording.options.effective_checks,
                     )
         except (CcrError, KeyboardInterrupt):
             return  # as the recorded run ended

@@ -6,17 +6,15 @@ from ccr_host import config
 from ccr_host.bringup.board_checks import check_board
 from ccr_host.bringup.doctor import examine
 from ccr_host.bringup.finding import Finding, Severity, exit_status
-from ccr_host.config import Description, Robot, Twin
+from ccr_host.config import Description
 from ccr_host.emulator.board import UnoEmulator
 from ccr_host.emulator.serial_line import SerialLine
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.link.messages import ResetCause
-from ccr_host.robot.marker_shape import exchanged_markers
 from ccr_host.run.clock import VirtualClock
 from ccr_host.run.options import RigOptions
 from ccr_host.run.rig import mismatch_of
-from ccr_host.twin.robot import TwinRobot
 
 
 def examined(tmp_path, *overrides: str, **options: str) -> dict[str, Finding]:
@@ -84,13 +82,6 @@ def test_a_segment_of_another_length_than_described_is_warned_of(tmp_path, segme
     assert found.severity is Severity.WARNING
     assert f"{lengths_mm[segment]:g}" in found.text
     assert examined(tmp_path, described)["scale"].severity is Severity.GOOD
-
-
-def test_markers_that_were_mixed_up_are_named() -> None:
-    markers_mm = TwinRobot(Twin()).markers_mm()
-    assert exchanged_markers(markers_mm, Robot()) == ""
-    assert exchanged_markers(markers_mm[::-1], Robot()) == "M3, M2, M1"
-    assert exchanged_markers(markers_mm[[1, 2, 0]], Robot()) == "M3, M1, M2"
 
 
 def test_a_robot_that_hangs_the_other_way_is_warned_of(tmp_path) -> None:

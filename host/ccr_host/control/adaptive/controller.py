@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ccr_host.config import Description
 from ccr_host.control.adaptive.estimator import Estimator, Tuning
 from ccr_host.control.adaptive.excitation import tour
-from ccr_host.control.adaptive.identification import Scaling, StaticsFit
+from ccr_host.control.adaptive.identification import Rests, Scaling, StaticsFit
 from ccr_host.control.adaptive.identified import identified_rests
 from ccr_host.control.adaptive.lap_memory import LapMemory
 from ccr_host.control.adaptive.model import make_model
@@ -121,6 +121,21 @@ class AdaptiveStatics:
         self._history.command(now_s, self._last_rad, APPROACH_PERIOD_S)
         command = self._command(0.0, Outcome.SOLVED, APPROACH_PERIOD_S)
         return replace(command, phase=self._approach_phase())
+
+    @property
+    def is_identified(self) -> bool:
+        """Whether the approach has no tour of its own."""
+        return self._identified is not None
+
+    @property
+    def rests(self) -> Rests:
+        """What the model was fitted to."""
+        return self._survey.rests() if self._fit is None else self._fit.rests
+
+    @property
+    def fit(self) -> StaticsFit | None:
+        """That the path was planned with; None where no such robot rests there."""
+        return self._fit
 
     def step(self, observation: Observation) -> Command:
         """Measurement in, command out; works without measurements too."""

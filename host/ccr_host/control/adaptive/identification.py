@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import copy
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,6 +117,20 @@ class Scaling:
         scores = score + probe * np.eye(COUNT + 1, COUNT)
         return Parameters(*(self._mean + self._deviation * scores).T)
 
+    def freed(self, indices: Sequence[int], factor: float) -> Scaling:
+        """Some parameters are believed so many times less, and may go so much further."""
+        other = copy.copy(self)
+        lower, upper = (self._mean + self._deviation * end for end in (self._lower, self._upper))
+        other._deviation = self._deviation.copy()
+        for index in indices:
+            mean = self._mean[index]
+            other._deviation[index] *= factor
+            upper[index] = mean + factor * (upper[index] - mean)
+            lower[index] *= factor if mean == 0.0 else 0.5
+        other._lower = (lower - other._mean) / other._deviation
+        other._upper = (upper - other._mean) / other._deviation
+        return other
+
     def bounded(self, score: FloatArray) -> FloatArray:
         """The nearest scores with a meaning."""
         return np.clip(score, self._lower, self._upper)
@@ -144,8 +159,8 @@ class StaticsFit:
         start: FloatArray | None = None,
     ) -> None:
         self._predict = predict or predicted_mm
-        self._scaling = scaling
-        self._rests = rests
+        self.scaling = scaling
+        self.rests = rests
         self._seen = np.isfinite(rests.markers_mm).all(axis=-1).ravel()
         deviation_mm = np.sqrt(_NOISE_MM**2 / rests.count + _MODEL_MM**2)
         self._weight = 1.0 / np.repeat(deviation_mm, 2)[self._seen, None]
@@ -181,7 +196,7 @@ class StaticsFit:
         """Damp the step until it leads downhill; its length, 0 if none does."""
         while self._damping < _DAMPING_MOST:
             damped = self._information + self._damping * np.diag(np.diag(self._information))
-            trial = self._scaling.bounded(self._score + np.linalg.solve(damped, gradient))
+            trial = self.scaling.bounded(self._score + np.linalg.solve(damped, gradient))
             residual_mm, cost = self._judge(trial)
             if cost < self._cost:
                 length = float(np.abs(trial - self._score).max())
@@ -192,13 +207,13 @@ class StaticsFit:
         return 0.0
 
     def _judge(self, score: FloatArray) -> tuple[FloatArray, float]:
-        predicted = self._predict(self._scaling.parameters(score), self._rests)
-        residual_mm = (self._rests.markers_mm - predicted).reshape(-1, 3)[self._seen]
+        predicted = self._predict(self.scaling.parameters(score), self.rests)
+        residual_mm = (self.rests.markers_mm - predicted).reshape(-1, 3)[self._seen]
         return residual_mm, _cost(residual_mm * self._weight, score)
 
     def _sensitivity(self) -> FloatArray:
         """d marker / d score of each that was seen, (M, 3, COUNT), the way to it included."""
-        near_mm = self._predict(self._scaling.perturbed(self._score, _PROBE), self._rests)
+        near_mm = self._predict(self.scaling.perturbed(self._score, _PROBE), self.rests)
         slope = np.moveaxis(near_mm[:, :COUNT] - near_mm[:, COUNT:], 1, -1) / _PROBE
         slope[..., PUSHES] = 0.0
         return slope.reshape(-1, 3, COUNT)[self._seen]

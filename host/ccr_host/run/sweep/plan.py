@@ -57,6 +57,7 @@ class TwinJob:
         robot = ["--robot", self.robot] if self.robot else []
         sets = [word for override in self.overrides for word in ("--set", override)]
         words = ["--controller", controller, "--rate", f"{rate_hz:g}", "--seed", str(self.seed)]
+        words.append("--unchecked")
         return shlex.join(["ccr-host", "track", self.path, *words, *robot, *sets])
 
 

@@ -1,0 +1,196 @@
+"""Whether a robot moves as its description says, and if not, what is most likely wrong with it.
+
+The static model is fitted to rests under the description's prior. If it leaves too much, or needs
+parameters that no such robot has, it is fitted again under each of some hypotheses: motors reversed
+or exchanged, a servo's zero off, tendons loose, other lengths, a camera that is turned. The one
+under which rests and parameters are likeliest is the cause that is named.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from ccr_host.config import Description
+from ccr_host.control.adaptive.identification import (
+    ZEROS,
+    Fit,
+    FloatArray,
+    Rests,
+    Scaling,
+    StaticsFit,
+    predicted_mm,
+)
+from ccr_host.control.adaptive.parameters import COUNT, Parameters
+from ccr_host.control.adaptive.statics import zeros_rad
+from ccr_host.errors import CcrError
+
+_MOST_RMS_MM = 1.2
+"""That the fit may leave: robots that match leave up to 0.5."""
+_MOST_DEVIATIONS = 2.2
+"""That a parameter is certainly off its prior; those of robots that match are up to 1.9."""
+_MOST_ZERO_RAD = math.radians(5.6)
+"""That a servo is certainly off: half a tooth of its spline is 7.2 deg."""
+_VARYING = [
+    Parameters._fields.index(name)
+    for name in Parameters._fields
+    if not name.startswith(("length", "marker", "gain", "slack", "turn", "zero"))
+]
+"""Loads, stiffness, friction and glue differ from robot to robot by more than any prior says."""
+_FREEDOM = 8.0
+"""A hypothesis frees its parameters to so many times their prior deviation."""
+_START = 0.5
+"""Of a freed zero's deviation, 8 deg to either side: slack may bar one of the ways."""
+_PRICE = 6.0
+"""Minus twice the logarithm of how often a motor is reversed, or two are exchanged, against how
+often all is well; a freed parameter pays for its freedom likewise."""
+
+
+class MisfitError(CcrError):
+    """The robot is not the one that is described (exit status 3)."""
+
+
+def is_misfit(fit: Fit, scaling: Scaling) -> bool:
+    """Whether the model, fitted to rests, does not explain them, or only with odd parameters.
+
+    Args:
+        fit: what was found.
+        scaling: that it was fitted under.
+    """
+    certain = np.maximum(np.abs(fit.score) - np.sqrt(np.diag(fit.covariance)), 0.0)
+    certain[_VARYING] = 0.0
+    certain_rad = zeros_rad(scaling.parameters(certain))
+    return (
+        fit.rms_mm > _MOST_RMS_MM
+        or bool(certain.max() > _MOST_DEVIATIONS)
+        or bool((certain_rad > _MOST_ZERO_RAD).any())
+    )
+
+
+def misfit(rests: Rests, description: Description) -> MisfitError:
+    """The likeliest cause, to be raised. Takes seconds: the robot has to be safe by now.
+
+    Args:
+        rests: where the robot was seen.
+        description: of the robot.
+    """
+    scaling = Scaling.of(description)
+    judged = [_judge(hypothesis, rests, scaling) for hypothesis in _hypotheses(description)]
+    best = min(judged, key=lambda one: one.cost)
+    likely = "most likely" if best.rms_mm < _MOST_RMS_MM else "no usual cause explains it; perhaps"
+    return MisfitError(
+        f"the robot does not move as described; {likely} {best.cause}",
+        f"{best.hypothesis.cure}; --unchecked goes on all the same",
+    )
+
+
+@dataclass(frozen=True)
+class _Hypothesis:
+    """How the robot may differ from its description."""
+
+    name: str
+    """With parameters of `Parameters` in braces; of angles in degrees."""
+    cure: str
+    reversed: tuple[int, ...] = ()
+    """Motors, 0 or 1."""
+    swapped: bool = False
+    turned: bool = False
+    freed: tuple[str, ...] = ()
+    """Of `Parameters`."""
+
+
+@dataclass(frozen=True)
+class _Judged:
+    hypothesis: _Hypothesis
+    cost: float
+    cause: str
+    rms_mm: float
+
+
+def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
+    geometry = description.robot
+    servo_cure = "negate its servo.pulse_per_90_deg_us, or exchange its tendons on the pulley"
+    swap_cure = "exchange the leads of the servos, or the tendons between the pulleys"
+    for swapped, cure in ((False, servo_cure), (True, swap_cure)):
+        exchanged = "motors 1 and 2 are exchanged" if swapped else ""
+        for turned in ((), (0,), (1,), (0, 1)):
+            motors = " and ".join(str(motor + 1) for motor in turned)
+            wrong = f"motor {motors} reversed" if turned else ""
+            name = ", ".join(filter(None, (exchanged, wrong)))
+            if name:
+                yield _Hypothesis(name, cure, turned, swapped)
+    for off in ((1,), (2,), (1, 2)):
+        zeros = tuple(f"zero_{motor}_rad" for motor in off)
+        offs = " and ".join(f"of motor {m} is off by {{zero_{m}_rad:.0f}} deg" for m in off)
+        yield _Hypothesis(f"the zero {offs}", "ccr-host calibrate", freed=zeros)
+    for motor in (1, 2):
+        yield _Hypothesis(
+            f"a tendon of motor {motor} is loose, crossed or off its pulley",
+            "put the tendons on at rest, without tension and without slack",
+            freed=(f"zero_{motor}_rad", f"slack_{motor}_rad"),
+        )
+    yield _Hypothesis(
+        "its segments are {length_1_mm:.0f} and {length_2_mm:.0f} mm long",
+        "measure robot.segment_lengths_mm",
+        freed=("length_1_mm", "length_2_mm", "marker_offset_mm"),
+    )
+    yield _Hypothesis(
+        "its segments bend {gain_1:.1f} and {gain_2:.1f} times as far as their motors turn",
+        f"{geometry.pulley_radius_mm / geometry.tendon_radius_mm:.1f} is described: check "
+        "servo.pulse_per_90_deg_us, robot.pulley_radius_mm and robot.tendon_radius_mm",
+        freed=("gain_1", "gain_ratio"),
+    )
+    known = "otherwise than registered" if description.registration else "turned and unregistered"
+    yield _Hypothesis(
+        f"the camera stands {known}, or the markers are exchanged",
+        "ccr-host register; check which marker is which with ccr-host monitor",
+        turned=True,
+    )
+
+
+def _judge(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> _Judged:
+    freed = [Parameters._fields.index(name) for name in hypothesis.freed]
+    under = scaling.freed(freed, _FREEDOM)
+    supposed = _as_supposed(hypothesis, rests, under)
+    sides = [(-_START, _START) if index in ZEROS else (0.0,) for index in freed]
+    starts = [np.zeros(COUNT) for _ in product(*sides)]
+    for start, scores in zip(starts, product(*sides), strict=True):
+        start[freed] = scores
+    fits = [StaticsFit(under, supposed, start=start).finish() for start in starts]
+    fit = min(fits, key=lambda one: one.cost)
+    price = _PRICE * (len(hypothesis.reversed) + hypothesis.swapped + hypothesis.turned)
+    price += 2.0 * math.log(_FREEDOM) * len(freed)
+    p = under.parameters(fit.score)
+    found = p._asdict() | {"gain_2": p.gain_2}
+    shown = {k: math.degrees(v) if k.endswith("_rad") else v for k, v in found.items()}
+    return _Judged(hypothesis, fit.cost + price, hypothesis.name.format(**shown), fit.rms_mm)
+
+
+def _as_supposed(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> Rests:
+    """The rests as the robot that is described would have been led through them."""
+    signs = np.ones(2)
+    signs[list(hypothesis.reversed)] = -1.0
+    order = [1, 0] if hypothesis.swapped else [0, 1]
+    led = replace(
+        rests,
+        start_rad=(signs * rests.start_rad)[order],
+        setpoint_rad=(signs * rests.setpoint_rad)[:, order],
+    )
+    if not hypothesis.turned:
+        return led
+    expected_mm = predicted_mm(scaling.parameters(np.zeros(COUNT)), led)
+    seen = np.isfinite(rests.markers_mm).all(axis=-1)
+    rotation = _rotation_onto(expected_mm[seen], rests.markers_mm[seen])
+    return replace(led, markers_mm=rests.markers_mm @ rotation.T)
+
+
+def _rotation_onto(target: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Rotation, (3, 3), that takes vectors, (N, 3), nearest to their targets, by Kabsch."""
+    u, _, v = np.linalg.svd(target.T @ vectors)
+    handed = np.diag([1.0, 1.0, np.linalg.det(u @ v)])
+    rotation: FloatArray = u @ handed @ v
+    return rotation

@@ -1,0 +1,118 @@
+"""A robot that is not the one described is noticed after a few small moves, or along the path."""
+
+from dataclasses import replace
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from ccr_host import config
+from ccr_host.control.adaptive.misfit import MisfitError
+from ccr_host.link.messages import State, StateReport
+from ccr_host.run.execute import execute
+from ccr_host.run.observer import RunObserver
+from ccr_host.run.options import RunOptions
+from ccr_host.run.summary import RunResult
+from ccr_host.run.sweep.random_twin import as_overrides, draw_twin
+from ccr_host.tracking.sample import Sample
+from ccr_host.twin.robot import TwinRobot
+
+pytestmark = pytest.mark.long
+
+ZEROS = "twin.servo_neutral_us=[{:.0f},{:.0f}]"
+
+
+class Witness(RunObserver):
+    def __init__(self) -> None:
+        self.tips_mm: list[np.ndarray] = []
+        self.last: StateReport | None = None
+
+    def tracker_sample(self, time_us: int, sample: Sample) -> None:
+        self.tips_mm.append(sample.tip_mm)
+
+    def state(self, time_us: int, report: StateReport) -> None:
+        self.last = report
+
+    def travel_mm(self) -> float:
+        return float(np.linalg.norm(np.array(self.tips_mm) - self.tips_mm[0], axis=1).max())
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> str:
+    file = tmp_path / "short.csv"
+    file.write_text("t_s,y_mm,z_mm\n0,-80,40\n10,-75,45\n")
+    return str(file)
+
+
+def checked(path: str, *overrides: str, controller: str = "mpc") -> tuple[RunResult, Witness]:
+    witness = Witness()
+    options = RunOptions(path=path, controller=controller, overrides=overrides, checks="motion")
+    return execute(options, witness, lambda *_: None), witness
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        (("twin.servo_us_per_90_deg=[-1000,1000]",), "motor 1 reversed"),
+        (("twin.servo_us_per_90_deg=[1000,-1000]",), "motor 2 reversed"),
+        ((ZEROS.format(1589, 1500),), "zero of motor 1 is off by 8|zero of motor 1 is off by 9"),
+        ((ZEROS.format(1411, 1500),), "zero of motor 1 is off by -7|zero of motor 1 is off by -8"),
+        (("tracker.rotation_deg=[0,0,40]",), "camera stands turned and unregistered"),
+    ],
+)
+def test_a_misfit_is_noticed_before_the_path_and_its_cause_is_named(
+    path: str, overrides: tuple[str, ...], told: str
+) -> None:
+    result, witness = checked(path, *overrides)
+    assert isinstance(result.failure, MisfitError)
+    assert result.failure.exit_status == 3
+    assert any(part in str(result.failure) for part in told.split("|"))
+    assert not result.records
+    assert witness.travel_mm() < 80.0
+    assert witness.last is not None
+    assert witness.last.state is State.DISARMED
+
+
+def test_what_few_moves_leave_open_the_tour_of_adaptive_shows(path: str) -> None:
+    result, _ = checked(path, ZEROS.format(1500, 1340), controller="adaptive")
+    assert isinstance(result.failure, MisfitError)
+    assert "zero of motor 2 is off by -14" in str(result.failure)
+    assert not result.records
+
+
+def test_exchanged_motors_are_named(path: str) -> None:
+    as_sent = TwinRobot.set_pulses_half_us
+
+    def exchanged(robot: TwinRobot, pulses_half_us: tuple[int, int]) -> None:
+        as_sent(robot, (pulses_half_us[1], pulses_half_us[0]))
+
+    with patch.object(TwinRobot, "set_pulses_half_us", exchanged):
+        result, _ = checked(path)
+    assert "motors 1 and 2 are exchanged" in str(result.failure)
+
+
+def test_what_no_model_explains_along_the_path_ends_the_run(path: str) -> None:
+    hand = "twin.push={force_n = [0.0, 0.0, 2.0], start_s = 2, end_s = 60}"
+    result, witness = checked(path, hand)
+    assert isinstance(result.failure, MisfitError)
+    assert 2 < len(result.records) <= 8
+    assert witness.last is not None
+    assert witness.last.state is State.DISARMED
+
+
+def test_who_wants_it_unchecked_gets_it(path: str) -> None:
+    reversed_motor = ("twin.servo_us_per_90_deg=[-1000,1000]",)
+    options = RunOptions(path=path, controller="mpc", overrides=reversed_motor, checks="markers")
+    assert execute(options, Witness(), lambda *_: None).failure is None
+    turned = replace(options, overrides=("tracker.rotation_deg=[180,0,0]",))
+    assert execute(turned, Witness(), lambda *_: None).failure is not None
+    assert execute(replace(turned, checks="none"), Witness(), lambda *_: None).failure is None
+
+
+@pytest.mark.parametrize("index", range(3))
+@pytest.mark.parametrize("controller", ["adaptive", "mpc"])
+def test_random_robots_that_match_raise_no_alarm(path: str, index: int, controller: str) -> None:
+    drawn = as_overrides(draw_twin(np.random.default_rng([7, index]), config.load(), 10.0))
+    result, _ = checked(path, *drawn, controller=controller)
+    assert result.failure is None
