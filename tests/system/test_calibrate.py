@@ -116,7 +116,7 @@ def test_an_identified_robot_is_followed_without_a_tour(ccr_host: CcrHost, robot
 
     tour_s, toured_mm = track("toured")
     approach_s, identified_mm = track("identified", "--robot", robot.name)
-    assert approach_s < 5.0
+    assert approach_s < 15.0, "a few moves that show whether it is this robot"
     assert tour_s > 20.0
     assert identified_mm < 1.05 * toured_mm
     changed = ("--robot", robot.name, "--set", "robot.marker_offset_mm=14")
