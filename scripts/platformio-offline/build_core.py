@@ -23,7 +23,7 @@ SCONS_SCRIPT = "from SCons.Script.Main import main\n\nmain()\n"
 
 
 def main(core: Path) -> None:
-    """Make the folder anew."""
+    """Make the folder again."""
     if core.exists():
         if not (core / "platforms").is_dir():
             sys.exit(f"error: {core} is not a PlatformIO core folder (name another one)")

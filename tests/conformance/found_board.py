@@ -76,7 +76,7 @@ class FoundBoard:
             if _eeprom_content(_restarted(self.device)).config != self._found.config:
                 raise DeviceError(
                     f"{self.device.name}: the configuration found could not be saved again",
-                    f"configure the board anew; it had {self._found.config}",
+                    f"configure the board again; it had {self._found.config}",
                 )
             return "disarmed, the configuration found saved again"
         finally:

@@ -28,7 +28,7 @@ class Observer(Protocol):
         """From now on the board may be asked for a stream of reports."""
 
     def was_reset(self) -> None:
-        """The board begins anew."""
+        """The board begins again."""
 
     def next_tick(self) -> int:
         """The first tick after the last answer, or after the last tick that was looked at."""

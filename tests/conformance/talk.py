@@ -24,7 +24,7 @@ class Talk:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew, as after a reset."""
+        """Begin again, as after a reset."""
         self.stream: list[tuple[int, m.StateReport]] = []
         """Telemetry read so far, with its sequence numbers."""
         self._read_before_answer = 0

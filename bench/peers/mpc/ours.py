@@ -56,7 +56,7 @@ def piqp() -> QpSolver:
 
 
 def osqp() -> QpSolver:
-    """OSQP, set up anew with all of its sparsity."""
+    """OSQP, set up again with all of its sparsity."""
     import osqp as package
     from scipy import sparse
 

@@ -77,16 +77,16 @@ def _state(report: StateReport) -> Finding:
 
 
 def _eeprom(identity: HelloReply) -> Finding:
-    anew = "run ccr-host calibrate again; replace the board if it comes back"
+    again = "run ccr-host calibrate again; replace the board if it comes back"
     match identity.eeprom_status:
         case EepromStatus.BLANK:
             return good("EEPROM", "no configuration kept; ccr-host calibrate keeps one")
         case EepromStatus.LOADED:
             return good("EEPROM", "configuration loaded")
         case EepromStatus.ONE_SLOT_BAD:
-            return warning("EEPROM", "one of two copies is corrupt", anew)
+            return warning("EEPROM", "one of two copies is corrupt", again)
         case EepromStatus.BOTH_BAD:
-            return warning("EEPROM", "the configuration is corrupt", anew)
+            return warning("EEPROM", "the configuration is corrupt", again)
 
 
 def _configuration(identity: HelloReply, differing: list[str]) -> Finding:

@@ -65,7 +65,7 @@ class UnoEmulator:
         self.reset(reset_cause)
 
     def reset(self, cause: ResetCause, boot_loader_us: int = 0) -> None:
-        """Start anew, `boot_loader_us` from now; what comes before the board listens is lost."""
+        """Start again, `boot_loader_us` from now; what comes before the board listens is lost."""
         self._start_us = self._now_us + boot_loader_us
         had_pulses = any(self._pulses_prepared)
         self._core = BoardCore(self._eeprom, cause, had_pulses, self._tick_offset)

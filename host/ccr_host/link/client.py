@@ -210,7 +210,7 @@ class Client:
                 self._exchange.request(change)
             if self.read_config() != config:
                 raise DeviceError(
-                    "the board does not keep its configuration", "reset it; flash it anew"
+                    "the board does not keep its configuration", "reset it; flash it again"
                 )
         self._config = config
 

@@ -55,7 +55,7 @@ class LinkCounts:
     """As last read; None once that has failed."""
 
     def forget_waiting_for_the_board(self) -> None:
-        """Start anew once the board has answered its first hello.
+        """Start again once the board has answered its first hello.
 
         Until then a boot loader was deaf, and half a frame is no error of the line.
         """

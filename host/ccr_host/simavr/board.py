@@ -112,7 +112,7 @@ class SimavrBoard:
             self._keep_eeprom_writes()
 
     def reset(self, cause: ResetCause) -> None:
-        """Start anew; only a power-up spoils the SRAM."""
+        """Start again; only a power-up spoils the SRAM."""
         if cause is ResetCause.POWER_ON:
             self._mcu.fill_sram(_SRAM_AT_POWER_ON)
         self._mcu.reset(cause)
@@ -174,7 +174,7 @@ class SimavrBoard:
         return self._mcu.statistics()
 
     def forget_statistics(self) -> None:
-        """Count anew."""
+        """Count again."""
         self._mcu.forget_statistics()
 
     def eeprom_content(self) -> bytes:

@@ -179,7 +179,7 @@ class Mcu:
         return Statistics(**{**values, "interrupts": tuple(raw.interrupts)})
 
     def forget_statistics(self) -> None:
-        """Count anew."""
+        """Count again."""
         self._shim.rig_forget_statistics(self._rig)
 
     def _take(self, take: _Take, room: Records) -> Records:

@@ -94,5 +94,5 @@ def _sample(path: Path, content: dict[str, Any]) -> tuple[int, FloatArray]:
         if not isinstance(exposed_us, int) or markers_mm.shape != (len(MARKER_NAMES), 3):
             raise ValueError
     except (ValueError, KeyError, TypeError):
-        raise ConfigError(f"recording {path}: not the log of a run", "record it anew") from None
+        raise ConfigError(f"recording {path}: not the log of a run", "record it again") from None
     return exposed_us, markers_mm

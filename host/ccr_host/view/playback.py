@@ -17,7 +17,7 @@ class Playback:
     speed: float = 1.0
 
     def press_play(self) -> None:
-        """Play or pause; at the end it begins anew."""
+        """Play or pause; at the end it begins again."""
         self.playing = not self.playing
         if self.playing and self.at_us >= self.end_us:
             self.at_us = 0.0

@@ -101,7 +101,7 @@ def test_a_finely_walked_map_rests_where_a_coarse_walk_does():
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut off", b"not an archive"])
-def test_a_damaged_cache_is_computed_anew(tmp_path, content):
+def test_a_damaged_cache_is_computed_again(tmp_path, content):
     lower, upper = np.array([-10.0, -10.0]), np.array([10.0, 10.0])
     first = load_static_map(Twin(), lower, upper, tmp_path, 10.0)
     (file,) = tmp_path.iterdir()

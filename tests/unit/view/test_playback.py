@@ -21,7 +21,7 @@ def test_playing_follows_time_and_speed_and_ends_at_the_end() -> None:
     assert playback.at_us == 10
     assert not playback.playing
     playback.press_play()
-    assert playback.at_us == 0, "and begins anew"
+    assert playback.at_us == 0, "and begins again"
 
 
 @given(st.lists(st.floats(-1e9, 1e9), max_size=20))

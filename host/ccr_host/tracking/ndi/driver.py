@@ -48,7 +48,7 @@ class NdiSettings:
 class NdiTracker(StartsAndStops):
     """Driver of one camera.
 
-    A camera that falls silent, is reset or unplugged is started anew, again and again;
+    A camera that falls silent, is reset or unplugged is started again each time;
     `health` tells of it.
 
     Args:
@@ -106,7 +106,7 @@ class NdiTracker(StartsAndStops):
         self._running = True
 
     def advance_to(self, time_us: int) -> None:
-        """Take what has arrived, go on with the conversation, begin anew where it has failed."""
+        """Take what has arrived, go on with the conversation, begin again where it has failed."""
         if not self._running or time_us < self._retry_us:
             return
         try:

@@ -57,7 +57,7 @@ def test_the_base_is_remembered_for_a_while_and_its_age_told(camera, rest, rest_
     assert camera.show(rest, q_rad=rest_q, hidden=(0,)).tip_mm is None
 
 
-def test_a_base_that_was_knocked_gives_no_tip_until_it_is_found_anew(camera, rest, rest_q):
+def test_a_base_that_was_knocked_gives_no_tip_until_it_is_found_again(camera, rest, rest_q):
     camera.show_again(rest, PROVEN, q_rad=rest_q)
     moved = rest + np.array([3.0, 0.0, 0.0])
     tips = [camera.show(moved, q_rad=rest_q).tip_mm for _ in range(BASE_MEMORY_US // FRAME_US + 20)]

@@ -196,7 +196,7 @@ def test_silence_is_noticed_and_tracking_resumes(bench):
     assert after[0].exposed_us > before[-1].exposed_us
 
 
-def test_device_reset_in_mid_run_is_started_anew(bench):
+def test_device_reset_in_mid_run_is_started_again(bench):
     run = bench()
     run.run_until_tracking()
     last = run.run_ms(500)[-1]
