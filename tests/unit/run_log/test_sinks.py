@@ -110,9 +110,13 @@ def test_a_full_disk_ends_the_log_but_not_the_run_and_the_loss_is_counted(
 def test_a_log_whose_folder_is_removed_is_written_again(tmp_path, kind):
     folder = tmp_path / "run"
     folder.mkdir()
-    sink = kind(LogFiles(folder, LOG_PREFIX, LOG_TOPICS), LOG_TOPICS)
+    disk = StandingDisk(folder)
+    disk.released.set()
+    sink = kind(disk, LOG_TOPICS)
     for second in range(5):
         note(sink, second)
+    for _ in range(4):  # chunks that are full: nothing is being written when the folder goes
+        disk.written.acquire()
     shutil.rmtree(folder)
     for second in range(5, 10):
         note(sink, second)
