@@ -1,6 +1,7 @@
 #include "uno_hardware.h"
 
 #include <avr/eeprom.h>
+#include <avr/io.h>
 
 #include "ccr_messages.h"
 #include "frame_timer.h"
@@ -34,6 +35,16 @@ uint8_t UnoHardware::read_eeprom(uint16_t address) {
 
 void UnoHardware::write_eeprom(uint16_t address, uint8_t byte) {
   eeprom_write_byte(eeprom_pointer(address), byte);
+}
+
+// Pin 13, where the UNO has its own one.
+void UnoHardware::set_led(bool is_on) {
+  DDRB |= _BV(DDB5);
+  if (is_on) {
+    PORTB |= _BV(PORTB5);
+  } else {
+    PORTB &= static_cast<uint8_t>(~_BV(PORTB5));
+  }
 }
 
 uint16_t UnoHardware::least_free_stack() { return stack_.least_free(); }

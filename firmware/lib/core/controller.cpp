@@ -1,11 +1,37 @@
 #include "controller.h"
 
-#include "ticks.h"
-
 namespace ccr {
 
+namespace {
+
+/// Of the LED (LED-1): step n is bit n.
+constexpr uint8_t led_steps(State state) {
+  switch (state) {
+    case State::kBoot:
+    case State::kActive:
+      return 0xFF;
+    case State::kHold:
+      return 0x7F;
+    case State::kArming:
+      return 0x55;
+    case State::kRelaxing:
+    case State::kDisarming:
+      return 0x33;
+    case State::kDisarmed:
+      return 0x01;
+    case State::kStopped:
+      return 0x05;
+    case State::kFault:
+      return 0x15;
+  }
+  return 0;
+}
+
+}  // namespace
+
 Controller::Controller(Hardware& hardware, Start start, uint32_t first_tick)
-    : store_(hardware),
+    : hardware_(hardware),
+      store_(hardware),
       configuration_(empty_configuration()),
       eeprom_status_(store_.load(configuration_)),
       boot_id_(store_.count_boot()),
@@ -22,6 +48,7 @@ Pulses Controller::tick() {
   move_setpoints();
   compute_pulses();
   write_eeprom();
+  show_state();
   return pulses_;
 }
 
@@ -159,6 +186,15 @@ void Controller::write_eeprom() {
       safety_.raise(Fault::kEepromFailed);
       break;
   }
+}
+
+void Controller::show_state() {
+  const uint8_t tick = static_cast<uint8_t>(ticks_);
+  const bool is_on = blinking_.has_run_out()
+                         ? ((led_steps(safety_.state()) >> (tick / kLedStepTicks % 8)) & 1) != 0
+                         : tick / kBlinkStepTicks % 2 == 0;
+  hardware_.set_led(is_on);
+  blinking_.count();
 }
 
 bool Controller::is_at_rest() const {

@@ -13,6 +13,7 @@
 #include "safety.h"
 #include "setpoint.h"
 #include "target_record.h"
+#include "ticks.h"
 
 namespace ccr {
 
@@ -34,6 +35,7 @@ class Controller {
   void set(const Slew& slew);
   void set(const Watchdog& watchdog);
   void set(const Calibration& calibration);
+  void blink(uint8_t duration_s) { blinking_.start(ticks_of_s(duration_s)); }
   void begin_save() { store_.begin_save(); }
 
   void raise_fault(Fault fault) { safety_.raise(fault); }
@@ -68,9 +70,11 @@ class Controller {
   void lead_to_rest(uint8_t axis);
   void compute_pulses();
   void write_eeprom();
+  void show_state();
   bool is_at_rest() const;
   void note_change(uint8_t group);
 
+  Hardware& hardware_;
   ConfigStore store_;
   Configuration configuration_;
   EepromStatus eeprom_status_;
@@ -80,6 +84,7 @@ class Controller {
   Setpoint setpoints_[kAxes];
   TargetRecord target_;
   Counts counts_ = {};
+  Countdown blinking_{0};
   /// As of the last tick.
   int16_t reported_setpoint_cdeg_[kAxes];
   Pulses pulses_ = {};

@@ -48,6 +48,8 @@ void Dispatcher::dispatch(const FrameDecoder& frame) {
       return handle<GetCounters>(frame);
     case SetTelemetry::kId:
       return handle<SetTelemetry>(frame);
+    case Blink::kId:
+      return handle<Blink>(frame);
     case Arm::kId:
       return handle<Arm>(frame);
     case Disarm::kId:
@@ -203,6 +205,11 @@ void Dispatcher::execute(const FrameDecoder& frame, const GetCounters&) {
 void Dispatcher::execute(const FrameDecoder& frame, const SetTelemetry& request) {
   session_.telemetry.start(request.period_ticks);
   acknowledge(frame);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const Blink& request) {
+  controller_.blink(request.duration_s);
+  send<Ack>(frame.sequence(), [this] { return Ack{Blink::kId, controller_.state()}; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const Arm&) {

@@ -68,6 +68,7 @@ class Dispatcher {
   void execute(const FrameDecoder& frame, const GetState&);
   void execute(const FrameDecoder& frame, const GetCounters&);
   void execute(const FrameDecoder& frame, const SetTelemetry& request);
+  void execute(const FrameDecoder& frame, const Blink& request);
   void execute(const FrameDecoder& frame, const Arm&);
   void execute(const FrameDecoder& frame, const Disarm&);
   void execute(const FrameDecoder& frame, const Stop&);

@@ -25,6 +25,9 @@ class Hardware {
   /// Starts to write a byte.
   virtual void write_eeprom(uint16_t address, uint8_t byte) = 0;
 
+  /// In each tick.
+  virtual void set_led(bool is_on) = 0;
+
   /// Least free stack so far; `kStackNotMeasured` where nobody knows.
   virtual uint16_t least_free_stack() = 0;
 

@@ -16,6 +16,10 @@ constexpr uint16_t ticks_of_ms(uint16_t duration_ms) {
   return static_cast<uint16_t>(duration_ms / kMsPerTick + (duration_ms % kMsPerTick != 0));
 }
 
+constexpr uint16_t ticks_of_s(uint8_t duration_s) {
+  return static_cast<uint16_t>(duration_s * (1000 / kMsPerTick));
+}
+
 /// Runs out N ticks after the tick in which, or before which, it was started with N (TIM-3).
 class Countdown {
  public:

@@ -9,7 +9,7 @@
 namespace ccr {
 
 constexpr uint8_t kProtocolVersion = 2;
-constexpr uint32_t kSpecHash = 0x225FA999UL;
+constexpr uint32_t kSpecHash = 0xC4E311F5UL;
 constexpr uint8_t kFirmwareVersion[3] = {0, 2, 0};
 
 constexpr uint32_t kBaud = 250000UL;
@@ -43,6 +43,10 @@ constexpr uint8_t kOutstandingBytes = 63U;
 /// Room for frames that wait to be sent. One that finds none is dropped and counted. All but the
 /// answer to `stop` leave room for that. [byte]
 constexpr uint8_t kSendBytes = 255U;
+/// Of the eight steps in which the LED shows the state (LED-1). [tick]
+constexpr uint8_t kLedStepTicks = 8U;
+/// Half the period in which the LED blinks on request (LED-2). [tick]
+constexpr uint8_t kBlinkStepTicks = 4U;
 /// No pulse is ever shorter, whatever the calibration says. [0.5 us]
 constexpr uint16_t kPulseFloorHalfUs = 1000U;
 /// No pulse is ever longer, whatever the calibration says. [0.5 us]
@@ -1034,6 +1038,41 @@ inline int8_t inconsistent_axis(const SetTelemetry&) {
   return kNone;
 }
 
+/// Lets the LED blink, so that one board of several is found. Needs no session and changes nothing
+/// else.
+struct Blink {
+  enum : uint8_t { kId = 0x08, kSize = 1 };
+
+  /// For so long from the next tick on; 0 ends it. [s] 0 to 60.
+  uint8_t duration_s;
+};
+static_assert(Blink::kSize == sizeof(Blink::duration_s) && uint8_t{Blink::kSize} <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const Blink& value, uint8_t* payload) {
+  put_u8(payload, value.duration_s);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, Blink& value) {
+  if (size != Blink::kSize) {
+    return Reading::kBadLength;
+  }
+  value.duration_s = get_u8(payload);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Blink& value) {
+  if (value.duration_s > 60U) {
+    return 0;
+  }
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Blink&) {
+  return kNone;
+}
+
 /// Enables the servos one after the other. Refused while the configuration is incomplete or being
 /// saved.
 struct Arm {
@@ -1775,6 +1814,7 @@ constexpr RequestRule kRequestRules[] = {
     {GetState::kId, StateReply::kId, GetState::kSize, Retry::kRepeat, false, 0x01FFU},
     {GetCounters::kId, CountersReply::kId, GetCounters::kSize, Retry::kRepeat, false, 0x01FFU},
     {SetTelemetry::kId, Ack::kId, SetTelemetry::kSize, Retry::kOnce, true, 0x01FEU},
+    {Blink::kId, Ack::kId, Blink::kSize, Retry::kRepeat, false, 0x01FFU},
     {Arm::kId, Ack::kId, Arm::kSize, Retry::kOnce, true, 0x0002U},
     {Disarm::kId, Ack::kId, Disarm::kSize, Retry::kOnce, true, 0x007EU},
     {Stop::kId, Ack::kId, Stop::kSize, Retry::kRepeat, false, 0x01FFU},

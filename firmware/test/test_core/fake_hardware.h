@@ -24,6 +24,7 @@ struct FakeHardware final : ccr::Hardware {
   int worn_out_address = -1;
   unsigned eeprom_writes = 0;
   std::array<unsigned, ccr::kEepromSize> cell_writes = {};
+  bool is_led_on = false;
   uint16_t free_stack = ccr::kStackNotMeasured;
 
   uint16_t capabilities() override { return ccr::capabilities::kEeprom; }
@@ -41,5 +42,6 @@ struct FakeHardware final : ccr::Hardware {
       eeprom.at(address) = byte;
     }
   }
+  void set_led(bool is_on) override { is_led_on = is_on; }
   uint16_t least_free_stack() override { return free_stack; }
 };

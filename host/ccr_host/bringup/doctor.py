@@ -23,8 +23,10 @@ from ccr_host.run.rig import connect_board, mismatch_of, session_number
 from ccr_host.run.tracker_rig import TrackerRig
 from ccr_host.tracking.uri import TrackerKind, TrackerUri, parse_tracker_uri
 
+_BLINK_S = 20
 
-def examine(options: RigOptions, folder: Path) -> Iterator[Finding]:
+
+def examine(options: RigOptions, folder: Path, *, blink: bool = False) -> Iterator[Finding]:
     """Computer, description, board and tracker, one finding after the other.
 
     What cannot be reached is a finding, and does not keep the rest from being looked at.
@@ -32,6 +34,7 @@ def examine(options: RigOptions, folder: Path) -> Iterator[Finding]:
     Args:
         options: description, device and tracker count.
         folder: in which runs would be kept.
+        blink: let the board's LED show which of several boards it is.
     """
     yield from check_host(RealClock(), folder)
     yield _ports()
@@ -45,7 +48,7 @@ def examine(options: RigOptions, folder: Path) -> Iterator[Finding]:
     if mismatch := mismatch_of(options):
         remedy = "name your own with --device and --tracker"
         yield warning("device and tracker", mismatch, remedy)
-    yield from _or_failure("board", lambda: _board(device, description, options.seed))
+    yield from _or_failure("board", lambda: _board(device, description, options.seed, blink))
     yield from _or_failure("tracker", lambda: _tracker(tracker, description, options.seed))
 
 
@@ -76,7 +79,9 @@ def _or_failure(subject: str, check: Callable[[], Iterable[Finding]]) -> Iterato
         yield failure(subject, error)
 
 
-def _board(device: DeviceUri, description: Description, seed: int) -> Iterator[Finding]:
+def _board(
+    device: DeviceUri, description: Description, seed: int, blink: bool
+) -> Iterator[Finding]:
     clock: Clock = VirtualClock() if device.in_process else RealClock()
     with ExitStack() as stack:
         transport = connect_board(device, None, clock, description.link.baud, stack)
@@ -84,6 +89,9 @@ def _board(device: DeviceUri, description: Description, seed: int) -> Iterator[F
         client = stack.enter_context(Client(transport, clock, session))
         clock.attach(client)
         client.connect()
+        if blink:
+            client.blink(_BLINK_S)
+            yield good("LED", f"blinks six times a second for {_BLINK_S} s")
         yield from check_board(client, clock, description)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -33,6 +33,9 @@ def doctor(
     tracker: TrackerOption = "twin:",
     seed: SeedOption = 1,
     overrides: SetOption = None,
+    blink: Annotated[
+        bool, typer.Option("--blink", help="Let the board's LED blink: which one is it?")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Look at computer, board and tracker; say what is wrong and what to do. Moves nothing.
@@ -49,7 +52,7 @@ def doctor(
         seed=seed,
         overrides=tuple(overrides or ()),
     )
-    findings = list(printed(examine(options, Path()), console(on_stderr=as_json)))
+    findings = list(printed(examine(options, Path(), blink=blink), console(on_stderr=as_json)))
     if as_json:
         print_json({"findings": [finding.as_summary() for finding in findings]})
     if status := exit_status(findings):

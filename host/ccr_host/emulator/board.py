@@ -130,6 +130,11 @@ class UnoEmulator:
         return self._pulses_prepared if latched else self._pulses_on_pins
 
     @property
+    def led_on(self) -> bool:
+        """Whether the LED is on."""
+        return self._core.led_on
+
+    @property
     def state(self) -> State:
         """State of the safety machine."""
         return self._core.state

@@ -11,6 +11,8 @@ from ccr_host.emulator.safety import SafetyMachine
 from ccr_host.emulator.session import Session
 from ccr_host.emulator.setpoint import Axes, Setpoint, clamped
 from ccr_host.link.messages import (
+    BLINK_STEP_TICKS,
+    LED_STEP_TICKS,
     TICK_US,
     Calibration,
     Event,
@@ -29,6 +31,19 @@ _MS_PER_TICK = TICK_US // 1000
 _NEVER_MS = 65535
 _STACK_NOT_MEASURED = 65535
 _U32 = 1 << 32
+
+_LED_STEPS = 8
+_LED_ON_IN_STEPS = {
+    State.BOOT: range(8),
+    State.DISARMED: (0,),
+    State.ARMING: (0, 2, 4, 6),
+    State.ACTIVE: range(8),
+    State.HOLD: range(7),
+    State.RELAXING: (0, 1, 4, 5),
+    State.DISARMING: (0, 1, 4, 5),
+    State.FAULT: (0, 2, 4),
+    State.STOPPED: (0, 2),
+}
 
 _EVENT_COUNTERS = {Event.TARGET_EXPIRED: "holds", Event.HOLD_EXPIRED: "relaxes"}
 
@@ -70,6 +85,8 @@ class BoardCore:
         self._setpoint = Setpoint(self.configuration.limits.rest_cdeg)
         self._reported_setpoint_cdeg = self._setpoint.cdeg
         self._moving = False
+        self.led_on = False
+        self._blinking_until_tick = 0
         self._target_cdeg: Axes = (0, 0)
         self._target_clamped = False
         self._target_sequence = 0
@@ -95,6 +112,11 @@ class BoardCore:
         self._move_setpoint(tick)
         self.pulses_half_us = self._compute_pulses(tick)
         self._advance_save()
+        self.led_on = self._led(tick)
+
+    def blink(self, duration_s: int) -> None:
+        """Let the LED blink from the next tick on."""
+        self._blinking_until_tick = self.next_tick + ticks_of_ms(duration_s * 1000)
 
     def arm(self) -> None:
         """Enable the axes one after the other, from the next tick on."""
@@ -179,6 +201,12 @@ class BoardCore:
             pulse_half_us(calibration, 0, setpoint[0]) if enabled[0] else 0,
             pulse_half_us(calibration, 1, setpoint[1]) if enabled[1] else 0,
         )
+
+    def _led(self, tick: int) -> bool:
+        shown_tick = (self._tick_offset + self.next_tick) % _U32
+        if tick < self._blinking_until_tick:
+            return shown_tick // BLINK_STEP_TICKS % 2 == 0
+        return shown_tick // LED_STEP_TICKS % _LED_STEPS in _LED_ON_IN_STEPS[self.state]
 
     def _advance_save(self) -> None:
         match self.store.advance_save():

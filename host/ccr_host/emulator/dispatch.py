@@ -146,6 +146,11 @@ class Dispatcher:
         return self._ack(request)
 
     @_execute.register
+    def _(self, request: m.Blink) -> m.Message:
+        self._core.blink(request.duration_s)
+        return self._ack(request)
+
+    @_execute.register
     def _(self, request: m.Arm) -> m.Message:
         self._core.arm()
         return self._ack(request)

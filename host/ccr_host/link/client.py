@@ -228,6 +228,10 @@ class Client:
         if report.fault is m.Fault.EEPROM_FAILED:
             raise BoardFaultError(report.fault)
 
+    def blink(self, duration_s: int) -> None:
+        """Let the board's LED blink, 0 to 60 s; needs no session."""
+        self._exchange.request(m.Blink(duration_s))
+
     # Motion
 
     def arm(self) -> None:

@@ -15,7 +15,7 @@ __all__ = ["Payload", "PayloadError"]  # re-exported; all else is public as it s
 
 
 PROTOCOL_VERSION: Final = 2
-SPEC_HASH: Final = 0x225FA999
+SPEC_HASH: Final = 0xC4E311F5
 FIRMWARE_VERSION: Final = (0, 2, 0)
 
 BAUD: Final = 250000
@@ -55,6 +55,10 @@ SEND_BYTES: Final = 255
 """Room for frames that wait to be sent. One that finds none is dropped and counted. All but the
 answer to `stop` leave room for that. [byte]
 """
+LED_STEP_TICKS: Final = 8
+"""Of the eight steps in which the LED shows the state (LED-1). [tick]"""
+BLINK_STEP_TICKS: Final = 4
+"""Half the period in which the LED blinks on request (LED-2). [tick]"""
 PULSE_FLOOR_HALF_US: Final = 1000
 """No pulse is ever shorter, whatever the calibration says. [0.5 us]"""
 PULSE_CEILING_HALF_US: Final = 5000
@@ -892,6 +896,32 @@ class SetTelemetry(Request):
 
 
 @dataclass(frozen=True, slots=True)
+class Blink(Request):
+    """Lets the LED blink, so that one board of several is found.
+
+    Needs no session and changes nothing else.
+    """
+
+    duration_s: int
+    """For so long from the next tick on; 0 ends it. [s] 0 to 60."""
+
+    NAME: ClassVar[str] = "blink"
+    SIZE: ClassVar[int] = 1
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<B")
+    ID: ClassVar[int] = 0x08
+    REPLY_ID: ClassVar[int] = 0x70
+    RETRY: ClassVar[Retry] = "repeat"
+    NEEDS_SESSION: ClassVar[bool] = False
+    ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset(State)
+    FIELDS: ClassVar[tuple[Field, ...]] = (Field("duration_s", "B", 0, 60, unit="s"),)
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        values = cls._numbers(payload)
+        return cls(values[0])
+
+
+@dataclass(frozen=True, slots=True)
 class Arm(Request):
     """Enables the servos one after the other.
 
@@ -1496,6 +1526,7 @@ MESSAGES: Final[Mapping[int, type[Message]]] = MappingProxyType(
         0x05: GetCounters,
         0x85: CountersReply,
         0x06: SetTelemetry,
+        0x08: Blink,
         0x10: Arm,
         0x11: Disarm,
         0x12: Stop,
@@ -1530,6 +1561,7 @@ REQUESTS: Final[Mapping[int, type[Request]]] = MappingProxyType(
         0x04: GetState,
         0x05: GetCounters,
         0x06: SetTelemetry,
+        0x08: Blink,
         0x10: Arm,
         0x11: Disarm,
         0x12: Stop,
@@ -1731,6 +1763,17 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "TEL-1": (
             "With period n the stream sends a report at every n-th tick after the request, its "
             "sequence number counting up from 0; open_session ends it."
+        ),
+        "LED-1": (
+            "The LED shows the state in eight steps of led_step_ticks, over and over; in the tick "
+            "that the report numbers n it is step n / led_step_ticks (rounded down) modulo 8. On: "
+            "in `boot` and `active` in all steps, in `hold` in all but the last, in `arming` in 0, "
+            "2, 4 and 6, in `relaxing` and `disarming` in 0, 1, 4 and 5, in `disarmed` in 0, in "
+            "`stopped` in 0 and 2, in `fault` in 0, 2 and 4. It changes in ticks only."
+        ),
+        "LED-2": (
+            "For the duration of `blink` the LED is on where n / blink_step_ticks (rounded down) "
+            "is even, whatever the state."
         ),
         "CFG-5": (
             "While a save is being written, arm, save_config and whatever sets a configuration "

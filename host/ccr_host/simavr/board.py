@@ -11,7 +11,7 @@ from ccr_host.emulator.eeprom import Eeprom, EepromImage
 from ccr_host.errors import ConfigError
 from ccr_host.link.messages import BAUD, EEPROM_SIZE, ResetCause
 from ccr_host.simavr.flash_image import FlashImage
-from ccr_host.simavr.mcu import CLOCK_HZ, CYCLES_PER_US, Mcu, News, Statistics
+from ccr_host.simavr.mcu import CLOCK_HZ, CYCLES_PER_US, LED_PIN, Mcu, News, Statistics
 from ccr_host.simavr.pulse_meter import Edge, Pulse, PulseMeter
 
 EdgeObserver = Callable[[Edge], None]
@@ -63,6 +63,7 @@ class SimavrBoard:
         self.line_is_busy = False
         """Whether a byte is on the wire, either way."""
         self._meter = PulseMeter()
+        self._output_is_high = {LED_PIN: False}
         self._edge_observers: list[EdgeObserver] = []
         self._pulse_observers: list[PulseObserver] = []
         self.load_eeprom()
@@ -155,9 +156,17 @@ class SimavrBoard:
         """Last pulses measured on the pins, 0.5 us; 0 is none."""
         return self._meter.half_us
 
+    @property
+    def led_on(self) -> bool:
+        """Level of the LED's pin."""
+        return self._output_is_high[LED_PIN]
+
     def _watch_pins(self) -> None:
         for record in self._mcu.take_edges():
             edge = Edge(int(record["cycle"]), int(record["pin"]), bool(record["level"]))
+            if edge.pin in self._output_is_high:
+                self._output_is_high[edge.pin] = edge.level
+                continue
             for observe_edge in self._edge_observers:
                 observe_edge(edge)
             if pulse := self._meter.take(edge):

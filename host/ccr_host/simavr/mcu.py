@@ -21,6 +21,8 @@ CYCLES_PER_HALF_US: Final = 8
 VECTORS: Final = 26
 SERVO_PINS: Final = 2
 """0 is OC1A, the UNO's pin 9; 1 is OC1B, pin 10."""
+LED_PIN: Final = 2
+"""The UNO's pin 13."""
 
 _MCUSR_FLAGS: Final = {
     ResetCause.UNKNOWN: 0,
@@ -160,7 +162,7 @@ class Mcu:
         return self._take(self._shim.rig_take_departures, self._departures)
 
     def take_edges(self) -> Records:
-        """Changes of the servo pins: `cycle`, `pin`, `level`."""
+        """Changes of the pins: `cycle`, `pin`, `level`."""
         return self._take(self._shim.rig_take_edges, self._edges)
 
     def take_eeprom_writes(self) -> Records:

@@ -32,6 +32,12 @@ def test_the_twin_on_the_emulated_board_is_fit_for_a_run(tmp_path) -> None:
     assert {"board", "state", "EEPROM", "link", "rate", "noise"} <= findings.keys()
 
 
+def test_the_led_blinks_where_that_was_asked_for(tmp_path) -> None:
+    findings = list(examine(RigOptions(), tmp_path, blink=True))
+    assert [f.severity for f in findings if f.subject == "LED"] == [Severity.GOOD]
+    assert "LED" not in examined(tmp_path)
+
+
 def test_a_missing_board_does_not_hide_the_tracker(tmp_path) -> None:
     findings = examined(tmp_path, device="serial:/dev/nowhere")
     assert findings["board"].severity is Severity.FAILURE

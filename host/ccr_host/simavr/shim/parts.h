@@ -111,7 +111,7 @@ typedef struct {
 } timer1_t;
 
 typedef struct {
-    bool level[RIG_SERVO_PINS];
+    bool level[RIG_PINS];
     write_handler_t port_write, direction_write, toggle_write;
     log_t edges;
 } pins_t;
@@ -157,7 +157,7 @@ bool uart_is_busy(const rig_t *rig);
 void timer1_attach(rig_t *rig);
 void timer1_reset(rig_t *rig);
 /* Whether a waveform generator has the pin, and not the port. */
-bool timer1_drives(const rig_t *rig, rig_servo_pin_t pin);
+bool timer1_drives(const rig_t *rig, rig_pin_t pin);
 
 void timer_flags_attach(avr_t *avr);
 

@@ -1,18 +1,19 @@
-/* The two servo pins as an oscilloscope shows them. simavr's own pin signals report changes that
+/* The pins as an oscilloscope shows them. simavr's own pin signals report changes that
  * do not happen, whenever a port is written. */
 #include "parts.h"
 
-static const uint8_t PORT_BIT[RIG_SERVO_PINS] = {[RIG_OC1A] = 1, [RIG_OC1B] = 2};
+static const uint8_t PORT_BIT[RIG_PINS] = {[RIG_OC1A] = 1, [RIG_OC1B] = 2, [RIG_LED] = 5};
 
-static bool level_of(const rig_t *rig, rig_servo_pin_t pin) {
+static bool level_of(const rig_t *rig, rig_pin_t pin) {
     const uint8_t bit = 1 << PORT_BIT[pin];
     const uint8_t *data = rig->avr->data;
     if (!(data[REG_DDRB] & bit)) return false;
-    return timer1_drives(rig, pin) ? rig->timer1.output[pin] : (data[REG_PORTB] & bit) != 0;
+    const bool is_servo = pin < RIG_SERVO_PINS;
+    return is_servo && timer1_drives(rig, pin) ? rig->timer1.output[pin] : (data[REG_PORTB] & bit) != 0;
 }
 
 void pins_update(rig_t *rig, uint64_t cycle) {
-    for (int pin = 0; pin < RIG_SERVO_PINS; pin++) {
+    for (int pin = 0; pin < RIG_PINS; pin++) {
         const bool level = level_of(rig, pin);
         if (level == rig->pins.level[pin]) continue;
         rig->pins.level[pin] = level;

@@ -21,9 +21,10 @@ typedef enum {
     RESET_WATCHDOG = 1 << 3,
 } rig_reset_cause_t;
 
-typedef enum { RIG_OC1A, RIG_OC1B, RIG_SERVO_PINS } rig_servo_pin_t;
+/* The UNO's pins 9, 10 and 13. */
+typedef enum { RIG_OC1A, RIG_OC1B, RIG_SERVO_PINS, RIG_LED = RIG_SERVO_PINS, RIG_PINS } rig_pin_t;
 
-/* What a servo pin did; released (high impedance) counts as low. */
+/* What a pin did; released (high impedance) counts as low. */
 typedef struct {
     uint64_t cycle;
     uint8_t pin;

@@ -32,7 +32,7 @@ static bool is_fast_pwm(unsigned mode) {
            mode == MODE_FAST_ICR1 || mode == MODE_FAST_OCR1A;
 }
 
-static unsigned match_action(const rig_t *rig, rig_servo_pin_t pin) {
+static unsigned match_action(const rig_t *rig, rig_pin_t pin) {
     return rig->avr->data[REG_TCCR1A] >> (pin == RIG_OC1A ? 6 : 4) & 3;
 }
 
@@ -78,7 +78,7 @@ static uint64_t next_event(const rig_t *rig, uint64_t after) {
     return next;
 }
 
-static void match(rig_t *rig, rig_servo_pin_t pin) {
+static void match(rig_t *rig, rig_pin_t pin) {
     bool *output = &rig->timer1.output[pin];
     avr_raise_interrupt(rig->avr, &rig->timer1.vectors->comp[pin].interrupt);
     switch (match_action(rig, pin)) {
@@ -173,7 +173,7 @@ static void control_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void
     pins_update(rig, avr->cycle);
 }
 
-static void compare_write(rig_t *rig, rig_servo_pin_t pin, avr_io_addr_t low, uint8_t value) {
+static void compare_write(rig_t *rig, rig_pin_t pin, avr_io_addr_t low, uint8_t value) {
     rig->avr->data[low] = value;
     rig->timer1.written[pin] = pair(rig->avr, low);
     if (is_fast_pwm(mode_of(rig->avr))) return;
@@ -208,7 +208,7 @@ static void count_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *
     schedule(param);
 }
 
-bool timer1_drives(const rig_t *rig, rig_servo_pin_t pin) {
+bool timer1_drives(const rig_t *rig, rig_pin_t pin) {
     const unsigned action = match_action(rig, pin);
     const unsigned mode = mode_of(rig->avr);
     if (action != MATCH_TOGGLES || !is_fast_pwm(mode)) return action != MATCH_NONE;
