@@ -98,8 +98,8 @@ inline void stop_and_clear_timers() {
 }  // namespace
 
 void start() {
-  PORTB = PORTB & static_cast<uint8_t>(~(_BV(PORTB1) | _BV(PORTB2)));
-  DDRB = DDRB | _BV(DDB1) | _BV(DDB2);
+  PORTB = PORTB & static_cast<uint8_t>(~(_BV(PORTB0) | _BV(PORTB1) | _BV(PORTB2)));
+  DDRB = DDRB | _BV(DDB0) | _BV(DDB1) | _BV(DDB2);
   stop_and_clear_timers();
   // Prescalers held at zero until both timers have their clocks.
   GTCCR = _BV(TSM) | _BV(PSRASY) | _BV(PSRSYNC);

@@ -11,7 +11,7 @@ namespace uno {
 namespace frame_timer {
 
 /// Starts both timers at the same clock cycle, which is the reset of the protocol's times, and
-/// pulls the servo pins low. Touches registers only: it is called before memory is set up.
+/// pulls the servo pins and the output for their supply low. Touches registers only: it is called before memory is set up.
 void start();
 
 /// From then on, not more than 1 ms after `start`, frames are counted.

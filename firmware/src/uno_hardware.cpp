@@ -37,6 +37,15 @@ void UnoHardware::write_eeprom(uint16_t address, uint8_t byte) {
   eeprom_write_byte(eeprom_pointer(address), byte);
 }
 
+// Pin 8; an output since the start.
+void UnoHardware::set_servo_supply(bool is_on) {
+  if (is_on) {
+    PORTB |= _BV(PORTB0);
+  } else {
+    PORTB &= static_cast<uint8_t>(~_BV(PORTB0));
+  }
+}
+
 // Pin 13, where the UNO has its own one.
 void UnoHardware::set_led(bool is_on) {
   DDRB |= _BV(DDB5);

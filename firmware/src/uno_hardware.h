@@ -20,6 +20,7 @@ class UnoHardware final : public ccr::Hardware {
   bool is_eeprom_ready() override;
   uint8_t read_eeprom(uint16_t address) override;
   void write_eeprom(uint16_t address, uint8_t byte) override;
+  void set_servo_supply(bool is_on) override;
   void set_led(bool is_on) override;
   uint16_t least_free_stack() override;
 

@@ -1,4 +1,4 @@
-"""LED: what the board shows and switches beside the servo pulses."""
+"""SUP and LED: what the board shows and switches beside the servo pulses."""
 
 import pytest
 
@@ -36,6 +36,49 @@ def assert_shown(host, ticks):
     for report, is_on in led_through(host, ticks):
         step = report.tick // m.LED_STEP_TICKS % STEPS
         assert is_on == (SHOWN[report.state][step] == "#"), report
+
+
+def supply_through(host, ticks):
+    """After each tick: the state and whether the supply is on."""
+    first = host.next_tick()
+    return [
+        (host.report_of_tick(tick).state, host.device.board.servo_supply_on)
+        for tick in range(first, first + ticks)
+    ]
+
+
+PULSING = {m.State.ARMING, m.State.ACTIVE, m.State.HOLD, m.State.RELAXING, m.State.DISARMING}
+
+
+@pytest.mark.requirement("SUP-1")
+@pytest.mark.parametrize("way_out", ["disarm", "stop", "silence", "reset"])
+def test_servo_supply_is_on_from_arming_until_the_pulses_end(host, way_out):
+    host.configure(watchdog=m.Watchdog(400, 50, 40))
+    seen = supply_through(host, 5)
+    host.done(m.Arm(SESSION))
+    assert not host.device.board.servo_supply_on, "it is switched in ticks"
+    seen += supply_through(host, 20)
+    host.target(500, validity_ms=200)
+    seen += supply_through(host, 5)
+    match way_out:
+        case "disarm":
+            host.done(m.Disarm(SESSION))
+        case "stop":
+            host.done(m.Stop())
+        case "reset":
+            host.reset(m.ResetCause.EXTERNAL)
+            assert not host.device.board.servo_supply_on
+    seen += supply_through(host, 60)
+    assert all(is_on == (state in PULSING) for state, is_on in seen)
+    assert {is_on for _, is_on in seen} == {False, True}
+    assert not seen[-1][1]
+
+
+@pytest.mark.requirement("SUP-1")
+def test_servo_supply_stays_off_through_boot_into_fault(make_host):
+    host = make_host()
+    host.reset(m.ResetCause.WATCHDOG)
+    assert {is_on for _, is_on in supply_through(host, 20)} == {False}
 
 
 @pytest.mark.requirement("LED-1")

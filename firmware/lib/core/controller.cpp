@@ -48,6 +48,7 @@ Pulses Controller::tick() {
   move_setpoints();
   compute_pulses();
   write_eeprom();
+  hardware_.set_servo_supply(safety_.has_pulses());
   show_state();
   return pulses_;
 }

@@ -26,6 +26,7 @@ class Hardware {
   virtual void write_eeprom(uint16_t address, uint8_t byte) = 0;
 
   /// In each tick.
+  virtual void set_servo_supply(bool is_on) = 0;
   virtual void set_led(bool is_on) = 0;
 
   /// Least free stack so far; `kStackNotMeasured` where nobody knows.

@@ -10,8 +10,6 @@ constexpr uint16_t kPulsingStates = state_bit(State::kArming) | state_bit(State:
                                     state_bit(State::kHold) | state_bit(State::kRelaxing) |
                                     state_bit(State::kDisarming);
 
-constexpr bool has_pulses(State state) { return (state_bit(state) & kPulsingStates) != 0; }
-
 constexpr Fault fault_of(Start start) {
   return start.cause == ResetCause::kWatchdog   ? Fault::kWatchdogReset
          : start.cause == ResetCause::kBrownOut ? Fault::kBrownOutReset
@@ -64,9 +62,9 @@ void Safety::tick(bool is_at_rest, const Watchdog& watchdog) {
   countdown_.count();
 }
 
-bool Safety::allows_pulses(uint8_t axis) const {
-  return has_pulses(state_) && axis < enabled_axes_;
-}
+bool Safety::has_pulses() const { return (state_bit(state_) & kPulsingStates) != 0; }
+
+bool Safety::allows_pulses(uint8_t axis) const { return has_pulses() && axis < enabled_axes_; }
 
 void Safety::advance_arming(const Watchdog& watchdog) {
   if (countdown_.has_run_out() && enabled_axes_ < kAxes) {

@@ -39,6 +39,8 @@ class Safety {
   /// As of the last tick: does the state lead the setpoint to rest?
   bool leads_to_rest() const { return leads_to_rest_; }
   bool allows_pulses(uint8_t axis) const;
+  /// Is this a state with pulses?
+  bool has_pulses() const;
 
  private:
   void advance_arming(const Watchdog& watchdog);

@@ -62,3 +62,29 @@ TEST_CASE("LED-2: the LED blinks for as long as it was asked to") {
   }
   CHECK(shown(bench) == "#.......");
 }
+
+TEST_CASE("SUP-1: the servo supply is on from arming until the pulses end") {
+  Bench bench;
+  bench.make_ready();
+  CHECK_FALSE(bench.hardware.is_supply_on);
+  bench.arm();
+  CHECK_FALSE(bench.hardware.is_supply_on);
+  while (bench.state() != State::kHold) {
+    bench.tick();
+    CHECK(bench.hardware.is_supply_on);
+  }
+  bench.target(1000, 1000);
+  bench.tick(3);
+  bench.acknowledged(Disarm{kSession});
+  while (bench.state() != State::kDisarmed) {
+    CHECK(bench.hardware.is_supply_on);
+    bench.tick();
+  }
+  CHECK_FALSE(bench.hardware.is_supply_on);
+  bench.arm();
+  bench.tick();
+  bench.board().raise_fault(Fault::kInternal);
+  CHECK(bench.hardware.is_supply_on);
+  bench.tick();
+  CHECK_FALSE(bench.hardware.is_supply_on);
+}

@@ -130,6 +130,11 @@ class UnoEmulator:
         return self._pulses_prepared if latched else self._pulses_on_pins
 
     @property
+    def servo_supply_on(self) -> bool:
+        """Whether the servos' supply is enabled."""
+        return self._core.servo_supply_on
+
+    @property
     def led_on(self) -> bool:
         """Whether the LED is on."""
         return self._core.led_on

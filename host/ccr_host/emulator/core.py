@@ -85,6 +85,7 @@ class BoardCore:
         self._setpoint = Setpoint(self.configuration.limits.rest_cdeg)
         self._reported_setpoint_cdeg = self._setpoint.cdeg
         self._moving = False
+        self.servo_supply_on = False
         self.led_on = False
         self._blinking_until_tick = 0
         self._target_cdeg: Axes = (0, 0)
@@ -112,6 +113,7 @@ class BoardCore:
         self._move_setpoint(tick)
         self.pulses_half_us = self._compute_pulses(tick)
         self._advance_save()
+        self.servo_supply_on = self.safety.pulsing
         self.led_on = self._led(tick)
 
     def blink(self, duration_s: int) -> None:

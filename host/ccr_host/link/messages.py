@@ -1678,7 +1678,7 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "TIM-4": (
             "In one tick, in this order: count it; make at most one transition that time or "
             "position has brought about; move the setpoint as the state asks; compute the pulses; "
-            "write one EEPROM byte; report."
+            "write one EEPROM byte; set the servo supply and the LED; report."
         ),
         "TIM-5": (
             "From listens_after_us after the reset on the board takes requests, and answers them "
@@ -1763,6 +1763,11 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "TEL-1": (
             "With period n the stream sends a report at every n-th tick after the request, its "
             "sequence number counting up from 0; open_session ends it."
+        ),
+        "SUP-1": (
+            "The output that enables the servos' supply is on from the first tick in arming, "
+            "active, hold, relaxing or disarming until the first in another state, and only then: "
+            "a reset, fault, stop and the end of disarming switch it off."
         ),
         "LED-1": (
             "The LED shows the state in eight steps of led_step_ticks, over and over; in the tick "

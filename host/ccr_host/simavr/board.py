@@ -11,7 +11,15 @@ from ccr_host.emulator.eeprom import Eeprom, EepromImage
 from ccr_host.errors import ConfigError
 from ccr_host.link.messages import BAUD, EEPROM_SIZE, ResetCause
 from ccr_host.simavr.flash_image import FlashImage
-from ccr_host.simavr.mcu import CLOCK_HZ, CYCLES_PER_US, LED_PIN, Mcu, News, Statistics
+from ccr_host.simavr.mcu import (
+    CLOCK_HZ,
+    CYCLES_PER_US,
+    LED_PIN,
+    SERVO_SUPPLY_PIN,
+    Mcu,
+    News,
+    Statistics,
+)
 from ccr_host.simavr.pulse_meter import Edge, Pulse, PulseMeter
 
 EdgeObserver = Callable[[Edge], None]
@@ -63,7 +71,7 @@ class SimavrBoard:
         self.line_is_busy = False
         """Whether a byte is on the wire, either way."""
         self._meter = PulseMeter()
-        self._output_is_high = {LED_PIN: False}
+        self._output_is_high = {SERVO_SUPPLY_PIN: False, LED_PIN: False}
         self._edge_observers: list[EdgeObserver] = []
         self._pulse_observers: list[PulseObserver] = []
         self.load_eeprom()
@@ -155,6 +163,11 @@ class SimavrBoard:
     def pulses_half_us(self) -> tuple[int, int]:
         """Last pulses measured on the pins, 0.5 us; 0 is none."""
         return self._meter.half_us
+
+    @property
+    def servo_supply_on(self) -> bool:
+        """Level of the pin that enables the servos' supply."""
+        return self._output_is_high[SERVO_SUPPLY_PIN]
 
     @property
     def led_on(self) -> bool:

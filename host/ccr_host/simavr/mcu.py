@@ -21,7 +21,9 @@ CYCLES_PER_HALF_US: Final = 8
 VECTORS: Final = 26
 SERVO_PINS: Final = 2
 """0 is OC1A, the UNO's pin 9; 1 is OC1B, pin 10."""
-LED_PIN: Final = 2
+SERVO_SUPPLY_PIN: Final = 2
+"""The UNO's pin 8."""
+LED_PIN: Final = 3
 """The UNO's pin 13."""
 
 _MCUSR_FLAGS: Final = {

@@ -83,6 +83,7 @@ def run_both(seed: int, commands: int) -> tuple[int, set[m.State]]:
             assert pulses[0] == pulses[1], context
             assert words[0] == words[1], context
             assert emulated.board.led_on == real.board.led_on, context
+            assert emulated.board.servo_supply_on == real.board.servo_supply_on, context
             apart_us = abs(both[0].clock_us - both[1].clock_us)
             assert (apart_us <= _CLOCK_TOLERANCE_US).all(), context
             states.add(emulated.board.state)

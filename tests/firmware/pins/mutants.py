@@ -267,6 +267,20 @@ INSIDE = [
         CONFORMANCE + "test_reset_of_unknown_cause_ends_boot_in_fault_where_it_has_cut_pulses",
     ),
     Mutant(
+        "the servo supply is on whenever there is a configuration",
+        CONTROLLER,
+        "hardware_.set_servo_supply(safety_.has_pulses());",
+        "hardware_.set_servo_supply(configuration_.is_complete());",
+        CONFORMANCE + "test_servo_supply_is_on_from_arming_until_the_pulses_end",
+    ),
+    Mutant(
+        "the servo supply stays on through a fault",
+        CONTROLLER,
+        "hardware_.set_servo_supply(safety_.has_pulses());",
+        "hardware_.set_servo_supply(safety_.has_pulses() || safety_.state() == State::kFault);",
+        CONFORMANCE + "test_servo_supply_stays_off_through_boot_into_fault",
+    ),
+    Mutant(
         "the answer to stop has no room of its own",
         "lib/core/dispatcher.cpp",
         "send<Ack, 0>(",

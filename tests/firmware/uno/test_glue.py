@@ -357,6 +357,17 @@ def test_after_a_loss_of_power_that_memory_outlasts_the_flag_of_power_on_is_beli
     assert uno.report().state is m.State.DISARMED
 
 
+@pytest.mark.parametrize("code", [HANG, HANG_WITHOUT_INTERRUPTS, JUMP_TO_THE_START])
+def test_a_program_that_goes_astray_takes_the_servo_supply_away(code: bytes) -> None:
+    uno = Uno()
+    uno.make_armed()
+    assert uno.board.servo_supply_on
+    with uno.hanging_in(_kept_function(uno), code):
+        uno.wait(m.TICK_US)
+    uno.wait(WATCHDOG_LATEST_US)
+    assert not uno.board.servo_supply_on
+
+
 def test_a_brown_out_is_told_also_where_the_reset_pin_was_pulled_besides() -> None:
     uno = Uno()
     uno.make_armed()

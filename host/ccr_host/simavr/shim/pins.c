@@ -2,7 +2,8 @@
  * do not happen, whenever a port is written. */
 #include "parts.h"
 
-static const uint8_t PORT_BIT[RIG_PINS] = {[RIG_OC1A] = 1, [RIG_OC1B] = 2, [RIG_LED] = 5};
+static const uint8_t PORT_BIT[RIG_PINS] = {
+    [RIG_OC1A] = 1, [RIG_OC1B] = 2, [RIG_SERVO_SUPPLY] = 0, [RIG_LED] = 5};
 
 static bool level_of(const rig_t *rig, rig_pin_t pin) {
     const uint8_t bit = 1 << PORT_BIT[pin];

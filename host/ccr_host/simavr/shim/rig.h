@@ -21,8 +21,15 @@ typedef enum {
     RESET_WATCHDOG = 1 << 3,
 } rig_reset_cause_t;
 
-/* The UNO's pins 9, 10 and 13. */
-typedef enum { RIG_OC1A, RIG_OC1B, RIG_SERVO_PINS, RIG_LED = RIG_SERVO_PINS, RIG_PINS } rig_pin_t;
+/* The UNO's pins 9, 10, 8 and 13. */
+typedef enum {
+    RIG_OC1A,
+    RIG_OC1B,
+    RIG_SERVO_PINS,
+    RIG_SERVO_SUPPLY = RIG_SERVO_PINS,
+    RIG_LED,
+    RIG_PINS
+} rig_pin_t;
 
 /* What a pin did; released (high impedance) counts as low. */
 typedef struct {

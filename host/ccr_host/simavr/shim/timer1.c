@@ -226,6 +226,9 @@ void timer1_attach(rig_t *rig) {
     replace_write(avr, REG_ICR1L, top_write, rig);
     replace_write(avr, REG_TCNT1L, count_write, rig);
     replace_read(avr, REG_TCNT1L, count_read, rig);
+    /* simavr captures ICR1 by its pin also where it is the top, which the chip does not. */
+    avr_unconnect_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), IOPORT_IRQ_PIN0),
+                      avr_io_getirq(avr, AVR_IOCTL_TIMER_GETIRQ('1'), TIMER_IRQ_IN_ICP));
 }
 
 void timer1_reset(rig_t *rig) {
