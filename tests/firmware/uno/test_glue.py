@@ -363,8 +363,7 @@ def test_a_program_that_goes_astray_takes_the_servo_supply_away(code: bytes) -> 
     uno.make_armed()
     assert uno.board.servo_supply_on
     with uno.hanging_in(_kept_function(uno), code):
-        uno.wait(m.TICK_US)
-    uno.wait(WATCHDOG_LATEST_US)
+        uno.wait(WATCHDOG_LATEST_US)
     assert not uno.board.servo_supply_on
 
 
