@@ -20,7 +20,7 @@ def calibrate_by_tracker(rig: Rig, description: Description, on_pose: OnPose) ->
         CalibrationError: the poses give no calibration that could be trusted.
     """
     rests = measure_rests(rig, description, on_pose)
-    return fit_servos(rests, description.robot, registered=description.registration is not None)
+    return fit_servos(rests, description, registered=description.registration is not None)
 
 
 def corrected(servo: Servo, fit: ServoFit) -> Servo:

@@ -16,7 +16,7 @@ def calibration_table(fit: ServoFit, description: Description) -> Table:
     table = Table(
         title="mounting of the servos",
         title_justify="left",
-        caption=f"the model leaves {fit.rms_mm:.2f} mm RMS; +-: standard deviation; take-up: motor "
+        caption=f"{fit.residual}; +-: standard deviation; take-up: motor "
         "angle, and length of tendon, that takes up the slack; gain: bending over motor angle, "
         f"described {described_gain:.2f} (r_p / r_c)",
         caption_justify="left",

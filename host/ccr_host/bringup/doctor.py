@@ -10,10 +10,12 @@ import numpy as np
 from serial.tools import list_ports
 
 from ccr_host.bringup.board_checks import check_board
-from ccr_host.bringup.finding import Finding, failure, good, warning
+from ccr_host.bringup.finding import Finding, failure, good, judged, warning
 from ccr_host.bringup.host_checks import check_host
+from ccr_host.bringup.identify import trial_fit
 from ccr_host.bringup.tracker_checks import check_tracker
 from ccr_host.config import Description
+from ccr_host.control.adaptive.identified import identified_rests
 from ccr_host.errors import CcrError
 from ccr_host.link.client import Client
 from ccr_host.link.uri import DeviceUri, parse_device_uri
@@ -45,6 +47,7 @@ def examine(options: RigOptions, folder: Path, *, blink: bool = False) -> Iterat
         yield failure("description", error)
         return
     yield from _describe(description, tracker)
+    yield from _or_failure("identification", lambda: _identified(description))
     if mismatch := mismatch_of(options):
         remedy = "name your own with --device and --tracker"
         yield warning("device and tracker", mismatch, remedy)
@@ -69,6 +72,21 @@ def _describe(description: Description, tracker: TrackerUri) -> Iterator[Finding
             "none: the camera is taken to be aligned with the robot",
             "ccr-host register, with your --device and --tracker",
         )
+
+
+def _identified(description: Description) -> Iterator[Finding]:
+    """Whether the model explains the rests that were kept; silent if there are none."""
+    rests = identified_rests(description)
+    if rests is None:
+        return
+    fit = trial_fit(rests, description)
+    yield judged(
+        "identification",
+        f"{len(rests.count)} rests are kept; {fit.residual}",
+        fine=fit.explains,
+        remedy="measure robot.segment_lengths_mm and the radii again, look for loose or rubbing "
+        "tendons, then ccr-host calibrate --identify",
+    )
 
 
 def _or_failure(subject: str, check: Callable[[], Iterable[Finding]]) -> Iterator[Finding]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Robot
+from ccr_host.config import Description, Robot
 from ccr_host.control.adaptive.identification import ZEROS, Rests, Scaling, StaticsFit
 from ccr_host.control.adaptive.parameters import COUNT
 from ccr_host.control.adaptive.statics import zeros_rad
@@ -27,7 +27,6 @@ than registrations state: servos that are not calibrated yet disturb them."""
 _ZERO_DEVIATION_RAD = math.radians(30.0)
 _STARTS_RAD = np.radians((-6.0, 6.0))
 """Neutral angles of motor 1 to begin with; friction bends the cost, and one way can end short."""
-_TRUSTED_RMS_MM = 1.0
 _TRUSTED_DEVIATION_RAD = math.radians(1.0)
 _FEWEST_RESTS = 12
 _SIDEWAYS, _UP = 0, 2
@@ -52,16 +51,16 @@ class ServoFit:
     """Motor angle that takes up the slack of a straight segment."""
     gain: Array
     """Bending over motor angle of taut tendons; the description says r_p / r_c."""
-    rms_mm: float
-    """Of the tips that the fit leaves."""
+    residual: str
+    """What the fit leaves, in words."""
 
 
-def fit_servos(rests: Rests, robot: Robot, *, registered: bool) -> ServoFit:
+def fit_servos(rests: Rests, description: Description, *, registered: bool) -> ServoFit:
     """Fit and judge.
 
     Args:
         rests: in the robot's frame; angles as commanded under the present calibration.
-        robot: what is believed of its geometry.
+        description: what is believed of the robot's geometry and the camera's noise.
         registered: whether the camera's rotation was found out before.
 
     Raises:
@@ -72,8 +71,13 @@ def fit_servos(rests: Rests, robot: Robot, *, registered: bool) -> ServoFit:
             f"the markers were seen in {len(rests.setpoint_rad)} poses of at least {_FEWEST_RESTS}",
             "see that no marker is hidden: ccr-host monitor",
         )
-    direction = _direction(rests, robot)
-    scaling = Scaling(robot, _REGISTERED_TURN_RAD if registered else None, _ZERO_DEVIATION_RAD)
+    direction = _direction(rests, description.robot)
+    scaling = Scaling(
+        description.robot,
+        _REGISTERED_TURN_RAD if registered else None,
+        _ZERO_DEVIATION_RAD,
+        description.tracker.noise_mm,
+    )
     as_mounted = replace(
         rests, start_rad=direction * rests.start_rad, setpoint_rad=direction * rests.setpoint_rad
     )
@@ -85,9 +89,9 @@ def fit_servos(rests: Rests, robot: Robot, *, registered: bool) -> ServoFit:
     misfit = max(1.0, math.sqrt(found.cost / rests.markers_mm.size))
     zero_deviations = np.sqrt(np.diag(found.covariance)[ZEROS])
     deviation_rad = misfit * _ZERO_DEVIATION_RAD * zero_deviations
-    if found.rms_mm > _TRUSTED_RMS_MM or deviation_rad.max() > _TRUSTED_DEVIATION_RAD:
+    if not found.explains or deviation_rad.max() > _TRUSTED_DEVIATION_RAD:
         raise CalibrationError(
-            f"the model misses the poses by {found.rms_mm:.1f} mm RMS, neutral angles are known to "
+            f"{found.residual}; neutral angles are known to "
             f"{np.degrees(deviation_rad.max()):.1f} deg",
             "check geometry, tendons and registration; does a segment touch something?",
         )
@@ -98,7 +102,7 @@ def fit_servos(rests: Rests, robot: Robot, *, registered: bool) -> ServoFit:
         neutral_deviation_rad=deviation_rad,
         take_up_rad=np.array([p.slack_1_rad, p.slack_2_rad]),
         gain=np.array([p.gain_1, p.gain_2]),
-        rms_mm=found.rms_mm,
+        residual=found.residual,
     )
 
 

@@ -64,4 +64,4 @@ def survey(rig: Rig, description: Description, on_pose: OnPose) -> Survey:
     tour = visit(rig, check, stops_rad, on_pose)
     registration = register(tour.poses, description.robot)
     rests = rests_of(tour, registration.camera_to_robot)
-    return Survey(registration, fit_servos(rests, description.robot, registered=True), rests)
+    return Survey(registration, fit_servos(rests, description, registered=True), rests)

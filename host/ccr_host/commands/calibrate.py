@@ -148,7 +148,5 @@ def _identify(screen: Console, rig: Rig, description: Description) -> dict[str, 
     with terminal.steps_progress(console(on_stderr=True), "poses") as on_pose:
         rests = measure_rests(rig, description, on_pose)
     fit = trial_fit(rests, description)
-    screen.print(
-        f"{len(rests.count)} rests; the model of `adaptive` leaves {fit.rms_mm:.2f} mm RMS of them"
-    )
+    screen.print(f"{len(rests.count)} rests, of which {fit.residual}")
     return identified_section(rests, description, datetime.date.today())

@@ -140,9 +140,7 @@ class _PathRun:
             command = self._approach(leads, command, _APPROACH)
         if self._check is not None:
             self._end_if_odd(self._check.judge_approach())
-            if self._check.is_blind:
-                text = "the markers were seen at too few rests: the robot's motion is not checked"
-                self._observer.event(clock.now_us(), text)
+            self._observer.event(clock.now_us(), self._check.told)
         self._wait_for_whole_beat()
         self._start_us = clock.now_us()
         rig.start_path_clock(self._start_us)

@@ -40,15 +40,16 @@ class RobotCheck:
         has_tour = self._adaptive is not None and not self._adaptive.is_identified
         self.probe = None if has_tour else Probe(description)
         self._model: Parameters | None = None
+        self._told = "the markers were seen at too few rests: the robot's motion is not checked"
         self._rest: Rest | None = None
         self._looked_us = 0
         self._odd_since_us: int | None = None
         self._seen: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_KEPT)
 
     @property
-    def is_blind(self) -> bool:
-        """Whether too few rests were seen to say anything."""
-        return self._model is None
+    def told(self) -> str:
+        """What the rests before the path have shown, for the log."""
+        return self._told
 
     def judge_probe(self) -> Rests | None:
         """Rests of the probe that the description does not explain, None if it does."""
@@ -90,4 +91,5 @@ class RobotCheck:
             return rests
         found = fit.result()
         self._model, self._rest = fit.scaling.parameters(found.score), None
+        self._told = f"the robot was seen at {len(rests.count)} rests; {found.residual}"
         return rests if is_misfit(found, fit.scaling) else None

@@ -1,12 +1,23 @@
 """What the doctor finds, on boards and robots that lack something."""
 
+import datetime
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
+import tomlkit
 
 from ccr_host import config
 from ccr_host.bringup.board_checks import check_board
 from ccr_host.bringup.doctor import examine
 from ccr_host.bringup.finding import Finding, Severity, exit_status
+from ccr_host.bringup.identify import identified_section
 from ccr_host.config import Description
+from ccr_host.control.adaptive.excitation import tour_bending_rad
+from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
+from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.emulator.board import UnoEmulator
 from ccr_host.emulator.serial_line import SerialLine
 from ccr_host.link.board_config import board_config
@@ -148,3 +159,34 @@ def test_a_stopped_board_is_a_failure_and_stays_stopped() -> None:
             findings = list(check_board(client, clock, Description()))
             assert exit_status(findings) == 3
             assert "stopped" in next(f.text for f in findings if f.subject == "state")
+
+
+def _robot_with_rests(folder: Path, off_mm: float) -> str:
+    """A description that keeps rests of its own model, each moved at random."""
+    description = Description()
+    p = Scaling.of(description).parameters(np.zeros(COUNT))
+    stops_rad = unhindered_setpoints_for(p, tour_bending_rad())
+    rests = Rests(np.zeros(2), stops_rad, np.empty(0), np.full(len(stops_rad), 20.0))
+    markers_mm = predicted_mm(p, rests)
+    markers_mm += off_mm * np.random.default_rng(1).standard_normal(markers_mm.shape)
+    seen = replace(rests, markers_mm=markers_mm)
+    section = identified_section(seen, description, datetime.date(2026, 1, 2))
+    file = folder / "robot.toml"
+    file.write_text(tomlkit.dumps({"identified": section}))
+    return str(file)
+
+
+def test_rests_that_were_kept_are_compared_with_the_noise(tmp_path) -> None:
+    usual = examined(tmp_path, robot=_robot_with_rests(tmp_path, 0.25))["identification"]
+    assert usual.severity is Severity.GOOD
+    assert "the model leaves 0.3" in usual.text
+    odd = examined(tmp_path, robot=_robot_with_rests(tmp_path, 2.0))["identification"]
+    assert odd.severity is Severity.WARNING
+    assert "does not explain the robot" in odd.text
+    assert "calibrate --identify" in odd.remedy
+
+
+def test_rests_of_another_robot_are_a_failure(tmp_path) -> None:
+    robot = _robot_with_rests(tmp_path, 0.25)
+    found = examined(tmp_path, "robot.pulley_radius_mm=11", robot=robot)["identification"]
+    assert found.severity is Severity.FAILURE

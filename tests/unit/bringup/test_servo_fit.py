@@ -8,7 +8,7 @@ import pytest
 from ccr_host.bringup.calibrate_by_tracker import corrected
 from ccr_host.bringup.measure_rests import measure_rests
 from ccr_host.bringup.servo_fit import CalibrationError, ServoFit, fit_servos
-from ccr_host.config import Robot, Servo
+from ccr_host.config import Description, Robot, Servo
 from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT
 from ccr_host.run.observer import Observers
@@ -31,7 +31,7 @@ FOUND = ServoFit(
     neutral_deviation_rad=np.radians([0.3, 0.1]),
     take_up_rad=np.radians([5.0, 5.0]),
     gain=np.array([2.8, 2.8]),
-    rms_mm=0.1,
+    residual="",
 )
 
 
@@ -41,7 +41,7 @@ def test_servos_mounted_askew_are_found_within_the_stated_deviation() -> None:
     with open_rig(ASKEW, description, Observers()) as rig:
         rests = measure_rests(rig, description, lambda *_: None)
     np.testing.assert_allclose(np.degrees(rests.start_rad), (25.0, -20.0), atol=0.01)
-    fit = fit_servos(rests, description.robot, registered=True)
+    fit = fit_servos(rests, description, registered=True)
     np.testing.assert_array_equal(fit.direction, (1.0, -1.0))
     deviation_deg = np.degrees(fit.neutral_deviation_rad)
     off_deg = np.degrees(fit.neutral_rad) - TRUE_NEUTRAL_DEG
@@ -68,9 +68,9 @@ def modelled(start_deg: tuple[float, float]) -> Rests:
 
 @pytest.mark.long
 def test_it_counts_where_the_robot_came_from() -> None:
-    fit = fit_servos(modelled((-60.0, -60.0)), Robot(), registered=True)
+    fit = fit_servos(modelled((-60.0, -60.0)), Description(), registered=True)
     # Taken to have come from 0 the model misses by 0.33 mm RMS, and motor 1 by 1.4 deg.
-    assert fit.rms_mm < 0.1
+    assert "leaves 0.0" in fit.residual
     np.testing.assert_allclose(np.degrees(fit.neutral_rad), 0.0, atol=0.3)
 
 
@@ -78,15 +78,15 @@ def test_it_counts_where_the_robot_came_from() -> None:
 def test_rests_that_no_such_robot_has_are_refused() -> None:
     rests = modelled((0.0, 0.0))
     shuffled = replace(rests, markers_mm=np.random.default_rng(1).permutation(rests.markers_mm))
-    with pytest.raises(CalibrationError, match="misses the poses"):
-        fit_servos(shuffled, Robot(), registered=True)
+    with pytest.raises(CalibrationError, match="does not explain the robot"):
+        fit_servos(shuffled, Description(), registered=True)
 
 
 def test_too_few_rests_are_refused() -> None:
     rests = modelled((0.0, 0.0))
     few = Rests(rests.start_rad, rests.setpoint_rad[:11], rests.markers_mm[:11], rests.count[:11])
     with pytest.raises(CalibrationError, match="11 poses"):
-        fit_servos(few, Robot(), registered=True)
+        fit_servos(few, Description(), registered=True)
 
 
 def test_what_a_calibration_leaves_alone_stays() -> None:

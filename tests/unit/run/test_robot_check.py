@@ -125,3 +125,9 @@ def test_random_robots_that_match_raise_no_alarm(path: str, index: int, controll
     drawn = as_overrides(draw_twin(np.random.default_rng([7, index]), config.load(), 10.0))
     result, _ = checked(path, *drawn, controller=controller)
     assert result.failure is None
+
+
+@pytest.mark.parametrize("controller", ["mpc", "adaptive"])
+def test_noise_that_the_description_tells_of_raises_no_alarm(path: str, controller: str) -> None:
+    result, _ = checked(path, "tracker.noise_mm=4", controller=controller)
+    assert result.failure is None

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Description, Robot
+from ccr_host.config import Description, Robot, Tracker
 from ccr_host.control.adaptive.motion import first_rest, moved
 from ccr_host.control.adaptive.parameters import COUNT, Parameters, parameters_of, prior_of
 from ccr_host.control.adaptive.tip import markers_mm
@@ -22,11 +23,14 @@ _PROBE = 1e-4
 _DONE = 1e-2
 """Of a prior deviation: smaller steps of the fit end it."""
 _HUBER_DEVIATIONS = 3.0
-_NOISE_MM = 0.35
-"""Of a coordinate of one measurement at rest: camera and ringing."""
+_RINGING_MM = 0.32
+"""Of a coordinate of one measurement at rest, beside the camera's noise."""
 _MODEL_MM = 0.25
 """Of a coordinate of a rest, however often it was measured: what the model leaves is alike in
 neighbouring rests, so that to believe it less than it seems to be is not enough."""
+_SURPRISING = 2.5
+"""Residual over expected residual at which the model does not explain the robot. Those of robots
+that match are up to 1.1 times what is expected."""
 TURNS = [Parameters._fields.index(f"turn_{axis}_rad") for axis in "xyz"]
 ZEROS = [Parameters._fields.index(f"zero_{motor}_rad") for motor in (1, 2)]
 PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_per_mm")]
@@ -43,14 +47,29 @@ class Fit:
     """Parameters in prior deviations from the prior mean.
 
     ``score`` (COUNT,), ``covariance`` (COUNT, COUNT), ``rms_mm`` of the markers that the fit
-    leaves; ``cost`` is what it has minimised: squared standardised residuals, as far as they
-    count, and squared scores.
+    leaves, and what noise and the model's usual error let expect of it; ``cost`` is what it has
+    minimised: squared standardised residuals, as far as they count, and squared scores.
     """
 
     score: FloatArray
     covariance: FloatArray
     rms_mm: float
+    expected_rms_mm: float
     cost: float
+
+    @property
+    def explains(self) -> bool:
+        """Whether the model explains the rests: leaves no more than noise and its usual error."""
+        return self.rms_mm < _SURPRISING * self.expected_rms_mm
+
+    @property
+    def residual(self) -> str:
+        """What the fit leaves, in words."""
+        verdict = "" if self.explains else ": it does not explain the robot"
+        return (
+            f"the model leaves {self.rms_mm:.2f} mm RMS, where the camera's noise and its usual "
+            f"error make {self.expected_rms_mm:.2f}{verdict}"
+        )
 
 
 @dataclass(frozen=True)
@@ -81,6 +100,7 @@ class Scaling:
         turn_deviation_rad: of the camera's rotation, about each axis or about x, y and z, (3,),
             where it was registered.
         zero_deviation_rad: of the servos' zeros, where they are believed otherwise.
+        noise_mm: RMS length of the error of a measured vector between two markers.
     """
 
     def __init__(
@@ -88,8 +108,10 @@ class Scaling:
         robot: Robot,
         turn_deviation_rad: FloatArray | float | None = None,
         zero_deviation_rad: float | None = None,
+        noise_mm: float = Tracker().noise_mm,
     ) -> None:
         prior = prior_of(robot)
+        self._noise_mm = math.hypot(_RINGING_MM, noise_mm / math.sqrt(3.0))
         self._mean, self._deviation = prior.mean, prior.deviation
         if turn_deviation_rad is not None:
             self._deviation[TURNS] = turn_deviation_rad
@@ -102,11 +124,17 @@ class Scaling:
     @classmethod
     def of(cls, description: Description) -> Scaling:
         """Believes a registered camera's rotation as precisely as its registration states."""
-        registration = description.registration
+        registration, noise_mm = description.registration, description.tracker.noise_mm
         if registration is None:
-            return cls(description.robot)
+            return cls(description.robot, noise_mm=noise_mm)
         stated_deg = registration.uncertainty_deg or _USUAL_TURN_DEG
-        return cls(description.robot, np.radians(np.maximum(stated_deg, _LEAST_TURN_DEG)))
+        turn_rad = np.radians(np.maximum(stated_deg, _LEAST_TURN_DEG))
+        return cls(description.robot, turn_rad, noise_mm=noise_mm)
+
+    def deviation_mm(self, count: FloatArray) -> FloatArray:
+        """Standard deviation of a coordinate of rests that were measured ``count`` times, (N,)."""
+        deviation_mm: FloatArray = np.hypot(self._noise_mm / np.sqrt(count), _MODEL_MM)
+        return deviation_mm
 
     def parameters(self, score: FloatArray) -> Parameters:
         """Floats for the model."""
@@ -162,8 +190,7 @@ class StaticsFit:
         self.scaling = scaling
         self.rests = rests
         self._seen = np.isfinite(rests.markers_mm).all(axis=-1).ravel()
-        deviation_mm = np.sqrt(_NOISE_MM**2 / rests.count + _MODEL_MM**2)
-        self._weight = 1.0 / np.repeat(deviation_mm, 2)[self._seen, None]
+        self._weight = 1.0 / np.repeat(scaling.deviation_mm(rests.count), 2)[self._seen, None]
         self._score = np.zeros(COUNT) if start is None else start
         self._residual_mm, self._cost = self._judge(self._score)
         self._information = np.eye(COUNT)
@@ -189,8 +216,9 @@ class StaticsFit:
     def result(self) -> Fit:
         """What has been found so far."""
         rms_mm = float(np.sqrt((self._residual_mm**2).sum(axis=1).mean()))
+        expected_mm = math.sqrt(3.0 * float((self._weight**-2.0).mean()))
         covariance = np.asarray(np.linalg.inv(self._information), dtype=np.float64)
-        return Fit(self._score, covariance, rms_mm, self._cost)
+        return Fit(self._score, covariance, rms_mm, expected_mm, self._cost)
 
     def _descend(self, gradient: FloatArray) -> float:
         """Damp the step until it leads downhill; its length, 0 if none does."""

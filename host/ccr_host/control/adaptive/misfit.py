@@ -29,8 +29,6 @@ from ccr_host.control.adaptive.parameters import COUNT, Parameters
 from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.errors import CcrError
 
-_MOST_RMS_MM = 1.2
-"""That the fit may leave: robots that match leave up to 0.5."""
 _MOST_DEVIATIONS = 2.2
 """That a parameter is certainly off its prior; those of robots that match are up to 1.9."""
 _MOST_ZERO_RAD = math.radians(5.6)
@@ -65,7 +63,7 @@ def is_misfit(fit: Fit, scaling: Scaling) -> bool:
     certain[_VARYING] = 0.0
     certain_rad = zeros_rad(scaling.parameters(certain))
     return (
-        fit.rms_mm > _MOST_RMS_MM
+        not fit.explains
         or bool(certain.max() > _MOST_DEVIATIONS)
         or bool((certain_rad > _MOST_ZERO_RAD).any())
     )
@@ -81,7 +79,7 @@ def misfit(rests: Rests, description: Description) -> MisfitError:
     scaling = Scaling.of(description)
     judged = [_judge(hypothesis, rests, scaling) for hypothesis in _hypotheses(description)]
     best = min(judged, key=lambda one: one.cost)
-    likely = "most likely" if best.rms_mm < _MOST_RMS_MM else "no usual cause explains it; perhaps"
+    likely = "most likely" if best.explains else "no usual cause explains it; perhaps"
     return MisfitError(
         f"the robot does not move as described; {likely} {best.cause}",
         f"{best.hypothesis.cure}; --unchecked goes on all the same",
@@ -108,7 +106,7 @@ class _Judged:
     hypothesis: _Hypothesis
     cost: float
     cause: str
-    rms_mm: float
+    explains: bool
 
 
 def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
@@ -167,7 +165,7 @@ def _judge(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> _Judged:
     p = under.parameters(fit.score)
     found = p._asdict() | {"gain_2": p.gain_2}
     shown = {k: math.degrees(v) if k.endswith("_rad") else v for k, v in found.items()}
-    return _Judged(hypothesis, fit.cost + price, hypothesis.name.format(**shown), fit.rms_mm)
+    return _Judged(hypothesis, fit.cost + price, hypothesis.name.format(**shown), fit.explains)
 
 
 def _as_supposed(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> Rests:
