@@ -15,6 +15,9 @@ uint8_t* eeprom_pointer(uint16_t address) { return reinterpret_cast<uint8_t*>(ad
 
 }  // namespace
 
+// The emergency-stop input, pin 7, is pulled up: what is not wired, or broken, is open.
+UnoHardware::UnoHardware(const StackMonitor& stack) : stack_(stack) { PORTD |= _BV(PORTD7); }
+
 uint16_t UnoHardware::capabilities() {
   return ccr::capabilities::kEeprom | ccr::capabilities::kHardwarePulses |
          ccr::capabilities::kStackMonitor;
@@ -36,6 +39,8 @@ uint8_t UnoHardware::read_eeprom(uint16_t address) {
 void UnoHardware::write_eeprom(uint16_t address, uint8_t byte) {
   eeprom_write_byte(eeprom_pointer(address), byte);
 }
+
+bool UnoHardware::is_emergency_stop_open() { return (PIND & _BV(PIND7)) != 0; }
 
 // Pin 8; an output since the start.
 void UnoHardware::set_servo_supply(bool is_on) {

@@ -11,7 +11,7 @@ namespace uno {
 
 class UnoHardware final : public ccr::Hardware {
  public:
-  explicit UnoHardware(const StackMonitor& stack) : stack_(stack) {}
+  explicit UnoHardware(const StackMonitor& stack);
 
   uint16_t capabilities() override;
   uint32_t time_us() override;
@@ -20,6 +20,7 @@ class UnoHardware final : public ccr::Hardware {
   bool is_eeprom_ready() override;
   uint8_t read_eeprom(uint16_t address) override;
   void write_eeprom(uint16_t address, uint8_t byte) override;
+  bool is_emergency_stop_open() override;
   void set_servo_supply(bool is_on) override;
   void set_led(bool is_on) override;
   uint16_t least_free_stack() override;

@@ -104,6 +104,8 @@ class Robot(_Section):
     """d_m, from the centre of the disk to the marker."""
     pulley_radius_mm: _PulleyRadius = 12.5
     """r_p of the pulley on the servo."""
+    board_name: Annotated[str, Field(pattern=r"^[ -~]{0,16}$")] = ""
+    """Name that the board has to have, if one is given: see `ccr-host calibrate --board-name`."""
 
 
 class Servo(_Section):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ccr_protocol import consistency
@@ -28,8 +28,8 @@ from ccr_protocol.spec import (
 
 Tree = Mapping[str, Any]
 
-CONFIGURATION = ("limits", "slew", "watchdog", "calibration")
-"""Structs in an EEPROM slot, in this order."""
+FIRST_CONFIGURATION = ("limits", "slew", "watchdog", "calibration")
+"""Structs in an EEPROM slot where a spec does not say which, in this order."""
 
 SLOT_HEADER = ("u16", "u8", "u16")
 """Magic, layout and generation, before the configuration."""
@@ -161,12 +161,14 @@ def _message(node: Tree, structs: Mapping[str, Struct], states: tuple[str, ...])
     )
 
 
-def slot_size(struct_sizes: Mapping[str, int]) -> int:
+def slot_size(struct_sizes: Mapping[str, int], configuration: Iterable[str]) -> int:
     """Bytes of an EEPROM slot."""
     framing = sum(INTEGER_TYPES[name].size for name in SLOT_HEADER + SLOT_TRAILER)
-    return framing + sum(struct_sizes[name] for name in CONFIGURATION)
+    return framing + sum(struct_sizes[name] for name in configuration)
 
 
 def _eeprom(node: Tree, structs: Mapping[str, Struct]) -> Eeprom:
-    size = slot_size({name: struct.size for name, struct in structs.items()})
-    return Eeprom(**{"boot_counters": 1, **node, "prose": _prose(node)}, slot_size=size)
+    configuration = tuple(node.get("configuration", FIRST_CONFIGURATION))
+    size = slot_size({name: struct.size for name, struct in structs.items()}, configuration)
+    given = {**node, "prose": _prose(node), "configuration": configuration}
+    return Eeprom(**{"boot_counters": 1, **given}, slot_size=size)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ccr_protocol.build import CONFIGURATION
 from ccr_protocol.spec import Eeprom, Enumeration, Field, FlagSet, Message, Spec
 
 _FIRST_CONTACT = ("hello", "hello_reply")
@@ -79,7 +78,7 @@ def _layout(field: Field) -> tuple[object, ...]:
 
 def _saved(spec: Spec) -> list[tuple[object, ...]]:
     structs = {struct.name: struct for struct in spec.structs}
-    return [_layout(field) for name in CONFIGURATION for field in structs[name].fields]
+    return [_layout(field) for name in spec.eeprom.configuration for field in structs[name].fields]
 
 
 def _values_keep_meaning(old: Enumeration, new: Enumeration) -> Iterator[str]:

@@ -22,6 +22,8 @@ from ccr_protocol.spec import (
 _WIDTH = 100
 _LAYOUT_MESSAGE = '"payload layout");'
 _INT_SIZE_ON_AVR = 2
+_LONGEST_UNROLLED = 4
+"""Longer arrays are gone through in a loop, which takes less flash."""
 
 _HEAD = """\
 // Messages of the wire protocol. Generated from protocol/spec.toml: do not edit.
@@ -227,10 +229,12 @@ def _struct(struct: Struct) -> str:
         *_size_assertion(name, struct.fields, None),
         "",
         f"inline void encode(const {name}& value, uint8_t* bytes) {{",
+        *_put_whole(name, "bytes"),
         *_puts(struct.fields),
         "}",
         "",
         f"inline Reading decode(const uint8_t* bytes, {name}& value) {{",
+        *_get_whole(name, struct.fields, "bytes"),
         *_gets(struct.fields),
         "  return Reading::kOk;",
         "}",
@@ -261,6 +265,7 @@ def _message(message: Message) -> str:
         "",
         f"inline void encode({f'const {name}& {value}'.strip()}, "
         f"{f'uint8_t* {payload}'.strip()}) {{{'}' if empty else ''}",
+        *([] if empty else _put_whole(name, "payload")),
         *_puts(message.fields, "payload"),
     ]
     offset = sum(field.size for field in message.fields)
@@ -275,6 +280,7 @@ def _message(message: Message) -> str:
         f"  if (size != {name}::kSize) {{",
         "    return Reading::kBadLength;",
         "  }",
+        *([] if empty else _get_whole(name, message.wire_fields, "payload")),
         *_gets(message.fields, "payload"),
         f"  return decode({tail}, value.{message.struct.attribute});"
         if message.struct
@@ -311,31 +317,67 @@ def _size_assertion(name: str, fields: Iterable[Field], struct: Struct | None) -
     return lines
 
 
-def _offsets(fields: Iterable[Field]) -> Iterator[tuple[Field, int, str]]:
-    """Field, offset and C++ expression of each element."""
+def _elements(fields: Iterable[Field], bytes_name: str) -> Iterator[tuple[Field, str, str]]:
+    """Field, address and C++ expression of each element; one, with `at`, for a long array."""
     offset = 0
     for field in fields:
-        for index in range(field.count):
-            element = f"[{index}]" if field.count > 1 else ""
-            yield field, offset, f"value.{field.name}{element}"
-            offset += field.type.size
+        place = _at(bytes_name, offset)
+        if field.count > _LONGEST_UNROLLED:
+            step = "at" if field.type.size == 1 else f"{field.type.size} * at"
+            yield field, f"{place} + {step}", f"value.{field.name}[at]"
+        else:
+            for index in range(field.count):
+                element = f"[{index}]" if field.count > 1 else ""
+                place = _at(bytes_name, offset + index * field.type.size)
+                yield field, place, f"value.{field.name}{element}"
+        offset += field.size
+
+
+def _for_each(field: Field, statement: str) -> Iterator[str]:
+    if field.count > _LONGEST_UNROLLED:
+        yield f"  for (uint8_t at = 0; at < {field.count}; ++at) {{"
+        yield f"    {statement}"
+        yield "  }"
+    else:
+        yield f"  {statement}"
+
+
+def _put_whole(name: str, bytes_name: str) -> list[str]:
+    return [
+        f"  if (lies_as_on_the_wire<{name}>()) {{",
+        f"    __builtin_memcpy({bytes_name}, &value, {name}::kSize);",
+        "    return;",
+        "  }",
+    ]
+
+
+def _get_whole(name: str, fields: Iterable[Field], bytes_name: str) -> list[str]:
+    """Nothing where an enumeration has to be looked at."""
+    if any(field.enum for field in fields):
+        return []
+    return [
+        f"  if (lies_as_on_the_wire<{name}>()) {{",
+        f"    __builtin_memcpy(&value, {bytes_name}, {name}::kSize);",
+        "    return Reading::kOk;",
+        "  }",
+    ]
 
 
 def _puts(fields: Iterable[Field], bytes_name: str = "bytes") -> Iterator[str]:
-    for field, offset, element in _offsets(fields):
+    for field, place, element in _elements(fields, bytes_name):
         number = f"static_cast<{_cpp_type(field.type)}>({element})" if field.enum else element
-        yield f"  put_{field.type.name}({_at(bytes_name, offset)}, {number});"
+        yield from _for_each(field, f"put_{field.type.name}({place}, {number});")
 
 
 def _gets(fields: Iterable[Field], bytes_name: str = "bytes") -> Iterator[str]:
-    for field, offset, element in _offsets(fields):
-        number = f"get_{field.type.name}({_at(bytes_name, offset)})"
+    for field, place, element in _elements(fields, bytes_name):
+        number = f"get_{field.type.name}({place})"
         if field.enum:
             yield f"  if (!is_{field.enum}({number})) {{"
             yield "    return Reading::kUndefinedValue;"
             yield "  }"
             number = f"static_cast<{_camel(field.enum)}>({number})"
-        yield f"  {element} = {number};"
+        yield from _for_each(field, f"{element} = {number};")
 
 
 def _at(bytes_name: str, offset: int) -> str:

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ccr_protocol import exchange
-from ccr_protocol.build import CONFIGURATION
 from ccr_protocol.consistency import Clause, Comparison
 from ccr_protocol.spec import Field, Message, Spec, Struct
 
@@ -254,7 +253,7 @@ def _slot_table(spec: Spec) -> str:
         ("magic", 2, f"0x{eeprom.magic:04X}"),
         ("layout", 1, str(eeprom.layout)),
         ("generation", 2, "counts saves"),
-        *((name, sizes[name], f"[`{name}`](#{name})") for name in CONFIGURATION),
+        *((name, sizes[name], f"[`{name}`](#{name})") for name in eeprom.configuration),
         ("crc32", 4, "of all before it"),
     ]
     rows, offset = [], 0

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 from ccr_protocol import consistency
-from ccr_protocol.build import CONFIGURATION, slot_size
+from ccr_protocol.build import FIRST_CONFIGURATION, slot_size
 from ccr_protocol.spec import INTEGER_TYPES, REPLY_BIT, IntegerType
 
 Tree = Mapping[str, Any]
@@ -275,11 +275,12 @@ def _reachable(start: str, arrows: list[tuple[str, str, str]]) -> set[str]:
 def _eeprom(tree: Tree) -> Iterator[str]:
     node = tree["eeprom"]
     sizes = {struct["name"]: _size(struct["fields"]) for struct in tree["struct"]}
-    missing = [name for name in CONFIGURATION if name not in sizes]
+    configuration = node.get("configuration", FIRST_CONFIGURATION)
+    missing = [name for name in configuration if name not in sizes]
     if missing:
         yield f"eeprom: the configuration needs the struct {', '.join(missing)}"
         return
-    slot = slot_size(sizes)
+    slot = slot_size(sizes, configuration)
     areas = sorted(
         [
             (node["slot_a"], slot, "slot_a"),

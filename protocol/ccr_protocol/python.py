@@ -10,6 +10,8 @@ from ccr_protocol.consistency import Clause, Comparison
 from ccr_protocol.spec import Enumeration, Field, FlagSet, Message, Spec, Struct
 
 _WIDTH = 100
+_LONGEST_SPELT_OUT = 4
+"""Longer arrays are tuples of any length to the type checker."""
 _SENTENCE_END = re.compile(r"(?<=[.?!]) ")
 _STRUCT_CODE = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i"}
 
@@ -193,6 +195,8 @@ def _annotation(field: Field) -> str:
     element = class_name(field.enum or field.flags or "") or "int"
     if field.count == 1:
         return element
+    if field.count > _LONGEST_SPELT_OUT:
+        return f"tuple[{element}, ...]"
     return f"tuple[{', '.join([element] * field.count)}]"
 
 
@@ -275,7 +279,9 @@ def _unpack(owner: Struct | Message) -> Iterator[str]:
 def _constructor_arguments(fields: Iterable[Field]) -> Iterator[str]:
     index = 0
     for field in fields:
-        if field.count > 1:
+        if field.count > _LONGEST_SPELT_OUT:
+            yield f"values[{index}:{index + field.count}]"
+        elif field.count > 1:
             yield f"({', '.join(f'values[{index + i}]' for i in range(field.count))})"
         elif field.enum:
             yield f'cls._enumerator("{field.name}", {class_name(field.enum)}, values[{index}])'

@@ -273,7 +273,7 @@ SPEC = table(
                 "magic": integer(0, 65535),
                 "layout": integer(0, 255),
             },
-            {"boot_counters": integer(1, 255)},
+            {"boot_counters": integer(1, 255), "configuration": list_of(name)},
         ),
         "requirement": list_of(table({"id": requirement_id, "text": prose})),
     }

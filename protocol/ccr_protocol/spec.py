@@ -235,6 +235,7 @@ class Eeprom:
     boot_counters: int
     magic: int
     layout: int
+    configuration: tuple[str, ...]
     slot_size: int
 
 

@@ -7,6 +7,7 @@ namespace ccr {
 namespace {
 
 constexpr uint8_t kErased = 0xFF;
+constexpr uint8_t kFirstLayout = 1;
 
 bool is_blank(const uint8_t (&bytes)[kSlotSize]) {
   for (const uint8_t byte : bytes) {
@@ -17,14 +18,25 @@ bool is_blank(const uint8_t (&bytes)[kSlotSize]) {
   return true;
 }
 
-bool is_intact(const uint8_t (&bytes)[kSlotSize]) {
+bool is_intact(const uint8_t (&bytes)[kSlotSize], uint8_t crc_at) {
   Crc32 crc;
-  for (uint8_t at = 0; at < kSlotCrcAt; ++at) {
+  for (uint8_t at = 0; at < crc_at; ++at) {
     crc.add(bytes[at]);
   }
-  return get_u16(bytes + kSlotMagicAt) == kEepromMagic &&
-         get_u8(bytes + kSlotLayoutAt) == kEepromLayout &&
-         get_u32(bytes + kSlotCrcAt) == crc.value();
+  return get_u16(bytes + kSlotMagicAt) == kEepromMagic && get_u32(bytes + crc_at) == crc.value();
+}
+
+/// False where it is of an unknown layout, or damaged.
+bool bring_to_layout(uint8_t (&bytes)[kSlotSize]) {
+  const uint8_t layout = get_u8(bytes + kSlotLayoutAt);
+  if (layout != kFirstLayout) {
+    return layout == kEepromLayout && is_intact(bytes, kSlotCrcAt);
+  }
+  const bool is_good = is_intact(bytes, kFirstSlotCrcAt);
+  for (uint8_t at = kFirstSlotCrcAt; at < kSlotCrcAt; ++at) {
+    bytes[at] = 0;
+  }
+  return is_good;
 }
 
 }  // namespace
@@ -40,7 +52,7 @@ SlotContent read_slot(Hardware& hardware, uint16_t address, uint16_t& generation
   }
   generation = get_u16(bytes + kSlotGenerationAt);
   const bool is_good =
-      is_intact(bytes) && decode(bytes + kSlotConfigurationAt, configuration);
+      bring_to_layout(bytes) && decode(bytes + kSlotConfigurationAt, configuration);
   return is_good ? SlotContent::kGood : SlotContent::kCorrupt;
 }
 

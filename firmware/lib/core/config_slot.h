@@ -17,6 +17,8 @@ constexpr uint8_t kSlotLayoutAt = 2;
 constexpr uint8_t kSlotGenerationAt = 3;
 constexpr uint8_t kSlotConfigurationAt = 5;
 constexpr uint8_t kSlotCrcAt = kSlotConfigurationAt + kConfigurationSize;
+/// In a slot of layout 1.
+constexpr uint8_t kFirstSlotCrcAt = kSlotConfigurationAt + kFirstConfigurationSize;
 constexpr uint8_t kSlotSize = kSlotCrcAt + sizeof(uint32_t);
 
 static_assert(kSlotSize == kEepromSlotSize, "as the spec says");

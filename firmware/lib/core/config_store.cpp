@@ -43,7 +43,11 @@ EepromStatus ConfigStore::load(Configuration& configuration) {
     newest_generation_ = generation_a;
   }
   has_newest_ = a == SlotContent::kGood || b == SlotContent::kGood;
-  return status_of(a, b);
+  const EepromStatus status = status_of(a, b);
+  if (status == EepromStatus::kBothBad) {
+    configuration.missing_groups |= config_groups::kEquipment;
+  }
+  return status;
 }
 
 uint16_t ConfigStore::count_boot() {

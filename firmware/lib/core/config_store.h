@@ -15,7 +15,8 @@ class ConfigStore {
  public:
   explicit ConfigStore(Hardware& hardware) : hardware_(hardware) {}
 
-  /// Loads the newest good slot; without one the configuration stays as it is.
+  /// Loads the newest good slot; without one the configuration stays as it is, but that its
+  /// equipment is missing where a slot is corrupt.
   EepromStatus load(Configuration& configuration);
 
   /// Counts this boot in EEPROM and returns its number.

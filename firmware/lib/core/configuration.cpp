@@ -13,7 +13,7 @@ bool is_usable(const Group& group) {
 
 Configuration empty_configuration() {
   Configuration configuration = {};
-  configuration.missing_groups = kAllGroups;
+  configuration.missing_groups = kRobotsGroups;
   return configuration;
 }
 
@@ -22,6 +22,7 @@ void encode(const Configuration& configuration, uint8_t* bytes) {
   encode(configuration.slew, bytes + kSlewAt);
   encode(configuration.watchdog, bytes + kWatchdogAt);
   encode(configuration.calibration, bytes + kCalibrationAt);
+  encode(configuration.equipment, bytes + kEquipmentAt);
 }
 
 bool decode(const uint8_t* bytes, Configuration& configuration) {
@@ -29,9 +30,11 @@ bool decode(const uint8_t* bytes, Configuration& configuration) {
   decode(bytes + kSlewAt, configuration.slew);
   decode(bytes + kWatchdogAt, configuration.watchdog);
   decode(bytes + kCalibrationAt, configuration.calibration);
+  decode(bytes + kEquipmentAt, configuration.equipment);
   configuration.missing_groups = 0;
   return is_usable(configuration.limits) && is_usable(configuration.slew) &&
-         is_usable(configuration.watchdog) && is_usable(configuration.calibration);
+         is_usable(configuration.watchdog) && is_usable(configuration.calibration) &&
+         is_usable(configuration.equipment);
 }
 
 }  // namespace ccr

@@ -1,4 +1,4 @@
-// The configuration in use: four groups, each whole or missing.
+// The configuration in use: five groups, each whole or missing.
 #ifndef CCR_CONFIGURATION_H
 #define CCR_CONFIGURATION_H
 
@@ -8,7 +8,8 @@
 
 namespace ccr {
 
-constexpr uint8_t kAllGroups = config_groups::kLimits | config_groups::kSlew |
+/// Those that a new board lacks.
+constexpr uint8_t kRobotsGroups = config_groups::kLimits | config_groups::kSlew |
                                config_groups::kWatchdog | config_groups::kCalibration;
 
 /// A missing group is all zeros.
@@ -17,6 +18,7 @@ struct Configuration {
   Slew slew;
   Watchdog watchdog;
   Calibration calibration;
+  Equipment equipment;
   uint8_t missing_groups;
 
   bool is_complete() const { return missing_groups == 0; }
@@ -26,7 +28,10 @@ constexpr uint8_t kLimitsAt = 0;
 constexpr uint8_t kSlewAt = kLimitsAt + Limits::kSize;
 constexpr uint8_t kWatchdogAt = kSlewAt + Slew::kSize;
 constexpr uint8_t kCalibrationAt = kWatchdogAt + Watchdog::kSize;
-constexpr uint8_t kConfigurationSize = kCalibrationAt + Calibration::kSize;
+constexpr uint8_t kEquipmentAt = kCalibrationAt + Calibration::kSize;
+constexpr uint8_t kConfigurationSize = kEquipmentAt + Equipment::kSize;
+/// Of layout 1, which has no equipment.
+constexpr uint8_t kFirstConfigurationSize = kEquipmentAt;
 
 Configuration empty_configuration();
 

@@ -45,6 +45,7 @@ Pulses Controller::tick() {
   ++ticks_;
   target_.count();
   make_transition();
+  watch_emergency_stop();
   move_setpoints();
   compute_pulses();
   write_eeprom();
@@ -95,6 +96,15 @@ void Controller::set(const Calibration& calibration) {
   note_change(config_groups::kCalibration);
 }
 
+void Controller::set(const Equipment& equipment) {
+  configuration_.equipment = equipment;
+  note_change(config_groups::kEquipment);
+}
+
+bool Controller::is_emergency_stop_open() const {
+  return configuration_.equipment.emergency_stop != 0 && hardware_.is_emergency_stop_open();
+}
+
 uint8_t Controller::flags() const {
   uint8_t flags = 0;
   const auto add = [&flags](bool is_set, uint8_t flag) {
@@ -133,6 +143,12 @@ void Controller::make_transition() {
   }
   if (before != State::kRelaxing && after == State::kRelaxing) {
     ++counts_.relaxes;
+  }
+}
+
+void Controller::watch_emergency_stop() {
+  if (safety_.state() != State::kBoot && is_emergency_stop_open()) {
+    safety_.raise(Fault::kEmergencyStop);
   }
 }
 

@@ -35,6 +35,7 @@ class Controller {
   void set(const Slew& slew);
   void set(const Watchdog& watchdog);
   void set(const Calibration& calibration);
+  void set(const Equipment& equipment);
   void blink(uint8_t duration_s) { blinking_.start(ticks_of_s(duration_s)); }
   void begin_save() { store_.begin_save(); }
 
@@ -43,6 +44,8 @@ class Controller {
   const Configuration& configuration() const { return configuration_; }
   /// As of the last tick.
   bool has_pulses() const { return !pulses_.are_none(); }
+  /// Never where none is fitted.
+  bool is_emergency_stop_open() const;
   bool is_saving() const { return store_.is_saving(); }
   State state() const { return safety_.state(); }
   uint16_t boot_id() const { return boot_id_; }
@@ -66,6 +69,7 @@ class Controller {
 
  private:
   void make_transition();
+  void watch_emergency_stop();
   void move_setpoints();
   void lead_to_rest(uint8_t axis);
   void compute_pulses();

@@ -76,6 +76,10 @@ void Dispatcher::dispatch(const FrameDecoder& frame) {
       return handle<GetCalibration>(frame);
     case SetCalibration::kId:
       return handle<SetCalibration>(frame);
+    case GetEquipment::kId:
+      return handle<GetEquipment>(frame);
+    case SetEquipment::kId:
+      return handle<SetEquipment>(frame);
     case SaveConfig::kId:
       return handle<SaveConfig>(frame);
     default:
@@ -135,6 +139,13 @@ Dispatcher::Refusal Dispatcher::check_admission(const FrameDecoder& frame, uint8
 
 Dispatcher::Refusal Dispatcher::check_particular(const OpenSession& request) const {
   return Refusal{request.spec_hash == kSpecHash ? kGranted : NackCode::kSpecMismatch, 0};
+}
+
+Dispatcher::Refusal Dispatcher::check_particular(const ClearFault&) const {
+  const NackCode code = controller_.has_pulses()               ? NackCode::kBusy
+                        : controller_.is_emergency_stop_open() ? NackCode::kEmergencyStopOpen
+                                                               : kGranted;
+  return Refusal{code, 0};
 }
 
 Dispatcher::Refusal Dispatcher::check_configured() const {
@@ -279,6 +290,16 @@ void Dispatcher::execute(const FrameDecoder& frame, const GetCalibration&) {
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetCalibration& request) {
   controller_.set(request.calibration);
+  acknowledge(frame);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const GetEquipment&) {
+  send<EquipmentReply>(frame.sequence(),
+       [this] { return EquipmentReply{controller_.configuration().equipment}; });
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const SetEquipment& request) {
+  controller_.set(request.equipment);
   acknowledge(frame);
 }
 

@@ -50,15 +50,14 @@ class Dispatcher {
     return Refusal{kGranted, 0};
   }
   Refusal check_particular(const OpenSession& request) const;
-  Refusal check_particular(const ClearFault&) const {
-    return Refusal{controller_.has_pulses() ? NackCode::kBusy : kGranted, 0};
-  }
+  Refusal check_particular(const ClearFault&) const;
   Refusal check_particular(const Arm&) const { return check_configured(); }
   Refusal check_particular(const SaveConfig&) const { return check_configured(); }
   Refusal check_particular(const SetLimits&) const { return check_not_saving(); }
   Refusal check_particular(const SetSlew&) const { return check_not_saving(); }
   Refusal check_particular(const SetWatchdog&) const { return check_not_saving(); }
   Refusal check_particular(const SetCalibration&) const { return check_not_saving(); }
+  Refusal check_particular(const SetEquipment&) const { return check_not_saving(); }
   Refusal check_configured() const;
   Refusal check_not_saving() const;
 
@@ -82,6 +81,8 @@ class Dispatcher {
   void execute(const FrameDecoder& frame, const SetWatchdog& request);
   void execute(const FrameDecoder& frame, const GetCalibration&);
   void execute(const FrameDecoder& frame, const SetCalibration& request);
+  void execute(const FrameDecoder& frame, const GetEquipment&);
+  void execute(const FrameDecoder& frame, const SetEquipment& request);
   void execute(const FrameDecoder& frame, const SaveConfig&);
 
   void refuse(const FrameDecoder& frame, Refusal refusal);

@@ -25,6 +25,8 @@ class Hardware {
   /// Starts to write a byte.
   virtual void write_eeprom(uint16_t address, uint8_t byte) = 0;
 
+  /// Is the emergency-stop input open? It is where nothing is wired to it.
+  virtual bool is_emergency_stop_open() = 0;
   /// In each tick.
   virtual void set_servo_supply(bool is_on) = 0;
   virtual void set_led(bool is_on) = 0;

@@ -36,8 +36,8 @@ class Safety {
   /// The part of a control tick before the setpoint moves (TIM-4).
   void tick(bool is_at_rest, const Watchdog& watchdog);
 
-  /// As of the last tick: does the state lead the setpoint to rest?
-  bool leads_to_rest() const { return leads_to_rest_; }
+  /// As of the last tick, and unless a fault has come since: does the state lead the setpoint to rest?
+  bool leads_to_rest() const { return leads_to_rest_ && has_pulses(); }
   bool allows_pulses(uint8_t axis) const;
   /// Is this a state with pulses?
   bool has_pulses() const;

@@ -9,7 +9,7 @@
 namespace ccr {
 
 constexpr uint8_t kProtocolVersion = 2;
-constexpr uint32_t kSpecHash = 0xC4E311F5UL;
+constexpr uint32_t kSpecHash = 0xFDBE7B08UL;
 constexpr uint8_t kFirmwareVersion[3] = {0, 2, 0};
 
 constexpr uint32_t kBaud = 250000UL;
@@ -55,11 +55,11 @@ constexpr uint16_t kPulseCeilingHalfUs = 5000U;
 constexpr uint16_t kEepromSize = 1024;
 constexpr uint16_t kEepromSlotA = 0;
 constexpr uint16_t kEepromSlotB = 128;
-constexpr uint16_t kEepromSlotSize = 47;
+constexpr uint16_t kEepromSlotSize = 64;
 constexpr uint16_t kEepromBootCounter = 256;
 constexpr uint8_t kEepromBootCounters = 32;
 constexpr uint16_t kEepromMagic = 0xCC52U;
-constexpr uint8_t kEepromLayout = 1;
+constexpr uint8_t kEepromLayout = 2;
 
 /// State of the board. Only `arming`, `active`, `hold`, `relaxing` and `disarming` put pulses on
 /// the pins.
@@ -134,10 +134,12 @@ enum class Fault : uint8_t {
   kInternal = 7,
   /// The board has restarted while it made pulses, and the boot loader has hidden why.
   kResetWhileArmed = 8,
+  /// The emergency-stop input is open: pressed, or its wire is broken.
+  kEmergencyStop = 9,
 };
 
 constexpr bool is_fault(uint8_t value) {
-  return value <= 8U;
+  return value <= 9U;
 }
 
 /// Why the board last started.
@@ -180,10 +182,12 @@ enum class NackCode : uint8_t {
   /// group have to wait. Or no tick has taken the pulses away yet: `clear_fault` has to wait for
   /// one.
   kBusy = 9,
+  /// The emergency-stop input is open: `clear_fault` has to wait until it is closed.
+  kEmergencyStopOpen = 10,
 };
 
 constexpr bool is_nack_code(uint8_t value) {
-  return value >= 1U && value <= 9U;
+  return value >= 1U && value <= 10U;
 }
 
 /// What was found in EEPROM at boot.
@@ -245,6 +249,8 @@ constexpr uint8_t kSlew = 0x02;
 constexpr uint8_t kWatchdog = 0x04;
 /// `set_calibration`
 constexpr uint8_t kCalibration = 0x08;
+/// `set_equipment`; missing only where no slot of EEPROM could be loaded and one is corrupt
+constexpr uint8_t kEquipment = 0x10;
 }  // namespace config_groups
 
 /// What became of a payload.
@@ -273,6 +279,10 @@ static_assert(Limits::kSize == sizeof(Limits::angle_min_cdeg) + sizeof(Limits::a
               sizeof(Limits::rest_cdeg) && uint8_t{Limits::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const Limits& value, uint8_t* bytes) {
+  if (lies_as_on_the_wire<Limits>()) {
+    __builtin_memcpy(bytes, &value, Limits::kSize);
+    return;
+  }
   put_i16(bytes, value.angle_min_cdeg[0]);
   put_i16(bytes + 2, value.angle_min_cdeg[1]);
   put_i16(bytes + 4, value.angle_max_cdeg[0]);
@@ -282,6 +292,10 @@ inline void encode(const Limits& value, uint8_t* bytes) {
 }
 
 inline Reading decode(const uint8_t* bytes, Limits& value) {
+  if (lies_as_on_the_wire<Limits>()) {
+    __builtin_memcpy(&value, bytes, Limits::kSize);
+    return Reading::kOk;
+  }
   value.angle_min_cdeg[0] = get_i16(bytes);
   value.angle_min_cdeg[1] = get_i16(bytes + 2);
   value.angle_max_cdeg[0] = get_i16(bytes + 4);
@@ -334,11 +348,19 @@ static_assert(Slew::kSize == sizeof(Slew::slew_cdeg_tick) && uint8_t{Slew::kSize
               "payload layout");
 
 inline void encode(const Slew& value, uint8_t* bytes) {
+  if (lies_as_on_the_wire<Slew>()) {
+    __builtin_memcpy(bytes, &value, Slew::kSize);
+    return;
+  }
   put_u16(bytes, value.slew_cdeg_tick[0]);
   put_u16(bytes + 2, value.slew_cdeg_tick[1]);
 }
 
 inline Reading decode(const uint8_t* bytes, Slew& value) {
+  if (lies_as_on_the_wire<Slew>()) {
+    __builtin_memcpy(&value, bytes, Slew::kSize);
+    return Reading::kOk;
+  }
   value.slew_cdeg_tick[0] = get_u16(bytes);
   value.slew_cdeg_tick[1] = get_u16(bytes + 2);
   return Reading::kOk;
@@ -374,12 +396,20 @@ static_assert(Watchdog::kSize == sizeof(Watchdog::relax_after_ms) +
               uint8_t{Watchdog::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const Watchdog& value, uint8_t* bytes) {
+  if (lies_as_on_the_wire<Watchdog>()) {
+    __builtin_memcpy(bytes, &value, Watchdog::kSize);
+    return;
+  }
   put_u16(bytes, value.relax_after_ms);
   put_u16(bytes + 2, value.relax_slew_cdeg_tick);
   put_u16(bytes + 4, value.arm_axis_ms);
 }
 
 inline Reading decode(const uint8_t* bytes, Watchdog& value) {
+  if (lies_as_on_the_wire<Watchdog>()) {
+    __builtin_memcpy(&value, bytes, Watchdog::kSize);
+    return Reading::kOk;
+  }
   value.relax_after_ms = get_u16(bytes);
   value.relax_slew_cdeg_tick = get_u16(bytes + 2);
   value.arm_axis_ms = get_u16(bytes + 4);
@@ -425,6 +455,10 @@ static_assert(Calibration::kSize == sizeof(Calibration::neutral_half_us) +
               "payload layout");
 
 inline void encode(const Calibration& value, uint8_t* bytes) {
+  if (lies_as_on_the_wire<Calibration>()) {
+    __builtin_memcpy(bytes, &value, Calibration::kSize);
+    return;
+  }
   put_u16(bytes, value.neutral_half_us[0]);
   put_u16(bytes + 2, value.neutral_half_us[1]);
   put_i16(bytes + 4, value.per_90_deg_half_us[0]);
@@ -436,6 +470,10 @@ inline void encode(const Calibration& value, uint8_t* bytes) {
 }
 
 inline Reading decode(const uint8_t* bytes, Calibration& value) {
+  if (lies_as_on_the_wire<Calibration>()) {
+    __builtin_memcpy(&value, bytes, Calibration::kSize);
+    return Reading::kOk;
+  }
   value.neutral_half_us[0] = get_u16(bytes);
   value.neutral_half_us[1] = get_u16(bytes + 2);
   value.per_90_deg_half_us[0] = get_i16(bytes + 4);
@@ -483,6 +521,54 @@ inline int8_t inconsistent_axis(const Calibration& value) {
   return kNone;
 }
 
+/// The board's name, and what is wired to it. It belongs to the board, not to a robot's
+/// description; zeros are a board without a name to which only the servos are wired.
+struct Equipment {
+  enum : uint8_t { kSize = 17 };
+
+  /// ASCII, filled up with zeros. Any bytes are kept; the host judges them.
+  uint8_t board_name[16];
+  /// 1: a switch is wired to the emergency-stop input, closed unless it is pressed. 0 to 1.
+  uint8_t emergency_stop;
+};
+static_assert(Equipment::kSize == sizeof(Equipment::board_name) + sizeof(Equipment::emergency_stop)
+              && uint8_t{Equipment::kSize} <= kMaxPayload, "payload layout");
+
+inline void encode(const Equipment& value, uint8_t* bytes) {
+  if (lies_as_on_the_wire<Equipment>()) {
+    __builtin_memcpy(bytes, &value, Equipment::kSize);
+    return;
+  }
+  for (uint8_t at = 0; at < 16; ++at) {
+    put_u8(bytes + at, value.board_name[at]);
+  }
+  put_u8(bytes + 16, value.emergency_stop);
+}
+
+inline Reading decode(const uint8_t* bytes, Equipment& value) {
+  if (lies_as_on_the_wire<Equipment>()) {
+    __builtin_memcpy(&value, bytes, Equipment::kSize);
+    return Reading::kOk;
+  }
+  for (uint8_t at = 0; at < 16; ++at) {
+    value.board_name[at] = get_u8(bytes + at);
+  }
+  value.emergency_stop = get_u8(bytes + 16);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Equipment& value) {
+  if (value.emergency_stop > 1U) {
+    return 1;
+  }
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Equipment&) {
+  return kNone;
+}
+
 /// Tick, setpoint, pulses and the flags `axis_1_pulses`, `axis_2_pulses` and `moving` are those of
 /// the last control tick; all else is current.
 struct StateReport {
@@ -523,6 +609,10 @@ static_assert(StateReport::kSize == sizeof(StateReport::tick) + sizeof(StateRepo
               "payload layout");
 
 inline void encode(const StateReport& value, uint8_t* bytes) {
+  if (lies_as_on_the_wire<StateReport>()) {
+    __builtin_memcpy(bytes, &value, StateReport::kSize);
+    return;
+  }
   put_u32(bytes, value.tick);
   put_u8(bytes + 4, static_cast<uint8_t>(value.state));
   put_u8(bytes + 5, static_cast<uint8_t>(value.fault));
@@ -585,6 +675,10 @@ static_assert(Hello::kSize == sizeof(Hello::protocol_version) + sizeof(Hello::sp
               uint8_t{Hello::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const Hello& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<Hello>()) {
+    __builtin_memcpy(payload, &value, Hello::kSize);
+    return;
+  }
   put_u8(payload, value.protocol_version);
   put_u32(payload + 1, value.spec_hash);
 }
@@ -592,6 +686,10 @@ inline void encode(const Hello& value, uint8_t* payload) {
 inline Reading decode(const uint8_t* payload, uint8_t size, Hello& value) {
   if (size != Hello::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<Hello>()) {
+    __builtin_memcpy(&value, payload, Hello::kSize);
+    return Reading::kOk;
   }
   value.protocol_version = get_u8(payload);
   value.spec_hash = get_u32(payload + 1);
@@ -641,6 +739,10 @@ static_assert(HelloReply::kSize == sizeof(HelloReply::protocol_version) +
               "payload layout");
 
 inline void encode(const HelloReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<HelloReply>()) {
+    __builtin_memcpy(payload, &value, HelloReply::kSize);
+    return;
+  }
   put_u8(payload, value.protocol_version);
   put_u32(payload + 1, value.spec_hash);
   put_u8(payload + 5, value.firmware_version[0]);
@@ -704,6 +806,10 @@ static_assert(OpenSession::kSize == sizeof(OpenSession::spec_hash) + sizeof(Open
               uint8_t{OpenSession::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const OpenSession& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<OpenSession>()) {
+    __builtin_memcpy(payload, &value, OpenSession::kSize);
+    return;
+  }
   put_u32(payload, value.spec_hash);
   put_u16(payload + 4, value.session);
 }
@@ -711,6 +817,10 @@ inline void encode(const OpenSession& value, uint8_t* payload) {
 inline Reading decode(const uint8_t* payload, uint8_t size, OpenSession& value) {
   if (size != OpenSession::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<OpenSession>()) {
+    __builtin_memcpy(&value, payload, OpenSession::kSize);
+    return Reading::kOk;
   }
   value.spec_hash = get_u32(payload);
   value.session = get_u16(payload + 4);
@@ -745,6 +855,10 @@ static_assert(SessionReply::kSize == sizeof(SessionReply::session) + sizeof(Sess
               "payload layout");
 
 inline void encode(const SessionReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SessionReply>()) {
+    __builtin_memcpy(payload, &value, SessionReply::kSize);
+    return;
+  }
   put_u16(payload, value.session);
   put_u16(payload + 2, value.boot_id);
   put_u8(payload + 4, static_cast<uint8_t>(value.state));
@@ -783,12 +897,20 @@ static_assert(ClockSync::kSize == sizeof(ClockSync::host_time_us) && uint8_t{Clo
               kMaxPayload, "payload layout");
 
 inline void encode(const ClockSync& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<ClockSync>()) {
+    __builtin_memcpy(payload, &value, ClockSync::kSize);
+    return;
+  }
   put_u32(payload, value.host_time_us);
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, ClockSync& value) {
   if (size != ClockSync::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<ClockSync>()) {
+    __builtin_memcpy(&value, payload, ClockSync::kSize);
+    return Reading::kOk;
   }
   value.host_time_us = get_u32(payload);
   return Reading::kOk;
@@ -817,6 +939,10 @@ static_assert(ClockReply::kSize == sizeof(ClockReply::host_time_us) +
               "payload layout");
 
 inline void encode(const ClockReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<ClockReply>()) {
+    __builtin_memcpy(payload, &value, ClockReply::kSize);
+    return;
+  }
   put_u32(payload, value.host_time_us);
   put_u32(payload + 4, value.board_time_us);
 }
@@ -824,6 +950,10 @@ inline void encode(const ClockReply& value, uint8_t* payload) {
 inline Reading decode(const uint8_t* payload, uint8_t size, ClockReply& value) {
   if (size != ClockReply::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<ClockReply>()) {
+    __builtin_memcpy(&value, payload, ClockReply::kSize);
+    return Reading::kOk;
   }
   value.host_time_us = get_u32(payload);
   value.board_time_us = get_u32(payload + 4);
@@ -873,6 +1003,10 @@ static_assert(StateReply::kSize == 0 + StateReport::kSize && uint8_t{StateReply:
               kMaxPayload, "payload layout");
 
 inline void encode(const StateReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<StateReply>()) {
+    __builtin_memcpy(payload, &value, StateReply::kSize);
+    return;
+  }
   encode(value.report, payload);
 }
 
@@ -958,6 +1092,10 @@ static_assert(CountersReply::kSize == sizeof(CountersReply::frames_accepted) +
               uint8_t{CountersReply::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const CountersReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<CountersReply>()) {
+    __builtin_memcpy(payload, &value, CountersReply::kSize);
+    return;
+  }
   put_u32(payload, value.frames_accepted);
   put_u16(payload + 4, value.bad_crc);
   put_u16(payload + 6, value.bad_encoding);
@@ -976,6 +1114,10 @@ inline void encode(const CountersReply& value, uint8_t* payload) {
 inline Reading decode(const uint8_t* payload, uint8_t size, CountersReply& value) {
   if (size != CountersReply::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<CountersReply>()) {
+    __builtin_memcpy(&value, payload, CountersReply::kSize);
+    return Reading::kOk;
   }
   value.frames_accepted = get_u32(payload);
   value.bad_crc = get_u16(payload + 4);
@@ -1016,6 +1158,10 @@ static_assert(SetTelemetry::kSize == sizeof(SetTelemetry::session) +
               "payload layout");
 
 inline void encode(const SetTelemetry& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SetTelemetry>()) {
+    __builtin_memcpy(payload, &value, SetTelemetry::kSize);
+    return;
+  }
   put_u16(payload, value.session);
   put_u8(payload + 2, value.period_ticks);
 }
@@ -1023,6 +1169,10 @@ inline void encode(const SetTelemetry& value, uint8_t* payload) {
 inline Reading decode(const uint8_t* payload, uint8_t size, SetTelemetry& value) {
   if (size != SetTelemetry::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<SetTelemetry>()) {
+    __builtin_memcpy(&value, payload, SetTelemetry::kSize);
+    return Reading::kOk;
   }
   value.session = get_u16(payload);
   value.period_ticks = get_u8(payload + 2);
@@ -1050,12 +1200,20 @@ static_assert(Blink::kSize == sizeof(Blink::duration_s) && uint8_t{Blink::kSize}
               "payload layout");
 
 inline void encode(const Blink& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<Blink>()) {
+    __builtin_memcpy(payload, &value, Blink::kSize);
+    return;
+  }
   put_u8(payload, value.duration_s);
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, Blink& value) {
   if (size != Blink::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<Blink>()) {
+    __builtin_memcpy(&value, payload, Blink::kSize);
+    return Reading::kOk;
   }
   value.duration_s = get_u8(payload);
   return Reading::kOk;
@@ -1085,12 +1243,20 @@ static_assert(Arm::kSize == sizeof(Arm::session) && uint8_t{Arm::kSize} <= kMaxP
               "payload layout");
 
 inline void encode(const Arm& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<Arm>()) {
+    __builtin_memcpy(payload, &value, Arm::kSize);
+    return;
+  }
   put_u16(payload, value.session);
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, Arm& value) {
   if (size != Arm::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<Arm>()) {
+    __builtin_memcpy(&value, payload, Arm::kSize);
+    return Reading::kOk;
   }
   value.session = get_u16(payload);
   return Reading::kOk;
@@ -1117,12 +1283,20 @@ static_assert(Disarm::kSize == sizeof(Disarm::session) && uint8_t{Disarm::kSize}
               "payload layout");
 
 inline void encode(const Disarm& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<Disarm>()) {
+    __builtin_memcpy(payload, &value, Disarm::kSize);
+    return;
+  }
   put_u16(payload, value.session);
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, Disarm& value) {
   if (size != Disarm::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<Disarm>()) {
+    __builtin_memcpy(&value, payload, Disarm::kSize);
+    return Reading::kOk;
   }
   value.session = get_u16(payload);
   return Reading::kOk;
@@ -1173,12 +1347,20 @@ static_assert(ClearFault::kSize == sizeof(ClearFault::session) && uint8_t{ClearF
               kMaxPayload, "payload layout");
 
 inline void encode(const ClearFault& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<ClearFault>()) {
+    __builtin_memcpy(payload, &value, ClearFault::kSize);
+    return;
+  }
   put_u16(payload, value.session);
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, ClearFault& value) {
   if (size != ClearFault::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<ClearFault>()) {
+    __builtin_memcpy(&value, payload, ClearFault::kSize);
+    return Reading::kOk;
   }
   value.session = get_u16(payload);
   return Reading::kOk;
@@ -1212,6 +1394,10 @@ static_assert(SetTarget::kSize == sizeof(SetTarget::session) + sizeof(SetTarget:
               uint8_t{SetTarget::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const SetTarget& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SetTarget>()) {
+    __builtin_memcpy(payload, &value, SetTarget::kSize);
+    return;
+  }
   put_u16(payload, value.session);
   put_i16(payload + 2, value.target_cdeg[0]);
   put_i16(payload + 4, value.target_cdeg[1]);
@@ -1222,6 +1408,10 @@ inline void encode(const SetTarget& value, uint8_t* payload) {
 inline Reading decode(const uint8_t* payload, uint8_t size, SetTarget& value) {
   if (size != SetTarget::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<SetTarget>()) {
+    __builtin_memcpy(&value, payload, SetTarget::kSize);
+    return Reading::kOk;
   }
   value.session = get_u16(payload);
   value.target_cdeg[0] = get_i16(payload + 2);
@@ -1266,6 +1456,10 @@ static_assert(TargetReply::kSize == sizeof(TargetReply::state) + sizeof(TargetRe
               "payload layout");
 
 inline void encode(const TargetReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<TargetReply>()) {
+    __builtin_memcpy(payload, &value, TargetReply::kSize);
+    return;
+  }
   put_u8(payload, static_cast<uint8_t>(value.state));
   put_u8(payload + 1, value.flags);
   put_i16(payload + 2, value.target_cdeg[0]);
@@ -1329,12 +1523,20 @@ static_assert(LimitsReply::kSize == 0 + Limits::kSize && uint8_t{LimitsReply::kS
               "payload layout");
 
 inline void encode(const LimitsReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<LimitsReply>()) {
+    __builtin_memcpy(payload, &value, LimitsReply::kSize);
+    return;
+  }
   encode(value.limits, payload);
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, LimitsReply& value) {
   if (size != LimitsReply::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<LimitsReply>()) {
+    __builtin_memcpy(&value, payload, LimitsReply::kSize);
+    return Reading::kOk;
   }
   return decode(payload, value.limits);
 }
@@ -1360,6 +1562,10 @@ static_assert(SetLimits::kSize == sizeof(SetLimits::session) + Limits::kSize &&
               uint8_t{SetLimits::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const SetLimits& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SetLimits>()) {
+    __builtin_memcpy(payload, &value, SetLimits::kSize);
+    return;
+  }
   put_u16(payload, value.session);
   encode(value.limits, payload + 2);
 }
@@ -1367,6 +1573,10 @@ inline void encode(const SetLimits& value, uint8_t* payload) {
 inline Reading decode(const uint8_t* payload, uint8_t size, SetLimits& value) {
   if (size != SetLimits::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<SetLimits>()) {
+    __builtin_memcpy(&value, payload, SetLimits::kSize);
+    return Reading::kOk;
   }
   value.session = get_u16(payload);
   return decode(payload + 2, value.limits);
@@ -1416,12 +1626,20 @@ static_assert(SlewReply::kSize == 0 + Slew::kSize && uint8_t{SlewReply::kSize} <
               "payload layout");
 
 inline void encode(const SlewReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SlewReply>()) {
+    __builtin_memcpy(payload, &value, SlewReply::kSize);
+    return;
+  }
   encode(value.slew, payload);
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, SlewReply& value) {
   if (size != SlewReply::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<SlewReply>()) {
+    __builtin_memcpy(&value, payload, SlewReply::kSize);
+    return Reading::kOk;
   }
   return decode(payload, value.slew);
 }
@@ -1447,6 +1665,10 @@ static_assert(SetSlew::kSize == sizeof(SetSlew::session) + Slew::kSize && uint8_
               kMaxPayload, "payload layout");
 
 inline void encode(const SetSlew& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SetSlew>()) {
+    __builtin_memcpy(payload, &value, SetSlew::kSize);
+    return;
+  }
   put_u16(payload, value.session);
   encode(value.slew, payload + 2);
 }
@@ -1454,6 +1676,10 @@ inline void encode(const SetSlew& value, uint8_t* payload) {
 inline Reading decode(const uint8_t* payload, uint8_t size, SetSlew& value) {
   if (size != SetSlew::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<SetSlew>()) {
+    __builtin_memcpy(&value, payload, SetSlew::kSize);
+    return Reading::kOk;
   }
   value.session = get_u16(payload);
   return decode(payload + 2, value.slew);
@@ -1504,12 +1730,20 @@ static_assert(WatchdogReply::kSize == 0 + Watchdog::kSize && uint8_t{WatchdogRep
               kMaxPayload, "payload layout");
 
 inline void encode(const WatchdogReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<WatchdogReply>()) {
+    __builtin_memcpy(payload, &value, WatchdogReply::kSize);
+    return;
+  }
   encode(value.watchdog, payload);
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, WatchdogReply& value) {
   if (size != WatchdogReply::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<WatchdogReply>()) {
+    __builtin_memcpy(&value, payload, WatchdogReply::kSize);
+    return Reading::kOk;
   }
   return decode(payload, value.watchdog);
 }
@@ -1535,6 +1769,10 @@ static_assert(SetWatchdog::kSize == sizeof(SetWatchdog::session) + Watchdog::kSi
               uint8_t{SetWatchdog::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const SetWatchdog& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SetWatchdog>()) {
+    __builtin_memcpy(payload, &value, SetWatchdog::kSize);
+    return;
+  }
   put_u16(payload, value.session);
   encode(value.watchdog, payload + 2);
 }
@@ -1542,6 +1780,10 @@ inline void encode(const SetWatchdog& value, uint8_t* payload) {
 inline Reading decode(const uint8_t* payload, uint8_t size, SetWatchdog& value) {
   if (size != SetWatchdog::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<SetWatchdog>()) {
+    __builtin_memcpy(&value, payload, SetWatchdog::kSize);
+    return Reading::kOk;
   }
   value.session = get_u16(payload);
   return decode(payload + 2, value.watchdog);
@@ -1592,12 +1834,20 @@ static_assert(CalibrationReply::kSize == 0 + Calibration::kSize && uint8_t{Calib
               <= kMaxPayload, "payload layout");
 
 inline void encode(const CalibrationReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<CalibrationReply>()) {
+    __builtin_memcpy(payload, &value, CalibrationReply::kSize);
+    return;
+  }
   encode(value.calibration, payload);
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, CalibrationReply& value) {
   if (size != CalibrationReply::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<CalibrationReply>()) {
+    __builtin_memcpy(&value, payload, CalibrationReply::kSize);
+    return Reading::kOk;
   }
   return decode(payload, value.calibration);
 }
@@ -1623,6 +1873,10 @@ static_assert(SetCalibration::kSize == sizeof(SetCalibration::session) + Calibra
               uint8_t{SetCalibration::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const SetCalibration& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SetCalibration>()) {
+    __builtin_memcpy(payload, &value, SetCalibration::kSize);
+    return;
+  }
   put_u16(payload, value.session);
   encode(value.calibration, payload + 2);
 }
@@ -1630,6 +1884,10 @@ inline void encode(const SetCalibration& value, uint8_t* payload) {
 inline Reading decode(const uint8_t* payload, uint8_t size, SetCalibration& value) {
   if (size != SetCalibration::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<SetCalibration>()) {
+    __builtin_memcpy(&value, payload, SetCalibration::kSize);
+    return Reading::kOk;
   }
   value.session = get_u16(payload);
   return decode(payload + 2, value.calibration);
@@ -1658,12 +1916,20 @@ static_assert(SaveConfig::kSize == sizeof(SaveConfig::session) && uint8_t{SaveCo
               kMaxPayload, "payload layout");
 
 inline void encode(const SaveConfig& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SaveConfig>()) {
+    __builtin_memcpy(payload, &value, SaveConfig::kSize);
+    return;
+  }
   put_u16(payload, value.session);
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, SaveConfig& value) {
   if (size != SaveConfig::kSize) {
     return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<SaveConfig>()) {
+    __builtin_memcpy(&value, payload, SaveConfig::kSize);
+    return Reading::kOk;
   }
   value.session = get_u16(payload);
   return Reading::kOk;
@@ -1675,6 +1941,110 @@ inline int8_t first_out_of_range(const SaveConfig&) {
 }
 
 inline int8_t inconsistent_axis(const SaveConfig&) {
+  return kNone;
+}
+
+/// Reads the board's name and what is wired to it.
+struct GetEquipment {
+  enum : uint8_t { kId = 0x3C, kSize = 0 };
+};
+static_assert(GetEquipment::kSize == 0 && uint8_t{GetEquipment::kSize} <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const GetEquipment&, uint8_t*) {}
+
+inline Reading decode(const uint8_t*, uint8_t size, GetEquipment&) {
+  if (size != GetEquipment::kSize) {
+    return Reading::kBadLength;
+  }
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const GetEquipment&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const GetEquipment&) {
+  return kNone;
+}
+
+/// Name and equipment in use.
+struct EquipmentReply {
+  enum : uint8_t { kId = 0xBC, kSize = 17 };
+
+  Equipment equipment;
+};
+static_assert(EquipmentReply::kSize == 0 + Equipment::kSize && uint8_t{EquipmentReply::kSize} <=
+              kMaxPayload, "payload layout");
+
+inline void encode(const EquipmentReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<EquipmentReply>()) {
+    __builtin_memcpy(payload, &value, EquipmentReply::kSize);
+    return;
+  }
+  encode(value.equipment, payload);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, EquipmentReply& value) {
+  if (size != EquipmentReply::kSize) {
+    return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<EquipmentReply>()) {
+    __builtin_memcpy(&value, payload, EquipmentReply::kSize);
+    return Reading::kOk;
+  }
+  return decode(payload, value.equipment);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const EquipmentReply& value) {
+  return first_out_of_range(value.equipment);
+}
+
+inline int8_t inconsistent_axis(const EquipmentReply&) {
+  return kNone;
+}
+
+/// Sets the board's name and what is wired to it.
+struct SetEquipment {
+  enum : uint8_t { kId = 0x3D, kSize = 19 };
+
+  /// The open session.
+  uint16_t session;
+  Equipment equipment;
+};
+static_assert(SetEquipment::kSize == sizeof(SetEquipment::session) + Equipment::kSize &&
+              uint8_t{SetEquipment::kSize} <= kMaxPayload, "payload layout");
+
+inline void encode(const SetEquipment& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SetEquipment>()) {
+    __builtin_memcpy(payload, &value, SetEquipment::kSize);
+    return;
+  }
+  put_u16(payload, value.session);
+  encode(value.equipment, payload + 2);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SetEquipment& value) {
+  if (size != SetEquipment::kSize) {
+    return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<SetEquipment>()) {
+    __builtin_memcpy(&value, payload, SetEquipment::kSize);
+    return Reading::kOk;
+  }
+  value.session = get_u16(payload);
+  return decode(payload + 2, value.equipment);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SetEquipment& value) {
+  const int8_t nested = first_out_of_range(value.equipment);
+  return nested == kNone ? kNone : static_cast<int8_t>(nested + 1);
+}
+
+inline int8_t inconsistent_axis(const SetEquipment&) {
   return kNone;
 }
 
@@ -1691,6 +2061,10 @@ static_assert(Ack::kSize == sizeof(Ack::request) + sizeof(Ack::state) && uint8_t
               kMaxPayload, "payload layout");
 
 inline void encode(const Ack& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<Ack>()) {
+    __builtin_memcpy(payload, &value, Ack::kSize);
+    return;
+  }
   put_u8(payload, value.request);
   put_u8(payload + 1, static_cast<uint8_t>(value.state));
 }
@@ -1731,6 +2105,10 @@ static_assert(Nack::kSize == sizeof(Nack::request) + sizeof(Nack::code) + sizeof
               uint8_t{Nack::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const Nack& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<Nack>()) {
+    __builtin_memcpy(payload, &value, Nack::kSize);
+    return;
+  }
   put_u8(payload, value.request);
   put_u8(payload + 1, static_cast<uint8_t>(value.code));
   put_u8(payload + 2, value.detail);
@@ -1768,6 +2146,10 @@ static_assert(Telemetry::kSize == 0 + StateReport::kSize && uint8_t{Telemetry::k
               kMaxPayload, "payload layout");
 
 inline void encode(const Telemetry& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<Telemetry>()) {
+    __builtin_memcpy(payload, &value, Telemetry::kSize);
+    return;
+  }
   encode(value.report, payload);
 }
 
@@ -1829,6 +2211,8 @@ constexpr RequestRule kRequestRules[] = {
     {GetCalibration::kId, CalibrationReply::kId, GetCalibration::kSize, Retry::kRepeat, false, 0x01FFU},
     {SetCalibration::kId, Ack::kId, SetCalibration::kSize, Retry::kOnce, true, 0x0182U},
     {SaveConfig::kId, Ack::kId, SaveConfig::kSize, Retry::kOnce, true, 0x0182U},
+    {GetEquipment::kId, EquipmentReply::kId, GetEquipment::kSize, Retry::kRepeat, false, 0x01FFU},
+    {SetEquipment::kId, Ack::kId, SetEquipment::kSize, Retry::kOnce, true, 0x0182U},
 };
 
 /// The rule of a request, or null where no request has this id.

@@ -24,6 +24,7 @@ struct FakeHardware final : ccr::Hardware {
   int worn_out_address = -1;
   unsigned eeprom_writes = 0;
   std::array<unsigned, ccr::kEepromSize> cell_writes = {};
+  bool is_stop_open = false;
   bool is_supply_on = false;
   bool is_led_on = false;
   uint16_t free_stack = ccr::kStackNotMeasured;
@@ -43,6 +44,7 @@ struct FakeHardware final : ccr::Hardware {
       eeprom.at(address) = byte;
     }
   }
+  bool is_emergency_stop_open() override { return is_stop_open; }
   void set_servo_supply(bool is_on) override { is_supply_on = is_on; }
   void set_led(bool is_on) override { is_led_on = is_on; }
   uint16_t least_free_stack() override { return free_stack; }

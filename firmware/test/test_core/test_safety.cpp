@@ -160,7 +160,7 @@ TEST_CASE("ARM-2: arm and save_config name the missing groups") {
   bench.tick(kBootTicks + 1);
   bench.open_session();
   CHECK(bench.refused(Arm{kSession}).code == NackCode::kNotConfigured);
-  CHECK(bench.refused(Arm{kSession}).detail == kAllGroups);
+  CHECK(bench.refused(Arm{kSession}).detail == kRobotsGroups);
   bench.acknowledged(SetSlew{kSession, some_slew()});
   bench.acknowledged(SetLimits{kSession, some_limits()});
   const Nack nack = bench.refused(SaveConfig{kSession});

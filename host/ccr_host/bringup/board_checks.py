@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ccr_host.bringup.equipment import described
 from ccr_host.bringup.finding import Finding, failure, good, judged, warning
 from ccr_host.config import Description
 from ccr_host.link.board_config import board_config, differences
 from ccr_host.link.client import Client
-from ccr_host.link.device_errors import BoardFaultError, BoardStoppedError
+from ccr_host.link.device_errors import BoardFaultError, BoardStoppedError, WrongBoardError
 from ccr_host.link.messages import (
     TICK_US,
     CountersReply,
@@ -39,6 +40,7 @@ def check_board(client: Client, clock: Clock, description: Description) -> Itera
     identity = client.identity
     assert identity is not None, "connected"
     yield _identity(identity)
+    yield from _equipment(client, description)
     yield _state(client.read_state())
     yield _eeprom(identity)
     yield _configuration(identity, differences(client.read_config(), board_config(description)))
@@ -59,6 +61,14 @@ def _identity(identity: HelloReply) -> Finding:
         fine=cause not in _ODD_RESETS,
         remedy="look at the supply (brown_out) or report a defect (watchdog)",
     )
+
+
+def _equipment(client: Client, description: Description) -> Iterator[Finding]:
+    yield good("equipment", described(client.read_equipment()))
+    try:
+        client.require_name(description.robot.board_name)
+    except WrongBoardError as error:
+        yield failure("board's name", error)
 
 
 def _state(report: StateReport) -> Finding:

@@ -50,15 +50,27 @@ def calibrate(
             "`adaptive` then needs no tour before each path.",
         ),
     ] = False,
+    board_name: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Name the board in its EEPROM; robot.board_name asks for it."
+        ),
+    ] = None,
+    emergency_stop: Annotated[
+        bool | None,
+        typer.Option(help="Tell the board whether a switch is wired to its emergency-stop input."),
+    ] = None,
 ) -> None:
     """Find how servos and tendons are mounted, and keep it in file and board.
 
     Under the tracker: neutral pulse, direction and slack, from a tour of some twenty poses.
     By eye: neutral pulse, direction, scale and limits.
     With --identify, once servos are calibrated and the camera registered: the rests themselves.
+    With --board-name or --emergency-stop: nothing moves; the board keeps what it is told.
 
     Example: ccr-host calibrate --by-eye --robot my-robot.toml --device serial:/dev/ttyACM0
     """
+    from ccr_host.bringup.equipment import EquipmentChange, told_to_board
     from ccr_host.bringup.identify import SECTION
     from ccr_host.bringup.keep_calibration import (
         calibrated_section,
@@ -70,9 +82,9 @@ def calibrate(
     from ccr_host.run.observer import Observers
     from ccr_host.run.rig import open_rig, sees_simulated_robot
 
+    change = EquipmentChange(board_name, emergency_stop)
     if by_eye and identify:
         raise ConfigError("--identify needs the tracker", "leave --by-eye out")
-    file = file_for_calibration(robot, out)
     options = RigOptions(
         robot=robot,
         device=device,
@@ -81,6 +93,15 @@ def calibrate(
         overrides=tuple(overrides or ()),
         realtime=realtime or by_eye,
     )
+    if not change.is_empty:
+        if by_eye or identify or out:
+            raise ConfigError(
+                "--board-name and --emergency-stop go into the board alone",
+                "leave --by-eye, --identify and --out out",
+            )
+        console().print(f"the board is now: {told_to_board(options, change)}; kept in its EEPROM")
+        return
+    file = file_for_calibration(robot, out)
     if not by_eye:
         require_named_tracker(context, options)
     description = options.description()

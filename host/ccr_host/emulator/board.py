@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ccr_host.emulator.core import BoardCore
+from ccr_host.emulator.core import BoardCore, Inputs
 from ccr_host.emulator.dispatch import Dispatcher
 from ccr_host.emulator.eeprom import Eeprom, EepromImage
 from ccr_host.emulator.send_buffer import SendBuffer
@@ -62,13 +62,14 @@ class UnoEmulator:
         self._tick_offset = tick_offset
         self._now_us = start_us
         self._pulses_prepared = _NO_PULSES
+        self.inputs = Inputs()
         self.reset(reset_cause)
 
     def reset(self, cause: ResetCause, boot_loader_us: int = 0) -> None:
         """Start again, `boot_loader_us` from now; what comes before the board listens is lost."""
         self._start_us = self._now_us + boot_loader_us
         had_pulses = any(self._pulses_prepared)
-        self._core = BoardCore(self._eeprom, cause, had_pulses, self._tick_offset)
+        self._core = BoardCore(self._eeprom, cause, had_pulses, self._tick_offset, self.inputs)
         self._dispatcher = Dispatcher(self._core, self.board_time_us, self._spec_hash)
         self._decoder = FrameDecoder()
         self._received_early = bytearray()
@@ -128,6 +129,10 @@ class UnoEmulator:
         """Pulses on the pins in the current frame, 0.5 us; 0 is none."""
         latched = self._now_us >= self._latch_us
         return self._pulses_prepared if latched else self._pulses_on_pins
+
+    def open_emergency_stop(self, is_open: bool = True) -> None:
+        """Open or close the switch between its input and ground; closed at first."""
+        self.inputs.emergency_stop_open = is_open
 
     @property
     def servo_supply_on(self) -> bool:

@@ -28,6 +28,8 @@ _COUNTER_ERASED = 0xFFFF
 _U16 = 1 << 16
 _HALF_U16 = 1 << 15
 _FIRST_GENERATION = 0
+_FIRST_LAYOUT = 1
+_FIRST_SLOT_SIZE = 47
 
 _SLOTS: Final = (EEPROM_SLOT_A, EEPROM_SLOT_B)
 
@@ -123,9 +125,12 @@ def _read_slot(eeprom: Eeprom, address: int) -> _Slot | _SlotContent:
     content = eeprom.read(address, EEPROM_SLOT_SIZE)
     if content == bytes([ERASED]) * EEPROM_SLOT_SIZE:
         return _SlotContent.BLANK
+    if content[_HEADER.size - 3] == _FIRST_LAYOUT:
+        content = content[:_FIRST_SLOT_SIZE]
     body, stored_crc = content[: -_CRC.size], content[-_CRC.size :]
     magic, layout, generation = _HEADER.unpack_from(body)
-    if (magic, layout) != (EEPROM_MAGIC, EEPROM_LAYOUT) or _CRC.pack(crc32(body)) != stored_crc:
+    known = magic == EEPROM_MAGIC and layout in (_FIRST_LAYOUT, EEPROM_LAYOUT)
+    if not known or _CRC.pack(crc32(body)) != stored_crc:
         return _SlotContent.CORRUPT
     configuration = Configuration.unpack(body[_HEADER.size :])
     if configuration is None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 from ccr_host.emulator.config_store import ConfigStore, SaveStep
-from ccr_host.emulator.configuration import Configuration
+from ccr_host.emulator.configuration import ConfigGroup, Configuration
 from ccr_host.emulator.counters import Counters
 from ccr_host.emulator.eeprom import Eeprom
 from ccr_host.emulator.pulses import is_saturated, pulse_half_us
@@ -14,16 +16,15 @@ from ccr_host.link.messages import (
     BLINK_STEP_TICKS,
     LED_STEP_TICKS,
     TICK_US,
-    Calibration,
+    ConfigGroups,
+    EepromStatus,
     Event,
     Fault,
     Limits,
     ResetCause,
-    Slew,
     State,
     StateReport,
     StatusFlags,
-    Watchdog,
 )
 
 _NO_PULSES: Axes = (0, 0)
@@ -53,6 +54,13 @@ def ticks_of_ms(duration_ms: int) -> int:
     return -(-duration_ms // _MS_PER_TICK)
 
 
+@dataclass
+class Inputs:
+    """What is wired to the board's inputs; may change at any time."""
+
+    emergency_stop_open: bool = False
+
+
 class BoardCore:
     """The board from one reset to the next.
 
@@ -61,6 +69,7 @@ class BoardCore:
         reset_cause: why it started.
         had_pulses: whether it made pulses when the reset came.
         tick_offset: added to the tick counter, to see it wrap.
+        inputs: what is wired to it.
     """
 
     def __init__(
@@ -69,12 +78,16 @@ class BoardCore:
         reset_cause: ResetCause,
         had_pulses: bool = False,
         tick_offset: int = 0,
+        inputs: Inputs | None = None,
     ) -> None:
         self.reset_cause = reset_cause
         self.store = ConfigStore(eeprom)
         self.boot_id = self.store.count_boot()
         self.eeprom_status = self.store.status
         self.configuration = self.store.configuration or Configuration()
+        if self.eeprom_status is EepromStatus.BOTH_BAD:
+            missing = self.configuration.missing | ConfigGroups.EQUIPMENT
+            self.configuration = replace(self.configuration, missing=missing)
         self.unsaved = False
         self.safety = SafetyMachine(reset_cause, had_pulses)
         self.session = Session()
@@ -82,6 +95,7 @@ class BoardCore:
         self.next_tick = 0
         self.pulses_half_us = _NO_PULSES
         self._tick_offset = tick_offset
+        self._inputs = inputs or Inputs()
         self._setpoint = Setpoint(self.configuration.limits.rest_cdeg)
         self._reported_setpoint_cdeg = self._setpoint.cdeg
         self._moving = False
@@ -98,6 +112,11 @@ class BoardCore:
         """State, current."""
         return self.safety.state
 
+    @property
+    def emergency_stop_open(self) -> bool:
+        """Whether a fitted emergency stop is open."""
+        return self.configuration.equipment.emergency_stop == 1 and self._inputs.emergency_stop_open
+
     def tick(self) -> None:
         """One control tick, in the order of TIM-4; reporting is left to the caller."""
         tick = self.next_tick
@@ -110,6 +129,8 @@ class BoardCore:
         )
         if event in _EVENT_COUNTERS:
             self.counters.count(_EVENT_COUNTERS[event])
+        if self.state is not State.BOOT and self.emergency_stop_open:
+            self.safety.raise_fault(Fault.EMERGENCY_STOP)
         self._move_setpoint(tick)
         self.pulses_half_us = self._compute_pulses(tick)
         self._advance_save()
@@ -144,7 +165,7 @@ class BoardCore:
             self.counters.count("targets_clamped")
         return accepted
 
-    def set_group(self, group: Limits | Slew | Watchdog | Calibration) -> None:
+    def set_group(self, group: ConfigGroup) -> None:
         """Use a new configuration group."""
         self.configuration = self.configuration.with_group(group)
         self.unsaved = True

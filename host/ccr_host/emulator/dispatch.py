@@ -14,7 +14,13 @@ from ccr_host.link.framing import Frame, encode_frame
 CAPABILITIES = m.Capabilities.EEPROM | m.Capabilities.HARDWARE_PULSES
 _AXES = 2
 
-_CONFIG_GROUP_REQUESTS = (m.SetLimits, m.SetSlew, m.SetWatchdog, m.SetCalibration)
+_CONFIG_GROUP_REQUESTS = (
+    m.SetLimits,
+    m.SetSlew,
+    m.SetWatchdog,
+    m.SetCalibration,
+    m.SetEquipment,
+)
 _NEEDS_CONFIGURATION = (m.Arm, m.SaveConfig)
 
 
@@ -100,6 +106,8 @@ class Dispatcher:
             raise Refusal(m.NackCode.BUSY)
         if isinstance(request, m.ClearFault) and any(core.pulses_half_us):
             raise Refusal(m.NackCode.BUSY)
+        if isinstance(request, m.ClearFault) and core.emergency_stop_open:
+            raise Refusal(m.NackCode.EMERGENCY_STOP_OPEN)
 
     def _ack(self, request: m.Request) -> m.Ack:
         return m.Ack(request.ID, self._core.state)
@@ -214,6 +222,15 @@ class Dispatcher:
     @_execute.register
     def _(self, request: m.SetCalibration) -> m.Message:
         self._core.set_group(request.calibration)
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.GetEquipment) -> m.Message:
+        return m.EquipmentReply(self._core.configuration.equipment)
+
+    @_execute.register
+    def _(self, request: m.SetEquipment) -> m.Message:
+        self._core.set_group(request.equipment)
         return self._ack(request)
 
     @_execute.register

@@ -8,7 +8,7 @@ from typing import Final
 
 from ccr_host.config import Description, Pair
 from ccr_host.errors import ConfigError
-from ccr_host.link.messages import TICK_US, Calibration, Limits, Slew, Watchdog
+from ccr_host.link.messages import TICK_US, Calibration, Equipment, Limits, Slew, Watchdog
 from ccr_host.link.payload import Field
 from ccr_host.link.units import CDEG_PER_DEG, deg_to_cdeg
 
@@ -49,6 +49,11 @@ def differences(seen: BoardConfig, wanted: BoardConfig) -> list[str]:
         for key, field in zip(_KEYS[type(here)], here.FIELDS, strict=True)
         if getattr(there, field.name) != getattr(here, field.name)
     ]
+
+
+def board_name(equipment: Equipment) -> str:
+    """Empty where it has none."""
+    return bytes(equipment.board_name).rstrip(b"\0").decode("ascii", "replace")
 
 
 def _groups(config: BoardConfig) -> tuple[Limits | Slew | Watchdog | Calibration, ...]:

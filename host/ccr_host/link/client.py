@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ccr_host.errors import DeviceError
 from ccr_host.link import messages as m
 from ccr_host.link.board_clock import BoardClock
-from ccr_host.link.board_config import BoardConfig
+from ccr_host.link.board_config import BoardConfig, board_name
 from ccr_host.link.device_errors import (
     BoardFaultError,
     BoardResetError,
@@ -23,6 +23,7 @@ from ccr_host.link.device_errors import (
     RequestRefusedError,
     SessionTakenError,
     SpecMismatchError,
+    WrongBoardError,
     WrongStateError,
 )
 from ccr_host.link.exchange import ANSWER_TIMEOUT_US, ATTEMPTS, Exchange, FrameObserver, Received
@@ -213,6 +214,27 @@ class Client:
                     "the board does not keep its configuration", "reset it; flash it again"
                 )
         self._config = config
+
+    def read_equipment(self) -> m.Equipment:
+        """The board's name and what is wired to it."""
+        return self._ask(m.GetEquipment(), m.EquipmentReply).equipment
+
+    def require_name(self, wanted: str) -> None:
+        """See that it is the board that is meant.
+
+        Raises:
+            WrongBoardError: it has another name; an empty one fits any board.
+        """
+        if wanted and (name := board_name(self.read_equipment())) != wanted:
+            raise WrongBoardError(name, wanted)
+
+    def set_equipment(self, equipment: m.Equipment) -> None:
+        """Tell the board its name and what is wired to it; lost with a reset unless saved.
+
+        Raises:
+            RequestRefusedError: the board is armed or saving, or a value is out of range.
+        """
+        self._exchange.request(m.SetEquipment(self._session, equipment))
 
     def save_config(self) -> None:
         """Keep the configuration in EEPROM; returns when it is written."""

@@ -48,6 +48,10 @@ _FAULTS: Final = {
         "reset while armed: the board has restarted while it held the robot, nobody knows why",
         "look at its supply and its cable, and at the robot",
     ),
+    Fault.EMERGENCY_STOP: (
+        "emergency stop: its switch was pressed, or its wire is broken",
+        "make the robot safe and release the switch",
+    ),
 }
 
 _CLEAR: Final = "then clear that with key c of: ccr-host jog"
@@ -77,6 +81,10 @@ _REFUSALS: Final = {
     NackCode.BUSY: (
         "it is still saving its configuration, or has just stopped",
         "wait a second and try again",
+    ),
+    NackCode.EMERGENCY_STOP_OPEN: (
+        "its emergency stop is pressed, or the wire to it broken",
+        "release the switch",
     ),
 }
 
@@ -130,11 +138,26 @@ class SpecMismatchError(DeviceError):
         self.identity = identity
 
 
+class WrongBoardError(DeviceError):
+    """The board has another name than the description says."""
+
+    def __init__(self, name: str, wanted: str) -> None:
+        super().__init__(
+            f"the board is named {name or 'nothing'}, robot.board_name is {wanted}",
+            "check --device and --robot; ccr-host calibrate --board-name NAME names a board",
+        )
+
+
 class RequestRefusedError(DeviceError):
     """The board has answered `nack`."""
 
     def __init__(self, request: type[Request], code: NackCode, detail: int) -> None:
         cause, cure = _REFUSALS[code]
+        if code is NackCode.NOT_CONFIGURED and detail & ConfigGroups.EQUIPMENT:
+            cure = (
+                "its EEPROM was corrupt: tell it what is wired to it, with "
+                "ccr-host calibrate --emergency-stop or --no-emergency-stop"
+            )
         super().__init__(f"the board refuses {request.NAME}: {cause}{_detail(code, detail)}", cure)
         self.request = request
         self.code = code

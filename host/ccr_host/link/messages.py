@@ -15,7 +15,7 @@ __all__ = ["Payload", "PayloadError"]  # re-exported; all else is public as it s
 
 
 PROTOCOL_VERSION: Final = 2
-SPEC_HASH: Final = 0xC4E311F5
+SPEC_HASH: Final = 0xFDBE7B08
 FIRMWARE_VERSION: Final = (0, 2, 0)
 
 BAUD: Final = 250000
@@ -67,11 +67,11 @@ PULSE_CEILING_HALF_US: Final = 5000
 EEPROM_SIZE: Final = 1024
 EEPROM_SLOT_A: Final = 0
 EEPROM_SLOT_B: Final = 128
-EEPROM_SLOT_SIZE: Final = 47
+EEPROM_SLOT_SIZE: Final = 64
 EEPROM_BOOT_COUNTER: Final = 256
 EEPROM_BOOT_COUNTERS: Final = 32
 EEPROM_MAGIC: Final = 0xCC52
-EEPROM_LAYOUT: Final = 1
+EEPROM_LAYOUT: Final = 2
 
 
 class State(IntEnum):
@@ -148,6 +148,8 @@ class Fault(IntEnum):
     """An invariant of the firmware did not hold."""
     RESET_WHILE_ARMED = 8
     """The board has restarted while it made pulses, and the boot loader has hidden why."""
+    EMERGENCY_STOP = 9
+    """The emergency-stop input is open: pressed, or its wire is broken."""
 
 
 class ResetCause(IntEnum):
@@ -193,6 +195,8 @@ class NackCode(IntEnum):
     group have to wait. Or no tick has taken the pulses away yet: `clear_fault` has to wait for
     one.
     """
+    EMERGENCY_STOP_OPEN = 10
+    """The emergency-stop input is open: `clear_fault` has to wait until it is closed."""
 
 
 class EepromStatus(IntEnum):
@@ -257,6 +261,8 @@ class ConfigGroups(IntFlag):
     """`set_watchdog`"""
     CALIBRATION = 0x08
     """`set_calibration`"""
+    EQUIPMENT = 0x10
+    """`set_equipment`; missing only where no slot of EEPROM could be loaded and one is corrupt"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -406,6 +412,36 @@ class Calibration(Payload):
             if not consistent:
                 return axis
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class Equipment(Payload):
+    """The board's name, and what is wired to it.
+
+    It belongs to the board, not to a robot's description; zeros are a board without a name to which
+    only the servos are wired.
+    """
+
+    board_name: tuple[int, ...]
+    """ASCII, filled up with zeros. Any bytes are kept; the host judges them."""
+    emergency_stop: int
+    """1: a switch is wired to the emergency-stop input, closed unless it is pressed. 0 to 1."""
+
+    NAME: ClassVar[str] = "equipment"
+    SIZE: ClassVar[int] = 17
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<16BB")
+    FIELDS: ClassVar[tuple[Field, ...]] = (
+        Field("board_name", "B", 0, 255, count=16),
+        Field("emergency_stop", "B", 0, 1),
+    )
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        values = cls._numbers(payload)
+        return cls(
+            values[0:16],
+            values[16],
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -1437,6 +1473,79 @@ class SaveConfig(Request):
 
 
 @dataclass(frozen=True, slots=True)
+class GetEquipment(Request):
+    """Reads the board's name and what is wired to it."""
+
+    NAME: ClassVar[str] = "get_equipment"
+    SIZE: ClassVar[int] = 0
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<")
+    ID: ClassVar[int] = 0x3C
+    REPLY_ID: ClassVar[int] = 0xBC
+    RETRY: ClassVar[Retry] = "repeat"
+    NEEDS_SESSION: ClassVar[bool] = False
+    ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset(State)
+    FIELDS: ClassVar[tuple[Field, ...]] = ()
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        cls._numbers(payload)
+        return cls()
+
+
+@dataclass(frozen=True, slots=True)
+class EquipmentReply(Message):
+    """Name and equipment in use."""
+
+    equipment: Equipment
+
+    NAME: ClassVar[str] = "equipment_reply"
+    SIZE: ClassVar[int] = 17
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<")
+    ID: ClassVar[int] = 0xBC
+    FIELDS: ClassVar[tuple[Field, ...]] = ()
+    NESTED: ClassVar[str | None] = "equipment"
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        cls._numbers(payload)
+        return cls(Equipment.unpack(payload))
+
+
+@dataclass(frozen=True, slots=True)
+class SetEquipment(Request):
+    """Sets the board's name and what is wired to it."""
+
+    session: int
+    """The open session."""
+    equipment: Equipment
+
+    NAME: ClassVar[str] = "set_equipment"
+    SIZE: ClassVar[int] = 19
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<H")
+    ID: ClassVar[int] = 0x3D
+    REPLY_ID: ClassVar[int] = 0x70
+    RETRY: ClassVar[Retry] = "once"
+    NEEDS_SESSION: ClassVar[bool] = True
+    ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset(
+        {
+            State.DISARMED,
+            State.FAULT,
+            State.STOPPED,
+        }
+    )
+    FIELDS: ClassVar[tuple[Field, ...]] = (Field("session", "H", 0, 65535),)
+    NESTED: ClassVar[str | None] = "equipment"
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        values = cls._numbers(payload)
+        return cls(
+            values[0],
+            Equipment.unpack(payload[2:]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Ack(Message):
     """Done, or begun."""
 
@@ -1546,6 +1655,9 @@ MESSAGES: Final[Mapping[int, type[Message]]] = MappingProxyType(
         0xB6: CalibrationReply,
         0x37: SetCalibration,
         0x38: SaveConfig,
+        0x3C: GetEquipment,
+        0xBC: EquipmentReply,
+        0x3D: SetEquipment,
         0x70: Ack,
         0x71: Nack,
         0xC0: Telemetry,
@@ -1576,6 +1688,8 @@ REQUESTS: Final[Mapping[int, type[Request]]] = MappingProxyType(
         0x36: GetCalibration,
         0x37: SetCalibration,
         0x38: SaveConfig,
+        0x3C: GetEquipment,
+        0x3D: SetEquipment,
     }
 )
 """By id."""
@@ -1677,8 +1791,9 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         ),
         "TIM-4": (
             "In one tick, in this order: count it; make at most one transition that time or "
-            "position has brought about; move the setpoint as the state asks; compute the pulses; "
-            "write one EEPROM byte; set the servo supply and the LED; report."
+            "position has brought about; look at the emergency stop; move the setpoint as the "
+            "state asks; compute the pulses; write one EEPROM byte; set the servo supply and the "
+            "LED; report."
         ),
         "TIM-5": (
             "From listens_after_us after the reset on the board takes requests, and answers them "
@@ -1764,6 +1879,16 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
             "With period n the stream sends a report at every n-th tick after the request, its "
             "sequence number counting up from 0; open_session ends it."
         ),
+        "EST-1": (
+            "Where an emergency stop is fitted, each tick after `boot` that finds its input open "
+            "raises emergency_stop. So no pulse begins more than 22 ms after it was opened; one "
+            "that is closed again before a tick looks may go unnoticed. Where none is fitted the "
+            "input means nothing."
+        ),
+        "EST-2": (
+            "While the input of a fitted emergency stop is open clear_fault gets "
+            "emergency_stop_open (after busy)."
+        ),
         "SUP-1": (
             "The output that enables the servos' supply is on from the first tick in arming, "
             "active, hold, relaxing or disarming until the first in another state, and only then: "
@@ -1779,6 +1904,12 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "LED-2": (
             "For the duration of `blink` the LED is on where n / blink_step_ticks (rounded down) "
             "is even, whatever the state."
+        ),
+        "CFG-7": "A slot of layout 1 is loaded; its equipment is zeros.",
+        "CFG-8": (
+            "The equipment is zeros, and not missing, on a board of which nothing was ever saved. "
+            "Where no slot could be loaded and one is corrupt it is missing: the board may have an "
+            "emergency stop, and is not armed before the host has told."
         ),
         "CFG-5": (
             "While a save is being written, arm, save_config and whatever sets a configuration "

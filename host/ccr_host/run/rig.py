@@ -126,7 +126,7 @@ def open_rig(
 
     Raises:
         ConfigError: unknown URI, or a description that board or tracker cannot take.
-        DeviceError: no board, or not one of ours.
+        DeviceError: no board, not one of ours, or another one than described.
         TrackerError: no camera, or one that does not begin to track.
     """
     device = parse_device_uri(options.device)
@@ -155,6 +155,8 @@ def open_rig(
         stack.enter_context(recorded_end(tape))
         hosts_clock.attach(client)
         client.connect()
+        if device.is_outside:
+            client.require_name(description.robot.board_name)
         client.configure(board_config(description))
         tracker = eyes.tracker(clock, lambda: believed_rad(client), in_camera_frame=in_camera_frame)
         hosts_tracker = RecordedTracker(tracker, clock, tape, observer)

@@ -164,6 +164,10 @@ class SimavrBoard:
         """Last pulses measured on the pins, 0.5 us; 0 is none."""
         return self._meter.half_us
 
+    def open_emergency_stop(self, is_open: bool = True) -> None:
+        """Open or close the switch between its input and ground; closed at first."""
+        self._mcu.open_switch(is_open)
+
     @property
     def servo_supply_on(self) -> bool:
         """Level of the pin that enables the servos' supply."""

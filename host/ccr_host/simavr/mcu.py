@@ -155,6 +155,10 @@ class Mcu:
         """Put bytes onto the wire to the board from `cycle` on; 0: at the board's own baud."""
         self._shim.rig_send(self._rig, cycle, data, len(data), bit_cycles)
 
+    def open_switch(self, is_open: bool) -> None:
+        """Open or close the switch between pin 7 and ground."""
+        self._shim.rig_open_switch(self._rig, is_open)
+
     def forget_unsent(self) -> None:
         """Drop what waits for the wire."""
         self._shim.rig_forget_unsent(self._rig)
@@ -226,6 +230,7 @@ def _load() -> ctypes.CDLL:
         "rig_trouble": (ctypes.c_char_p, (rig,)),
         "rig_send": (None, (rig, ctypes.c_uint64, ctypes.c_char_p, size, count)),
         "rig_forget_unsent": (None, (rig,)),
+        "rig_open_switch": (None, (rig, ctypes.c_bool)),
         "rig_take_departures": (size, (rig, ctypes.c_void_p, size)),
         "rig_take_edges": (size, (rig, ctypes.c_void_p, size)),
         "rig_take_eeprom_writes": (size, (rig, ctypes.c_void_p, size)),

@@ -89,6 +89,7 @@ class Script:
             m.GetSlew(),
             m.GetWatchdog(),
             m.GetCalibration(),
+            m.GetEquipment(),
             m.SetTelemetry(session, int(self.rng.integers(0, 6))),
             self._target(),
             self._target(),
@@ -111,7 +112,10 @@ class Script:
     def _configuration(self) -> m.Request:
         session = self._session
         beyond = 1.1 if self._chance(0.2) else 1.0
-        match self._integer(0, 3):
+        match self._integer(0, 4):
+            case 4:
+                name = tuple(self.rng.integers(0, 256, 16).tolist())
+                return m.SetEquipment(session, m.Equipment(name, self._integer(0, int(2 * beyond))))
             case 0:
                 low = (self._integer(-9000, 0), self._integer(-9000, 0))
                 high = (self._integer(1, 9000), self._integer(1, 9000))

@@ -94,6 +94,11 @@ def run_both(seed: int, commands: int) -> tuple[int, set[m.State]]:
                     one.device.reset(cause)
                 frame = 0
                 continue
+            if rng.random() < 0.02:
+                is_open = rng.random() < 0.2
+                script.history.append(f"emergency stop {'opened' if is_open else 'closed'}")
+                emulated.board.open_emergency_stop(is_open)
+                real.board.open_emergency_stop(is_open)
             data = script.next_frame(emulated.board.state) if frame > 0 else b""
             for one in both:
                 one.device.advance_to(frame * m.TICK_US + _SEND_AT_US)

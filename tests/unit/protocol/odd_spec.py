@@ -66,7 +66,10 @@ def make_odd(tree: Tree) -> None:
             "name": "nesting",
             "direction": "to_host",
             "prose": "Own fields before a struct without ranges.",
-            "fields": [{"name": "own", "type": "i32", "count": 3, "prose": "Own."}],
+            "fields": [
+                {"name": "own", "type": "i32", "count": 3, "prose": "Own."},
+                {"name": "many", "type": "u16", "count": 6, "prose": "Gone through in a loop."},
+            ],
             "struct": "unranged",
         },
         {"id": 0xD2, "name": "nothing", "direction": "to_host", "prose": "Empty."},

@@ -82,7 +82,7 @@ MEANINGFUL = {
     "unit": lambda t: field(t, "message", "set_target", "ramp_ms").update(unit="s"),
     "scale": lambda t: field(t, "message", "set_target", "ramp_ms").update(scale=2),
     "range": lambda t: field(t, "message", "set_target", "ramp_ms").update(max=9999),
-    "enumerator": lambda t: value(t, "fault", "internal").update(value=9),
+    "enumerator": lambda t: value(t, "fault", "internal").update(value=200),
     "constant": lambda t: find(t, "constant", "boot_ticks").update(value=6),
     "retry": lambda t: find(t, "message", "arm").update(retry="repeat"),
     "consistency": lambda t: find(t, "struct", "limits").pop("consistent"),
@@ -131,6 +131,7 @@ def test_odd_shapes_make_python_that_packs_and_unpacks(odd_messages) -> None:
     assert integers.first_out_of_range() == 3
     nesting = odd_messages.Nesting(
         own=(-1, 0, 1),
+        many=(1, 2, 3, 4, 5, 65535),
         unranged=odd_messages.Unranged(odd_messages.Sparse.VALUE_700, odd_messages.ConfigGroups(3)),
     )
     assert odd_messages.Nesting.unpack(nesting.pack()) == nesting

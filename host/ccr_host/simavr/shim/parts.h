@@ -15,6 +15,9 @@ enum {
     REG_PINB = 0x23,
     REG_DDRB = 0x24,
     REG_PORTB = 0x25,
+    REG_PIND = 0x29,
+    REG_DDRD = 0x2A,
+    REG_PORTD = 0x2B,
     REG_TIFR0 = 0x35,
     REG_TIFR1 = 0x36,
     REG_TIFR2 = 0x37,
@@ -112,6 +115,7 @@ typedef struct {
 
 typedef struct {
     bool level[RIG_PINS];
+    bool switch_open;
     write_handler_t port_write, direction_write, toggle_write;
     log_t edges;
 } pins_t;

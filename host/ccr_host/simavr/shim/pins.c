@@ -43,11 +43,24 @@ static void toggle_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void 
     write_and_update(rig->pins.toggle_write, avr, address, value, rig);
 }
 
+/* Pin 7 is 0 while its switch to ground is closed; all others of the port are what they are driven or
+ * pulled to. */
+static uint8_t port_d_read(avr_t *avr, avr_io_addr_t address, void *param) {
+    const rig_t *rig = param;
+    const uint8_t *data = rig->avr->data;
+    const uint8_t switched = rig->pins.switch_open ? 0 : 1 << 7 & ~data[REG_DDRD];
+    (void)avr, (void)address;
+    return data[REG_PORTD] & ~switched;
+}
+
+void rig_open_switch(rig_t *rig, bool open) { rig->pins.switch_open = open; }
+
 void pins_attach(rig_t *rig) {
     rig->pins.edges.record_size = sizeof(rig_edge_t);
     rig->pins.port_write = replace_write(rig->avr, REG_PORTB, port_write, rig);
     rig->pins.direction_write = replace_write(rig->avr, REG_DDRB, direction_write, rig);
     rig->pins.toggle_write = replace_write(rig->avr, REG_PINB, toggle_write, rig);
+    replace_read(rig->avr, REG_PIND, port_d_read, rig);
 }
 
 size_t rig_take_edges(rig_t *rig, rig_edge_t *out, size_t room) {

@@ -90,6 +90,9 @@ typedef enum {
 unsigned rig_run_until(rig_t *rig, uint64_t cycle);
 const char *rig_trouble(const rig_t *rig);
 
+/* The switch between pin 7 and ground; closed until it is opened. */
+void rig_open_switch(rig_t *rig, bool open);
+
 /* Bytes on the wire to the board from `cycle` on, one after the other.
  * `bit_cycles`: length of the sender's bits; 0 for what the board has set. */
 void rig_send(rig_t *rig, uint64_t cycle, const uint8_t *bytes, size_t count, uint32_t bit_cycles);

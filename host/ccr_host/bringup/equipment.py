@@ -1,0 +1,100 @@
+"""The board's name and what is wired to it: kept in its EEPROM, told and changed by the host."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ccr_host.config import Description
+from ccr_host.errors import ConfigError
+from ccr_host.link.board_config import board_config, board_name
+from ccr_host.link.client import Client
+from ccr_host.link.messages import Equipment, StatusFlags
+from ccr_host.link.uri import parse_device_uri
+from ccr_host.run.clock import Clock, RealClock, VirtualClock
+from ccr_host.run.options import RigOptions
+from ccr_host.run.rig import connect_board, session_number
+
+
+@dataclass(frozen=True)
+class EquipmentChange:
+    """What is to be changed; None leaves it."""
+
+    board_name: str | None = None
+    emergency_stop: bool | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is to be changed."""
+        return self == EquipmentChange()
+
+    def applied_to(self, equipment: Equipment) -> Equipment:
+        """The equipment with this change.
+
+        Raises:
+            ConfigError: the board cannot keep it.
+        """
+        if self.board_name is not None:
+            equipment = replace(equipment, board_name=_name_bytes(self.board_name))
+        if self.emergency_stop is not None:
+            equipment = replace(equipment, emergency_stop=int(self.emergency_stop))
+        return equipment
+
+
+def change_equipment(
+    client: Client, description: Description, change: EquipmentChange
+) -> Equipment:
+    """Set it and let the board save it.
+
+    Args:
+        client: connected, to a board that is not armed.
+        description: configures a board that has no configuration yet, as it saves all or nothing.
+        change: what to change.
+
+    Raises:
+        ConfigError: the board cannot keep it.
+        DeviceError: the board refuses, or its EEPROM fails.
+    """
+    wanted = change.applied_to(client.read_equipment())
+    client.set_equipment(wanted)
+    if StatusFlags.CONFIGURED not in client.read_state().flags:
+        client.configure(board_config(description))
+    client.save_config()
+    return wanted
+
+
+def told_to_board(options: RigOptions, change: EquipmentChange) -> str:
+    """Connect, change and save; gives the board's equipment then, for people.
+
+    Raises:
+        ConfigError: unknown URI, or the board cannot keep it.
+        DeviceError: no board, or it refuses.
+    """
+    device = parse_device_uri(options.device)
+    description = options.description()
+    clock: Clock = VirtualClock() if device.in_process else RealClock()
+    with ExitStack() as stack:
+        transport = connect_board(device, None, clock, description.link.baud, stack)
+        session = session_number(device, np.random.SeedSequence(options.seed))
+        client = stack.enter_context(Client(transport, clock, session))
+        clock.attach(client)
+        client.connect()
+        return described(change_equipment(client, description, change))
+
+
+def described(equipment: Equipment) -> str:
+    """For people."""
+    name = board_name(equipment)
+    stop = "emergency stop fitted" if equipment.emergency_stop else "no emergency stop"
+    return f"{f'named {name}' if name else 'no name'}, {stop}"
+
+
+def _name_bytes(name: str) -> tuple[int, ...]:
+    room = len(Equipment.unpack(bytes(Equipment.SIZE)).board_name)
+    if not (name.isascii() and name.isprintable() and len(name) <= room and name == name.strip()):
+        raise ConfigError(
+            f"{name!r} cannot be a board's name", f"give up to {room} printable ASCII characters"
+        )
+    return tuple(name.encode("ascii").ljust(room, b"\0"))

@@ -1,0 +1,148 @@
+"""Name and equipment of a board, as its user tells and meets them."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from ccr_host.bringup.board_checks import check_board
+from ccr_host.bringup.equipment import EquipmentChange, change_equipment, described
+from ccr_host.bringup.finding import Severity
+from ccr_host.config import Description
+from ccr_host.emulator.board import UnoEmulator
+from ccr_host.emulator.eeprom import EepromImage
+from ccr_host.emulator.serial_line import SerialLine
+from ccr_host.emulator.server import BackgroundServer, BoardServer
+from ccr_host.emulator.tcp_port import TcpPort
+from ccr_host.errors import ConfigError
+from ccr_host.link.board_config import board_config
+from ccr_host.link.client import Client
+from ccr_host.link.device_errors import BoardFaultError, RequestRefusedError, WrongBoardError
+from ccr_host.link.messages import ResetCause, State
+from ccr_host.run.clock import RealClock, VirtualClock
+from ccr_host.run.observer import Observers
+from ccr_host.run.options import RigOptions
+from ccr_host.run.rig import open_rig
+
+
+class Bench(UnoEmulator):
+    """A board with a line on a clock."""
+
+    def __init__(self) -> None:
+        self.image = EepromImage()
+        super().__init__(self.image)
+        self.clock = VirtualClock()
+        self.line = SerialLine(self)
+        self.clock.attach(self.line)
+
+
+@contextmanager
+def connected(board: Bench) -> Iterator[Client]:
+    with Client(board.line, board.clock, 1) as client:
+        client.connect()
+        yield client
+
+
+def change(
+    board: Bench, *, board_name: str | None = None, emergency_stop: bool | None = None
+) -> str:
+    wanted = EquipmentChange(board_name, emergency_stop)
+    with connected(board) as client:
+        return described(change_equipment(client, Description(), wanted))
+
+
+def test_each_thing_that_is_told_is_kept_and_leaves_the_rest_as_it_was() -> None:
+    board = Bench()
+    assert change(board, board_name="left arm") == "named left arm, no emergency stop"
+    assert change(board, emergency_stop=True) == "named left arm, emergency stop fitted"
+    board.reset(ResetCause.POWER_ON)
+    with connected(board) as client:
+        assert described(client.read_equipment()) == "named left arm, emergency stop fitted"
+    assert change(board, board_name="", emergency_stop=False) == "no name, no emergency stop"
+
+
+def test_telling_a_calibrated_board_its_name_leaves_its_calibration() -> None:
+    board = Bench()
+    calibrated = Description.model_validate({"servo": {"neutral_pulse_us": [1520, 1490]}})
+    with connected(board) as client:
+        client.configure(board_config(calibrated))
+        client.save_config()
+    board.reset(ResetCause.POWER_ON)
+    change(board, board_name="arm 2")
+    board.reset(ResetCause.POWER_ON)
+    with connected(board) as client:
+        assert client.read_config() == board_config(calibrated)
+
+
+@pytest.mark.parametrize("name", ["a name of 17 chars", "größe", "tab\t", " arm"])
+def test_name_that_the_board_cannot_keep_is_refused(name: str) -> None:
+    with pytest.raises(ConfigError, match="cannot be a board's name"):
+        change(Bench(), board_name=name)
+
+
+def test_pressed_emergency_stop_ends_a_run_with_its_fault_and_clearing_waits_for_it() -> None:
+    board = Bench()
+    change(board, emergency_stop=True)
+    with connected(board) as client:
+        client.configure(board_config(Description()))
+        client.arm()
+        board.open_emergency_stop()
+        with pytest.raises(BoardFaultError, match="emergency stop"):
+            client.disarm()
+        with pytest.raises(RequestRefusedError, match="release the switch"):
+            client.clear_fault()
+        board.open_emergency_stop(False)
+        client.clear_fault()
+        assert client.read_state().state is State.DISARMED
+
+
+def test_board_with_a_corrupt_eeprom_says_what_it_has_to_be_told() -> None:
+    board = Bench()
+    change(board, emergency_stop=True)
+    board.image.content[0] = 0
+    board.reset(ResetCause.POWER_ON)
+    with connected(board) as client:
+        client.configure(board_config(Description()))
+        with pytest.raises(RequestRefusedError, match="--emergency-stop"):
+            client.arm()
+    change(board, emergency_stop=True)
+    with connected(board) as client:
+        client.arm()
+
+
+def test_doctor_tells_equipment_and_another_name_than_described() -> None:
+    board = Bench()
+    change(board, board_name="left arm")
+    found = {}
+    for wanted in ("left arm", "right arm"):
+        robot = Description.model_validate({"robot": {"board_name": wanted}})
+        with connected(board) as client:
+            found[wanted] = {f.subject: f for f in check_board(client, board.clock, robot)}
+    assert "named left arm" in found["left arm"]["equipment"].text
+    assert "board's name" not in found["left arm"]
+    assert found["right arm"]["board's name"].severity is Severity.FAILURE
+    assert found["right arm"]["board's name"].exit_status == 3
+
+
+@pytest.mark.parametrize("name", ["", "left arm"])
+def test_run_on_another_board_than_described_is_refused_before_arming(name: str) -> None:
+    bench = Bench()
+    if name:
+        change(bench, board_name=name)
+    board = UnoEmulator(bench.image)
+    server = BoardServer(SerialLine(board), TcpPort(0), RealClock(), boot_loader_us=0)
+    with BackgroundServer(server) as served:
+        options = RigOptions(device=served.uri, overrides=("robot.board_name=right arm",))
+        expected = f"named {name or 'nothing'}, robot.board_name is right arm"
+        with (
+            pytest.raises(WrongBoardError, match=expected),
+            open_rig(options, options.description(), Observers()),
+        ):
+            pass
+    assert board.state in (State.BOOT, State.DISARMED)
+
+
+def test_simulated_board_has_whatever_name_is_described() -> None:
+    options = RigOptions(overrides=("robot.board_name=right arm",))
+    with open_rig(options, options.description(), Observers()) as rig:
+        rig.client.arm()
