@@ -68,7 +68,7 @@ def sweep(
     ] = None,
     twins: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Twins of one's own: a JSON object of keys a line."),
+        typer.Option(metavar="FILE", help="Your own twins: one JSON object of keys a line."),
     ] = None,
     workers: Annotated[
         int | None,

@@ -180,7 +180,7 @@ class Client:
     # Configuration
 
     def read_config(self) -> BoardConfig:
-        """Read all groups; what the board has not got reads as zeros."""
+        """Read all groups; what the board does not have reads as zeros."""
         return BoardConfig(
             limits=self._ask(m.GetLimits(), m.LimitsReply).limits,
             slew=self._ask(m.GetSlew(), m.SlewReply).slew,

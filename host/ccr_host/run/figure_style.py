@@ -71,6 +71,7 @@ def save_figure(figure: Figure, file: Path) -> None:
     for suffix, metadata in _METADATA.items():
         with replacing(file.with_suffix(suffix)) as draft:
             _write(figure, draft, suffix.removeprefix("."), metadata)
+        figure.set_layout_engine("none")  # What was found for the first format holds for all.
 
 
 def svg_element(figure: Figure) -> str:

@@ -125,7 +125,7 @@ class SweepPlan:
 
 
 def read_twins(file: Path) -> tuple[Settings, ...]:
-    """Twins of one's own: a JSON object with dotted keys on each line.
+    """Your own twins: a JSON object with dotted keys on each line.
 
     Raises:
         ConfigError: the file cannot be read, or names the line that is no such object.
