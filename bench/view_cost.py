@@ -21,6 +21,7 @@ import multiprocessing
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -28,7 +29,6 @@ from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from urllib.parse import urlsplit
 
 import msgspec
 import numpy as np
@@ -108,7 +108,7 @@ def cpu_s(pid: int) -> float:
 def look_on(url: str, bytes_read: Synchronized[float]) -> None:
     """Read all that the page sends until it ends."""
     protocol = f"viser-v{viser.__version__}"
-    address = f"ws://{urlsplit(url).netloc}/"
+    address = url.replace("http", "ws", 1)
     with connect(address, subprotocols=[protocol], compression=None, max_size=None) as socket:
         socket.send(msgspec.msgpack.encode(CAMERA))
         try:
@@ -219,7 +219,7 @@ def stop_delay_us(options: RunOptions, wait_s: float) -> float:
 
     thread = threading.Thread(target=press)
     thread.start()
-    operator = PageOperator(buttons, lambda: True)
+    operator = PageOperator(buttons, lambda: True, deque())
     execute(options, Observers((seen,)), lambda *_: None, operator)
     thread.join()
     assert seen.sent_s is not None

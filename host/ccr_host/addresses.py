@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import ipaddress
 import re
+import socket
 from collections.abc import Mapping
 from enum import Enum
 
@@ -150,6 +152,38 @@ def host_and_port(text: str, subject: str, example: str, least_port: int = 1) ->
 def joined(host: str, port: int) -> str:
     """HOST:PORT, with brackets where the host is an IPv6 address."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def listening_socket(host: str, port: int) -> socket.socket:
+    """Listen on an address of this computer, of a host's name the IPv4 one if it has both.
+
+    Args:
+        host: name or address; an IPv6 one without brackets.
+        port: 0 takes a free one.
+
+    Raises:
+        ConfigError: it cannot be had.
+    """
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        family, *_, address = min(found, key=lambda one: one[0] != socket.AF_INET)
+        return socket.create_server(address, family=family)
+    except (OSError, UnicodeError) as error:
+        cause, cure = _why_not_listening(error)
+        raise ConfigError(f"cannot listen on {joined(host, port)}: {cause}", cure) from None
+
+
+def _why_not_listening(error: OSError | UnicodeError) -> tuple[str, str]:
+    if isinstance(error, socket.gaierror | UnicodeError):
+        return "no host of this name", "give an address of this computer, e.g. 127.0.0.1"
+    match error.errno:
+        case errno.EADDRINUSE:
+            return "already in use", "choose another port; 0 takes a free one"
+        case errno.EACCES | errno.EPERM:
+            return "not allowed", "choose a port above 1023; 0 takes a free one"
+        case errno.EADDRNOTAVAIL | errno.EAFNOSUPPORT:
+            return "no address of this computer", "give one of its own, e.g. 127.0.0.1"
+    return error.strerror or str(error), "choose another address"
 
 
 def _is_ipv6(text: str) -> bool:

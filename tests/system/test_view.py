@@ -1,11 +1,10 @@
 """The live page in a real browser, without a screen."""
 
+import os
 import re
 import shutil
 import signal
 import subprocess
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +15,15 @@ from playwright.sync_api import sync_playwright
 
 from ccr_host.run.log import topics
 from ccr_host.run.log.reader import RunRecording
-from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost
+from tests.system.conftest import (
+    PAPERS,
+    PATIENCE_S,
+    CcrHost,
+    children,
+    events,
+    logged,
+    wait_until_following,
+)
 
 # A machine without a graphics card draws in software, as slowly as it likes.
 PATIENCE_MS = 60_000
@@ -169,19 +176,42 @@ def test_the_page_of_a_run_that_has_ended_says_so(recorded: tuple[CcrHost, str],
         assert not tab.get_by_role("checkbox", name="ideal robot").is_checked()
 
 
-def test_beyond_this_machine_only_the_token_opens_the_page(
-    recorded: tuple[CcrHost, str],
+def test_a_run_outlives_the_process_of_its_page_and_the_browser_finds_the_next(
+    ccr_host: CcrHost, tab: Any, tmp_path: Path
 ) -> None:
-    player = recorded[0].start("view", "kept", "--address", "0.0.0.0:0")
-    with ended(player, signal.SIGINT):
-        address = address_in(player).replace("0.0.0.0", "127.0.0.1")
-        bare = address.partition("?")[0]
-        with pytest.raises(urllib.error.HTTPError, match="403"):
-            urllib.request.urlopen(bare)
-        visitor = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
-        with visitor.open(address) as page:
-            assert page.url == bare, "the token does not stay in the address"
-            assert b"viser" in page.read().lower()
+    run = ccr_host.start(
+        "track", "8shape", *PAPERS, "--realtime", "--no-open", "--out", "kept",
+        "--view", "127.0.0.1:0",
+    )  # fmt: skip
+    with ended(run, signal.SIGINT):
+        tab.goto(address_in(run))
+        tab.get_by_text("following the path").wait_for()
+        (page,) = children(run.pid)
+        os.kill(page, signal.SIGKILL)
+        assert run.stderr is not None
+        assert "ccr-host: the live page has died (SIGKILL)" in run.stderr.readline()
+        tab.get_by_text("following the path").wait_for()
+        tab.get_by_role("button", name="STOP the robot").click()
+        run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 130
+    assert any("the live page has died (SIGKILL)" in event for event in events(tmp_path / "kept"))
+
+
+def test_a_stop_in_the_terminal_works_though_the_page_is_gone(
+    ccr_host: CcrHost, tmp_path: Path
+) -> None:
+    run = ccr_host.start(
+        "track", "8shape", *PAPERS, "--realtime", "--no-open", "--out", "kept",
+        "--view", "127.0.0.1:0",
+    )  # fmt: skip
+    with ended(run, signal.SIGINT):
+        wait_until_following(tmp_path / "kept", run)
+        os.kill(*children(run.pid), signal.SIGSTOP)
+        run.send_signal(signal.SIGINT)
+        _, err = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 130
+    assert err.endswith("ccr-host: interrupted\n")
+    assert logged(tmp_path / "kept", topics.STATE)[-1]["state"] == "disarmed"
 
 
 @pytest.mark.parametrize("address", ["nowhere", "192.0.2.1:80"])
@@ -190,7 +220,8 @@ def test_an_address_that_cannot_be_had_is_one_line(
 ) -> None:
     run = ccr_host("track", short_path, *PAPERS, "--no-open", f"--view={address}")
     assert run.status == 2
-    assert run.err.startswith("ccr-host: error: --view")
+    assert run.err.startswith("ccr-host: error: ")
+    assert address in run.err
     assert len(run.err.splitlines()) == 1
 
 

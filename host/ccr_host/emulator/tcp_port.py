@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import errno
 import selectors
 import socket
 
-from ccr_host.addresses import joined
+from ccr_host.addresses import joined, listening_socket
 from ccr_host.emulator.server import PortListener
-from ccr_host.errors import ConfigError
 
 DEFAULT_HOST = "127.0.0.1"
 _READ_BYTES = 4096
@@ -27,12 +25,7 @@ class TcpPort:
     """
 
     def __init__(self, port: int, host: str = DEFAULT_HOST) -> None:
-        try:
-            family = socket.AF_INET6 if ":" in host else socket.AF_INET
-            self._listening = socket.create_server((host, port), family=family)
-        except OSError as error:
-            cause, cure = _trouble(error)
-            raise ConfigError(f"cannot listen on {joined(host, port)}: {cause}", cure) from None
+        self._listening = listening_socket(host, port)
         self._listening.setblocking(False)
         self.uri = f"tcp://{joined(host, self._listening.getsockname()[1])}"
         self._client: socket.socket | None = None
@@ -100,16 +93,3 @@ def _refuse(client: socket.socket) -> None:
             client.send(_BUSY)
         except OSError:
             return
-
-
-def _trouble(error: OSError) -> tuple[str, str]:
-    if isinstance(error, socket.gaierror) or (error.errno or 0) < 0:
-        return "no host of this name", f"give an address of this computer, e.g. {DEFAULT_HOST}"
-    match error.errno:
-        case errno.EADDRINUSE:
-            return "already in use", "choose another port; 0 takes a free one"
-        case errno.EACCES | errno.EPERM:
-            return "not allowed", "choose a port above 1023; 0 takes a free one"
-        case errno.EADDRNOTAVAIL | errno.EAFNOSUPPORT:
-            return "no address of this computer", f"give one of its own, e.g. {DEFAULT_HOST}"
-    return error.strerror or str(error), "choose another address"

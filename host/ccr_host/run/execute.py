@@ -74,7 +74,7 @@ def execute(
     try:
         with open_rig(options, description, observer) as rig:
             heard = RecordedOperator(operator, rig.tape) if operator else NoOperator()
-            with stopping_at_once(heard, rig.clock, rig.client):
+            with stopping_at_once(heard, rig.clock, rig.client, observer):
                 follow_path(
                     rig,
                     controller,

@@ -9,6 +9,7 @@ from typing import Protocol
 from ccr_host.link.client import Client
 from ccr_host.link.messages import TICK_US
 from ccr_host.run.clock import Clock
+from ccr_host.run.observer import RunObserver
 
 _UNTIL_SHOWN_US = 3 * TICK_US
 """After so long the board's reports show that the pulses are gone, and so does the log."""
@@ -31,12 +32,19 @@ class Operator(Protocol):
         """
         ...
 
+    def news(self) -> str:
+        """What has become of the operator's page since last asked, one thing; empty: nothing."""
+        ...
+
 
 class NoOperator:
     """Nobody is there."""
 
     wants_stop = False
     wants_pause = False
+
+    def news(self) -> str:
+        return ""
 
 
 class OperatorStop(KeyboardInterrupt):
@@ -47,15 +55,19 @@ class OperatorStop(KeyboardInterrupt):
 
 
 @contextmanager
-def stopping_at_once(operator: Operator, clock: Clock, client: Client) -> Iterator[None]:
+def stopping_at_once(
+    operator: Operator, clock: Clock, client: Client, observer: RunObserver
+) -> Iterator[None]:
     """Obey the operator's stop wherever the run waits: the protocol's emergency stop.
+
+    The operator's news are events of the run.
 
     Raises:
         OperatorStop: after the board has acknowledged.
         DeviceError: it does not.
     """
     if not isinstance(operator, NoOperator):
-        clock.attach(_StopKey(operator))
+        clock.attach(_StopKey(operator, observer))
     try:
         yield
     except OperatorStop:
@@ -67,11 +79,14 @@ def stopping_at_once(operator: Operator, clock: Clock, client: Client) -> Iterat
 class _StopKey:
     """Ends whatever waits on the clock, once: the emergency stop itself has to wait as well."""
 
-    def __init__(self, operator: Operator) -> None:
+    def __init__(self, operator: Operator, observer: RunObserver) -> None:
         self._operator = operator
+        self._observer = observer
         self._pressed = False
 
     def advance_to(self, time_us: int) -> None:
+        if news := self._operator.news():
+            self._observer.event(time_us, news)
         if self._operator.wants_stop and not self._pressed:
             self._pressed = True
             raise OperatorStop

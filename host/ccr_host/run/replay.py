@@ -179,7 +179,7 @@ class _Replay:
                 client.connect()
                 client.configure(board_config(description))
                 rig = Rig(clock, client, tracker, None, Tape(lambda _: None))
-                with stopping_at_once(operator, clock, client):
+                with stopping_at_once(operator, clock, client, Observers()):
                     follow_path(
                         rig,
                         controller,

@@ -1,13 +1,15 @@
-"""Where the page is served."""
+"""Where the page is served, and the secret that opens it."""
 
 from __future__ import annotations
 
-import ipaddress
+import secrets
+import socket
 from dataclasses import dataclass
 
-from ccr_host.addresses import host_and_port, joined
+from ccr_host.addresses import host_and_port, joined, listening_socket
 
 DEFAULT_ADDRESS = "127.0.0.1:8642"
+_TOKEN_BYTES = 16
 
 
 @dataclass(frozen=True)
@@ -17,24 +19,30 @@ class ViewAddress:
     host: str
     port: int
 
+
+@dataclass(frozen=True)
+class Door:
+    """A socket that listens, and what a visitor must know; goes to the process that serves."""
+
+    host: str
+    """As the user has written it."""
+    listening: socket.socket
+    token: str
+
     @property
-    def is_local(self) -> bool:
-        """Whether only this machine reaches it."""
-        if self.host == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
+    def url(self) -> str:
+        """What to open in a browser."""
+        return f"http://{joined(self.host, self.listening.getsockname()[1])}/{self.token}"
 
-    def url(self, port: int, token: str | None) -> str:
-        """What to open in a browser.
 
-        Args:
-            port: that was really bound.
-            token: None where none is asked for.
-        """
-        return f"http://{joined(self.host, port)}/" + (f"?token={token}" if token else "")
+def open_door(address: ViewAddress) -> Door:
+    """Listen, with a new secret.
+
+    Raises:
+        ConfigError: the address cannot be had.
+    """
+    listening = listening_socket(address.host, address.port)
+    return Door(address.host, listening, secrets.token_urlsafe(_TOKEN_BYTES))
 
 
 def parse_view_address(text: str) -> ViewAddress:

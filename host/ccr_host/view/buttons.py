@@ -6,6 +6,7 @@ can neither delay nor block it.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from ctypes import c_bool
 from multiprocessing.context import BaseContext
@@ -43,12 +44,16 @@ class PageOperator:
 
     Args:
         buttons: of the page.
-        page_is_alive: whether anybody can still press them.
+        page_is_alive: whether anybody can press them, now or when the page is back.
+        heard: from the page's process, in order; filled by any thread.
     """
 
-    def __init__(self, buttons: SharedButtons, page_is_alive: Callable[[], bool]) -> None:
+    def __init__(
+        self, buttons: SharedButtons, page_is_alive: Callable[[], bool], heard: deque[str]
+    ) -> None:
         self._buttons = buttons
         self._page_is_alive = page_is_alive
+        self._heard = heard
 
     @property
     def wants_stop(self) -> bool:
@@ -66,3 +71,6 @@ class PageOperator:
         if not self._page_is_alive():
             raise CcrError("the live page ended during a pause", "start the run again")
         return True
+
+    def news(self) -> str:
+        return self._heard.popleft() if self._heard else ""

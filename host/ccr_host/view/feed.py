@@ -54,9 +54,10 @@ class ViewFeed(RunObserver):
         self._step_us = self._command_us = -_STEP_EVERY_US
         self._dropped_batches = 0
         self._phase = ""
+        self._known: dict[str, Item] = {}
 
     def begin(self, setup: RunSetup) -> None:
-        self._items.append(("begin", (setup,)))
+        self._items.append(self._kept("begin", setup))
         self._hand_on(0)
 
     def frame(self, direction: str, time_us: int, data: bytes) -> None:
@@ -82,10 +83,18 @@ class ViewFeed(RunObserver):
         self._hand_on(time_us)
 
     def phase(self, time_us: int, phase: Phase) -> None:
-        self._items.append(("phase", (time_us, phase)))
+        self._items.append(self._kept("phase", time_us, phase))
         if phase.name != self._phase:
             self._phase = phase.name
             self._hand_on(time_us)
+
+    def resumed(self) -> Batch:
+        """Where the run stands, for a page that has seen nothing of it; asked by any thread."""
+        return Batch(list(self._known.values()), self._dropped_batches)
+
+    def _kept(self, method: str, *arguments: object) -> Item:
+        self._known[method] = method, arguments
+        return self._known[method]
 
     def _hand_on(self, time_us: int) -> None:
         if not self._put(Batch(self._items, self._dropped_batches)):

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import multiprocessing
 import queue
+import signal
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from importlib.util import find_spec
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
+from threading import Lock, Thread
+from typing import TypeAlias
 
 from ccr_host.errors import CcrError, ConfigError
+from ccr_host.standard_streams import warn
 from ccr_host.stop_signals import interruptible_again
-from ccr_host.view.address import ViewAddress
+from ccr_host.view.address import Door, ViewAddress, open_door
 from ccr_host.view.buttons import PageOperator, SharedButtons
 from ccr_host.view.feed import Batch, RunEnded, ViewFeed
 
@@ -22,27 +25,103 @@ _ROOM_BATCHES = 64
 """Two and a half seconds of a run in real time."""
 _START_TIMEOUT_S = 30.0
 _END_TIMEOUT_S = 2.0
+_MOST_STARTS = 10
+
+_Messages: TypeAlias = "multiprocessing.Queue[Batch | RunEnded]"
 
 
-@dataclass(frozen=True)
 class LivePage:
-    """A page that waits for a run."""
+    """A page that waits for a run, in a process that is started again when it dies.
 
-    url: str
-    feed: ViewFeed
-    operator: PageOperator
-    _messages: multiprocessing.Queue[Batch | RunEnded]
-    _process: BaseProcess
+    Args:
+        door: to serve at.
+        realtime: whether the run's clock goes with the wall clock.
+
+    Raises:
+        CcrError: the page does not start.
+    """
+
+    def __init__(self, door: Door, *, realtime: bool) -> None:
+        self._door = door
+        self._context = multiprocessing.get_context("spawn")
+        self._buttons = SharedButtons(self._context)
+        self._ended: RunEnded | None = None
+        self._is_wanted = True
+        self._heard: deque[str] = deque()
+        self._changing = Lock()
+        self.url = door.url
+        self.feed = ViewFeed(self._put, realtime=realtime)
+        told = self._start()
+        if (trouble := _trouble_at_start(told)) is not None:
+            self._process.kill()
+            door.listening.close()
+            raise CcrError(f"the live page did not start{trouble}", "run without --view")
+        self._keeper = Thread(target=self._keep, args=(told,), daemon=True, name="live page")
+        self._keeper.start()
+        self.operator = PageOperator(self._buttons, self._keeper.is_alive, self._heard)
 
     def end_run(self, folder: Path) -> None:
         """From now on the page plays what the folder holds."""
+        with self._changing:
+            self._ended, messages = RunEnded(folder), self._messages
         with suppress(queue.Full):
-            self._messages.put(RunEnded(folder), timeout=_END_TIMEOUT_S)
+            messages.put(self._ended, timeout=_END_TIMEOUT_S)
 
     def wait_until_interrupted(self) -> None:
-        """Keep the page until Ctrl-C or the end of its process."""
+        """Keep the page until Ctrl-C, or until it cannot be kept."""
         with suppress(KeyboardInterrupt), interruptible_again():
+            self._keeper.join()
+
+    def close(self) -> None:
+        """End the page, though it hang."""
+        with self._changing:
+            self._is_wanted = False
+            self._process.kill()
+        self._keeper.join()
+        self._door.listening.close()
+
+    def _put(self, batch: Batch) -> bool:
+        with self._changing, suppress(queue.Full):
+            self._messages.put_nowait(batch)
+            return True
+        return False
+
+    def _start(self) -> Connection:
+        """Start a process and let it know where the run stands; what it tells."""
+        messages: _Messages = self._context.Queue(maxsize=_ROOM_BATCHES)
+        messages.cancel_join_thread()
+        told, tell = self._context.Pipe(duplex=False)
+        arguments = (self._door, messages, self._buttons, tell)
+        process = self._context.Process(target=_draw_live_run, args=arguments, daemon=True)
+        process.start()
+        tell.close()
+        with self._changing:
+            self._messages, self._process = messages, process
+            messages.put(self._ended or self.feed.resumed())
+            if not self._is_wanted:
+                process.kill()
+        return told
+
+    def _keep(self, told: Connection) -> None:
+        """Hear what the process tells, and start another one whenever it dies."""
+        for start in range(1, _MOST_STARTS + 1):
+            with suppress(EOFError, OSError):
+                while True:
+                    if trouble := told.recv():
+                        self._tell(f"the live page: {trouble}")
             self._process.join()
+            if not self._is_wanted:
+                return
+            lost = f"the live page has died ({_how(self._process.exitcode)}) and "
+            if start == _MOST_STARTS:
+                self._tell(lost + "stays away; only Ctrl-C in the terminal stops the run now")
+                return
+            self._tell(lost + "is started again; until then Ctrl-C in the terminal stops the run")
+            told = self._start()
+
+    def _tell(self, text: str) -> None:
+        warn(text)
+        self._heard.append(text)
 
 
 @contextmanager
@@ -55,25 +134,14 @@ def live_page(address: ViewAddress, *, realtime: bool) -> Iterator[LivePage]:
 
     Raises:
         ConfigError: the address cannot be had, or the package that draws is missing.
+        CcrError: the page does not start.
     """
     require_viser()
-    context = multiprocessing.get_context("spawn")
-    messages: multiprocessing.Queue[Batch | RunEnded] = context.Queue(maxsize=_ROOM_BATCHES)
-    buttons = SharedButtons(context)
-    told, tell = context.Pipe(duplex=False)
-    process = context.Process(
-        target=_draw_live_run, args=(address, messages, buttons, tell), daemon=True
-    )
-    process.start()
-    tell.close()
+    page = LivePage(open_door(address), realtime=realtime)
     try:
-        url = _address_told(told)
-        feed = ViewFeed(lambda batch: _put(messages, batch), realtime=realtime)
-        yield LivePage(url, feed, PageOperator(buttons, process.is_alive), messages, process)
+        yield page
     finally:
-        messages.cancel_join_thread()
-        process.terminate()
-        process.join()
+        page.close()
 
 
 def require_viser() -> None:
@@ -89,31 +157,23 @@ def require_viser() -> None:
 
 
 def _draw_live_run(
-    address: ViewAddress,
-    messages: multiprocessing.Queue[Batch | RunEnded],
-    buttons: SharedButtons,
-    tell: Connection,
+    door: Door, messages: _Messages, buttons: SharedButtons, tell: Connection
 ) -> None:
     from ccr_host.view.page_process import draw_live_run  # noqa: PLC0415 - viser is big, and only here
 
-    draw_live_run(address, messages, buttons, tell)
+    draw_live_run(door, messages, buttons, tell)
 
 
-def _address_told(told: Connection) -> str:
-    try:
+def _trouble_at_start(told: Connection) -> str | None:
+    """None once the page is served."""
+    with suppress(EOFError):
         if told.poll(_START_TIMEOUT_S):
-            answer = told.recv()
-            if isinstance(answer, tuple):
-                raise ConfigError(*answer)
-            return str(answer)
-    except EOFError:
-        pass
-    raise CcrError("the live page did not start", "run without --view, or try again")
+            trouble = str(told.recv())
+            return f": {trouble}" if trouble else None
+    return ""
 
 
-def _put(messages: multiprocessing.Queue[Batch | RunEnded], batch: Batch) -> bool:
-    try:
-        messages.put_nowait(batch)
-    except queue.Full:
-        return False
-    return True
+def _how(exit_code: int | None) -> str:
+    if exit_code is not None and exit_code < 0:
+        return signal.Signals(-exit_code).name
+    return f"exit code {exit_code}"

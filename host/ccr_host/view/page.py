@@ -1,4 +1,7 @@
-"""The page itself: lays out scene, status, buttons and charts, and keeps them up to date."""
+"""The page itself: lays out scene, status, buttons and charts, and keeps them up to date.
+
+It lives in the server's thread, see `in_servers_thread`; there viser calls whatever is `async`.
+"""
 
 from __future__ import annotations
 
@@ -60,9 +63,16 @@ class Page:
         with gui.add_folder("Legend"):
             self._legend = gui.add_html("")
             disks = gui.add_checkbox("disks", initial_value=True)
-            disks.on_update(lambda _: self._scene.show_disks(disks.value))
             ideal = gui.add_checkbox("ideal robot", initial_value=False, hint=_IDEAL)
-            ideal.on_update(lambda _: self._scene.show_model(ideal.value))
+
+            @disks.on_update
+            async def _(_: object) -> None:
+                self._scene.show_disks(disks.value)
+
+            @ideal.on_update
+            async def _(_: object) -> None:
+                self._scene.show_model(ideal.value)
+
         plots = gui.add_panel()
         with plots.add_tab("Plots", Icon.CHART_LINE):
             self._charts = Charts(gui, self._setup)
@@ -137,15 +147,17 @@ class _Player:
         self._folder.visible = True
 
         @self._slider.on_update
-        def _(event: GuiEvent) -> None:  # type: ignore[type-arg]
+        async def _(event: GuiEvent) -> None:  # type: ignore[type-arg]
             if event.client is not None:
                 playback.seek(self._slider.value * 1e6)
 
-        self._play.on_click(lambda _: playback.press_play())
+        @self._play.on_click
+        async def _(_: object) -> None:
+            playback.press_play()
 
         @self._speed.on_update
-        def _(_: object) -> None:
-            playback.speed = SPEEDS[self._speed.value]
+        async def _(_: object) -> None:
+            playback.speed = SPEEDS.get(self._speed.value, playback.speed)
 
         return playback
 
@@ -161,14 +173,19 @@ def _add_live_controls(server: ViserServer, buttons: SharedButtons) -> list[GuiB
     stop = gui.add_button("STOP the robot", color="red", icon=Icon.HAND_STOP)
     pause = gui.add_button("Pause", icon=Icon.PLAYER_PAUSE)
 
-    @stop.on_click
-    def _(_: object) -> None:
-        buttons.press_stop()
-        stop.label = "Stop sent"
-
-    @pause.on_click
-    def _(_: object) -> None:
-        buttons.set_pause(not buttons.paused)
+    def show() -> None:
+        stop.label = "Stop sent" if buttons.stop_pressed else "STOP the robot"
         pause.label = "Continue" if buttons.paused else "Pause"
 
+    @stop.on_click
+    async def _(_: object) -> None:
+        buttons.press_stop()
+        show()
+
+    @pause.on_click
+    async def _(_: object) -> None:
+        buttons.set_pause(not buttons.paused)
+        show()
+
+    show()
     return [stop, pause]

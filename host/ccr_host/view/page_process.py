@@ -5,63 +5,70 @@ from __future__ import annotations
 import multiprocessing
 import queue
 import signal
+import sys
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
 from viser import ViserServer
 
-from ccr_host.errors import CcrError
+from ccr_host.errors import CcrError, full_text
 from ccr_host.run.clock import RealClock
 from ccr_host.run.log.play import play_run
-from ccr_host.view.address import ViewAddress
+from ccr_host.view.address import Door
 from ccr_host.view.buttons import SharedButtons
 from ccr_host.view.feed import Batch, RunEnded, play
 from ccr_host.view.history import RunHistory
 from ccr_host.view.page import Page
-from ccr_host.view.page_server import page_server
+from ccr_host.view.page_server import in_servers_thread, page_server
 
 DRAW_EVERY_S = 0.05
 
 
 def draw_live_run(
-    address: ViewAddress,
+    door: Door,
     messages: multiprocessing.Queue[Batch | RunEnded],
     buttons: SharedButtons,
     tell: Connection,
 ) -> None:
     """Serve the page until the run's process ends this one, or dies.
 
-    Tells the address to open, or the cause and the cure of the error that prevents it.
+    Tells an empty text once the page is served, then what goes wrong.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C means the run, which ends this process
     try:
-        with page_server(address) as (server, url):
-            tell.send(url)
-            _draw_on(server, messages, buttons)
-    except CcrError as error:
-        tell.send((error.cause, error.cure))
+        with page_server(door) as server:
+            tell.send("")
+            _draw_on(server, _LiveRun(messages), buttons, tell)
+    except Exception as error:
+        tell.send(full_text(error))
+        sys.exit(1)
 
 
-def _draw_on(
-    server: ViserServer,
-    messages: multiprocessing.Queue[Batch | RunEnded],
-    buttons: SharedButtons,
-) -> None:
+def _draw_on(server: ViserServer, live: _LiveRun, buttons: SharedButtons, tell: Connection) -> None:
     run = multiprocessing.parent_process()
     assert run is not None
     clock = RealClock()
     drawn_us = clock.now_us()
-    live = _LiveRun(messages)
     page: Page | None = None
+    has_failed = False
     while not wait([run.sentinel], DRAW_EVERY_S):
-        ended = live.take_in()
-        if page is None and live.history.setup is not None:
-            page = Page(server, live.history, buttons)
-        if page is not None and ended is not None:
-            page.become_player(_complete(live.history, ended.folder))
+        has_ended = live.take_in()
         now_us = clock.now_us()
-        if page is not None and server.get_clients():
-            page.draw(now_us, now_us - drawn_us, live.dropped_batches)
+        if page is None:
+            if live.history.setup is not None:
+                shown = None if has_ended else buttons
+                page = in_servers_thread(server, Page, server, live.history, shown)
+        elif has_ended:
+            in_servers_thread(server, page.become_player, live.history)
+        elif server.get_clients():
+            try:
+                elapsed_us = now_us - drawn_us
+                in_servers_thread(server, page.draw, now_us, elapsed_us, live.dropped_batches)
+            except Exception as error:  # the next attempt may succeed, and the buttons still work
+                if not has_failed:
+                    tell.send(f"drawing has failed, perhaps not only now: {full_text(error)}")
+                has_failed = True
         drawn_us = now_us
 
 
@@ -73,24 +80,22 @@ class _LiveRun:
         self.history = RunHistory()
         self.dropped_batches = 0
 
-    def take_in(self) -> RunEnded | None:
+    def take_in(self) -> bool:
         """All that has come; whether the run has ended with it."""
         while True:
             try:
                 message = self._messages.get_nowait()
             except queue.Empty:
-                return None
+                return False
             if isinstance(message, RunEnded):
-                return message
+                self._complete(message.folder)
+                return True
             play(message.items, self.history)
             self.dropped_batches = message.dropped_batches
 
-
-def _complete(seen: RunHistory, folder: Path) -> RunHistory:
-    """The run without the gaps that a lagging page has left; what was seen if that fails."""
-    complete = RunHistory()
-    try:
-        play_run(folder, complete)
-    except CcrError:
-        return seen
-    return complete
+    def _complete(self, folder: Path) -> None:
+        """Fill the gaps that a lagging page has left, if the log can be read."""
+        complete = RunHistory()
+        with suppress(CcrError):
+            play_run(folder, complete)
+            self.history = complete

@@ -1,41 +1,144 @@
-"""The page's server, behind the gate."""
+"""viser's server, on a socket of ours, for visitors who know the token and say what a page says.
+
+viser itself asks nobody for anything, listens on a port that it chooses, and sets whatever property
+of a control a message names. All of it reaches the world through the one function of `websockets`
+that is replaced here while viser starts.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import hmac
+import logging
 import os
-import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from dataclasses import replace
+from http import HTTPStatus
 from pathlib import Path
+from typing import Any, ParamSpec, TypeAlias, TypeVar
+from unittest.mock import patch
 
+import msgspec
+import websockets.asyncio.server
 from viser import ViserServer
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.http11 import Request, Response
 
-from ccr_host.view.address import ViewAddress
-from ccr_host.view.admission import Admission
-from ccr_host.view.gate import Gate
+from ccr_host.errors import CcrError
+from ccr_host.view.address import Door
 
-_TOKEN_BYTES = 16
+_LONGEST_MESSAGE_BYTES = 4096
+_SILENT = logging.getLogger("ccr_host.view.visitors")
+_SILENT.setLevel(logging.CRITICAL)
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
-class _UnsharedServer(ViserServer):
-    """Without the button that publishes the page through somebody else's server."""
+class _Camera(msgspec.Struct, tag="ViewerCameraMessage", forbid_unknown_fields=True):
+    wxyz: tuple[float, float, float, float]
+    position: tuple[float, float, float]
+    image_height: int
+    image_width: int
+    fov: float
+    near: float
+    far: float
+    look_at: tuple[float, float, float]
+    up_direction: tuple[float, float, float]
 
-    def request_share_url(self, verbose: bool = True) -> str | None:
-        return None
+
+class _Value(msgspec.Struct, forbid_unknown_fields=True):
+    value: bool | float | str
+
+
+class _Control(msgspec.Struct, tag="GuiUpdateMessage", forbid_unknown_fields=True):
+    uuid: str
+    updates: _Value
+
+
+_SAID_BY_A_PAGE = msgspec.msgpack.Decoder(_Camera | _Control)
+"""Where the visitor looks from, and the new value of a control: a button, a box, the slider."""
+
+
+_Data: TypeAlias = Any
+"""In truth bytes, but the method has overloads, of which only this fits all."""
+
+
+class _Visitor(ServerConnection):
+    """Passes on what a page says, as it was understood here; all else is dropped."""
+
+    async def recv(self, decode: bool | None = None) -> _Data:
+        while True:
+            message = await super().recv(decode=False)
+            with suppress(msgspec.MsgspecError):
+                return msgspec.msgpack.encode(_SAID_BY_A_PAGE.decode(message))
+
+
+def _serving_at(door: Door) -> Callable[..., serve]:
+    """`serve`, but on the socket that listens already, and for those who are admitted."""
+
+    def serve_there(
+        handler: Callable[[ServerConnection], Awaitable[None]],
+        *_: object,
+        process_request: Callable[[ServerConnection, Request], Response | None],
+        **options: object,
+    ) -> serve:
+        def judge(visitor: ServerConnection, request: Request) -> Response | None:
+            if not _is_admitted(request, door.token):
+                return visitor.respond(HTTPStatus.FORBIDDEN, "Open the address that was printed.\n")
+            behind = request.path.removeprefix(f"/{door.token}")
+            return process_request(visitor, replace(request, path=behind))
+
+        ours: dict[str, Any] = {
+            **options,
+            "sock": door.listening,
+            "process_request": judge,
+            "create_connection": _Visitor,
+            "max_size": _LONGEST_MESSAGE_BYTES,
+            "logger": _SILENT,
+        }
+        return serve(handler, **ours)
+
+    return serve_there
+
+
+def _is_admitted(request: Request, token: str) -> bool:
+    """Whether a request shows the token and comes from no other site's page."""
+    shown = request.path.partition("?")[0].split("/")[1:2]
+    if not hmac.compare_digest("".join(shown).encode(), token.encode()):
+        return False
+    origin = request.headers.get("Origin")
+    return origin is None or origin.partition("://")[2] == request.headers.get("Host")
 
 
 @contextmanager
-def page_server(address: ViewAddress) -> Iterator[tuple[ViserServer, str]]:
-    """Serve an empty page; yields the server and the address to open.
+def page_server(door: Door) -> Iterator[ViserServer]:
+    """Serve an empty page. What viser and its visitors give cause to print is not shown.
 
     Raises:
-        ConfigError: the address cannot be had.
+        CcrError: viser does not serve through the door.
     """
-    token = None if address.is_local else secrets.token_urlsafe(_TOKEN_BYTES)
-    with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere):  # it greets there
-        server = _UnsharedServer(host="127.0.0.1", port=0, verbose=False)
+    with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+        with patch.object(websockets.asyncio.server, "serve", _serving_at(door)):
+            server = ViserServer(host="127.0.0.1", port=0, verbose=False)
         try:
-            port = Gate(address, Admission(token), server.get_port()).open()
-            yield server, address.url(port, token)
+            if server.get_port() != door.listening.getsockname()[1]:
+                raise CcrError(
+                    "this version of viser cannot be guarded: it opens a port of its own",
+                    'pip install "viser==1.1.*"',
+                )
+            yield server
         finally:
             server.stop()
+
+
+def in_servers_thread(
+    server: ViserServer, work: Callable[P, T], *given: P.args, **named: P.kwargs
+) -> T:
+    """Do what changes the page where its messages are sent: viser's events know one thread."""
+
+    async def do() -> T:
+        return work(*given, **named)
+
+    return asyncio.run_coroutine_threadsafe(do(), server.get_event_loop()).result()

@@ -23,8 +23,8 @@ class Playback:
             self.at_us = 0.0
 
     def seek(self, at_us: float) -> None:
-        """Jump there."""
-        self.at_us = min(max(at_us, 0.0), self.end_us)
+        """Jump there, or as near as there is; of what is no number to the beginning."""
+        self.at_us = min(max(0.0, at_us), self.end_us)
 
     def advance(self, elapsed_us: float) -> None:
         """Let time pass before the page."""

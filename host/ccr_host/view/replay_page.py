@@ -8,11 +8,11 @@ from pathlib import Path
 
 from ccr_host.run.clock import RealClock
 from ccr_host.run.log.play import play_run
-from ccr_host.view.address import ViewAddress
+from ccr_host.view.address import ViewAddress, open_door
 from ccr_host.view.history import RunHistory
 from ccr_host.view.page import Page
 from ccr_host.view.page_process import DRAW_EVERY_S
-from ccr_host.view.page_server import page_server
+from ccr_host.view.page_server import in_servers_thread, page_server
 
 
 def show_recorded_run(folder: Path, address: ViewAddress, on_ready: Callable[[str], None]) -> None:
@@ -30,12 +30,13 @@ def show_recorded_run(folder: Path, address: ViewAddress, on_ready: Callable[[st
     history = RunHistory()
     play_run(folder, history)
     pace, clock = threading.Event(), RealClock()
-    with page_server(address) as (server, url):
-        page = Page(server, history, buttons=None)
-        on_ready(url)
+    door = open_door(address)
+    on_ready(door.url)
+    with page_server(door) as server:
+        page = in_servers_thread(server, Page, server, history, None)
         drawn_us = clock.now_us()
         while not pace.wait(DRAW_EVERY_S):
             now_us = clock.now_us()
             if server.get_clients():
-                page.draw(now_us, now_us - drawn_us, dropped_batches=0)
+                in_servers_thread(server, page.draw, now_us, now_us - drawn_us, 0)
             drawn_us = now_us

@@ -125,6 +125,9 @@ class Onlooker:
     wants_stop = False
     wants_pause = False
 
+    def news(self) -> str:
+        return ""
+
 
 @pytest.fixture
 def turns(monkeypatch: pytest.MonkeyPatch) -> list[int]:

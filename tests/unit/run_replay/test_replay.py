@@ -40,6 +40,9 @@ class Buttons:
     def wants_stop(self) -> bool:
         return self.step == self.stop_at
 
+    def news(self) -> str:
+        return "the page was lost" if self.step == 5 else ""
+
     def on_step(self, step, steps, record) -> None:
         self.step = step
 

@@ -26,6 +26,7 @@ class Witness(RunObserver):
         self.stop_after_step = stop_after_step
         self.stop_while = stop_while
         self.pauses_left = 0
+        self.untold: list[str] = []
         self.sent: list[Message] = []
         self.reports: list[StateReport] = []
         self.events: list[str] = []
@@ -37,6 +38,12 @@ class Witness(RunObserver):
     def wants_pause(self) -> bool:
         self.pauses_left -= 1
         return self.pauses_left >= 0
+
+    def news(self) -> str:
+        return self.untold.pop(0) if self.untold else ""
+
+    def event(self, time_us: int, text: str) -> None:
+        self.events.append(text)
 
     def frame(self, direction: str, time_us: int, data: bytes) -> None:
         if direction == "sent":
@@ -165,3 +172,11 @@ def test_a_pause_that_nobody_can_end_ends_the_run_safely(options: RunOptions) ->
     assert isinstance(run(options, witness).failure, CcrError)
     assert witness.reports[-1].state is State.DISARMED
     assert witness.reports[-1].pulse_half_us == (0, 0)
+
+
+def test_what_becomes_of_the_page_is_an_event_of_the_run(options: RunOptions) -> None:
+    witness = Witness()
+    witness.untold = ["the live page has died", "the live page: drawing has failed"]
+    told = list(witness.untold)
+    assert run(options, witness).failure is None
+    assert [text for text in witness.events if text.startswith("the live page")] == told

@@ -240,6 +240,9 @@ class PlayedOperator:
     def wants_pause(self) -> bool:
         return self._next_is(Token.PAUSE)
 
+    def news(self) -> str:
+        return ""
+
     def _next_is(self, token: Token) -> bool:
         is_next = self._tape.head is token
         if is_next:

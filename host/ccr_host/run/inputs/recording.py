@@ -177,6 +177,9 @@ class RecordedOperator:
     def wants_pause(self) -> bool:
         return self._noted(self._operator.wants_pause, Token.PAUSE)
 
+    def news(self) -> str:
+        return self._operator.news()
+
     def _noted(self, wanted: bool, token: Token) -> bool:
         if wanted:
             self._tape.note(token)

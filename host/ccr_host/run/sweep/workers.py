@@ -7,6 +7,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 from distributed.core import rpc
 
@@ -24,10 +25,14 @@ def local_workers(count: int) -> Iterator[Client]:
     """Worker processes of one thread each; one that dies is replaced and its job repeated.
 
     Whoever reaches a scheduler can let its workers run any code. So connections take certificates
-    that exist in these processes alone.
+    that exist in these processes alone, and dask's web pages are left out.
     """
     _silence()
+    pages: dict[str, list[str]] = {
+        f"distributed.{server}.http.routes": [] for server in ("scheduler", "worker")
+    }
     with (
+        dask.config.set(pages),
         LocalCluster(
             n_workers=count,
             threads_per_worker=1,

@@ -1,0 +1,168 @@
+"""The live page in its own process: many before it, and what becomes of the run when it dies."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from ccr_host.control.base import Command, Outcome, Phase
+from ccr_host.errors import CcrError
+from ccr_host.run.execute import execute_logged, reference_of
+from ccr_host.run.observer import RunSetup
+from ccr_host.run.options import RunOptions
+from ccr_host.run.step_record import StepRecord
+from ccr_host.view.address import ViewAddress
+from ccr_host.view.live import LivePage, live_page
+from tests.viewer import Viewer
+
+PATIENCE_S = 60
+VIEWERS = 60
+
+
+@pytest.fixture
+def page() -> Iterator[LivePage]:
+    """The page of a run that goes on for as long as the test."""
+    options, over = RunOptions("8shape"), Event()
+    with live_page(ViewAddress("127.0.0.1", 0), realtime=True) as page:
+        setup = RunSetup(options, options.description(), reference_of(options))
+        page.feed.begin(setup)
+        page.feed.phase(0, Phase("following the path"))
+        run = Thread(target=make_steps, args=(page, over))
+        run.start()
+        yield page
+        over.set()
+        run.join()
+
+
+def make_steps(page: LivePage, over: Event) -> None:
+    here, step = np.zeros(3), 0
+    while not over.wait(0.02):
+        step += 1
+        page.feed.step(
+            StepRecord(
+                step, step * 20_000, step * 0.02, here, np.zeros(2), Outcome.SOLVED, "",
+                here[None], 1.0, False, here, 0, here,
+            )
+        )  # fmt: skip
+        page.feed.event(step * 20_000, "")
+
+
+def becomes_true(holds: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + PATIENCE_S
+    while not holds() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return holds()
+
+
+def process_of(page: LivePage) -> int:
+    number = page._process.pid
+    assert number is not None
+    return number
+
+
+def kill(page: LivePage) -> None:
+    number = process_of(page)
+    os.kill(number, signal.SIGKILL)
+    assert becomes_true(lambda: process_of(page) != number or not page._keeper.is_alive())
+
+
+def is_told(page: LivePage, text: str, heard: list[str]) -> bool:
+    """Whether this is among the news so far."""
+    heard.append(page.operator.news())
+    return any(text in news for news in heard)
+
+
+def hear(viewer: Viewer, over: Event) -> None:
+    while not over.is_set():
+        viewer.hear()
+
+
+@pytest.mark.long
+def test_sixty_viewers_at_once_neither_end_the_page_nor_take_its_stop(page: LivePage) -> None:
+    number, over = process_of(page), Event()
+    with ExitStack() as stack:
+        viewers = [stack.enter_context(Viewer(page.url)) for _ in range(VIEWERS)]
+        threads = [Thread(target=hear, args=(viewer, over), daemon=True) for viewer in viewers]
+        for thread in threads:
+            thread.start()
+        time.sleep(5)
+        over.set()
+        for thread in threads:
+            thread.join()
+        viewers[-1].press("STOP the robot")
+        assert becomes_true(lambda: page.operator.wants_stop)
+    assert process_of(page) == number
+    assert page.operator.news() == ""
+
+
+@pytest.mark.long
+def test_a_page_that_dies_is_told_and_comes_back_under_the_same_address(
+    page: LivePage, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with Viewer(page.url) as viewer:
+        viewer.press("Pause")
+        assert becomes_true(lambda: page.operator.wants_pause)
+    kill(page)
+    assert page.operator.wants_pause, "the pause outlives the page, as somebody can end it"
+    assert "the live page has died (SIGKILL) and is started again" in page.operator.news()
+    assert page.operator.news() == ""
+    assert "ccr-host: the live page has died (SIGKILL)" in capfd.readouterr().err
+    with Viewer(page.url) as viewer:
+        viewer.press("Continue")
+        assert becomes_true(lambda: not page.operator.wants_pause)
+        viewer.press("STOP the robot")
+        assert becomes_true(lambda: page.operator.wants_stop)
+
+
+@pytest.mark.long
+def test_a_page_that_cannot_be_kept_is_given_up_which_ends_a_pause(
+    page: LivePage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ccr_host.view.live._MOST_STARTS", 2)
+    page._buttons.set_pause(True)
+    kill(page)
+    kill(page)
+    heard: list[str] = []
+    assert becomes_true(lambda: is_told(page, "stays away; only Ctrl-C in the terminal", heard))
+    with pytest.raises(CcrError, match="page ended during a pause"):
+        _ = page.operator.wants_pause
+
+
+@pytest.mark.long
+def test_what_cannot_be_drawn_is_told_once_and_leaves_the_buttons(page: LivePage) -> None:
+    number = process_of(page)
+    with Viewer(page.url) as viewer:
+        viewer.control("STOP the robot")
+        nowhere = Command(np.zeros(2), cast(Any, None), Outcome.SOLVED)
+        page.feed.control(1_000_000_000, None, nowhere)
+        page.feed.event(1_000_000_000, "")
+        heard: list[str] = []
+        assert becomes_true(lambda: is_told(page, "the live page: drawing has failed", heard))
+        time.sleep(0.5)
+        assert page.operator.news() == ""
+        viewer.press("STOP the robot")
+        assert becomes_true(lambda: page.operator.wants_stop)
+    assert process_of(page) == number
+
+
+@pytest.mark.long
+def test_a_page_that_dies_after_its_run_comes_back_as_its_player(tmp_path: Path) -> None:
+    (tmp_path / "short.csv").write_text("t_s,y_mm,z_mm\n0,0,30\n2,10,35\n")
+    options = RunOptions(str(tmp_path / "short.csv"), "mpc")
+    with live_page(ViewAddress("127.0.0.1", 0), realtime=False) as page:
+        execute_logged(options, tmp_path / "kept", lambda *_: None, [page.feed], page.operator)
+        page.end_run(tmp_path / "kept")
+        kill(page)
+        with Viewer(page.url) as viewer:
+            viewer.press("Play")
+            viewer.control("Pause")
+            assert "STOP the robot" not in viewer.labels
