@@ -60,9 +60,10 @@ _PARSED: dict[int, Any] = {
 }
 _UNPARSABLE = (EndOfFile, struct.error, UnicodeDecodeError)
 _LANDMARK = re.compile(
-    rb"\x06.{36}\x04\0\0\0zstd|\x0c.{8}\x0c\0\0\0ccr_host\.end|\x0f\x04\0{7}", re.DOTALL
+    rb"\x06.{36}\x04\0\0\0zstd|\x0c.{8}\x0c\0\0\0ccr_host\.end|\x0f\x04\0{11}[\x03\x0b]", re.DOTALL
 )
-"""Starts of a chunk, of the closing record, of the end of the data."""
+"""Starts of a chunk, of the closing record, of the end of the data with the summary behind it: the
+numbers of an index may look like the former alone."""
 
 
 class PackedMessage(NamedTuple):
