@@ -21,6 +21,7 @@ class UnoHardware final : public ccr::Hardware {
   uint8_t read_eeprom(uint16_t address) override;
   void write_eeprom(uint16_t address, uint8_t byte) override;
   bool is_emergency_stop_open() override;
+  uint8_t supply_reading() override;
   void set_servo_supply(bool is_on) override;
   void set_led(bool is_on) override;
   uint16_t least_free_stack() override;

@@ -78,9 +78,10 @@ def _figures(view: MonitorView) -> Iterator[Text]:
 
 
 def _link(link: LinkView) -> Text:
+    supply = "" if link.supply_v is None else f", servo supply {link.supply_v:g} V"
     age = "-" if link.report_age_ms is None else f"{link.report_age_ms:.0f}"
     return Text(
-        f"board on {link.device}: {link.state}, fault {link.fault}; report {age} ms old, "
+        f"board on {link.device}: {link.state}, fault {link.fault}{supply}; report {age} ms old, "
         f"{link.crc_errors} CRC errors, {link.retries} retries"
     )
 

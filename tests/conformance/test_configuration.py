@@ -163,7 +163,7 @@ def test_corrupt_slots_are_told_and_not_used(host, corrupt, expected, loaded, of
     assert slew(host) == loaded
     if expected is m.EepromStatus.BOTH_BAD:
         assert host.refusal(m.Arm(SESSION))[0] is m.NackCode.NOT_CONFIGURED
-        host.done(m.SetEquipment(SESSION, m.Equipment((0,) * 16, 0)))
+        host.done(m.SetEquipment(SESSION, m.Equipment((0,) * 16, 0, 0, 0)))
     host.configure()
     host.save()
     restart(host)

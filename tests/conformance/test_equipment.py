@@ -1,4 +1,6 @@
-"""EST: the emergency stop; CFG: name and equipment of a board."""
+"""EST: the emergency stop; SUP: the servos' supply; CFG: name and equipment of a board."""
+
+from dataclasses import replace
 
 import pytest
 
@@ -6,9 +8,9 @@ from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
 from tests.conformance.host import CALIBRATION, LIMITS, SESSION, SLEW, WATCHDOG
 
-NOTHING = m.Equipment((0,) * 16, 0)
-NAMED = m.Equipment(tuple(b"left arm".ljust(16, b"\0")), 0)
-FITTED = m.Equipment((0,) * 16, emergency_stop=1)
+NOTHING = m.Equipment((0,) * 16, 0, 0, 0)
+NAMED = m.Equipment(tuple(b"left arm".ljust(16, b"\0")), 0, 100, 50)
+FITTED = m.Equipment((0,) * 16, 1, 0, 0)
 REACTION_US = 22_000
 OF_LAYOUT_1 = bytes.fromhex(
     "52cc010000ccde90e834217017000000005802f401e80364006400b80b1c0cd00794f8e803b0048813c012ee8deae4"
@@ -209,7 +211,7 @@ def test_new_board_has_no_equipment_and_lacks_none(unconfigured):
 @pytest.mark.requirement("CFG-1", "CFG-5")
 def test_equipment_is_set_whole_or_not_and_not_while_saving_or_armed(host):
     host.done(m.SetEquipment(SESSION, NAMED))
-    bad = m.Equipment(FITTED.board_name, 2)
+    bad = replace(FITTED, emergency_stop=2)
     assert host.refusal(m.SetEquipment(SESSION, bad)) == (m.NackCode.OUT_OF_RANGE, 2)
     assert equipment(host) == NAMED
     host.done(m.SaveConfig(SESSION))
@@ -217,3 +219,75 @@ def test_equipment_is_set_whole_or_not_and_not_while_saving_or_armed(host):
     host.wait_ticks(m.EEPROM_SLOT_SIZE + 1)
     host.arm()
     assert host.refusal(m.SetEquipment(SESSION, FITTED)) == (m.NackCode.BAD_STATE, m.State.HOLD)
+
+
+MEASURED = m.Equipment((0,) * 16, 0, supply_full_dv=100, supply_min_dv=50)
+"""A divider by two, and at least 5 V."""
+LOW = (m.State.FAULT, m.Fault.SUPPLY_LOW)
+
+
+def set_supply(host, volts):
+    host.device.board.set_supply_pin_mv(round(1000 * volts / 2) + 10)
+
+
+@pytest.mark.requirement("SUP-2")
+@pytest.mark.parametrize("volts", [0, 4.9, 5.0, 7.4, 10.0])
+def test_report_tells_the_servo_supply(host, volts):
+    assert host.report().supply_dv == 0
+    set_supply(host, volts)
+    host.done(m.SetEquipment(SESSION, MEASURED))
+    host.wait_ticks(2)
+    assert abs(host.report().supply_dv - volts * 10) <= 1
+    host.done(m.SetEquipment(SESSION, NOTHING))
+    host.wait_ticks(1)
+    assert host.report().supply_dv == 0
+
+
+@pytest.mark.requirement("SUP-3")
+def test_supply_that_stays_too_low_is_a_fault_and_one_that_dips_is_none(host):
+    host.done(m.SetEquipment(SESSION, MEASURED))
+    set_supply(host, 4)
+    host.wait_ticks(2 * m.SAG_TICKS)
+    assert latch(host) == (m.State.DISARMED, m.Fault.NONE), "nothing is to be supplied yet"
+    set_supply(host, 6)
+    host.arm()
+    for _ in range(3):
+        set_supply(host, 4)
+        host.wait_ticks(m.SAG_TICKS - 1)
+        set_supply(host, 6)
+        host.wait_ticks(1)
+    assert latch(host) == (m.State.HOLD, m.Fault.NONE)
+    set_supply(host, 4)
+    first = host.next_tick()
+    for tick in range(first, first + m.SAG_TICKS - 1):
+        assert host.report_of_tick(tick).state is m.State.HOLD
+    assert host.pulses_of_tick(first + m.SAG_TICKS - 2) != (0, 0)
+    assert latch(host) == LOW
+    assert host.pulses_of_tick(first + m.SAG_TICKS) == (0, 0)
+    assert not host.device.board.servo_supply_on
+
+
+@pytest.mark.requirement("SUP-3")
+@pytest.mark.parametrize("supply_on_after_ticks", [m.SAG_TICKS - 2, None])
+def test_supply_has_some_ticks_to_come_up_after_arming(host, supply_on_after_ticks):
+    host.done(m.SetEquipment(SESSION, MEASURED))
+    set_supply(host, 0)
+    host.wait_ticks(1)
+    host.done(m.Arm(SESSION))
+    if supply_on_after_ticks is not None:
+        host.wait_ticks(supply_on_after_ticks)
+        set_supply(host, 6)
+    host.wait_ticks(2 * m.SAG_TICKS)
+    assert (latch(host) == LOW) == (supply_on_after_ticks is None)
+
+
+@pytest.mark.requirement("SUP-3")
+@pytest.mark.parametrize(("full_dv", "min_dv"), [(0, 50), (100, 0)])
+def test_supply_is_never_too_low_where_none_is_measured_or_asked_for(host, full_dv, min_dv):
+    host.done(
+        m.SetEquipment(SESSION, replace(MEASURED, supply_full_dv=full_dv, supply_min_dv=min_dv))
+    )
+    set_supply(host, 0)
+    host.arm()
+    host.wait_ticks(2 * m.SAG_TICKS)
+    assert host.report().fault is m.Fault.NONE

@@ -262,7 +262,7 @@ def test_new_session_forgets_answered_requests(host):
 
 
 @pytest.mark.requirement("REQ-4")
-@pytest.mark.parametrize("message_id", [*sorted({*range(256)} - REQUESTS)[::7], 0x70, 0xC0])
+@pytest.mark.parametrize("message_id", [*sorted({*range(256)} - REQUESTS)[::7], 0x70, 0xC1])
 def test_ids_that_are_no_requests_are_refused(listening, message_id):
     answer = listening.ask_frame(message_id, 3, b"\1\2\3")
     assert answer == Frame(m.Nack.ID, 3, m.Nack(message_id, m.NackCode.UNKNOWN_ID, 0).pack())

@@ -46,6 +46,7 @@ Pulses Controller::tick() {
   target_.count();
   make_transition();
   watch_emergency_stop();
+  watch_supply();
   move_setpoints();
   compute_pulses();
   write_eeprom();
@@ -127,6 +128,7 @@ void Controller::fill(StateReport& report) const {
   report.flags = flags();
   report.target_sequence = target_.sequence();
   report.target_age_ms = target_.age_ms();
+  report.supply_dv = supply_dv_;
   for (uint8_t axis = 0; axis < kAxes; ++axis) {
     report.target_cdeg[axis] = target_cdeg(axis);
     report.setpoint_cdeg[axis] = reported_setpoint_cdeg_[axis];
@@ -149,6 +151,22 @@ void Controller::make_transition() {
 void Controller::watch_emergency_stop() {
   if (safety_.state() != State::kBoot && is_emergency_stop_open()) {
     safety_.raise(Fault::kEmergencyStop);
+  }
+}
+
+void Controller::watch_supply() {
+  constexpr uint16_t kFull = 255;
+  const Equipment& equipment = configuration_.equipment;
+  const uint16_t product =
+      static_cast<uint16_t>(hardware_.supply_reading() * uint16_t{equipment.supply_full_dv});
+  supply_dv_ = static_cast<uint8_t>((product + kFull / 2) / kFull);
+  const bool is_wired = equipment.supply_full_dv != 0;
+  if (!is_wired || supply_dv_ >= equipment.supply_min_dv || !safety_.has_pulses()) {
+    ticks_of_sag_ = 0;
+    return;
+  }
+  if (++ticks_of_sag_ >= kSagTicks) {
+    safety_.raise(Fault::kSupplyLow);
   }
 }
 

@@ -70,6 +70,7 @@ class Controller {
  private:
   void make_transition();
   void watch_emergency_stop();
+  void watch_supply();
   void move_setpoints();
   void lead_to_rest(uint8_t axis);
   void compute_pulses();
@@ -89,6 +90,9 @@ class Controller {
   TargetRecord target_;
   Counts counts_ = {};
   Countdown blinking_{0};
+  /// In the last tick.
+  uint8_t supply_dv_ = 0;
+  uint8_t ticks_of_sag_ = 0;
   /// As of the last tick.
   int16_t reported_setpoint_cdeg_[kAxes];
   Pulses pulses_ = {};

@@ -27,6 +27,8 @@ class Hardware {
 
   /// Is the emergency-stop input open? It is where nothing is wired to it.
   virtual bool is_emergency_stop_open() = 0;
+  /// Output of the servo supply's divider, in 255ths of 5 V, no older than a tick. In each tick.
+  virtual uint8_t supply_reading() = 0;
   /// In each tick.
   virtual void set_servo_supply(bool is_on) = 0;
   virtual void set_led(bool is_on) = 0;

@@ -9,7 +9,7 @@
 namespace ccr {
 
 constexpr uint8_t kProtocolVersion = 2;
-constexpr uint32_t kSpecHash = 0xFDBE7B08UL;
+constexpr uint32_t kSpecHash = 0xB5FC5A3DUL;
 constexpr uint8_t kFirmwareVersion[3] = {0, 2, 0};
 
 constexpr uint32_t kBaud = 250000UL;
@@ -43,6 +43,9 @@ constexpr uint8_t kOutstandingBytes = 63U;
 /// Room for frames that wait to be sent. One that finds none is dropped and counted. All but the
 /// answer to `stop` leave room for that. [byte]
 constexpr uint8_t kSendBytes = 255U;
+/// In so many ticks in a row the servos' supply has to be too low for a fault: longer than servos
+/// take to start. [tick]
+constexpr uint8_t kSagTicks = 10U;
 /// Of the eight steps in which the LED shows the state (LED-1). [tick]
 constexpr uint8_t kLedStepTicks = 8U;
 /// Half the period in which the LED blinks on request (LED-2). [tick]
@@ -55,7 +58,7 @@ constexpr uint16_t kPulseCeilingHalfUs = 5000U;
 constexpr uint16_t kEepromSize = 1024;
 constexpr uint16_t kEepromSlotA = 0;
 constexpr uint16_t kEepromSlotB = 128;
-constexpr uint16_t kEepromSlotSize = 64;
+constexpr uint16_t kEepromSlotSize = 66;
 constexpr uint16_t kEepromBootCounter = 256;
 constexpr uint8_t kEepromBootCounters = 32;
 constexpr uint16_t kEepromMagic = 0xCC52U;
@@ -136,10 +139,12 @@ enum class Fault : uint8_t {
   kResetWhileArmed = 8,
   /// The emergency-stop input is open: pressed, or its wire is broken.
   kEmergencyStop = 9,
+  /// The servos' supply was too low (SUP-3).
+  kSupplyLow = 10,
 };
 
 constexpr bool is_fault(uint8_t value) {
-  return value <= 9U;
+  return value <= 10U;
 }
 
 /// Why the board last started.
@@ -524,15 +529,20 @@ inline int8_t inconsistent_axis(const Calibration& value) {
 /// The board's name, and what is wired to it. It belongs to the board, not to a robot's
 /// description; zeros are a board without a name to which only the servos are wired.
 struct Equipment {
-  enum : uint8_t { kSize = 17 };
+  enum : uint8_t { kSize = 19 };
 
   /// ASCII, filled up with zeros. Any bytes are kept; the host judges them.
   uint8_t board_name[16];
   /// 1: a switch is wired to the emergency-stop input, closed unless it is pressed. 0 to 1.
   uint8_t emergency_stop;
+  /// Servo supply at which the divider gives 5 V; 0: none is wired. [0.1 V]
+  uint8_t supply_full_dv;
+  /// Below it the servo supply is too low; 0: never. [0.1 V]
+  uint8_t supply_min_dv;
 };
 static_assert(Equipment::kSize == sizeof(Equipment::board_name) + sizeof(Equipment::emergency_stop)
-              && uint8_t{Equipment::kSize} <= kMaxPayload, "payload layout");
+              + sizeof(Equipment::supply_full_dv) + sizeof(Equipment::supply_min_dv) &&
+              uint8_t{Equipment::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const Equipment& value, uint8_t* bytes) {
   if (lies_as_on_the_wire<Equipment>()) {
@@ -543,6 +553,8 @@ inline void encode(const Equipment& value, uint8_t* bytes) {
     put_u8(bytes + at, value.board_name[at]);
   }
   put_u8(bytes + 16, value.emergency_stop);
+  put_u8(bytes + 17, value.supply_full_dv);
+  put_u8(bytes + 18, value.supply_min_dv);
 }
 
 inline Reading decode(const uint8_t* bytes, Equipment& value) {
@@ -554,6 +566,8 @@ inline Reading decode(const uint8_t* bytes, Equipment& value) {
     value.board_name[at] = get_u8(bytes + at);
   }
   value.emergency_stop = get_u8(bytes + 16);
+  value.supply_full_dv = get_u8(bytes + 17);
+  value.supply_min_dv = get_u8(bytes + 18);
   return Reading::kOk;
 }
 
@@ -569,10 +583,10 @@ inline int8_t inconsistent_axis(const Equipment&) {
   return kNone;
 }
 
-/// Tick, setpoint, pulses and the flags `axis_1_pulses`, `axis_2_pulses` and `moving` are those of
-/// the last control tick; all else is current.
+/// Tick, setpoint, pulses, supply and the flags `axis_1_pulses`, `axis_2_pulses` and `moving` are
+/// those of the last control tick; all else is current.
 struct StateReport {
-  enum : uint8_t { kSize = 26 };
+  enum : uint8_t { kSize = 27 };
 
   /// Control ticks since the reset. [tick]
   uint32_t tick;
@@ -599,14 +613,16 @@ struct StateReport {
   uint16_t link_errors;
   /// Least free stack so far; 65535 where it is not measured. [byte]
   uint16_t free_stack_bytes;
+  /// Servo supply in the last tick; 0 where none is wired. [0.1 V]
+  uint8_t supply_dv;
 };
 static_assert(StateReport::kSize == sizeof(StateReport::tick) + sizeof(StateReport::state) +
               sizeof(StateReport::fault) + sizeof(StateReport::flags) +
               sizeof(StateReport::target_sequence) + sizeof(StateReport::target_age_ms) +
               sizeof(StateReport::target_cdeg) + sizeof(StateReport::setpoint_cdeg) +
               sizeof(StateReport::pulse_half_us) + sizeof(StateReport::link_errors) +
-              sizeof(StateReport::free_stack_bytes) && uint8_t{StateReport::kSize} <= kMaxPayload,
-              "payload layout");
+              sizeof(StateReport::free_stack_bytes) + sizeof(StateReport::supply_dv) &&
+              uint8_t{StateReport::kSize} <= kMaxPayload, "payload layout");
 
 inline void encode(const StateReport& value, uint8_t* bytes) {
   if (lies_as_on_the_wire<StateReport>()) {
@@ -627,6 +643,7 @@ inline void encode(const StateReport& value, uint8_t* bytes) {
   put_u16(bytes + 20, value.pulse_half_us[1]);
   put_u16(bytes + 22, value.link_errors);
   put_u16(bytes + 24, value.free_stack_bytes);
+  put_u8(bytes + 26, value.supply_dv);
 }
 
 inline Reading decode(const uint8_t* bytes, StateReport& value) {
@@ -650,6 +667,7 @@ inline Reading decode(const uint8_t* bytes, StateReport& value) {
   value.pulse_half_us[1] = get_u16(bytes + 20);
   value.link_errors = get_u16(bytes + 22);
   value.free_stack_bytes = get_u16(bytes + 24);
+  value.supply_dv = get_u8(bytes + 26);
   return Reading::kOk;
 }
 
@@ -971,7 +989,7 @@ inline int8_t inconsistent_axis(const ClockReply&) {
 
 /// Reads the state once.
 struct GetState {
-  enum : uint8_t { kId = 0x04, kSize = 0 };
+  enum : uint8_t { kId = 0x07, kSize = 0 };
 };
 static_assert(GetState::kSize == 0 && uint8_t{GetState::kSize} <= kMaxPayload, "payload layout");
 
@@ -995,7 +1013,7 @@ inline int8_t inconsistent_axis(const GetState&) {
 
 /// The state.
 struct StateReply {
-  enum : uint8_t { kId = 0x84, kSize = 26 };
+  enum : uint8_t { kId = 0x87, kSize = 27 };
 
   StateReport report;
 };
@@ -1971,7 +1989,7 @@ inline int8_t inconsistent_axis(const GetEquipment&) {
 
 /// Name and equipment in use.
 struct EquipmentReply {
-  enum : uint8_t { kId = 0xBC, kSize = 17 };
+  enum : uint8_t { kId = 0xBC, kSize = 19 };
 
   Equipment equipment;
 };
@@ -2008,7 +2026,7 @@ inline int8_t inconsistent_axis(const EquipmentReply&) {
 
 /// Sets the board's name and what is wired to it.
 struct SetEquipment {
-  enum : uint8_t { kId = 0x3D, kSize = 19 };
+  enum : uint8_t { kId = 0x3D, kSize = 21 };
 
   /// The open session.
   uint16_t session;
@@ -2138,7 +2156,7 @@ inline int8_t inconsistent_axis(const Nack&) {
 
 /// The state, unasked. Its sequence number counts reports, so that the host sees lost ones.
 struct Telemetry {
-  enum : uint8_t { kId = 0xC0, kSize = 26 };
+  enum : uint8_t { kId = 0xC1, kSize = 27 };
 
   StateReport report;
 };

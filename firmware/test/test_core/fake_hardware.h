@@ -25,6 +25,7 @@ struct FakeHardware final : ccr::Hardware {
   unsigned eeprom_writes = 0;
   std::array<unsigned, ccr::kEepromSize> cell_writes = {};
   bool is_stop_open = false;
+  uint8_t supply = 0;
   bool is_supply_on = false;
   bool is_led_on = false;
   uint16_t free_stack = ccr::kStackNotMeasured;
@@ -45,6 +46,7 @@ struct FakeHardware final : ccr::Hardware {
     }
   }
   bool is_emergency_stop_open() override { return is_stop_open; }
+  uint8_t supply_reading() override { return supply; }
   void set_servo_supply(bool is_on) override { is_supply_on = is_on; }
   void set_led(bool is_on) override { is_led_on = is_on; }
   uint16_t least_free_stack() override { return free_stack; }

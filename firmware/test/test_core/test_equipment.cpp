@@ -8,7 +8,7 @@ using namespace ccr;
 namespace {
 
 constexpr Equipment kNothing = {};
-constexpr Equipment kFitted = {{'a', 'r', 'm'}, 1};
+constexpr Equipment kFitted = {{'a', 'r', 'm'}, 1, 0, 0};
 
 Equipment equipment(Bench& bench) {
   return read<EquipmentReply>(bench.ask(GetEquipment{})).equipment;
@@ -76,6 +76,45 @@ TEST_CASE("EST-2: nothing is cleared while the emergency stop is open") {
   bench.tick();
   CHECK(bench.state() == State::kFault);
   CHECK((bench.acknowledged(ClearFault{kSession}) == State::kDisarmed));
+}
+
+TEST_CASE("SUP-2: the report tells the servo supply, rounded") {
+  Bench bench;
+  bench.make_ready();
+  for (const unsigned full : {0U, 1U, 60U, 100U, 254U, 255U}) {
+    bench.acknowledged(SetEquipment{kSession, {{}, 0, static_cast<uint8_t>(full), 0}});
+    for (unsigned reading = 0; reading <= 255; ++reading) {
+      bench.hardware.supply = static_cast<uint8_t>(reading);
+      bench.tick();
+      CHECK(bench.report().supply_dv == (2 * full * reading + 255) / 510);
+    }
+  }
+}
+
+TEST_CASE("SUP-3: a supply that stays too low while armed is a fault") {
+  Bench bench;
+  bench.make_ready();
+  bench.acknowledged(SetEquipment{kSession, {{}, 0, 100, 50}});
+  bench.hardware.supply = 200;
+  bench.arm();
+  while (bench.state() != State::kHold) {
+    bench.tick();
+  }
+  bench.target(0, 1000);
+  bench.hardware.supply = 100;
+  bench.tick(kSagTicks - 1U);
+  CHECK(bench.has_pulses());
+  bench.hardware.supply = 128;
+  bench.tick();
+  bench.hardware.supply = 100;
+  bench.tick(kSagTicks - 1U);
+  CHECK(bench.has_pulses());
+  bench.tick();
+  CHECK_FALSE(bench.has_pulses());
+  CHECK(bench.fault() == Fault::kSupplyLow);
+  bench.acknowledged(ClearFault{kSession});
+  bench.tick(3U * kSagTicks);
+  CHECK(bench.state() == State::kDisarmed);
 }
 
 TEST_CASE("CFG-7: a slot of layout 1 is loaded, and its equipment is zeros") {

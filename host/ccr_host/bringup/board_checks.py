@@ -64,7 +64,16 @@ def _identity(identity: HelloReply) -> Finding:
 
 
 def _equipment(client: Client, description: Description) -> Iterator[Finding]:
-    yield good("equipment", described(client.read_equipment()))
+    equipment = client.read_equipment()
+    yield good("equipment", described(equipment))
+    if equipment.supply_full_dv:
+        supply_dv = client.read_state().supply_dv
+        yield judged(
+            "servo supply",
+            f"{supply_dv / 10:g} V",
+            fine=supply_dv >= equipment.supply_min_dv,
+            remedy="switch it on before arming, unless the board itself does; check the divider",
+        )
     try:
         client.require_name(description.robot.board_name)
     except WrongBoardError as error:

@@ -17,6 +17,9 @@ from ccr_host.run.clock import Clock, RealClock, VirtualClock
 from ccr_host.run.options import RigOptions
 from ccr_host.run.rig import connect_board, session_number
 
+_REFERENCE_V = 5.0
+_U8_MAX = 255
+
 
 @dataclass(frozen=True)
 class EquipmentChange:
@@ -24,6 +27,9 @@ class EquipmentChange:
 
     board_name: str | None = None
     emergency_stop: bool | None = None
+    supply_divider: float | None = None
+    """Servo supply over what reaches the board's pin; 0: none is wired."""
+    supply_min_v: float | None = None
 
     @property
     def is_empty(self) -> bool:
@@ -40,6 +46,17 @@ class EquipmentChange:
             equipment = replace(equipment, board_name=_name_bytes(self.board_name))
         if self.emergency_stop is not None:
             equipment = replace(equipment, emergency_stop=int(self.emergency_stop))
+        if self.supply_divider is not None:
+            full_v = self.supply_divider * _REFERENCE_V
+            equipment = replace(equipment, supply_full_dv=_deci(full_v, "--supply-divider"))
+        if self.supply_min_v is not None:
+            equipment = replace(equipment, supply_min_dv=_deci(self.supply_min_v, "--supply-min"))
+        if equipment.supply_min_dv > equipment.supply_full_dv:
+            raise ConfigError(
+                f"a supply of {equipment.supply_min_dv / 10:g} V cannot be seen with a divider for "
+                f"up to {equipment.supply_full_dv / 10:g} V",
+                "give --supply-divider N as it is wired, or --supply-min 0",
+            )
         return equipment
 
 
@@ -88,7 +105,23 @@ def described(equipment: Equipment) -> str:
     """For people."""
     name = board_name(equipment)
     stop = "emergency stop fitted" if equipment.emergency_stop else "no emergency stop"
-    return f"{f'named {name}' if name else 'no name'}, {stop}"
+    supply = "supply not measured"
+    if equipment.supply_full_dv:
+        supply = f"supply measured up to {equipment.supply_full_dv / 10:g} V"
+        if equipment.supply_min_dv:
+            supply += f", a fault below {equipment.supply_min_dv / 10:g} V"
+    return f"{f'named {name}' if name else 'no name'}, {stop}, {supply}"
+
+
+def _deci(voltage_v: float, option: str) -> int:
+    """In 0.1 V."""
+    deci = voltage_v * 10
+    if not 0 <= deci <= _U8_MAX:
+        raise ConfigError(
+            f"{option}: the board cannot take {voltage_v:g} V at its supply",
+            f"it takes 0 to {_U8_MAX / 10:g} V",
+        )
+    return round(deci)
 
 
 def _name_bytes(name: str) -> tuple[int, ...]:

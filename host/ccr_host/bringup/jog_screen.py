@@ -70,6 +70,8 @@ def _bar(share: float) -> str:
 
 def _state(view: JogView) -> Text:
     state = "no report yet" if view.report is None else view.report.state.name.lower()
+    if view.report is not None and view.report.supply_dv:
+        state += f", servo supply {view.report.supply_dv / 10:g} V"
     if view.trouble:
         return Text(f"board: {state}; {view.trouble}; press c to arm again", style="bold red")
     return Text(f"board: {state}")

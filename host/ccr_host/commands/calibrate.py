@@ -60,13 +60,21 @@ def calibrate(
         bool | None,
         typer.Option(help="Tell the board whether a switch is wired to its emergency-stop input."),
     ] = None,
+    supply_divider: Annotated[
+        float | None,
+        typer.Option(metavar="N", help="Servo supply over the voltage at pin A0; 0: not wired."),
+    ] = None,
+    supply_min: Annotated[
+        float | None,
+        typer.Option(metavar="V", help="A lower servo supply is a fault while armed; 0: never."),
+    ] = None,
 ) -> None:
     """Find how servos and tendons are mounted, and keep it in file and board.
 
     Under the tracker: neutral pulse, direction and slack, from a tour of some twenty poses.
     By eye: neutral pulse, direction, scale and limits.
     With --identify, once servos are calibrated and the camera registered: the rests themselves.
-    With --board-name or --emergency-stop: nothing moves; the board keeps what it is told.
+    With --board-name, --emergency-stop or --supply-...: the board keeps that, and nothing moves.
 
     Example: ccr-host calibrate --by-eye --robot my-robot.toml --device serial:/dev/ttyACM0
     """
@@ -82,7 +90,7 @@ def calibrate(
     from ccr_host.run.observer import Observers
     from ccr_host.run.rig import open_rig, sees_simulated_robot
 
-    change = EquipmentChange(board_name, emergency_stop)
+    change = EquipmentChange(board_name, emergency_stop, supply_divider, supply_min)
     if by_eye and identify:
         raise ConfigError("--identify needs the tracker", "leave --by-eye out")
     options = RigOptions(
@@ -96,7 +104,7 @@ def calibrate(
     if not change.is_empty:
         if by_eye or identify or out:
             raise ConfigError(
-                "--board-name and --emergency-stop go into the board alone",
+                "--board-name, --emergency-stop and --supply-... go into the board alone",
                 "leave --by-eye, --identify and --out out",
             )
         console().print(f"the board is now: {told_to_board(options, change)}; kept in its EEPROM")

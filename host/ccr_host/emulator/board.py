@@ -134,6 +134,10 @@ class UnoEmulator:
         """Open or close the switch between its input and ground; closed at first."""
         self.inputs.emergency_stop_open = is_open
 
+    def set_supply_pin_mv(self, voltage_mv: int) -> None:
+        """Output of the servo supply's divider; 3000 at first."""
+        self.inputs.supply_pin_mv = voltage_mv
+
     @property
     def servo_supply_on(self) -> bool:
         """Whether the servos' supply is enabled."""

@@ -25,7 +25,7 @@ _NO_LIMITS = Limits((0, 0), (0, 0), (0, 0))
 _NO_SLEW = Slew((0, 0))
 _NO_WATCHDOG = Watchdog(0, 0, 0)
 _NO_CALIBRATION = Calibration((0, 0), (0, 0), (0, 0), (0, 0))
-_NO_EQUIPMENT = Equipment((0,) * 16, 0)
+_NO_EQUIPMENT = Equipment((0,) * 16, 0, 0, 0)
 _SIZES = (Limits.SIZE, Slew.SIZE, Watchdog.SIZE, Calibration.SIZE, Equipment.SIZE)
 EEPROM_CONFIGURATION_SIZE = sum(_SIZES)
 

@@ -15,6 +15,7 @@ from ccr_host.emulator.setpoint import Axes, Setpoint, clamped
 from ccr_host.link.messages import (
     BLINK_STEP_TICKS,
     LED_STEP_TICKS,
+    SAG_TICKS,
     TICK_US,
     ConfigGroups,
     EepromStatus,
@@ -33,6 +34,9 @@ _NEVER_MS = 65535
 _STACK_NOT_MEASURED = 65535
 _U32 = 1 << 32
 
+_ADC_REFERENCE_MV = 5000
+_ADC_STEPS = 256
+_ADC_FULL = 255
 _LED_STEPS = 8
 _LED_ON_IN_STEPS = {
     State.BOOT: range(8),
@@ -59,6 +63,8 @@ class Inputs:
     """What is wired to the board's inputs; may change at any time."""
 
     emergency_stop_open: bool = False
+    supply_pin_mv: int = 3000
+    """Output of the servo supply's divider."""
 
 
 class BoardCore:
@@ -101,6 +107,8 @@ class BoardCore:
         self._moving = False
         self.servo_supply_on = False
         self.led_on = False
+        self._supply_dv = 0
+        self._ticks_of_sag = 0
         self._blinking_until_tick = 0
         self._target_cdeg: Axes = (0, 0)
         self._target_clamped = False
@@ -131,6 +139,7 @@ class BoardCore:
             self.counters.count(_EVENT_COUNTERS[event])
         if self.state is not State.BOOT and self.emergency_stop_open:
             self.safety.raise_fault(Fault.EMERGENCY_STOP)
+        self._watch_supply()
         self._move_setpoint(tick)
         self.pulses_half_us = self._compute_pulses(tick)
         self._advance_save()
@@ -200,7 +209,17 @@ class BoardCore:
             pulse_half_us=self.pulses_half_us,
             link_errors=self.counters.link_errors,
             free_stack_bytes=_STACK_NOT_MEASURED,
+            supply_dv=self._supply_dv,
         )
+
+    def _watch_supply(self) -> None:
+        equipment = self.configuration.equipment
+        reading = min(self._inputs.supply_pin_mv * _ADC_STEPS // _ADC_REFERENCE_MV, _ADC_FULL)
+        self._supply_dv = (2 * equipment.supply_full_dv * reading + _ADC_FULL) // (2 * _ADC_FULL)
+        too_low = equipment.supply_full_dv > 0 and self._supply_dv < equipment.supply_min_dv
+        self._ticks_of_sag = self._ticks_of_sag + 1 if too_low and self.safety.pulsing else 0
+        if self._ticks_of_sag >= SAG_TICKS:
+            self.safety.raise_fault(Fault.SUPPLY_LOW)
 
     def _move_setpoint(self, tick: int) -> None:
         config = self.configuration

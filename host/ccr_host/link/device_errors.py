@@ -52,6 +52,10 @@ _FAULTS: Final = {
         "emergency stop: its switch was pressed, or its wire is broken",
         "make the robot safe and release the switch",
     ),
+    Fault.SUPPLY_LOW: (
+        "supply low: the servos' supply broke down",
+        "look for a servo that is blocked, a weak supply, thin or loose wires",
+    ),
 }
 
 _CLEAR: Final = "then clear that with key c of: ccr-host jog"

@@ -15,7 +15,7 @@ __all__ = ["Payload", "PayloadError"]  # re-exported; all else is public as it s
 
 
 PROTOCOL_VERSION: Final = 2
-SPEC_HASH: Final = 0xFDBE7B08
+SPEC_HASH: Final = 0xB5FC5A3D
 FIRMWARE_VERSION: Final = (0, 2, 0)
 
 BAUD: Final = 250000
@@ -55,6 +55,10 @@ SEND_BYTES: Final = 255
 """Room for frames that wait to be sent. One that finds none is dropped and counted. All but the
 answer to `stop` leave room for that. [byte]
 """
+SAG_TICKS: Final = 10
+"""In so many ticks in a row the servos' supply has to be too low for a fault: longer than servos
+take to start. [tick]
+"""
 LED_STEP_TICKS: Final = 8
 """Of the eight steps in which the LED shows the state (LED-1). [tick]"""
 BLINK_STEP_TICKS: Final = 4
@@ -67,7 +71,7 @@ PULSE_CEILING_HALF_US: Final = 5000
 EEPROM_SIZE: Final = 1024
 EEPROM_SLOT_A: Final = 0
 EEPROM_SLOT_B: Final = 128
-EEPROM_SLOT_SIZE: Final = 64
+EEPROM_SLOT_SIZE: Final = 66
 EEPROM_BOOT_COUNTER: Final = 256
 EEPROM_BOOT_COUNTERS: Final = 32
 EEPROM_MAGIC: Final = 0xCC52
@@ -150,6 +154,8 @@ class Fault(IntEnum):
     """The board has restarted while it made pulses, and the boot loader has hidden why."""
     EMERGENCY_STOP = 9
     """The emergency-stop input is open: pressed, or its wire is broken."""
+    SUPPLY_LOW = 10
+    """The servos' supply was too low (SUP-3)."""
 
 
 class ResetCause(IntEnum):
@@ -426,13 +432,19 @@ class Equipment(Payload):
     """ASCII, filled up with zeros. Any bytes are kept; the host judges them."""
     emergency_stop: int
     """1: a switch is wired to the emergency-stop input, closed unless it is pressed. 0 to 1."""
+    supply_full_dv: int
+    """Servo supply at which the divider gives 5 V; 0: none is wired. [0.1 V]"""
+    supply_min_dv: int
+    """Below it the servo supply is too low; 0: never. [0.1 V]"""
 
     NAME: ClassVar[str] = "equipment"
-    SIZE: ClassVar[int] = 17
-    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<16BB")
+    SIZE: ClassVar[int] = 19
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<16BBBB")
     FIELDS: ClassVar[tuple[Field, ...]] = (
         Field("board_name", "B", 0, 255, count=16),
         Field("emergency_stop", "B", 0, 1),
+        Field("supply_full_dv", "B", 0, 255, unit="V", scale=0.1),
+        Field("supply_min_dv", "B", 0, 255, unit="V", scale=0.1),
     )
 
     @classmethod
@@ -441,6 +453,8 @@ class Equipment(Payload):
         return cls(
             values[0:16],
             values[16],
+            values[17],
+            values[18],
         )
 
 
@@ -448,8 +462,8 @@ class Equipment(Payload):
 class StateReport(Payload):
     """Payload of `state_report`.
 
-    Tick, setpoint, pulses and the flags `axis_1_pulses`, `axis_2_pulses` and `moving` are those of
-    the last control tick; all else is current.
+    Tick, setpoint, pulses, supply and the flags `axis_1_pulses`, `axis_2_pulses` and `moving` are
+    those of the last control tick; all else is current.
     """
 
     tick: int
@@ -480,10 +494,12 @@ class StateReport(Payload):
     """bad_crc + bad_encoding + bad_size + overruns, wrapping."""
     free_stack_bytes: int
     """Least free stack so far; 65535 where it is not measured. [byte]"""
+    supply_dv: int
+    """Servo supply in the last tick; 0 where none is wired. [0.1 V]"""
 
     NAME: ClassVar[str] = "state_report"
-    SIZE: ClassVar[int] = 26
-    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<IBBBBH2h2h2HHH")
+    SIZE: ClassVar[int] = 27
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<IBBBBH2h2h2HHHB")
     FIELDS: ClassVar[tuple[Field, ...]] = (
         Field("tick", "I", 0, 4294967295, unit="tick"),
         Field("state", "B", 0, 255),
@@ -496,6 +512,7 @@ class StateReport(Payload):
         Field("pulse_half_us", "H", 0, 65535, count=2, unit="us", scale=0.5),
         Field("link_errors", "H", 0, 65535),
         Field("free_stack_bytes", "H", 0, 65535, unit="byte"),
+        Field("supply_dv", "B", 0, 255, unit="V", scale=0.1),
     )
 
     @classmethod
@@ -513,6 +530,7 @@ class StateReport(Payload):
             (values[10], values[11]),
             values[12],
             values[13],
+            values[14],
         )
 
 
@@ -766,8 +784,8 @@ class GetState(Request):
     NAME: ClassVar[str] = "get_state"
     SIZE: ClassVar[int] = 0
     LAYOUT: ClassVar[struct.Struct] = struct.Struct("<")
-    ID: ClassVar[int] = 0x04
-    REPLY_ID: ClassVar[int] = 0x84
+    ID: ClassVar[int] = 0x07
+    REPLY_ID: ClassVar[int] = 0x87
     RETRY: ClassVar[Retry] = "repeat"
     NEEDS_SESSION: ClassVar[bool] = False
     ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset(State)
@@ -786,9 +804,9 @@ class StateReply(Message):
     report: StateReport
 
     NAME: ClassVar[str] = "state_reply"
-    SIZE: ClassVar[int] = 26
+    SIZE: ClassVar[int] = 27
     LAYOUT: ClassVar[struct.Struct] = struct.Struct("<")
-    ID: ClassVar[int] = 0x84
+    ID: ClassVar[int] = 0x87
     FIELDS: ClassVar[tuple[Field, ...]] = ()
     NESTED: ClassVar[str | None] = "report"
 
@@ -1499,7 +1517,7 @@ class EquipmentReply(Message):
     equipment: Equipment
 
     NAME: ClassVar[str] = "equipment_reply"
-    SIZE: ClassVar[int] = 17
+    SIZE: ClassVar[int] = 19
     LAYOUT: ClassVar[struct.Struct] = struct.Struct("<")
     ID: ClassVar[int] = 0xBC
     FIELDS: ClassVar[tuple[Field, ...]] = ()
@@ -1520,7 +1538,7 @@ class SetEquipment(Request):
     equipment: Equipment
 
     NAME: ClassVar[str] = "set_equipment"
-    SIZE: ClassVar[int] = 19
+    SIZE: ClassVar[int] = 21
     LAYOUT: ClassVar[struct.Struct] = struct.Struct("<H")
     ID: ClassVar[int] = 0x3D
     REPLY_ID: ClassVar[int] = 0x70
@@ -1610,9 +1628,9 @@ class Telemetry(Message):
     report: StateReport
 
     NAME: ClassVar[str] = "telemetry"
-    SIZE: ClassVar[int] = 26
+    SIZE: ClassVar[int] = 27
     LAYOUT: ClassVar[struct.Struct] = struct.Struct("<")
-    ID: ClassVar[int] = 0xC0
+    ID: ClassVar[int] = 0xC1
     FIELDS: ClassVar[tuple[Field, ...]] = ()
     NESTED: ClassVar[str | None] = "report"
 
@@ -1630,8 +1648,8 @@ MESSAGES: Final[Mapping[int, type[Message]]] = MappingProxyType(
         0x82: SessionReply,
         0x03: ClockSync,
         0x83: ClockReply,
-        0x04: GetState,
-        0x84: StateReply,
+        0x07: GetState,
+        0x87: StateReply,
         0x05: GetCounters,
         0x85: CountersReply,
         0x06: SetTelemetry,
@@ -1660,7 +1678,7 @@ MESSAGES: Final[Mapping[int, type[Message]]] = MappingProxyType(
         0x3D: SetEquipment,
         0x70: Ack,
         0x71: Nack,
-        0xC0: Telemetry,
+        0xC1: Telemetry,
     }
 )
 """By id."""
@@ -1670,7 +1688,7 @@ REQUESTS: Final[Mapping[int, type[Request]]] = MappingProxyType(
         0x01: Hello,
         0x02: OpenSession,
         0x03: ClockSync,
-        0x04: GetState,
+        0x07: GetState,
         0x05: GetCounters,
         0x06: SetTelemetry,
         0x08: Blink,
@@ -1791,9 +1809,9 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         ),
         "TIM-4": (
             "In one tick, in this order: count it; make at most one transition that time or "
-            "position has brought about; look at the emergency stop; move the setpoint as the "
-            "state asks; compute the pulses; write one EEPROM byte; set the servo supply and the "
-            "LED; report."
+            "position has brought about; look at the emergency stop and the servo supply; move the "
+            "setpoint as the state asks; compute the pulses; write one EEPROM byte; set the servo "
+            "supply and the LED; report."
         ),
         "TIM-5": (
             "From listens_after_us after the reset on the board takes requests, and answers them "
@@ -1893,6 +1911,14 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
             "The output that enables the servos' supply is on from the first tick in arming, "
             "active, hold, relaxing or disarming until the first in another state, and only then: "
             "a reset, fault, stop and the end of disarming switch it off."
+        ),
+        "SUP-2": (
+            "With a divider wired the report gives the servo supply as supply_full_dv * a / 255 "
+            "rounded, where a is the divider's output in 8 bits of 5 V, no older than a tick."
+        ),
+        "SUP-3": (
+            "sag_ticks ticks in a row in a state with pulses that find the servo supply below "
+            "supply_min_dv raise supply_low, the last of them. Without a divider wired none does."
         ),
         "LED-1": (
             "The LED shows the state in eight steps of led_step_ticks, over and over; in the tick "

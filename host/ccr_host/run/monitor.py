@@ -33,6 +33,8 @@ class LinkView:
     device: str
     state: str
     fault: str
+    supply_v: float | None
+    """Of the servos; None where it is not measured."""
     report_age_ms: float | None
     crc_errors: int
     retries: int
@@ -162,6 +164,7 @@ def _link_view(device: str, client: Client) -> LinkView:
         device=device,
         state="no report yet" if newest is None else newest.report.state.name.lower(),
         fault="none" if newest is None else newest.report.fault.name.lower(),
+        supply_v=newest.report.supply_dv / 10 if newest and newest.report.supply_dv else None,
         report_age_ms=None if age_us is None else age_us / 1000,
         crc_errors=statistics.crc_errors,
         retries=statistics.retries,

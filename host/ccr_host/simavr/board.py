@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ccr_host.emulator.core import Inputs
 from ccr_host.emulator.eeprom import Eeprom, EepromImage
 from ccr_host.errors import ConfigError
 from ccr_host.link.messages import BAUD, EEPROM_SIZE, ResetCause
@@ -80,6 +81,7 @@ class SimavrBoard:
             self._load(boot_loader)
             self._mcu.start_at(boot_loader.start)
         self._mcu.profile(profiling)
+        self.set_supply_pin_mv(Inputs.supply_pin_mv)
         self.reset(reset_cause)
 
     def close(self) -> None:
@@ -167,6 +169,10 @@ class SimavrBoard:
     def open_emergency_stop(self, is_open: bool = True) -> None:
         """Open or close the switch between its input and ground; closed at first."""
         self._mcu.open_switch(is_open)
+
+    def set_supply_pin_mv(self, voltage_mv: int) -> None:
+        """Output of the servo supply's divider; 3000 at first."""
+        self._mcu.set_voltage_mv(voltage_mv)
 
     @property
     def servo_supply_on(self) -> bool:

@@ -159,6 +159,10 @@ class Mcu:
         """Open or close the switch between pin 7 and ground."""
         self._shim.rig_open_switch(self._rig, is_open)
 
+    def set_voltage_mv(self, voltage_mv: int) -> None:
+        """Voltage at pin A0."""
+        self._shim.rig_set_voltage(self._rig, voltage_mv)
+
     def forget_unsent(self) -> None:
         """Drop what waits for the wire."""
         self._shim.rig_forget_unsent(self._rig)
@@ -231,6 +235,7 @@ def _load() -> ctypes.CDLL:
         "rig_send": (None, (rig, ctypes.c_uint64, ctypes.c_char_p, size, count)),
         "rig_forget_unsent": (None, (rig,)),
         "rig_open_switch": (None, (rig, ctypes.c_bool)),
+        "rig_set_voltage": (None, (rig, count)),
         "rig_take_departures": (size, (rig, ctypes.c_void_p, size)),
         "rig_take_edges": (size, (rig, ctypes.c_void_p, size)),
         "rig_take_eeprom_writes": (size, (rig, ctypes.c_void_p, size)),

@@ -115,7 +115,8 @@ class Script:
         match self._integer(0, 4):
             case 4:
                 name = tuple(self.rng.integers(0, 256, 16).tolist())
-                return m.SetEquipment(session, m.Equipment(name, self._integer(0, int(2 * beyond))))
+                stop, full = self._integer(0, int(2 * beyond)), self._integer(0, 255)
+                return m.SetEquipment(session, m.Equipment(name, stop, full, full // 2))
             case 0:
                 low = (self._integer(-9000, 0), self._integer(-9000, 0))
                 high = (self._integer(1, 9000), self._integer(1, 9000))

@@ -99,6 +99,9 @@ def run_both(seed: int, commands: int) -> tuple[int, set[m.State]]:
                 script.history.append(f"emergency stop {'opened' if is_open else 'closed'}")
                 emulated.board.open_emergency_stop(is_open)
                 real.board.open_emergency_stop(is_open)
+                voltage_mv = int(2 * rng.integers(256) + 1) * 5000 // 512  # where ADCs agree
+                emulated.board.set_supply_pin_mv(voltage_mv)
+                real.board.set_supply_pin_mv(voltage_mv)
             data = script.next_frame(emulated.board.state) if frame > 0 else b""
             for one in both:
                 one.device.advance_to(frame * m.TICK_US + _SEND_AT_US)

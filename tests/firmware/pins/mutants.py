@@ -288,6 +288,20 @@ INSIDE = [
         CONFORMANCE + "test_latch_is_not_cleared_while_the_emergency_stop_is_open",
     ),
     Mutant(
+        "a low supply is no fault",
+        CONTROLLER,
+        "if (++ticks_of_sag_ >= kSagTicks) {",
+        "if (++ticks_of_sag_ >= kSagTicks && !is_wired) {",
+        CONFORMANCE + "test_supply_that_stays_too_low_is_a_fault_and_one_that_dips_is_none",
+    ),
+    Mutant(
+        "a supply that dips is a fault",
+        CONTROLLER,
+        "    ticks_of_sag_ = 0;\n    return;",
+        "    return;",
+        CONFORMANCE + "test_supply_that_stays_too_low_is_a_fault_and_one_that_dips_is_none",
+    ),
+    Mutant(
         "a board that has lost its configuration has no emergency stop",
         "lib/core/config_store.cpp",
         "    configuration.missing_groups |= config_groups::kEquipment;",

@@ -18,7 +18,7 @@ from ccr_host.errors import ConfigError
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.link.device_errors import BoardFaultError, RequestRefusedError, WrongBoardError
-from ccr_host.link.messages import ResetCause, State
+from ccr_host.link.messages import TICK_US, ResetCause, State
 from ccr_host.run.clock import RealClock, VirtualClock
 from ccr_host.run.observer import Observers
 from ccr_host.run.options import RigOptions
@@ -44,21 +44,38 @@ def connected(board: Bench) -> Iterator[Client]:
 
 
 def change(
-    board: Bench, *, board_name: str | None = None, emergency_stop: bool | None = None
+    board: Bench,
+    *,
+    board_name: str | None = None,
+    emergency_stop: bool | None = None,
+    supply_divider: float | None = None,
+    supply_min_v: float | None = None,
 ) -> str:
-    wanted = EquipmentChange(board_name, emergency_stop)
+    wanted = EquipmentChange(board_name, emergency_stop, supply_divider, supply_min_v)
     with connected(board) as client:
         return described(change_equipment(client, Description(), wanted))
 
 
 def test_each_thing_that_is_told_is_kept_and_leaves_the_rest_as_it_was() -> None:
     board = Bench()
-    assert change(board, board_name="left arm") == "named left arm, no emergency stop"
-    assert change(board, emergency_stop=True) == "named left arm, emergency stop fitted"
+    assert (
+        change(board, board_name="left arm")
+        == "named left arm, no emergency stop, supply not measured"
+    )
+    assert (
+        change(board, emergency_stop=True)
+        == "named left arm, emergency stop fitted, supply not measured"
+    )
     board.reset(ResetCause.POWER_ON)
     with connected(board) as client:
-        assert described(client.read_equipment()) == "named left arm, emergency stop fitted"
-    assert change(board, board_name="", emergency_stop=False) == "no name, no emergency stop"
+        assert (
+            described(client.read_equipment())
+            == "named left arm, emergency stop fitted, supply not measured"
+        )
+    assert (
+        change(board, board_name="", emergency_stop=False)
+        == "no name, no emergency stop, supply not measured"
+    )
 
 
 def test_telling_a_calibrated_board_its_name_leaves_its_calibration() -> None:
@@ -146,3 +163,26 @@ def test_simulated_board_has_whatever_name_is_described() -> None:
     options = RigOptions(overrides=("robot.board_name=right arm",))
     with open_rig(options, options.description(), Observers()) as rig:
         rig.client.arm()
+
+
+def test_supply_is_told_in_volts_and_looked_at_by_the_doctor() -> None:
+    board = Bench()
+    told = change(board, supply_divider=2, supply_min_v=5.5)
+    assert told.endswith("supply measured up to 10 V, a fault below 5.5 V")
+    for pin_mv, severity in ((3010, Severity.GOOD), (2500, Severity.WARNING)):
+        board.set_supply_pin_mv(pin_mv)
+        board.clock.sleep_until_us(board.clock.now_us() + 2 * TICK_US)
+        with connected(board) as client:
+            findings = {f.subject: f for f in check_board(client, board.clock, Description())}
+        assert findings["servo supply"].severity is severity
+    assert findings["servo supply"].text == "5 V"
+
+
+@pytest.mark.parametrize(
+    ("divider", "least_v"), [(5.2, None), (-1, None), (float("nan"), None), (2, 26), (2, 10.1)]
+)
+def test_supply_that_the_board_cannot_measure_is_refused(
+    divider: float, least_v: float | None
+) -> None:
+    with pytest.raises(ConfigError):
+        change(Bench(), supply_divider=divider, supply_min_v=least_v)

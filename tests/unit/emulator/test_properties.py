@@ -61,7 +61,9 @@ class Watched:
         return self.read()
 
     def ask(self, request, sequence):
-        answers = [f for f in self.send(request.ID, sequence, request.pack()) if f.id != 0xC0]
+        answers = [
+            f for f in self.send(request.ID, sequence, request.pack()) if f.id != m.Telemetry.ID
+        ]
         assert [answer.sequence for answer in answers] == [sequence]
         return m.MESSAGES[answers[0].id].unpack(answers[0].payload)
 

@@ -35,7 +35,7 @@ def _move_hello(tree: Tree) -> None:
 
 
 def _longer_slot_under_a_new_id(tree: Tree) -> None:
-    for message, number in {"set_slew": 0x40, "get_slew": 0x41, "slew_reply": 0xC1}.items():
+    for message, number in {"set_slew": 0x50, "get_slew": 0x51, "slew_reply": 0xD1}.items():
         find(tree, "message", message)["id"] = number
     extra = {**field(tree, "struct", "slew", "slew_cdeg_tick"), "name": "jerk"}
     find(tree, "struct", "slew")["fields"].append(extra)
@@ -48,7 +48,7 @@ NEVER: dict[str, tuple[Edit, str]] = {
     ),
     "id given to another message": (
         lambda t: _rename(t, "message", "telemetry", "report"),
-        "id 0xC0: was telemetry, must not become report",
+        "id 0xC1: was telemetry, must not become report",
     ),
     "type of a field": (
         lambda t: field(t, "message", "set_target", "ramp_ms").update(type="i16"),
@@ -193,7 +193,7 @@ NEW_VERSION: dict[str, tuple[Edit, str]] = {
         "state machine: a transition has changed",
     ),
     "EEPROM address": (
-        lambda t: t["eeprom"].update(slot_b=64),
+        lambda t: t["eeprom"].update(slot_b=100),
         "eeprom: the layout has changed",
     ),
 }
@@ -205,7 +205,7 @@ FREE: dict[str, Edit] = {
     "firmware version": lambda t: t["protocol"].update(firmware_version=[9, 0, 0]),
     "wider range": lambda t: field(t, "message", "set_target", "ramp_ms").update(max=20000),
     "new message": lambda t: t["message"].append(
-        {"id": 0xC1, "name": "log", "direction": "to_host", "prose": "New."}
+        {"id": 0xD5, "name": "log", "direction": "to_host", "prose": "New."}
     ),
     "new flag": lambda t: find(t, "flags", "capabilities")["bits"].append(
         {"name": "radio", "bit": 3, "prose": "New."}

@@ -13,7 +13,7 @@ from ccr_host.run.sweep.limit_watch import LimitWatch
 REPORT = StateReport(
     tick=100, state=State(0), fault=Fault(0), flags=StatusFlags(0), target_sequence=0,
     target_age_ms=0, target_cdeg=(0, 0), setpoint_cdeg=(0, 0), pulse_half_us=(3000, 3000),
-    link_errors=0, free_stack_bytes=65535,
+    link_errors=0, free_stack_bytes=65535, supply_dv=0,
 )  # fmt: skip
 NARROW = ("servo.angle_max_deg=[40, 85]", "servo.pulse_min_us=[600, 1000]")
 

@@ -18,7 +18,7 @@ from ccr_host.view.link_history import LinkHistory
 def report(state: State = State.ACTIVE, link_errors: int = 0) -> StateReport:
     flags = StatusFlags(0)
     return StateReport(
-        1, state, Fault.NONE, flags, 0, 0, (0, 0), (9000, -4500), (3000, 2000), link_errors, 0
+        1, state, Fault.NONE, flags, 0, 0, (0, 0), (9000, -4500), (3000, 2000), link_errors, 0, 0
     )
 
 

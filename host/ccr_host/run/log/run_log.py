@@ -255,6 +255,7 @@ class RunLog(RunObserver):
                 "fault": report.fault.name.lower() if report.fault is not Fault.NONE else "none",
                 "link errors": report.link_errors,
                 "free stack bytes": report.free_stack_bytes,
+                "servo supply dV": report.supply_dv,
             },
         )
         link = visuals.diagnostic(

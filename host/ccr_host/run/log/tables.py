@@ -167,6 +167,7 @@ _STATE_COLUMNS: Columns = {
     **_motor_columns("pulse_half", "us", int, "pulse width in units of 0.5 us"),
     "link_errors": Column(int, "damaged frames that the board has seen"),
     "free_stack_bytes": Column(int, "least memory left so far"),
+    "supply_dv": Column(int, "servo supply, 0.1 V; 0 where it is not measured"),
 }
 
 

@@ -112,6 +112,7 @@ STATE = Topic(
         pulse_half_us=array(INTEGER, 2),
         link_errors=COUNT,
         free_stack_bytes=COUNT,
+        supply_dv=COUNT,
     ),
 )
 MARKER_FRAME = Topic(

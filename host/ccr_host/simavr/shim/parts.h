@@ -3,6 +3,7 @@
 
 #include "rig.h"
 
+#include <avr_adc.h>
 #include <avr_eeprom.h>
 #include <avr_ioport.h>
 #include <avr_timer.h>

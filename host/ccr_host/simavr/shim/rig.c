@@ -8,6 +8,7 @@
 
 enum {
     CLOCK_HZ = 16000000,
+    SUPPLY_MV = 5000,
     UNLIMITED_CYCLES = 1000000, /* simavr's default of 1 steps every instruction, 10 times slower */
     /* Datasheet, "Interrupt Response Time"; simavr serves interrupts in no time. */
     RESPONSE_CYCLES = 4,
@@ -226,6 +227,7 @@ rig_t *rig_new(void) {
     avr->flash = with_room_for_any_address(avr->flash, avr->flashend + 3);
     avr->log = LOG_ERROR;
     avr->frequency = CLOCK_HZ;
+    avr->vcc = avr->avcc = avr->aref = SUPPLY_MV;
     avr->run = step;
     rig->module.kind = "rig";
     rig->module.reset = module_reset;
@@ -256,6 +258,10 @@ uint8_t *rig_flash(rig_t *rig) { return rig->avr->flash; }
 uint32_t rig_memory_size(const rig_t *rig) { return rig->avr->ramend + 1; }
 uint8_t *rig_memory(rig_t *rig) { return rig->avr->data; }
 void rig_set_reset_vector(rig_t *rig, uint32_t address) { rig->avr->reset_pc = address; }
+
+void rig_set_voltage(rig_t *rig, uint32_t voltage_mv) {
+    avr_raise_irq(avr_io_getirq(rig->avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0), voltage_mv);
+}
 
 void rig_statistics(const rig_t *rig, rig_statistics_t *out) {
     *out = rig->statistics;

@@ -92,6 +92,8 @@ const char *rig_trouble(const rig_t *rig);
 
 /* The switch between pin 7 and ground; closed until it is opened. */
 void rig_open_switch(rig_t *rig, bool open);
+/* At pin A0, in mV of the 5000 that are the reference. */
+void rig_set_voltage(rig_t *rig, uint32_t voltage_mv);
 
 /* Bytes on the wire to the board from `cycle` on, one after the other.
  * `bit_cycles`: length of the sender's bits; 0 for what the board has set. */
