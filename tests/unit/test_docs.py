@@ -17,7 +17,7 @@ from ccr_host.link.device_errors import BoardFaultError
 from ccr_host.link.messages import REQUIREMENTS, Fault
 from ccr_host.run.execute import reference_of
 from ccr_host.run.options import RunOptions
-from tests.firmware.pins.mutants import AT_THE_PINS, INSIDE
+from tests.firmware.pins.mutants import AT_THE_PINS, IN_THE_HOST, INSIDE
 
 ROOT = Path(__file__).parents[2]
 FAULT_PAGES = ROOT / "docs" / "faults"
@@ -65,7 +65,7 @@ def test_safety_names_tests_that_exist() -> None:
 
 def test_every_seeded_fault_and_what_notices_it_is_in_the_table() -> None:
     page = (ROOT / "docs" / "firmware.md").read_text()
-    for mutant in AT_THE_PINS + INSIDE:
+    for mutant in AT_THE_PINS + INSIDE + IN_THE_HOST:
         noticed = mutant.noticed_by.rpartition("::")[2]
         told = f"`{noticed}`" if noticed.startswith("test_") else noticed.replace("|", " or ")
         assert re.search(rf"^\| {mutant.name} \| (oracle: )?{told} \|$", page, re.M), mutant.name

@@ -1,7 +1,8 @@
-"""Single faults that are seeded into the firmware, and what notices each."""
+"""Single faults that are seeded into firmware and host, and what notices each."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from tests.conformance.firmware_build import ROOT
 
 @dataclass(frozen=True)
 class Mutant:
-    """A change of one place of the firmware."""
+    """A change of one place of the firmware, or of the host."""
 
     name: str
     file: str
@@ -21,6 +22,7 @@ class Mutant:
     after: str
     noticed_by: str
     """The rule of the oracle, or rules where several may come first; or a test."""
+    tree: str = "firmware"
 
     def build(self, folder: Path) -> Path:
         """The mutant's program; `folder` is empty."""
@@ -40,7 +42,12 @@ class Mutant:
         command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
         test, _, name = self.noticed_by.partition("::")
         result = subprocess.run(
-            [*command, test, "-k", name], cwd=folder, capture_output=True, text=True, check=False
+            [*command, test, "-k", name],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(folder / "host")},  # before the one installed
+            capture_output=True,
+            text=True,
+            check=False,
         )
         failed = result.returncode == 1 and "1 failed" in result.stdout
         assert failed or result.returncode == 0, result.stdout
@@ -48,10 +55,10 @@ class Mutant:
 
     def seed(self, folder: Path) -> None:
         """The sources with the fault."""
-        shutil.copytree(ROOT / "firmware", folder / "firmware")
+        shutil.copytree(ROOT / self.tree, folder / self.tree)
         (folder / "scripts").mkdir()
         shutil.copy(ROOT / "scripts" / "build-firmware", folder / "scripts")
-        source = folder / "firmware" / self.file
+        source = folder / self.tree / self.file
         text = source.read_text(encoding="utf-8")
         assert text.count(self.before) == 1, f"{self.name}: its place is gone"
         source.write_text(text.replace(self.before, self.after), encoding="utf-8")
@@ -342,5 +349,67 @@ INSIDE = [
         "boot_counter_address(counted % kEepromBootCounters)",
         "boot_counter_address(0)",
         CONFORMANCE + "test_no_cell_of_the_eeprom_is_written_at_every_reset",
+    ),
+]
+
+CLIENT = "tests/unit/link/test_client.py::"
+LOOP = "tests/unit/run/test_loop.py::"
+
+IN_THE_HOST = [
+    Mutant(
+        "a run without markers ends after hold alone",
+        "ccr_host/run/loop.py",
+        "if lost_us > self._coast_us + self._hold_us:",
+        "if lost_us > self._hold_us:",
+        LOOP + "test_without_markers_the_controller_coasts_then_the_pose_is_held_then_the_run_ends",
+        "host",
+    ),
+    Mutant(
+        "a run ends where the board has only held",
+        "ccr_host/link/client.py",
+        "if latched or report.state is State.RELAXING:",
+        "if latched or report.state in (State.HOLD, State.RELAXING):",
+        CLIENT + "test_a_host_that_was_away_goes_on_only_if_the_board_has_not_begun_to_relax",
+        "host",
+    ),
+    Mutant(
+        "targets are valid for 2 s at least",
+        "ccr_host/run/loop.py",
+        "_VALIDITY_LIMITS_MS = (200, 10_000)",
+        "_VALIDITY_LIMITS_MS = (2000, 10_000)",
+        LOOP + "test_a_target_outlives_its_step_by_little_so_that_a_dead_host_is_noticed",
+        "host",
+    ),
+    Mutant(
+        "a board may be silent for 10 s",
+        "ccr_host/link/client.py",
+        "TELEMETRY_TIMEOUT_US = 1_000_000",
+        "TELEMETRY_TIMEOUT_US = 10_000_000",
+        CLIENT + "test_a_silent_board_is_looked_for_after_a_second_whatever_is_sent_to_it",
+        "host",
+    ),
+    Mutant(
+        "targets without an answer are forgotten",
+        "ccr_host/link/target_log.py",
+        "self._given_up += sequence in self._open_since_us",
+        "self._given_up += 0",
+        CLIENT + "test_lost_target_is_counted_and_not_sent_again",
+        "host",
+    ),
+    Mutant(
+        "the link is looked at every 20 ms",
+        "ccr_host/link/exchange.py",
+        "POLL_STEP_US = 200",
+        "POLL_STEP_US = 20_000",
+        CLIENT + "test_a_request_takes_no_longer_than_its_answer",
+        "host",
+    ),
+    Mutant(
+        "round trips are counted however late their end is seen",
+        "ccr_host/link/exchange.py",
+        "_COARSE_POLL_US = 2000",
+        "_COARSE_POLL_US = 2_000_000",
+        CLIENT + "test_a_round_trip_that_nobody_watched_is_not_counted",
+        "host",
     ),
 ]

@@ -14,7 +14,7 @@ from ccr_host.link import messages as m
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
 from tests.conformance.device import SimavrDevice
 from tests.firmware.differential.script import Script
-from tests.firmware.pins.mutants import AT_THE_PINS, INSIDE, Mutant
+from tests.firmware.pins.mutants import AT_THE_PINS, IN_THE_HOST, INSIDE, Mutant
 from tests.firmware.pins.oracle import PinOracle, ViolationError, require
 
 FRAMES = 2500
@@ -161,4 +161,10 @@ def test_the_oracle_tells_a_faulty_firmware_by_the_rule_that_it_breaks(
 @pytest.mark.slow
 @pytest.mark.parametrize("mutant", INSIDE, ids=lambda mutant: mutant.name)
 def test_a_test_fails_on_a_faulty_firmware(mutant: Mutant, tmp_path: Path) -> None:
+    assert mutant.is_noticed(tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mutant", IN_THE_HOST, ids=lambda mutant: mutant.name)
+def test_a_test_fails_on_a_faulty_host(mutant: Mutant, tmp_path: Path) -> None:
     assert mutant.is_noticed(tmp_path)

@@ -215,6 +215,17 @@ def test_board_that_falls_silent_in_mid_run(rig, config):
     assert rig.board.pulses_half_us == (0, 0)
 
 
+def test_a_silent_board_is_looked_for_after_a_second_whatever_is_sent_to_it(rig, config):
+    client = armed(rig, config)
+    drive(rig, client, 3)
+    rig.line.noise = LineNoise(np.random.default_rng(1), drop=1.0)
+    since_us = rig.clock.now_us()
+    with pytest.raises(BoardSilentError):
+        drive(rig, client, 100)
+    silent_us = rig.clock.now_us() - since_us - BOOT_TIMEOUT_US
+    assert 1_000_000 <= silent_us <= 1_000_000 + 2 * PERIOD_US
+
+
 def test_targets_that_do_not_arrive_are_the_links_fault_and_end_the_run(rig, config, monkeypatch):
     with pytest.raises(LinkLossError) as loss, armed(rig, config) as client:
         drive(rig, client, 3)
@@ -333,7 +344,28 @@ def test_lost_target_is_counted_and_not_sent_again(rig, config):
         assert client.accepted_rad != pytest.approx([0.1, 0.1])
         assert client.statistics.unanswered_targets == 1
         assert client.statistics.lost_telemetry > 0
-        drive(rig, client, 3)
+        drive(rig, client, 300)
+        assert client.statistics.unanswered_targets == 1, "though its number is used again"
+
+
+@pytest.mark.parametrize("attach", [True, False])
+def test_a_request_takes_no_longer_than_its_answer(rig, attach):
+    client = rig.client(attach=attach)
+    client.connect()
+    before_us = rig.clock.now_us()
+    client.read_state()
+    assert rig.clock.now_us() - before_us < 5_000
+    assert client.statistics.rtt_us_p99 < 5_000
+
+
+def test_a_round_trip_that_nobody_watched_is_not_counted(rig, config):
+    client = rig.client(attach=False)
+    client.connect()
+    client.configure(config)
+    client.arm()
+    drive(rig, client, 20)
+    assert client.statistics.unanswered_targets == 0
+    assert client.statistics.rtt_us_p99 < 5_000, "answers waited for 100 ms in the port"
 
 
 def test_request_whose_answer_was_lost_is_executed_once(rig, config):

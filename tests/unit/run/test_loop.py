@@ -122,9 +122,12 @@ def test_without_markers_the_controller_coasts_then_the_pose_is_held_then_the_ru
 ) -> None:
     controller = Counting()
     seen: list[StepRecord] = []
-    blind = replace(rig, tracker=LostAfter(rig, rig.clock.now_us() + 6_000_000))
+    lost_at_us = rig.clock.now_us() + 6_000_000
+    blind = replace(rig, tracker=LostAfter(rig, lost_at_us))
     with pytest.raises(TrackerError, match="no markers"):
         follow(blind, controller, reference(20), lambda *words: seen.append(words[2]))
+    lost_s = (rig.clock.now_us() - lost_at_us) * 1e-6
+    assert 2 + 3 < lost_s <= 2 + 3 + 1, "seen at the next step"
     outcomes = [record.outcome for record in seen if record.measured_mm is None]
     assert Outcome.HELD in outcomes
     held = [record.q_rad for record in seen if record.outcome is Outcome.HELD]
@@ -221,3 +224,22 @@ def test_targets_stay_fresh_between_slow_steps(rig: Rig, period_s: float) -> Non
 
     follow(rig, Counting(), reference(4, period_s), look)
     assert states == {State.ACTIVE}
+
+
+@pytest.mark.parametrize(
+    ("period_s", "validity_ms"),
+    [(0.02, 200), (0.05, 200), (0.2, 500), (1.0, 2500), (30.0, 10_000)],
+)
+def test_a_target_outlives_its_step_by_little_so_that_a_dead_host_is_noticed(
+    rig: Rig, period_s: float, validity_ms: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent = []
+    set_target = rig.client.set_target
+
+    def noted(q_rad, *, ramp_ms: int, validity_ms: int) -> None:
+        sent.append(validity_ms)
+        set_target(q_rad, ramp_ms=ramp_ms, validity_ms=validity_ms)
+
+    monkeypatch.setattr(rig.client, "set_target", noted)
+    follow(rig, Counting(), reference(2, period_s))
+    assert set(sent) == {validity_ms}
