@@ -19,11 +19,8 @@ bool is_blank(const uint8_t (&bytes)[kSlotSize]) {
 }
 
 bool is_intact(const uint8_t (&bytes)[kSlotSize], uint8_t crc_at) {
-  Crc32 crc;
-  for (uint8_t at = 0; at < crc_at; ++at) {
-    crc.add(bytes[at]);
-  }
-  return get_u16(bytes + kSlotMagicAt) == kEepromMagic && get_u32(bytes + crc_at) == crc.value();
+  return get_u16(bytes + kSlotMagicAt) == kEepromMagic &&
+         get_u32(bytes + crc_at) == crc32_of(bytes, crc_at);
 }
 
 /// False where it is of an unknown layout, or damaged.
@@ -40,6 +37,27 @@ bool bring_to_layout(uint8_t (&bytes)[kSlotSize]) {
 }
 
 }  // namespace
+
+// Not inlined: it would be four times in flash.
+__attribute__((noinline)) void Crc32::add(uint8_t byte) {
+  constexpr uint32_t kReflectedPolynomial = 0xEDB88320UL;
+  remainder_ ^= byte;
+  for (uint8_t bit = 0; bit < 8; ++bit) {
+    const bool carry = (remainder_ & 1U) != 0;
+    remainder_ >>= 1;
+    if (carry) {
+      remainder_ ^= kReflectedPolynomial;
+    }
+  }
+}
+
+uint32_t crc32_of(const uint8_t* bytes, uint8_t size) {
+  Crc32 crc;
+  for (uint8_t at = 0; at < size; ++at) {
+    crc.add(bytes[at]);
+  }
+  return crc.value();
+}
 
 SlotContent read_slot(Hardware& hardware, uint16_t address, uint16_t& generation,
                       Configuration& configuration) {

@@ -5,7 +5,6 @@
 #include <stdint.h>
 
 #include "configuration.h"
-#include "crc32.h"
 #include "hardware.h"
 
 namespace ccr {
@@ -25,6 +24,18 @@ static_assert(kSlotSize == kEepromSlotSize, "as the spec says");
 static_assert(kEepromSlotA + kSlotSize <= kEepromSlotB, "slots do not overlap");
 static_assert(kEepromSlotB + kSlotSize <= kEepromBootCounter, "nor do the boot counters");
 static_assert(kEepromBootCounter + kEepromBootCounters * sizeof(uint16_t) <= kEepromSize, "all fits");
+
+/// CRC-32 (ISO-HDLC, as in zip and Ethernet). Bit by bit: it only sees EEPROM, a byte a tick.
+class Crc32 {
+ public:
+  void add(uint8_t byte);
+  uint32_t value() const { return ~remainder_; }
+
+ private:
+  uint32_t remainder_ = 0xFFFFFFFFUL;
+};
+
+uint32_t crc32_of(const uint8_t* bytes, uint8_t size);
 
 /// Generation and configuration are only good where the content is.
 SlotContent read_slot(Hardware& hardware, uint16_t address, uint16_t& generation,

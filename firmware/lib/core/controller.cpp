@@ -35,6 +35,7 @@ Controller::Controller(Hardware& hardware, Start start, uint32_t first_tick)
       configuration_(empty_configuration()),
       eeprom_status_(store_.load(configuration_)),
       boot_id_(store_.count_boot()),
+      fault_log_(hardware),
       ticks_(first_tick),
       safety_(start),
       setpoints_{Setpoint(configuration_.limits.rest_cdeg[0]),
@@ -50,9 +51,15 @@ Pulses Controller::tick() {
   move_setpoints();
   compute_pulses();
   write_eeprom();
+  log_fault();
   hardware_.set_servo_supply(safety_.has_pulses());
   show_state();
   return pulses_;
+}
+
+void Controller::clear_fault() {
+  safety_.clear();
+  logged_fault_ = Fault::kNone;
 }
 
 void Controller::accept_target(const SetTarget& target, uint8_t sequence) {
@@ -221,6 +228,19 @@ void Controller::write_eeprom() {
       safety_.raise(Fault::kEepromFailed);
       break;
   }
+}
+
+void Controller::log_fault() {
+  const Fault fault = safety_.fault();
+  if (fault != logged_fault_ && !fault_log_.is_writing()) {
+    logged_fault_ = fault;
+    fault_log_.begin(FaultRecord{0, static_cast<uint8_t>(fault),
+                                 static_cast<uint8_t>(state_before_), boot_id_, ticks_, 0});
+  }
+  if (!store_.is_saving()) {
+    fault_log_.continue_writing();
+  }
+  state_before_ = safety_.state();
 }
 
 void Controller::show_state() {

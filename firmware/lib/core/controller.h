@@ -8,6 +8,7 @@
 #include "ccr_messages.h"
 #include "config_store.h"
 #include "configuration.h"
+#include "fault_log.h"
 #include "hardware.h"
 #include "pulses.h"
 #include "safety.h"
@@ -29,7 +30,7 @@ class Controller {
   void arm() { safety_.arm(configuration_.watchdog); }
   void disarm() { safety_.disarm(); }
   void stop() { safety_.stop(); }
-  void clear_fault() { safety_.clear(); }
+  void clear_fault();
   void accept_target(const SetTarget& target, uint8_t sequence);
   void set(const Limits& limits);
   void set(const Slew& slew);
@@ -46,6 +47,7 @@ class Controller {
   bool has_pulses() const { return !pulses_.are_none(); }
   /// Never where none is fitted.
   bool is_emergency_stop_open() const;
+  FaultRecord fault_record(uint8_t place) const { return fault_log_.at(place); }
   bool is_saving() const { return store_.is_saving(); }
   State state() const { return safety_.state(); }
   uint16_t boot_id() const { return boot_id_; }
@@ -75,6 +77,7 @@ class Controller {
   void lead_to_rest(uint8_t axis);
   void compute_pulses();
   void write_eeprom();
+  void log_fault();
   void show_state();
   bool is_at_rest() const;
   void note_change(uint8_t group);
@@ -84,12 +87,16 @@ class Controller {
   Configuration configuration_;
   EepromStatus eeprom_status_;
   uint16_t boot_id_;
+  FaultLog fault_log_;
   uint32_t ticks_;
   Safety safety_;
   Setpoint setpoints_[kAxes];
   TargetRecord target_;
   Counts counts_ = {};
   Countdown blinking_{0};
+  /// After the last tick.
+  State state_before_ = State::kBoot;
+  Fault logged_fault_ = Fault::kNone;
   /// In the last tick.
   uint8_t supply_dv_ = 0;
   uint8_t ticks_of_sag_ = 0;

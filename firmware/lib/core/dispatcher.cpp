@@ -30,7 +30,7 @@ void Dispatcher::end_tick() {
   session_.retries.count();
   if (session_.telemetry.is_due()) {
     send<Telemetry>(session_.telemetry.take_sequence(),
-                    [this] { return Telemetry{state_report()}; });
+                    [this] { return state_report(); });
   }
 }
 
@@ -50,6 +50,8 @@ void Dispatcher::dispatch(const FrameDecoder& frame) {
       return handle<SetTelemetry>(frame);
     case Blink::kId:
       return handle<Blink>(frame);
+    case GetFaultRecord::kId:
+      return handle<GetFaultRecord>(frame);
     case Arm::kId:
       return handle<Arm>(frame);
     case Disarm::kId:
@@ -189,7 +191,7 @@ void Dispatcher::execute(const FrameDecoder& frame, const ClockSync& request) {
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetState&) {
-  send<StateReply>(frame.sequence(), [this] { return StateReply{state_report()}; });
+  send<StateReply>(frame.sequence(), [this] { return state_report(); });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetCounters&) {
@@ -221,6 +223,11 @@ void Dispatcher::execute(const FrameDecoder& frame, const SetTelemetry& request)
 void Dispatcher::execute(const FrameDecoder& frame, const Blink& request) {
   controller_.blink(request.duration_s);
   send<Ack>(frame.sequence(), [this] { return Ack{Blink::kId, controller_.state()}; });
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const GetFaultRecord& request) {
+  send<FaultRecordReply>(frame.sequence(),
+       [&] { return controller_.fault_record(request.place); });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const Arm&) {
@@ -255,7 +262,7 @@ void Dispatcher::execute(const FrameDecoder& frame, const SetTarget& request) {
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetLimits&) {
   send<LimitsReply>(frame.sequence(),
-       [this] { return LimitsReply{controller_.configuration().limits}; });
+       [this]() -> const Limits& { return controller_.configuration().limits; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetLimits& request) {
@@ -265,7 +272,7 @@ void Dispatcher::execute(const FrameDecoder& frame, const SetLimits& request) {
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetSlew&) {
   send<SlewReply>(frame.sequence(),
-       [this] { return SlewReply{controller_.configuration().slew}; });
+       [this]() -> const Slew& { return controller_.configuration().slew; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetSlew& request) {
@@ -275,7 +282,7 @@ void Dispatcher::execute(const FrameDecoder& frame, const SetSlew& request) {
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetWatchdog&) {
   send<WatchdogReply>(frame.sequence(),
-       [this] { return WatchdogReply{controller_.configuration().watchdog}; });
+       [this]() -> const Watchdog& { return controller_.configuration().watchdog; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetWatchdog& request) {
@@ -285,7 +292,7 @@ void Dispatcher::execute(const FrameDecoder& frame, const SetWatchdog& request) 
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetCalibration&) {
   send<CalibrationReply>(frame.sequence(),
-       [this] { return CalibrationReply{controller_.configuration().calibration}; });
+       [this]() -> const Calibration& { return controller_.configuration().calibration; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetCalibration& request) {
@@ -295,7 +302,7 @@ void Dispatcher::execute(const FrameDecoder& frame, const SetCalibration& reques
 
 void Dispatcher::execute(const FrameDecoder& frame, const GetEquipment&) {
   send<EquipmentReply>(frame.sequence(),
-       [this] { return EquipmentReply{controller_.configuration().equipment}; });
+       [this]() -> const Equipment& { return controller_.configuration().equipment; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetEquipment& request) {

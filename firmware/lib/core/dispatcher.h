@@ -51,6 +51,9 @@ class Dispatcher {
   }
   Refusal check_particular(const OpenSession& request) const;
   Refusal check_particular(const ClearFault&) const;
+  Refusal check_particular(const GetFaultRecord&) const {
+    return Refusal{hardware_.is_eeprom_ready() ? kGranted : NackCode::kBusy, 0};
+  }
   Refusal check_particular(const Arm&) const { return check_configured(); }
   Refusal check_particular(const SaveConfig&) const { return check_configured(); }
   Refusal check_particular(const SetLimits&) const { return check_not_saving(); }
@@ -68,6 +71,7 @@ class Dispatcher {
   void execute(const FrameDecoder& frame, const GetCounters&);
   void execute(const FrameDecoder& frame, const SetTelemetry& request);
   void execute(const FrameDecoder& frame, const Blink& request);
+  void execute(const FrameDecoder& frame, const GetFaultRecord& request);
   void execute(const FrameDecoder& frame, const Arm&);
   void execute(const FrameDecoder& frame, const Disarm&);
   void execute(const FrameDecoder& frame, const Stop&);
@@ -87,8 +91,9 @@ class Dispatcher {
 
   void refuse(const FrameDecoder& frame, Refusal refusal);
   void acknowledge(const FrameDecoder& frame);
-  /// Makes a frame and sends it where there is room for it and, but for the answer to `stop`, for
-  /// such an answer besides. On a saturated line most answers find none, and take no time then.
+  /// Makes a frame of the reply, or of the struct that is all there is in it, and sends it where
+  /// there is room for it and, but for the answer to `stop`, for such an answer besides. On a
+  /// saturated line most answers find none, and take no time then.
   template <typename Reply, uint8_t kLeft = wire_size(Ack::kSize), typename Make>
   void send(uint8_t sequence, Make make);
   bool finds_room(uint8_t size);

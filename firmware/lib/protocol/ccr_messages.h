@@ -9,7 +9,7 @@
 namespace ccr {
 
 constexpr uint8_t kProtocolVersion = 2;
-constexpr uint32_t kSpecHash = 0xB5FC5A3DUL;
+constexpr uint32_t kSpecHash = 0xACB6B621UL;
 constexpr uint8_t kFirmwareVersion[3] = {0, 2, 0};
 
 constexpr uint32_t kBaud = 250000UL;
@@ -46,6 +46,10 @@ constexpr uint8_t kSendBytes = 255U;
 /// In so many ticks in a row the servos' supply has to be too low for a fault: longer than servos
 /// take to start. [tick]
 constexpr uint8_t kSagTicks = 10U;
+/// Of the fault log in EEPROM (LOG-1). [byte]
+constexpr uint16_t kFaultLogAddress = 320U;
+/// So many of the last faults are kept. [record]
+constexpr uint8_t kFaultLogRecords = 8U;
 /// Of the eight steps in which the LED shows the state (LED-1). [tick]
 constexpr uint8_t kLedStepTicks = 8U;
 /// Half the period in which the LED blinks on request (LED-2). [tick]
@@ -185,7 +189,7 @@ enum class NackCode : uint8_t {
   kNotConfigured = 8,
   /// A save is being written to EEPROM: `arm`, `save_config` and whatever sets a configuration
   /// group have to wait. Or no tick has taken the pulses away yet: `clear_fault` has to wait for
-  /// one.
+  /// one. Or a byte is being written to EEPROM: `get_fault_record` has to wait.
   kBusy = 9,
   /// The emergency-stop input is open: `clear_fault` has to wait until it is closed.
   kEmergencyStopOpen = 10,
@@ -580,6 +584,65 @@ inline int8_t first_out_of_range(const Equipment& value) {
 }
 
 inline int8_t inconsistent_axis(const Equipment&) {
+  return kNone;
+}
+
+/// A fault as it is kept in EEPROM. Whoever reads it judges `check`: one that was never written, or
+/// not to its end, has another.
+struct FaultRecord {
+  enum : uint8_t { kSize = 14 };
+
+  /// Counts faults; after 0xFFFF comes 0.
+  uint16_t number;
+  /// The fault.
+  uint8_t fault;
+  /// State after the tick before.
+  uint8_t state;
+  /// As in `hello_reply`: the start in which it came.
+  uint16_t boot_id;
+  /// Tick in which it was seen, as a report numbers it. [tick]
+  uint32_t tick;
+  /// CRC-32 (ISO-HDLC) of the bytes before.
+  uint32_t check;
+};
+static_assert(FaultRecord::kSize == sizeof(FaultRecord::number) + sizeof(FaultRecord::fault) +
+              sizeof(FaultRecord::state) + sizeof(FaultRecord::boot_id) + sizeof(FaultRecord::tick)
+              + sizeof(FaultRecord::check) && uint8_t{FaultRecord::kSize} <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const FaultRecord& value, uint8_t* bytes) {
+  if (lies_as_on_the_wire<FaultRecord>()) {
+    __builtin_memcpy(bytes, &value, FaultRecord::kSize);
+    return;
+  }
+  put_u16(bytes, value.number);
+  put_u8(bytes + 2, value.fault);
+  put_u8(bytes + 3, value.state);
+  put_u16(bytes + 4, value.boot_id);
+  put_u32(bytes + 6, value.tick);
+  put_u32(bytes + 10, value.check);
+}
+
+inline Reading decode(const uint8_t* bytes, FaultRecord& value) {
+  if (lies_as_on_the_wire<FaultRecord>()) {
+    __builtin_memcpy(&value, bytes, FaultRecord::kSize);
+    return Reading::kOk;
+  }
+  value.number = get_u16(bytes);
+  value.fault = get_u8(bytes + 2);
+  value.state = get_u8(bytes + 3);
+  value.boot_id = get_u16(bytes + 4);
+  value.tick = get_u32(bytes + 6);
+  value.check = get_u32(bytes + 10);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const FaultRecord&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const FaultRecord&) {
   return kNone;
 }
 
@@ -1246,6 +1309,85 @@ inline int8_t first_out_of_range(const Blink& value) {
 }
 
 inline int8_t inconsistent_axis(const Blink&) {
+  return kNone;
+}
+
+/// Reads a record of the fault log. Refused with busy while a byte is being written to EEPROM.
+struct GetFaultRecord {
+  enum : uint8_t { kId = 0x09, kSize = 1 };
+
+  /// Of the record in EEPROM; the numbers tell which is the newest. 0 to 7.
+  uint8_t place;
+};
+static_assert(GetFaultRecord::kSize == sizeof(GetFaultRecord::place) &&
+              uint8_t{GetFaultRecord::kSize} <= kMaxPayload, "payload layout");
+
+inline void encode(const GetFaultRecord& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<GetFaultRecord>()) {
+    __builtin_memcpy(payload, &value, GetFaultRecord::kSize);
+    return;
+  }
+  put_u8(payload, value.place);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, GetFaultRecord& value) {
+  if (size != GetFaultRecord::kSize) {
+    return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<GetFaultRecord>()) {
+    __builtin_memcpy(&value, payload, GetFaultRecord::kSize);
+    return Reading::kOk;
+  }
+  value.place = get_u8(payload);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const GetFaultRecord& value) {
+  if (value.place > 7U) {
+    return 0;
+  }
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const GetFaultRecord&) {
+  return kNone;
+}
+
+/// The record, whatever is there.
+struct FaultRecordReply {
+  enum : uint8_t { kId = 0x89, kSize = 14 };
+
+  FaultRecord record;
+};
+static_assert(FaultRecordReply::kSize == 0 + FaultRecord::kSize && uint8_t{FaultRecordReply::kSize}
+              <= kMaxPayload, "payload layout");
+
+inline void encode(const FaultRecordReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<FaultRecordReply>()) {
+    __builtin_memcpy(payload, &value, FaultRecordReply::kSize);
+    return;
+  }
+  encode(value.record, payload);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, FaultRecordReply& value) {
+  if (size != FaultRecordReply::kSize) {
+    return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<FaultRecordReply>()) {
+    __builtin_memcpy(&value, payload, FaultRecordReply::kSize);
+    return Reading::kOk;
+  }
+  return decode(payload, value.record);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const FaultRecordReply&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const FaultRecordReply&) {
   return kNone;
 }
 
@@ -2215,6 +2357,7 @@ constexpr RequestRule kRequestRules[] = {
     {GetCounters::kId, CountersReply::kId, GetCounters::kSize, Retry::kRepeat, false, 0x01FFU},
     {SetTelemetry::kId, Ack::kId, SetTelemetry::kSize, Retry::kOnce, true, 0x01FEU},
     {Blink::kId, Ack::kId, Blink::kSize, Retry::kRepeat, false, 0x01FFU},
+    {GetFaultRecord::kId, FaultRecordReply::kId, GetFaultRecord::kSize, Retry::kRepeat, false, 0x01FFU},
     {Arm::kId, Ack::kId, Arm::kSize, Retry::kOnce, true, 0x0002U},
     {Disarm::kId, Ack::kId, Disarm::kSize, Retry::kOnce, true, 0x007EU},
     {Stop::kId, Ack::kId, Stop::kSize, Retry::kRepeat, false, 0x01FFU},

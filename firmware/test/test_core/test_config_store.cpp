@@ -26,11 +26,7 @@ void save_slew(Bench& bench, uint16_t value) {
 
 void write_generation(EepromImage& eeprom, uint16_t address, uint16_t generation) {
   put_u16(&eeprom[address + kSlotGenerationAt], generation);
-  Crc32 crc;
-  for (uint8_t at = 0; at < kSlotCrcAt; ++at) {
-    crc.add(eeprom[address + at]);
-  }
-  put_u32(&eeprom[address + kSlotCrcAt], crc.value());
+  put_u32(&eeprom[address + kSlotCrcAt], crc32_of(&eeprom[address], kSlotCrcAt));
 }
 
 /// Slot A holds slew 11, slot B the newer slew 22.
@@ -45,11 +41,8 @@ Bench saved_twice() {
 }  // namespace
 
 TEST_CASE("the CRC of EEPROM is the one of zip") {
-  Crc32 crc;
-  for (uint8_t digit = '1'; digit <= '9'; ++digit) {
-    crc.add(digit);
-  }
-  CHECK(crc.value() == 0xCBF43926UL);
+  const uint8_t digits[] = {'1', '2', '3', '4', '5', '6', '7', '8', '9'};
+  CHECK(crc32_of(digits, sizeof(digits)) == 0xCBF43926UL);
 }
 
 TEST_CASE("CFG-1: a group that is refused leaves the one before") {

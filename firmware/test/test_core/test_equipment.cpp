@@ -21,11 +21,7 @@ EepromStatus status(Bench& bench) {
 /// Makes of slot A one of layout 1.
 void make_former(EepromImage& eeprom) {
   eeprom[kSlotLayoutAt] = 1;
-  Crc32 crc;
-  for (uint8_t at = 0; at < kFirstSlotCrcAt; ++at) {
-    crc.add(eeprom[at]);
-  }
-  put_u32(&eeprom[kFirstSlotCrcAt], crc.value());
+  put_u32(&eeprom[kFirstSlotCrcAt], crc32_of(&eeprom[0], kFirstSlotCrcAt));
   for (uint8_t at = kFirstSlotCrcAt + 4; at < kSlotSize; ++at) {
     eeprom[at] = 0xFF;
   }

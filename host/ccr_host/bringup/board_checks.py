@@ -14,6 +14,8 @@ from ccr_host.link.messages import (
     TICK_US,
     CountersReply,
     EepromStatus,
+    Fault,
+    FaultRecord,
     HelloReply,
     ResetCause,
     State,
@@ -43,6 +45,7 @@ def check_board(client: Client, clock: Clock, description: Description) -> Itera
     yield from _equipment(client, description)
     yield _state(client.read_state())
     yield _eeprom(identity)
+    yield good("last faults", _faults(client.read_fault_log(), identity.boot_id))
     yield _configuration(identity, differences(client.read_config(), board_config(description)))
     for _ in range(_TRIPS):
         client.read_state()
@@ -106,6 +109,18 @@ def _eeprom(identity: HelloReply) -> Finding:
             return warning("EEPROM", "one of two copies is corrupt", again)
         case EepromStatus.BOTH_BAD:
             return warning("EEPROM", "the configuration is corrupt", again)
+
+
+def _faults(records: list[FaultRecord], boot_id: int) -> str:
+    """The newest first."""
+    return "; ".join(_fault(record, boot_id) for record in records) or "none"
+
+
+def _fault(record: FaultRecord, boot_id: int) -> str:
+    fault = Fault(record.fault).name.lower() if record.fault in list(Fault) else record.fault
+    state = State(record.state).name.lower() if record.state in list(State) else record.state
+    boot = "this boot" if record.boot_id == boot_id else f"boot {record.boot_id}"
+    return f"{fault} in {state}, {record.tick * TICK_US * 1e-6:.1f} s after the start of {boot}"
 
 
 def _configuration(identity: HelloReply, differing: list[str]) -> Finding:

@@ -8,6 +8,7 @@ from ccr_host.emulator.config_store import ConfigStore, SaveStep
 from ccr_host.emulator.configuration import ConfigGroup, Configuration
 from ccr_host.emulator.counters import Counters
 from ccr_host.emulator.eeprom import Eeprom
+from ccr_host.emulator.fault_log import FaultLog
 from ccr_host.emulator.pulses import is_saturated, pulse_half_us
 from ccr_host.emulator.safety import SafetyMachine
 from ccr_host.emulator.session import Session
@@ -21,6 +22,7 @@ from ccr_host.link.messages import (
     EepromStatus,
     Event,
     Fault,
+    FaultRecord,
     Limits,
     ResetCause,
     State,
@@ -88,6 +90,7 @@ class BoardCore:
     ) -> None:
         self.reset_cause = reset_cause
         self.store = ConfigStore(eeprom)
+        self.fault_log = FaultLog(eeprom)
         self.boot_id = self.store.count_boot()
         self.eeprom_status = self.store.status
         self.configuration = self.store.configuration or Configuration()
@@ -108,6 +111,8 @@ class BoardCore:
         self.servo_supply_on = False
         self.led_on = False
         self._supply_dv = 0
+        self._state_before = State.BOOT
+        self._logged_fault = Fault.NONE
         self._ticks_of_sag = 0
         self._blinking_until_tick = 0
         self._target_cdeg: Axes = (0, 0)
@@ -143,8 +148,14 @@ class BoardCore:
         self._move_setpoint(tick)
         self.pulses_half_us = self._compute_pulses(tick)
         self._advance_save()
+        self._log_fault()
         self.servo_supply_on = self.safety.pulsing
         self.led_on = self._led(tick)
+
+    def clear_fault(self) -> None:
+        """Acknowledge a fault or a stop."""
+        self.safety.clear()
+        self._logged_fault = Fault.NONE
 
     def blink(self, duration_s: int) -> None:
         """Let the LED blink from the next tick on."""
@@ -243,6 +254,18 @@ class BoardCore:
             pulse_half_us(calibration, 0, setpoint[0]) if enabled[0] else 0,
             pulse_half_us(calibration, 1, setpoint[1]) if enabled[1] else 0,
         )
+
+    def _log_fault(self) -> None:
+        fault = self.safety.fault
+        if fault is not self._logged_fault and not self.fault_log.is_writing:
+            self._logged_fault = fault
+            tick = (self._tick_offset + self.next_tick) % _U32
+            self.fault_log.begin(
+                FaultRecord(0, fault, self._state_before, self.boot_id, tick, check=0)
+            )
+        if not self.store.busy:
+            self.fault_log.advance()
+        self._state_before = self.state
 
     def _led(self, tick: int) -> bool:
         shown_tick = (self._tick_offset + self.next_tick) % _U32

@@ -159,6 +159,10 @@ class Dispatcher:
         return self._ack(request)
 
     @_execute.register
+    def _(self, request: m.GetFaultRecord) -> m.Message:
+        return m.FaultRecordReply(self._core.fault_log.at(request.place))
+
+    @_execute.register
     def _(self, request: m.Arm) -> m.Message:
         self._core.arm()
         return self._ack(request)
@@ -178,7 +182,7 @@ class Dispatcher:
 
     @_execute.register
     def _(self, request: m.ClearFault) -> m.Message:
-        self._core.safety.clear()
+        self._core.clear_fault()
         return self._ack(request)
 
     @_execute.register

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from binascii import crc32
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -43,7 +44,9 @@ _STATE_POLL_US = m.TICK_US
 _SYNC_PERIOD_US = 10_000_000
 _MARGIN_US = 1_000_000
 _STOP_ATTEMPTS = 8
+_CHECK_BYTES = 4
 _U8 = 1 << 8
+_U16 = 1 << 16
 _U32 = 1 << 32
 
 R = TypeVar("R", bound=m.Message)
@@ -249,6 +252,20 @@ class Client:
                 raise DeviceError("the board does not finish saving", "reset it and try again")
         if report.fault is m.Fault.EEPROM_FAILED:
             raise BoardFaultError(report.fault)
+
+    def read_fault_log(self) -> list[m.FaultRecord]:
+        """The last faults that the board has kept, the newest first; needs no session."""
+        records = []
+        for place in range(m.FAULT_LOG_RECORDS):
+            deadline_us = self._clock.now_us() + _MARGIN_US
+            request, busy = m.GetFaultRecord(place), (m.NackCode.BUSY, 0)
+            record = self._while_refused(request, busy, m.FaultRecordReply, deadline_us).record
+            if crc32(record.pack()[:-_CHECK_BYTES]) == record.check:
+                records.append(record)
+        newest = max((record.number for record in records), default=0)
+        wrapped = newest > _U16 - m.FAULT_LOG_RECORDS
+        half = _U16 // 2 if wrapped else 0
+        return sorted(records, key=lambda r: (r.number + half) % _U16, reverse=True)
 
     def blink(self, duration_s: int) -> None:
         """Let the board's LED blink, 0 to 60 s; needs no session."""

@@ -15,7 +15,7 @@ __all__ = ["Payload", "PayloadError"]  # re-exported; all else is public as it s
 
 
 PROTOCOL_VERSION: Final = 2
-SPEC_HASH: Final = 0xB5FC5A3D
+SPEC_HASH: Final = 0xACB6B621
 FIRMWARE_VERSION: Final = (0, 2, 0)
 
 BAUD: Final = 250000
@@ -59,6 +59,10 @@ SAG_TICKS: Final = 10
 """In so many ticks in a row the servos' supply has to be too low for a fault: longer than servos
 take to start. [tick]
 """
+FAULT_LOG_ADDRESS: Final = 320
+"""Of the fault log in EEPROM (LOG-1). [byte]"""
+FAULT_LOG_RECORDS: Final = 8
+"""So many of the last faults are kept. [record]"""
 LED_STEP_TICKS: Final = 8
 """Of the eight steps in which the LED shows the state (LED-1). [tick]"""
 BLINK_STEP_TICKS: Final = 4
@@ -199,7 +203,7 @@ class NackCode(IntEnum):
     BUSY = 9
     """A save is being written to EEPROM: `arm`, `save_config` and whatever sets a configuration
     group have to wait. Or no tick has taken the pulses away yet: `clear_fault` has to wait for
-    one.
+    one. Or a byte is being written to EEPROM: `get_fault_record` has to wait.
     """
     EMERGENCY_STOP_OPEN = 10
     """The emergency-stop input is open: `clear_fault` has to wait until it is closed."""
@@ -455,6 +459,51 @@ class Equipment(Payload):
             values[16],
             values[17],
             values[18],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FaultRecord(Payload):
+    """A fault as it is kept in EEPROM.
+
+    Whoever reads it judges `check`: one that was never written, or not to its end, has another.
+    """
+
+    number: int
+    """Counts faults; after 0xFFFF comes 0."""
+    fault: int
+    """The fault."""
+    state: int
+    """State after the tick before."""
+    boot_id: int
+    """As in `hello_reply`: the start in which it came."""
+    tick: int
+    """Tick in which it was seen, as a report numbers it. [tick]"""
+    check: int
+    """CRC-32 (ISO-HDLC) of the bytes before."""
+
+    NAME: ClassVar[str] = "fault_record"
+    SIZE: ClassVar[int] = 14
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<HBBHII")
+    FIELDS: ClassVar[tuple[Field, ...]] = (
+        Field("number", "H", 0, 65535),
+        Field("fault", "B", 0, 255),
+        Field("state", "B", 0, 255),
+        Field("boot_id", "H", 0, 65535),
+        Field("tick", "I", 0, 4294967295, unit="tick"),
+        Field("check", "I", 0, 4294967295),
+    )
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        values = cls._numbers(payload)
+        return cls(
+            values[0],
+            values[1],
+            values[2],
+            values[3],
+            values[4],
+            values[5],
         )
 
 
@@ -973,6 +1022,51 @@ class Blink(Request):
     def unpack(cls, payload: bytes) -> Self:
         values = cls._numbers(payload)
         return cls(values[0])
+
+
+@dataclass(frozen=True, slots=True)
+class GetFaultRecord(Request):
+    """Reads a record of the fault log.
+
+    Refused with busy while a byte is being written to EEPROM.
+    """
+
+    place: int
+    """Of the record in EEPROM; the numbers tell which is the newest. 0 to 7."""
+
+    NAME: ClassVar[str] = "get_fault_record"
+    SIZE: ClassVar[int] = 1
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<B")
+    ID: ClassVar[int] = 0x09
+    REPLY_ID: ClassVar[int] = 0x89
+    RETRY: ClassVar[Retry] = "repeat"
+    NEEDS_SESSION: ClassVar[bool] = False
+    ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset(State)
+    FIELDS: ClassVar[tuple[Field, ...]] = (Field("place", "B", 0, 7),)
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        values = cls._numbers(payload)
+        return cls(values[0])
+
+
+@dataclass(frozen=True, slots=True)
+class FaultRecordReply(Message):
+    """The record, whatever is there."""
+
+    record: FaultRecord
+
+    NAME: ClassVar[str] = "fault_record_reply"
+    SIZE: ClassVar[int] = 14
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<")
+    ID: ClassVar[int] = 0x89
+    FIELDS: ClassVar[tuple[Field, ...]] = ()
+    NESTED: ClassVar[str | None] = "record"
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        cls._numbers(payload)
+        return cls(FaultRecord.unpack(payload))
 
 
 @dataclass(frozen=True, slots=True)
@@ -1654,6 +1748,8 @@ MESSAGES: Final[Mapping[int, type[Message]]] = MappingProxyType(
         0x85: CountersReply,
         0x06: SetTelemetry,
         0x08: Blink,
+        0x09: GetFaultRecord,
+        0x89: FaultRecordReply,
         0x10: Arm,
         0x11: Disarm,
         0x12: Stop,
@@ -1692,6 +1788,7 @@ REQUESTS: Final[Mapping[int, type[Request]]] = MappingProxyType(
         0x05: GetCounters,
         0x06: SetTelemetry,
         0x08: Blink,
+        0x09: GetFaultRecord,
         0x10: Arm,
         0x11: Disarm,
         0x12: Stop,
@@ -1810,8 +1907,8 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "TIM-4": (
             "In one tick, in this order: count it; make at most one transition that time or "
             "position has brought about; look at the emergency stop and the servo supply; move the "
-            "setpoint as the state asks; compute the pulses; write one EEPROM byte; set the servo "
-            "supply and the LED; report."
+            "setpoint as the state asks; compute the pulses; write one EEPROM byte, of the save or "
+            "else of the fault log; set the servo supply and the LED; report."
         ),
         "TIM-5": (
             "From listens_after_us after the reset on the board takes requests, and answers them "
@@ -1930,6 +2027,16 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
         "LED-2": (
             "For the duration of `blink` the LED is on where n / blink_step_ticks (rounded down) "
             "is even, whatever the state."
+        ),
+        "LOG-1": (
+            "Each fault that is latched, or recorded in `stopped`, is written once to the fault "
+            "log, as fault_record number n at place n modulo fault_log_records, n one more than "
+            "the newest record at its own place with a good check, 0 without one; one byte a tick "
+            "from the tick that finds it on, while no save is being written."
+        ),
+        "LOG-2": (
+            "The fault log survives a reset, whatever happens while a record is being written: "
+            "that record alone is lost, and the one whose place it takes."
         ),
         "CFG-7": "A slot of layout 1 is loaded; its equipment is zeros.",
         "CFG-8": (

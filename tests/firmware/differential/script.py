@@ -90,6 +90,7 @@ class Script:
             m.GetWatchdog(),
             m.GetCalibration(),
             m.GetEquipment(),
+            m.GetFaultRecord(self._integer(0, 8)),
             m.SetTelemetry(session, int(self.rng.integers(0, 6))),
             self._target(),
             self._target(),

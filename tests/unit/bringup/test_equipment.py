@@ -1,5 +1,6 @@
 """Name and equipment of a board, as its user tells and meets them."""
 
+from binascii import crc32
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -18,7 +19,15 @@ from ccr_host.errors import ConfigError
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.link.device_errors import BoardFaultError, RequestRefusedError, WrongBoardError
-from ccr_host.link.messages import TICK_US, ResetCause, State
+from ccr_host.link.messages import (
+    FAULT_LOG_ADDRESS,
+    FAULT_LOG_RECORDS,
+    TICK_US,
+    Equipment,
+    FaultRecord,
+    ResetCause,
+    State,
+)
 from ccr_host.run.clock import RealClock, VirtualClock
 from ccr_host.run.observer import Observers
 from ccr_host.run.options import RigOptions
@@ -186,3 +195,39 @@ def test_supply_that_the_board_cannot_measure_is_refused(
 ) -> None:
     with pytest.raises(ConfigError):
         change(Bench(), supply_divider=divider, supply_min_v=least_v)
+
+
+def test_doctor_tells_the_last_faults_the_newest_first() -> None:
+    board = Bench()
+    change(board, emergency_stop=True)
+    for voltage_mv in (3000, 0):
+        with connected(board) as client:
+            client.set_equipment(Equipment((0,) * 16, 1, 100, 50 if not voltage_mv else 0))
+            board.set_supply_pin_mv(voltage_mv)
+            client.configure(board_config(Description()))
+            try:
+                client.arm()
+                board.open_emergency_stop()
+                client.disarm()
+            except BoardFaultError:
+                board.open_emergency_stop(False)
+                board.clock.sleep_until_us(board.clock.now_us() + 30 * TICK_US)
+                client.clear_fault()
+    board.reset(ResetCause.POWER_ON)
+    with connected(board) as client:
+        found = {f.subject: f for f in check_board(client, board.clock, Description())}
+    newest, older = found["last faults"].text.split("; ")
+    assert newest.startswith("supply_low in arming,")
+    assert older.startswith("emergency_stop in hold,")
+    assert newest.endswith("s after the start of boot 1")
+
+
+def test_fault_log_is_read_in_order_when_its_numbers_wrap() -> None:
+    board = Bench()
+    for number in (65534, 65535, 0, 1):
+        body = FaultRecord(number, 1, 4, 9, 1000, 0).pack()[:-4]
+        at = FAULT_LOG_ADDRESS + number % FAULT_LOG_RECORDS * FaultRecord.SIZE
+        record = body + crc32(body).to_bytes(4, "little")
+        board.image.content[at : at + FaultRecord.SIZE] = record
+    with connected(board) as client:
+        assert [record.number for record in client.read_fault_log()] == [1, 0, 65535, 65534]
