@@ -30,13 +30,13 @@ from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.errors import CcrError
 
 _MOST_DEVIATIONS = 2.2
-"""That a parameter is certainly off its prior; those of robots that match are up to 1.9."""
+"""That a parameter is certainly off its prior; those of robots that match are up to 2.0."""
 _MOST_ZERO_RAD = math.radians(5.6)
 """That a servo is certainly off: half a tooth of its spline is 7.2 deg."""
 _VARYING = [
     Parameters._fields.index(name)
     for name in Parameters._fields
-    if not name.startswith(("length", "marker", "gain", "slack", "turn", "zero"))
+    if not name.startswith(("length", "marker", "middle", "gain", "slack", "turn", "zero"))
 ]
 """Loads, stiffness, friction and glue differ from robot to robot by more than any prior says."""
 _FREEDOM = 8.0
