@@ -202,7 +202,11 @@ def test_an_emulated_board_and_camera_listen_where_they_say_and_nowhere_else(
         assert process.stdout is not None
         told = [process.stdout.readline() for _ in range(3)]
         uris = re.findall(r"//(\S+:\d+)", " ".join(told[:2]))
-        assert listening(process.pid) == {host_and_port(uri, "", "") for uri in uris}
+        places = {host_and_port(uri, "", "") for uri in uris}
+        assert listening(process.pid) == places
+        for place in places:
+            posted = "POST / HTTP/1.1\r\nOrigin: http://evil.example\r\n\r\nINIT \r"
+            assert said_by(place, posted) == "", "web pages are sent away"
         line = told[2].replace("8shape", short_path).split()[2:]
         run = ccr_host(*line, *PAPERS, "--no-open", "--json")
         assert run.status == 0, run.err

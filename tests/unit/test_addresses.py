@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from socket import AF_INET, AF_INET6, SOCK_STREAM
+
 import pytest
 
-from ccr_host.addresses import host_and_port
+from ccr_host.addresses import host_and_port, listening_socket
 from ccr_host.emulator.tcp_port import TcpPort
 from ccr_host.errors import ConfigError
 from ccr_host.link.uri import parse_device_uri
@@ -98,6 +100,15 @@ def test_a_board_is_served_on_either_kind_of_address(host):
     port = TcpPort(0, host)
     parse_device_uri(port.uri)
     port.close()
+
+
+@pytest.mark.parametrize("families", [[AF_INET6], [AF_INET6, AF_INET]])
+def test_a_name_is_listened_on_at_the_address_it_has_if_it_has_both_at_ipv4(monkeypatch, families):
+    places = {AF_INET6: ("::1", 0, 0, 0), AF_INET: ("127.0.0.1", 0)}
+    found = [(family, SOCK_STREAM, 6, "", places[family]) for family in families]
+    monkeypatch.setattr("socket.getaddrinfo", lambda *_, **__: found)
+    with listening_socket("robot-pc", 0) as listening:
+        assert listening.family == families[-1]
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ def view(
     from ccr_host.view.address import parse_view_address
     from ccr_host.view.live import require_viser
 
-    where = parse_view_address(address)
+    where = parse_view_address(address, "--address")
     require_viser()
     from ccr_host.run.log.reader import RunRecording
     from ccr_host.view.replay_page import show_recorded_run

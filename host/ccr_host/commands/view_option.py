@@ -31,4 +31,4 @@ def with_default_address(words: Sequence[str]) -> list[str]:
 
 
 def _is_like_an_address(word: str) -> bool:
-    return ":" in word and word.rpartition(":")[2].isdigit()
+    return word.startswith("[") or (":" in word and word.rpartition(":")[2].isdigit())

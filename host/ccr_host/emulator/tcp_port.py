@@ -75,7 +75,7 @@ class TcpPort:
             return
         except OSError:
             data = b""
-        if data:
+        if data and not _is_of_a_browser(data):
             self._listener.received(data)
         else:
             self._drop_client()
@@ -85,6 +85,11 @@ class TcpPort:
             self._selector.unregister(self._client)
             self._client.close()
             self._client = None
+
+
+def _is_of_a_browser(data: bytes) -> bool:
+    """Whether it is an HTTP request: any web site can send one here, with frames in its body."""
+    return b" HTTP/1." in data.partition(b"\r\n")[0]
 
 
 def _refuse(client: socket.socket) -> None:

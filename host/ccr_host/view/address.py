@@ -45,10 +45,14 @@ def open_door(address: ViewAddress) -> Door:
     return Door(address.host, listening, secrets.token_urlsafe(_TOKEN_BYTES))
 
 
-def parse_view_address(text: str) -> ViewAddress:
+def parse_view_address(text: str, option: str = "--view") -> ViewAddress:
     """Read ``HOST:PORT``; IPv6 in brackets.
+
+    Args:
+        text: to be read.
+        option: that it was given with, for messages.
 
     Raises:
         ConfigError: it is not one.
     """
-    return ViewAddress(*host_and_port(text, f"--view {text}", f"--view {DEFAULT_ADDRESS}", 0))
+    return ViewAddress(*host_and_port(text, f"{option} {text}", f"{option} {DEFAULT_ADDRESS}", 0))

@@ -65,6 +65,8 @@ def _draw_on(server: ViserServer, live: _LiveRun, buttons: SharedButtons, tell: 
             try:
                 elapsed_us = now_us - drawn_us
                 in_servers_thread(server, page.draw, now_us, elapsed_us, live.dropped_batches)
+            except TimeoutError:
+                raise
             except Exception as error:  # the next attempt may succeed, and the buttons still work
                 if not has_failed:
                     tell.send(f"drawing has failed, perhaps not only now: {full_text(error)}")

@@ -29,6 +29,7 @@ from ccr_host.errors import CcrError
 from ccr_host.view.address import Door
 
 _LONGEST_MESSAGE_BYTES = 4096
+_HANGS_AFTER_S = 30.0
 _SILENT = logging.getLogger("ccr_host.view.visitors")
 _SILENT.setLevel(logging.CRITICAL)
 
@@ -136,9 +137,13 @@ def page_server(door: Door) -> Iterator[ViserServer]:
 def in_servers_thread(
     server: ViserServer, work: Callable[P, T], *given: P.args, **named: P.kwargs
 ) -> T:
-    """Do what changes the page where its messages are sent: viser's events know one thread."""
+    """Do what changes the page where its messages are sent: viser's events know one thread.
+
+    Raises:
+        TimeoutError: the server hangs.
+    """
 
     async def do() -> T:
         return work(*given, **named)
 
-    return asyncio.run_coroutine_threadsafe(do(), server.get_event_loop()).result()
+    return asyncio.run_coroutine_threadsafe(do(), server.get_event_loop()).result(_HANGS_AFTER_S)

@@ -18,6 +18,7 @@ from ccr_host.errors import ConfigError, DeviceError
 from ccr_host.link import messages as m
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client, drawn_session
+from ccr_host.link.framing import encode_frame
 from ccr_host.link.transport import open_transport
 from ccr_host.link.uri import parse_device_uri
 from ccr_host.run.clock import RealClock
@@ -110,6 +111,20 @@ def test_second_tcp_client_is_told_and_the_first_one_goes_on():
                 assert b"busy" in second.recv(100)
                 assert second.recv(100) == b""
             assert client.read_state().state is m.State.DISARMED
+
+
+def test_no_web_page_reaches_the_board_whatever_it_posts():
+    server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock(), boot_loader_us=0)
+    with BackgroundServer(server) as background:
+        address = ("127.0.0.1", int(background.uri.rpartition(":")[2]))
+        with socket.create_connection(address) as page:
+            page.settimeout(5)
+            frame = encode_frame(m.Stop.ID, 1, m.Stop().pack())
+            page.sendall(b"POST / HTTP/1.1\r\nOrigin: http://evil.example\r\n\r\n" + frame)
+            assert page.recv(100) == b""
+        client, _ = connect(background.uri)
+        with client:
+            client.connect()
 
 
 def test_second_host_cannot_open_the_same_pty():

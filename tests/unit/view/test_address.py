@@ -25,6 +25,11 @@ def test_what_is_no_address_is_refused_with_an_example(text: str) -> None:
         parse_view_address(text)
 
 
+def test_the_option_that_was_given_is_named() -> None:
+    with pytest.raises(ConfigError, match=f"--address nowhere: .*--address {DEFAULT_ADDRESS}"):
+        parse_view_address("nowhere", "--address")
+
+
 @pytest.mark.parametrize("host", ["127.0.0.1", "[::1]", "[::]", "localhost"])
 def test_the_url_carries_the_token_and_brackets(host: str) -> None:
     door = open_door(parse_view_address(f"{host}:0"))
@@ -40,6 +45,8 @@ def test_the_url_carries_the_token_and_brackets(host: str) -> None:
         ("track --view --json star", f"track --view={DEFAULT_ADDRESS} --json star"),
         ("track star --view 0.0.0.0:80", "track star --view 0.0.0.0:80"),
         ("track star --view=0.0.0.0:80", "track star --view=0.0.0.0:80"),
+        ("track star --view [::1]:80", "track star --view [::1]:80"),
+        ("track star --view [::1]", "track star --view [::1]"),
         ("track star", "track star"),
         ("", ""),
     ],

@@ -209,6 +209,16 @@ def test_all_of_the_page_is_sent_from_the_servers_thread(
         assert threads != {threading.current_thread()}
 
 
+def test_a_server_that_hangs_does_not_hang_who_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_HANGS_AFTER_S", 0.1)
+    with served() as (_, server):
+        released = threading.Event()
+        server.get_event_loop().call_soon_threadsafe(released.wait)
+        with pytest.raises(TimeoutError):
+            in_servers_thread(server, server.gui.reset)
+        released.set()
+
+
 def test_a_viser_that_cannot_be_guarded_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module.patch, "object", lambda *_: nullcontext())
     with pytest.raises(CcrError, match="a port of its own"), served():
