@@ -22,6 +22,7 @@ import pytest
 
 from ccr_host.addresses import host_and_port
 from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost
+from tests.viewer import Viewer
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
@@ -115,8 +116,9 @@ def running(ccr_host: CcrHost, *words: str) -> Iterator[subprocess.Popen[str]]:
     try:
         yield process
     finally:
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=PATIENCE_S)
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=PATIENCE_S)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
@@ -147,12 +149,21 @@ def test_the_page_is_the_only_socket_and_opens_to_its_token_alone(
                 upgrade(path, "http://evil.example"),
                 upgrade(path, "null"),
                 "POST / HTTP/1.1\r\n\r\n",
+                "\x16\x03\x01\x02\x00\r\n\r\n",
+                "x" * 100_000,
             ):
                 answer = said_by(address, uninvited, as_nobody=as_nobody)
                 assert re.match(r"(HTTP/1.1 (403|40\d|501) )|$", answer), uninvited
                 assert "viser" not in answer, uninvited
+        with Viewer(url[0]) as viewer:
+            for message in (b"\xc1", "text", {"type": "GuiUpdateMessage"}, {"type": "Message"}):
+                viewer.say(message)
         for number in processes(process.pid):
             assert path[1:] not in Path(f"/proc/{number}/cmdline").read_text(), "as ps shows it"
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=PATIENCE_S)
+        told = [line for line in err.splitlines() if not line.startswith("ccr-host: interrupted")]
+        assert told == [], "nothing is printed about any of it"
 
 
 def wait_for_page(address: Address, path: str) -> bool:

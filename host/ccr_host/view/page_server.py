@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-import logging
 import os
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
@@ -22,7 +21,7 @@ from unittest.mock import patch
 import msgspec
 import websockets.asyncio.server
 from viser import ViserServer
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.http11 import Request, Response
 
 from ccr_host.errors import CcrError
@@ -30,8 +29,6 @@ from ccr_host.view.address import Door
 
 _LONGEST_MESSAGE_BYTES = 4096
 _HANGS_AFTER_S = 30.0
-_SILENT = logging.getLogger("ccr_host.view.visitors")
-_SILENT.setLevel(logging.CRITICAL)
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -76,32 +73,41 @@ class _Visitor(ServerConnection):
                 return msgspec.msgpack.encode(_SAID_BY_A_PAGE.decode(message))
 
 
-def _serving_at(door: Door) -> Callable[..., serve]:
+class _Guarded:
     """`serve`, but on the socket that listens already, and for those who are admitted."""
 
-    def serve_there(
+    server: Server | None = None
+    """Serves nobody yet: those who come while viser starts wait at the door."""
+
+    def __init__(self, door: Door) -> None:
+        self._door = door
+
+    def __call__(
+        self,
         handler: Callable[[ServerConnection], Awaitable[None]],
         *_: object,
         process_request: Callable[[ServerConnection, Request], Response | None],
         **options: object,
     ) -> serve:
+        token = self._door.token
+
         def judge(visitor: ServerConnection, request: Request) -> Response | None:
-            if not _is_admitted(request, door.token):
+            if not _is_admitted(request, token):
                 return visitor.respond(HTTPStatus.FORBIDDEN, "Open the address that was printed.\n")
-            behind = request.path.removeprefix(f"/{door.token}")
+            behind = request.path.removeprefix(f"/{token}")
             return process_request(visitor, replace(request, path=behind))
 
         ours: dict[str, Any] = {
             **options,
-            "sock": door.listening,
+            "sock": self._door.listening,
+            "start_serving": False,
             "process_request": judge,
             "create_connection": _Visitor,
             "max_size": _LONGEST_MESSAGE_BYTES,
-            "logger": _SILENT,
         }
-        return serve(handler, **ours)
-
-    return serve_there
+        serving = serve(handler, **ours)
+        self.server = serving.server
+        return serving
 
 
 def _is_admitted(request: Request, token: str) -> bool:
@@ -120,18 +126,21 @@ def page_server(door: Door) -> Iterator[ViserServer]:
     Raises:
         CcrError: viser does not serve through the door.
     """
+    guarded = _Guarded(door)
     with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
-        with patch.object(websockets.asyncio.server, "serve", _serving_at(door)):
-            server = ViserServer(host="127.0.0.1", port=0, verbose=False)
+        with patch.object(websockets.asyncio.server, "serve", guarded):
+            viser = ViserServer(host="127.0.0.1", port=0, verbose=False)
         try:
-            if server.get_port() != door.listening.getsockname()[1]:
+            if guarded.server is None:
                 raise CcrError(
                     "this version of viser cannot be guarded: it opens a port of its own",
                     'pip install "viser==1.1.*"',
                 )
-            yield server
+            starting = guarded.server.start_serving()
+            asyncio.run_coroutine_threadsafe(starting, viser.get_event_loop()).result()
+            yield viser
         finally:
-            server.stop()
+            viser.stop()
 
 
 def in_servers_thread(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import socket
 import threading
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from viser import ViserServer
-from viser.infra import Message
+from viser.infra import Message, WebsockServer
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.exceptions import InvalidStatus
 
@@ -207,6 +208,28 @@ def test_all_of_the_page_is_sent_from_the_servers_thread(
             viewer.control("Pause")
         assert len(threads) == 1
         assert threads != {threading.current_thread()}
+
+
+def test_whoever_comes_while_the_page_is_made_waits_at_the_door(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    door, seen = open_door(ViewAddress("127.0.0.1", 0)), threading.Event()
+    start = WebsockServer.start
+
+    def look() -> None:
+        with Viewer(door.url) as viewer:
+            viewer.control("STOP")
+            seen.set()
+
+    def started_slowly(server: WebsockServer) -> None:
+        start(server)
+        threading.Thread(target=look, daemon=True).start()
+        time.sleep(0.5)
+
+    monkeypatch.setattr(WebsockServer, "start", started_slowly)
+    with page_server(door) as server:
+        Stop(server)
+        assert seen.wait(30)
 
 
 def test_a_server_that_hangs_does_not_hang_who_draws(monkeypatch: pytest.MonkeyPatch) -> None:
