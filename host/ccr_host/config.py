@@ -119,6 +119,9 @@ class Servo(_Section):
     """Where the board brings the servo when the host stays silent."""
     slew_deg_s: Both[Annotated[float, _within(5, 1000)]] = (300.0, 300.0)
     """The board's own limit on the commanded rate."""
+    acceleration_deg_s2: Both[Annotated[float, _within(0, 50_000)]] = (0.0, 0.0)
+    """The board's own limit on the change of that rate: 25 or more; 0 for none. The setpoint then
+    lags behind a ramp, by rate^2 / (2 acceleration) at most, which controllers do not know of."""
     neutral_pulse_us: Both[_Pulse] = (1500.0, 1500.0)
     """Pulse width at 0 deg."""
     pulse_per_90_deg_us: Both[_PulseSpan] = (1000.0, 1000.0)

@@ -19,6 +19,7 @@ _UNITS_BY_SUFFIX = {
     "_nm_rad": "N m/rad",
     "_n_m": "N/m",
     "_m_s2": "m/s²",
+    "_deg_s2": "deg/s²",
     "_deg_s": "deg/s",
     "_mm": "mm",
     "_deg": "deg",

@@ -150,6 +150,7 @@ class Host:
             slew=self.told(m.GetSlew(), m.SlewReply).slew,
             watchdog=self.told(m.GetWatchdog(), m.WatchdogReply).watchdog,
             calibration=self.told(m.GetCalibration(), m.CalibrationReply).calibration,
+            acceleration=self.told(m.GetAcceleration(), m.AccelerationReply).acceleration,
         )
 
     # Doing

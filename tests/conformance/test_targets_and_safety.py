@@ -207,10 +207,28 @@ def test_the_slowest_way_to_rest_that_can_be_configured_ends_in_time(with_sessio
     )
     host.done(m.Arm(SESSION))
     begins = host.next_tick() + 2
-    way_ticks = m.WAY_TO_REST_MS * 1000 // m.TICK_US
+    way_ticks = 2 * 13500 // 10
+    assert way_ticks < m.WAY_TO_REST_MS * 1000 // m.TICK_US
     assert host.report_of_tick(begins).setpoint_cdeg == (-13489, -13489)
     assert host.report_of_tick(begins + way_ticks - 1).setpoint_cdeg == (13500, 13500)
     assert host.state() is m.State.ARMING
+
+
+@pytest.mark.requirement("WDG-6")
+@pytest.mark.in_step("it takes a minute")
+def test_the_slowest_way_to_rest_that_begins_with_braking_ends_in_time(with_session):
+    host = with_session
+    limits = m.Limits((-13500,) * 2, (13500,) * 2, (-13500,) * 2)
+    host.configure(limits=limits, slew=m.Slew((2000, 2000)), watchdog=m.Watchdog(1000, 10, 20))
+    host.done(m.SetAcceleration(SESSION, m.Acceleration((1, 1))))
+    host.done(m.Arm(SESSION))
+    host.wait_for(m.State.HOLD, ticks=1500)
+    host.target(13500, 13500, validity_ms=10_000)
+    while host.report_of_tick(host.next_tick()).setpoint_cdeg[0] < 0:
+        pass
+    host.done(m.Disarm(SESSION))
+    host.wait_ticks(m.WAY_TO_REST_MS * 1000 // m.TICK_US)
+    assert host.state() is m.State.DISARMED
 
 
 @pytest.mark.requirement("WDG-4")

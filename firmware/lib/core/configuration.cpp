@@ -23,6 +23,7 @@ void encode(const Configuration& configuration, uint8_t* bytes) {
   encode(configuration.watchdog, bytes + kWatchdogAt);
   encode(configuration.calibration, bytes + kCalibrationAt);
   encode(configuration.equipment, bytes + kEquipmentAt);
+  encode(configuration.acceleration, bytes + kAccelerationAt);
 }
 
 bool decode(const uint8_t* bytes, Configuration& configuration) {
@@ -31,10 +32,11 @@ bool decode(const uint8_t* bytes, Configuration& configuration) {
   decode(bytes + kWatchdogAt, configuration.watchdog);
   decode(bytes + kCalibrationAt, configuration.calibration);
   decode(bytes + kEquipmentAt, configuration.equipment);
+  decode(bytes + kAccelerationAt, configuration.acceleration);
   configuration.missing_groups = 0;
   return is_usable(configuration.limits) && is_usable(configuration.slew) &&
          is_usable(configuration.watchdog) && is_usable(configuration.calibration) &&
-         is_usable(configuration.equipment);
+         is_usable(configuration.equipment) && is_usable(configuration.acceleration);
 }
 
 }  // namespace ccr

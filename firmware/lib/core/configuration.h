@@ -1,4 +1,4 @@
-// The configuration in use: five groups, each whole or missing.
+// The configuration in use: six groups, each whole or missing.
 #ifndef CCR_CONFIGURATION_H
 #define CCR_CONFIGURATION_H
 
@@ -19,6 +19,7 @@ struct Configuration {
   Watchdog watchdog;
   Calibration calibration;
   Equipment equipment;
+  Acceleration acceleration;
   uint8_t missing_groups;
 
   bool is_complete() const { return missing_groups == 0; }
@@ -29,8 +30,9 @@ constexpr uint8_t kSlewAt = kLimitsAt + Limits::kSize;
 constexpr uint8_t kWatchdogAt = kSlewAt + Slew::kSize;
 constexpr uint8_t kCalibrationAt = kWatchdogAt + Watchdog::kSize;
 constexpr uint8_t kEquipmentAt = kCalibrationAt + Calibration::kSize;
-constexpr uint8_t kConfigurationSize = kEquipmentAt + Equipment::kSize;
-/// Of layout 1, which has no equipment.
+constexpr uint8_t kAccelerationAt = kEquipmentAt + Equipment::kSize;
+constexpr uint8_t kConfigurationSize = kAccelerationAt + Acceleration::kSize;
+/// Of layout 1, which has no more.
 constexpr uint8_t kFirstConfigurationSize = kEquipmentAt;
 
 Configuration empty_configuration();

@@ -109,6 +109,11 @@ void Controller::set(const Equipment& equipment) {
   note_change(config_groups::kEquipment);
 }
 
+void Controller::set(const Acceleration& acceleration) {
+  configuration_.acceleration = acceleration;
+  note_change(0);
+}
+
 bool Controller::is_emergency_stop_open() const {
   return configuration_.equipment.emergency_stop != 0 && hardware_.is_emergency_stop_open();
 }
@@ -181,11 +186,15 @@ void Controller::move_setpoints() {
   is_moving_ = false;
   for (uint8_t axis = 0; axis < kAxes; ++axis) {
     Setpoint& setpoint = setpoints_[axis];
+    const uint16_t acceleration = configuration_.acceleration.acceleration_cdeg_tick2[axis];
     if (safety_.state() == State::kActive) {
-      setpoint.follow_ramp(configuration_.slew.slew_cdeg_tick[axis]);
+      setpoint.follow_ramp(configuration_.slew.slew_cdeg_tick[axis], acceleration);
       is_moving_ = is_moving_ || setpoint.cdeg() != setpoint.target_cdeg();
     } else if (safety_.leads_to_rest()) {
       lead_to_rest(axis);
+    } else {
+      setpoint.brake(safety_.has_pulses() ? acceleration : uint16_t{0});
+      is_moving_ = is_moving_ || setpoint.is_moving();
     }
     reported_setpoint_cdeg_[axis] = setpoint.cdeg();
   }
@@ -195,7 +204,8 @@ void Controller::lead_to_rest(uint8_t axis) {
   const uint16_t slew = configuration_.slew.slew_cdeg_tick[axis];
   const uint16_t relax_slew = configuration_.watchdog.relax_slew_cdeg_tick;
   const int16_t rest_cdeg = configuration_.limits.rest_cdeg[axis];
-  setpoints_[axis].step_towards(rest_cdeg, slew < relax_slew ? slew : relax_slew);
+  setpoints_[axis].step_towards(rest_cdeg, slew < relax_slew ? slew : relax_slew,
+                                configuration_.acceleration.acceleration_cdeg_tick2[axis]);
   is_moving_ = is_moving_ || setpoints_[axis].cdeg() != rest_cdeg;
 }
 
@@ -254,7 +264,8 @@ void Controller::show_state() {
 
 bool Controller::is_at_rest() const {
   for (uint8_t axis = 0; axis < kAxes; ++axis) {
-    if (setpoints_[axis].cdeg() != configuration_.limits.rest_cdeg[axis]) {
+    if (setpoints_[axis].cdeg() != configuration_.limits.rest_cdeg[axis] ||
+        setpoints_[axis].is_moving()) {
       return false;
     }
   }

@@ -37,6 +37,7 @@ class Controller {
   void set(const Watchdog& watchdog);
   void set(const Calibration& calibration);
   void set(const Equipment& equipment);
+  void set(const Acceleration& acceleration);
   void blink(uint8_t duration_s) { blinking_.start(ticks_of_s(duration_s)); }
   void begin_save() { store_.begin_save(); }
 

@@ -82,6 +82,10 @@ void Dispatcher::dispatch(const FrameDecoder& frame) {
       return handle<GetEquipment>(frame);
     case SetEquipment::kId:
       return handle<SetEquipment>(frame);
+    case GetAcceleration::kId:
+      return handle<GetAcceleration>(frame);
+    case SetAcceleration::kId:
+      return handle<SetAcceleration>(frame);
     case SaveConfig::kId:
       return handle<SaveConfig>(frame);
     default:
@@ -307,6 +311,17 @@ void Dispatcher::execute(const FrameDecoder& frame, const GetEquipment&) {
 
 void Dispatcher::execute(const FrameDecoder& frame, const SetEquipment& request) {
   controller_.set(request.equipment);
+  acknowledge(frame);
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const GetAcceleration&) {
+  send<AccelerationReply>(frame.sequence(), [this]() -> const Acceleration& {
+    return controller_.configuration().acceleration;
+  });
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const SetAcceleration& request) {
+  controller_.set(request.acceleration);
   acknowledge(frame);
 }
 

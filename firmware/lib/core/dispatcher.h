@@ -61,6 +61,7 @@ class Dispatcher {
   Refusal check_particular(const SetWatchdog&) const { return check_not_saving(); }
   Refusal check_particular(const SetCalibration&) const { return check_not_saving(); }
   Refusal check_particular(const SetEquipment&) const { return check_not_saving(); }
+  Refusal check_particular(const SetAcceleration&) const { return check_not_saving(); }
   Refusal check_configured() const;
   Refusal check_not_saving() const;
 
@@ -87,6 +88,8 @@ class Dispatcher {
   void execute(const FrameDecoder& frame, const SetCalibration& request);
   void execute(const FrameDecoder& frame, const GetEquipment&);
   void execute(const FrameDecoder& frame, const SetEquipment& request);
+  void execute(const FrameDecoder& frame, const GetAcceleration&);
+  void execute(const FrameDecoder& frame, const SetAcceleration& request);
   void execute(const FrameDecoder& frame, const SaveConfig&);
 
   void refuse(const FrameDecoder& frame, Refusal refusal);

@@ -9,7 +9,7 @@
 namespace ccr {
 
 constexpr uint8_t kProtocolVersion = 2;
-constexpr uint32_t kSpecHash = 0xACB6B621UL;
+constexpr uint32_t kSpecHash = 0xFE5919A9UL;
 constexpr uint8_t kFirmwareVersion[3] = {0, 2, 0};
 
 constexpr uint32_t kBaud = 250000UL;
@@ -30,8 +30,8 @@ constexpr uint8_t kBootTicks = 5U;
 /// For so long a repeated request is answered from memory instead of being executed again. [tick]
 constexpr uint8_t kRetryWindowTicks = 50U;
 /// The way to rest takes no longer whatever is configured: 270 deg in the smallest steps that slew
-/// and relax slew may have. [ms]
-constexpr uint16_t kWayToRestMs = 54000U;
+/// and relax slew may have, and 6 s to brake and to speed up with the least acceleration. [ms]
+constexpr uint16_t kWayToRestMs = 60000U;
 /// From a reset until the board takes requests; what comes before that is lost. [us]
 constexpr uint16_t kListensAfterUs = 2000U;
 /// So many may a host have sent without having read their answers (REQ-5): the longest answers to
@@ -62,7 +62,7 @@ constexpr uint16_t kPulseCeilingHalfUs = 5000U;
 constexpr uint16_t kEepromSize = 1024;
 constexpr uint16_t kEepromSlotA = 0;
 constexpr uint16_t kEepromSlotB = 128;
-constexpr uint16_t kEepromSlotSize = 66;
+constexpr uint16_t kEepromSlotSize = 70;
 constexpr uint16_t kEepromBootCounter = 256;
 constexpr uint8_t kEepromBootCounters = 32;
 constexpr uint16_t kEepromMagic = 0xCC52U;
@@ -385,6 +385,48 @@ inline int8_t first_out_of_range(const Slew& value) {
 }
 
 inline int8_t inconsistent_axis(const Slew&) {
+  return kNone;
+}
+
+/// How fast the setpoint may change its speed. Zeros, which are not missing, set no limit.
+struct Acceleration {
+  enum : uint8_t { kSize = 4 };
+
+  /// Greatest change of the setpoint's step from one tick to the next; 0: any. [0.01 deg/tick^2] 0
+  /// to 2000.
+  uint16_t acceleration_cdeg_tick2[2];
+};
+static_assert(Acceleration::kSize == sizeof(Acceleration::acceleration_cdeg_tick2) &&
+              uint8_t{Acceleration::kSize} <= kMaxPayload, "payload layout");
+
+inline void encode(const Acceleration& value, uint8_t* bytes) {
+  if (lies_as_on_the_wire<Acceleration>()) {
+    __builtin_memcpy(bytes, &value, Acceleration::kSize);
+    return;
+  }
+  put_u16(bytes, value.acceleration_cdeg_tick2[0]);
+  put_u16(bytes + 2, value.acceleration_cdeg_tick2[1]);
+}
+
+inline Reading decode(const uint8_t* bytes, Acceleration& value) {
+  if (lies_as_on_the_wire<Acceleration>()) {
+    __builtin_memcpy(&value, bytes, Acceleration::kSize);
+    return Reading::kOk;
+  }
+  value.acceleration_cdeg_tick2[0] = get_u16(bytes);
+  value.acceleration_cdeg_tick2[1] = get_u16(bytes + 2);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const Acceleration& value) {
+  if (value.acceleration_cdeg_tick2[0] > 2000U || value.acceleration_cdeg_tick2[1] > 2000U) {
+    return 0;
+  }
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const Acceleration&) {
   return kNone;
 }
 
@@ -2208,6 +2250,110 @@ inline int8_t inconsistent_axis(const SetEquipment&) {
   return kNone;
 }
 
+/// Reads the acceleration limits.
+struct GetAcceleration {
+  enum : uint8_t { kId = 0x3E, kSize = 0 };
+};
+static_assert(GetAcceleration::kSize == 0 && uint8_t{GetAcceleration::kSize} <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const GetAcceleration&, uint8_t*) {}
+
+inline Reading decode(const uint8_t*, uint8_t size, GetAcceleration&) {
+  if (size != GetAcceleration::kSize) {
+    return Reading::kBadLength;
+  }
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const GetAcceleration&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const GetAcceleration&) {
+  return kNone;
+}
+
+/// The acceleration limits in use.
+struct AccelerationReply {
+  enum : uint8_t { kId = 0xBE, kSize = 4 };
+
+  Acceleration acceleration;
+};
+static_assert(AccelerationReply::kSize == 0 + Acceleration::kSize &&
+              uint8_t{AccelerationReply::kSize} <= kMaxPayload, "payload layout");
+
+inline void encode(const AccelerationReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<AccelerationReply>()) {
+    __builtin_memcpy(payload, &value, AccelerationReply::kSize);
+    return;
+  }
+  encode(value.acceleration, payload);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, AccelerationReply& value) {
+  if (size != AccelerationReply::kSize) {
+    return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<AccelerationReply>()) {
+    __builtin_memcpy(&value, payload, AccelerationReply::kSize);
+    return Reading::kOk;
+  }
+  return decode(payload, value.acceleration);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const AccelerationReply& value) {
+  return first_out_of_range(value.acceleration);
+}
+
+inline int8_t inconsistent_axis(const AccelerationReply&) {
+  return kNone;
+}
+
+/// Sets the acceleration limits.
+struct SetAcceleration {
+  enum : uint8_t { kId = 0x3F, kSize = 6 };
+
+  /// The open session.
+  uint16_t session;
+  Acceleration acceleration;
+};
+static_assert(SetAcceleration::kSize == sizeof(SetAcceleration::session) + Acceleration::kSize &&
+              uint8_t{SetAcceleration::kSize} <= kMaxPayload, "payload layout");
+
+inline void encode(const SetAcceleration& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SetAcceleration>()) {
+    __builtin_memcpy(payload, &value, SetAcceleration::kSize);
+    return;
+  }
+  put_u16(payload, value.session);
+  encode(value.acceleration, payload + 2);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SetAcceleration& value) {
+  if (size != SetAcceleration::kSize) {
+    return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<SetAcceleration>()) {
+    __builtin_memcpy(&value, payload, SetAcceleration::kSize);
+    return Reading::kOk;
+  }
+  value.session = get_u16(payload);
+  return decode(payload + 2, value.acceleration);
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SetAcceleration& value) {
+  const int8_t nested = first_out_of_range(value.acceleration);
+  return nested == kNone ? kNone : static_cast<int8_t>(nested + 1);
+}
+
+inline int8_t inconsistent_axis(const SetAcceleration&) {
+  return kNone;
+}
+
 /// Done, or begun.
 struct Ack {
   enum : uint8_t { kId = 0x70, kSize = 2 };
@@ -2374,6 +2520,8 @@ constexpr RequestRule kRequestRules[] = {
     {SaveConfig::kId, Ack::kId, SaveConfig::kSize, Retry::kOnce, true, 0x0182U},
     {GetEquipment::kId, EquipmentReply::kId, GetEquipment::kSize, Retry::kRepeat, false, 0x01FFU},
     {SetEquipment::kId, Ack::kId, SetEquipment::kSize, Retry::kOnce, true, 0x0182U},
+    {GetAcceleration::kId, AccelerationReply::kId, GetAcceleration::kSize, Retry::kRepeat, false, 0x01FFU},
+    {SetAcceleration::kId, Ack::kId, SetAcceleration::kSize, Retry::kOnce, true, 0x0182U},
 };
 
 /// The rule of a request, or null where no request has this id.

@@ -36,7 +36,7 @@ TEST_CASE("TGT-2: the ramp is a straight line, its quotient rounded toward zero"
     Setpoint setpoint(300);
     setpoint.aim_at(target, 7);
     for (int tick = 1; tick <= 9; ++tick) {
-      setpoint.follow_ramp(30000);
+      setpoint.follow_ramp(30000, 0);
       const int part = tick < 7 ? (target - 300) * tick / 7 : target - 300;
       CHECK(setpoint.cdeg() == 300 + part);
     }
@@ -48,7 +48,7 @@ TEST_CASE("TGT-2: the longest way over the longest ramp does not overflow") {
   setpoint.aim_at(13500, 500);
   int16_t before = -13500;
   for (int tick = 1; tick <= 500; ++tick) {
-    setpoint.follow_ramp(2000);
+    setpoint.follow_ramp(2000, 0);
     CHECK(setpoint.cdeg() - before == 54);
     before = setpoint.cdeg();
   }
@@ -58,7 +58,7 @@ TEST_CASE("TGT-2: the longest way over the longest ramp does not overflow") {
 TEST_CASE("TGT-2: without a ramp the setpoint aims at the target at once") {
   Setpoint setpoint(0);
   setpoint.aim_at(1500, 0);
-  setpoint.follow_ramp(2000);
+  setpoint.follow_ramp(2000, 0);
   CHECK(setpoint.cdeg() == 1500);
 }
 
@@ -67,7 +67,7 @@ TEST_CASE("TGT-3: no tick moves the setpoint by more than the slew") {
   setpoint.aim_at(13500, 3);
   for (int tick = 0; tick < 30; ++tick) {
     const int before = setpoint.cdeg();
-    setpoint.follow_ramp(999);
+    setpoint.follow_ramp(999, 0);
     CHECK(std::abs(setpoint.cdeg() - before) <= 999);
   }
   CHECK(setpoint.cdeg() == 13500);
@@ -152,4 +152,82 @@ TEST_CASE("the setpoint is moving until it has reached its goal") {
   bench.acknowledged(Disarm{kSession});
   bench.tick();
   CHECK(bench.has_flag(status_flags::kMoving));
+}
+
+TEST_CASE("ACC-1, ACC-2: with an acceleration limit it stops at its goal without passing it") {
+  const uint16_t accelerations[] = {1, 2, 7, 60, 500, 2000};
+  const uint16_t slews[] = {10, 333, 2000};
+  const int16_t goals[] = {1, -1, 59, -1234, 13500, -13500};
+  for (const uint16_t acceleration : accelerations) {
+    for (const uint16_t slew : slews) {
+      for (const int16_t goal : goals) {
+        Setpoint setpoint(0);
+        int before = 0;
+        int step = 0;
+        unsigned ticks = 0;
+        while (setpoint.cdeg() != goal || setpoint.is_moving()) {
+          setpoint.step_towards(goal, slew, acceleration);
+          const int made = setpoint.cdeg() - before;
+          CHECK(std::abs(made - step) <= acceleration);
+          CHECK(std::abs(made) <= slew);
+          CHECK(std::abs(setpoint.cdeg()) <= std::abs(goal));
+          CHECK(made * goal >= 0);
+          step = made;
+          before = setpoint.cdeg();
+          REQUIRE(++ticks < 3000);
+        }
+      }
+    }
+  }
+}
+
+TEST_CASE("ACC-1, ACC-3: it brakes to a stand, and is at rest only then") {
+  Setpoint setpoint(0);
+  for (int tick = 0; tick < 20; ++tick) {
+    setpoint.step_towards(9000, 500, 9);
+  }
+  for (int step = 180 - 9; step >= 0; step -= 9) {
+    CHECK(setpoint.is_moving());
+    const int before = setpoint.cdeg();
+    setpoint.brake(9);
+    CHECK(setpoint.cdeg() - before == step);
+  }
+  CHECK_FALSE(setpoint.is_moving());
+  setpoint.step_towards(9000, 500, 9);
+  setpoint.brake(0);
+  CHECK_FALSE(setpoint.is_moving());
+}
+
+TEST_CASE("ACC-2: whatever the goals, it stays inside of them, and comes to the last") {
+  unsigned random = 1;
+  const auto draw = [&random](int below) {
+    random = random * 1103515245U + 12345U;
+    return static_cast<int>((random >> 8) % static_cast<unsigned>(below));
+  };
+  for (int run = 0; run < 300; ++run) {
+    Setpoint setpoint(0);
+    const uint16_t acceleration = static_cast<uint16_t>(1 + draw(300));
+    const uint16_t slew = static_cast<uint16_t>(10 + draw(1000));
+    int least = 0;
+    int greatest = 0;
+    int step = 0;
+    for (int tick = 0; tick < 1500; ++tick) {
+      static int16_t goal;
+      if (tick == 0 || (tick < 700 && draw(20) == 0)) {
+        goal = static_cast<int16_t>(draw(18001) - 9000);
+        least = goal < least ? goal : least;
+        greatest = goal > greatest ? goal : greatest;
+      }
+      const int before = setpoint.cdeg();
+      setpoint.step_towards(goal, slew, acceleration);
+      CHECK(setpoint.cdeg() >= least);
+      CHECK(setpoint.cdeg() <= greatest);
+      CHECK(std::abs(setpoint.cdeg() - before - step) <= acceleration);
+      step = setpoint.cdeg() - before;
+      if (tick == 1499 && 18000 / slew + slew / acceleration + 200 < 800) {
+        CHECK(setpoint.cdeg() == goal);
+        CHECK_FALSE(setpoint.is_moving());
+      }
+    }
+  }
 }

@@ -1,4 +1,4 @@
-"""The configuration in use: five groups, each whole or missing."""
+"""The configuration in use: six groups, each whole or missing."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Self
 
 from ccr_host.link.messages import (
+    Acceleration,
     Calibration,
     ConfigGroups,
     Equipment,
@@ -14,7 +15,7 @@ from ccr_host.link.messages import (
     Watchdog,
 )
 
-ConfigGroup = Limits | Slew | Watchdog | Calibration | Equipment
+ConfigGroup = Limits | Slew | Watchdog | Calibration | Equipment | Acceleration
 
 NEVER_SET: Final = (
     ConfigGroups.LIMITS | ConfigGroups.SLEW | ConfigGroups.WATCHDOG | ConfigGroups.CALIBRATION
@@ -25,20 +26,25 @@ _NO_LIMITS = Limits((0, 0), (0, 0), (0, 0))
 _NO_SLEW = Slew((0, 0))
 _NO_WATCHDOG = Watchdog(0, 0, 0)
 _NO_CALIBRATION = Calibration((0, 0), (0, 0), (0, 0), (0, 0))
+_NO_ACCELERATION = Acceleration((0, 0))
 _NO_EQUIPMENT = Equipment((0,) * 16, 0, 0, 0)
-_SIZES = (Limits.SIZE, Slew.SIZE, Watchdog.SIZE, Calibration.SIZE, Equipment.SIZE)
+_SIZES = (
+    *(Limits.SIZE, Slew.SIZE, Watchdog.SIZE, Calibration.SIZE),
+    *(Equipment.SIZE, Acceleration.SIZE),
+)
 EEPROM_CONFIGURATION_SIZE = sum(_SIZES)
 
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """Five groups; a missing one reads as zeros, which are out of range or inconsistent."""
+    """Six groups; a missing one reads as zeros, which are out of range or inconsistent."""
 
     limits: Limits = _NO_LIMITS
     slew: Slew = _NO_SLEW
     watchdog: Watchdog = _NO_WATCHDOG
     calibration: Calibration = _NO_CALIBRATION
     equipment: Equipment = _NO_EQUIPMENT
+    acceleration: Acceleration = _NO_ACCELERATION
     missing: ConfigGroups = NEVER_SET
 
     def with_group(self, group: ConfigGroup) -> Configuration:
@@ -54,18 +60,21 @@ class Configuration:
                 changed = replace(self, calibration=group)
             case Equipment():
                 changed = replace(self, equipment=group)
+            case Acceleration():
+                return replace(self, acceleration=group)
         return replace(changed, missing=self.missing & ~ConfigGroups[group.NAME.upper()])
 
     def pack(self) -> bytes:
         """All groups in the order of EEPROM."""
-        groups = (self.limits, self.slew, self.watchdog, self.calibration, self.equipment)
+        robots = (self.limits, self.slew, self.watchdog, self.calibration)
+        groups = (*robots, self.equipment, self.acceleration)
         return b"".join(group.pack() for group in groups)
 
     @classmethod
     def unpack(cls, data: bytes) -> Self | None:
         """Read what :meth:`pack` wrote; None if some value may not be used.
 
-        Of layout 1 without the equipment, which is zeros then.
+        Of layout 1 without equipment and acceleration, which are zeros then.
         """
         data = data.ljust(EEPROM_CONFIGURATION_SIZE, b"\0")
         at = 0
@@ -76,7 +85,7 @@ class Configuration:
         limits, slew = Limits.unpack(parts[0]), Slew.unpack(parts[1])
         watchdog, calibration = Watchdog.unpack(parts[2]), Calibration.unpack(parts[3])
         equipment = Equipment.unpack(parts[4])
-        groups = (limits, slew, watchdog, calibration, equipment)
+        groups = (limits, slew, watchdog, calibration, equipment, Acceleration.unpack(parts[5]))
         in_range = all(group.first_out_of_range() is None for group in groups)
         if not in_range or limits.inconsistent_axis() is not None:
             return None

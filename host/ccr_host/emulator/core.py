@@ -137,7 +137,7 @@ class BoardCore:
         config = self.configuration
         event = self.safety.tick(
             tick,
-            at_rest=self._setpoint.cdeg == config.limits.rest_cdeg,
+            at_rest=self._setpoint.cdeg == config.limits.rest_cdeg and not self._setpoint.is_moving,
             relax_after_ticks=ticks_of_ms(config.watchdog.relax_after_ms),
         )
         if event in _EVENT_COUNTERS:
@@ -235,14 +235,21 @@ class BoardCore:
     def _move_setpoint(self, tick: int) -> None:
         config = self.configuration
         goal = self._setpoint.cdeg
+        acceleration = config.acceleration.acceleration_cdeg_tick2
         if self.safety.state is State.ACTIVE:
             goal = self._target_cdeg
-            self._setpoint.step_along_ramp(config.slew.slew_cdeg_tick)
+            self._setpoint.step_along_ramp(config.slew.slew_cdeg_tick, acceleration)
         elif self.safety.rest_wanted(tick):
             goal = config.limits.rest_cdeg
             relax = config.watchdog.relax_slew_cdeg_tick
             slew = config.slew.slew_cdeg_tick
-            self._setpoint.step_towards(goal, (min(relax, slew[0]), min(relax, slew[1])))
+            self._setpoint.step_towards(
+                goal, (min(relax, slew[0]), min(relax, slew[1])), acceleration
+            )
+        elif self.safety.pulsing:
+            self._setpoint.brake(acceleration)
+        else:
+            self._setpoint.stand()
         self._moving = self._setpoint.cdeg != goal
         self._reported_setpoint_cdeg = self._setpoint.cdeg
 

@@ -20,6 +20,7 @@ _CONFIG_GROUP_REQUESTS = (
     m.SetWatchdog,
     m.SetCalibration,
     m.SetEquipment,
+    m.SetAcceleration,
 )
 _NEEDS_CONFIGURATION = (m.Arm, m.SaveConfig)
 
@@ -235,6 +236,15 @@ class Dispatcher:
     @_execute.register
     def _(self, request: m.SetEquipment) -> m.Message:
         self._core.set_group(request.equipment)
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.GetAcceleration) -> m.Message:
+        return m.AccelerationReply(self._core.configuration.acceleration)
+
+    @_execute.register
+    def _(self, request: m.SetAcceleration) -> m.Message:
+        self._core.set_group(request.acceleration)
         return self._ack(request)
 
     @_execute.register

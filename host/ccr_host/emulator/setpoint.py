@@ -1,4 +1,4 @@
-"""Where the ramp and the slew limit stand."""
+"""Where the ramp, the slew limit and the acceleration limit stand."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ class Setpoint:
         self._target_cdeg = start_cdeg
         self._ramp_ticks = 0
         self._ticks_since_target = 0
+        self._step_cdeg: Axes = (0, 0)
 
     def aim_at(self, target_cdeg: Axes, ramp_ticks: int) -> None:
         """Go to a target in a straight line over `ramp_ticks`, from here (TGT-2)."""
@@ -22,22 +23,59 @@ class Setpoint:
         self._ramp_ticks = ramp_ticks
         self._ticks_since_target = 0
 
-    def step_along_ramp(self, slew_cdeg: Axes) -> None:
+    def step_along_ramp(self, slew_cdeg: Axes, acceleration_cdeg: Axes) -> None:
         """One tick towards the target."""
         self._ticks_since_target += 1
-        self.step_towards(
-            (
-                self._ramp(self._start_cdeg[0], self._target_cdeg[0]),
-                self._ramp(self._start_cdeg[1], self._target_cdeg[1]),
-            ),
-            slew_cdeg,
+        goal = (
+            self._ramp(self._start_cdeg[0], self._target_cdeg[0]),
+            self._ramp(self._start_cdeg[1], self._target_cdeg[1]),
+        )
+        self.step_towards(goal, slew_cdeg, acceleration_cdeg)
+
+    def step_towards(self, goal_cdeg: Axes, slew_cdeg: Axes, acceleration_cdeg: Axes) -> None:
+        """One tick straight towards `goal_cdeg`, at most by the slew; 0 is any acceleration."""
+        self._move(
+            *(
+                _limited_step(goal_cdeg[axis] - self.cdeg[axis], slew_cdeg[axis])
+                if acceleration_cdeg[axis] == 0
+                else _accelerated_step(
+                    goal_cdeg[axis] - self.cdeg[axis],
+                    self._step_cdeg[axis],
+                    slew_cdeg[axis],
+                    acceleration_cdeg[axis],
+                )
+                for axis in (0, 1)
+            )
+        )
+        self._forget_steps_without_limit(acceleration_cdeg)
+
+    def brake(self, acceleration_cdeg: Axes) -> None:
+        """One tick of coming to a stand (ACC-1)."""
+        self._move(
+            *(
+                0 if most == 0 else step - _limited_step(step, most)
+                for step, most in zip(self._step_cdeg, acceleration_cdeg, strict=True)
+            )
         )
 
-    def step_towards(self, goal_cdeg: Axes, slew_cdeg: Axes) -> None:
-        """One tick straight towards `goal_cdeg`, at most by the slew."""
-        self.cdeg = (
-            _limited_step(self.cdeg[0], goal_cdeg[0], slew_cdeg[0]),
-            _limited_step(self.cdeg[1], goal_cdeg[1], slew_cdeg[1]),
+    def stand(self) -> None:
+        """Without pulses it stands."""
+        self._step_cdeg = (0, 0)
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the last tick has moved an axis that has an acceleration limit."""
+        return self._step_cdeg != (0, 0)
+
+    def _move(self, first: int, second: int) -> None:
+        self._step_cdeg = (first, second)
+        self.cdeg = (self.cdeg[0] + first, self.cdeg[1] + second)
+
+    def _forget_steps_without_limit(self, acceleration_cdeg: Axes) -> None:
+        first, second = self._step_cdeg
+        self._step_cdeg = (
+            first if acceleration_cdeg[0] else 0,
+            second if acceleration_cdeg[1] else 0,
         )
 
     def clamp(self, least_cdeg: Axes, greatest_cdeg: Axes) -> None:
@@ -60,8 +98,28 @@ def clamped(angles: Axes, least: Axes, greatest: Axes) -> Axes:
     )
 
 
-def _limited_step(here: int, goal: int, limit: int) -> int:
-    return here + min(max(goal - here, -limit), limit)
+def _limited_step(way: int, limit: int) -> int:
+    return min(max(way, -limit), limit)
+
+
+def _accelerated_step(way: int, last_step: int, slew: int, acceleration: int) -> int:
+    """The step of ACC-2, found by bisection."""
+    if way < 0:
+        return -_accelerated_step(-way, -last_step, slew, acceleration)
+    shortest, longest = 0, slew
+    while shortest < longest:
+        tried = (shortest + longest + 1) // 2
+        if _stopping_way(tried, acceleration) <= way:
+            shortest = tried
+        else:
+            longest = tried - 1
+    return min(max(shortest, last_step - acceleration), last_step + acceleration)
+
+
+def _stopping_way(step: int, acceleration: int) -> int:
+    """step + (step - acceleration) + ..., down to 0."""
+    terms = -(-step // acceleration)
+    return terms * step - acceleration * terms * (terms - 1) // 2
 
 
 def _quotient_toward_zero(dividend: int, divisor: int) -> int:

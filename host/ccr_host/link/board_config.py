@@ -8,7 +8,15 @@ from typing import Final
 
 from ccr_host.config import Description, Pair
 from ccr_host.errors import ConfigError
-from ccr_host.link.messages import TICK_US, Calibration, Equipment, Limits, Slew, Watchdog
+from ccr_host.link.messages import (
+    TICK_US,
+    Acceleration,
+    Calibration,
+    Equipment,
+    Limits,
+    Slew,
+    Watchdog,
+)
 from ccr_host.link.payload import Field
 from ccr_host.link.units import CDEG_PER_DEG, deg_to_cdeg
 
@@ -26,6 +34,7 @@ _KEYS: Final[dict[type, tuple[str, ...]]] = {
         "servo.pulse_min_us",
         "servo.pulse_max_us",
     ),
+    Acceleration: ("servo.acceleration_deg_s2",),
 }
 """Of each field on the wire, in its order."""
 
@@ -38,6 +47,10 @@ class BoardConfig:
     slew: Slew
     watchdog: Watchdog
     calibration: Calibration
+    acceleration: Acceleration
+
+
+ConfigGroup = Limits | Slew | Watchdog | Calibration | Acceleration
 
 
 def differences(seen: BoardConfig, wanted: BoardConfig) -> list[str]:
@@ -56,8 +69,9 @@ def board_name(equipment: Equipment) -> str:
     return bytes(equipment.board_name).rstrip(b"\0").decode("ascii", "replace")
 
 
-def _groups(config: BoardConfig) -> tuple[Limits | Slew | Watchdog | Calibration, ...]:
-    return config.limits, config.slew, config.watchdog, config.calibration
+def _groups(config: BoardConfig) -> tuple[ConfigGroup, ...]:
+    robots = (config.limits, config.slew, config.watchdog, config.calibration)
+    return (*robots, config.acceleration)
 
 
 def _shown(field: Field, raw: int | tuple[int, ...]) -> str:
@@ -90,6 +104,12 @@ def board_config(description: Description) -> BoardConfig:
             pulse_min_half_us=_half_us(servo.pulse_min_us),
             pulse_max_half_us=_half_us(servo.pulse_max_us),
         ),
+        acceleration=Acceleration(
+            (
+                _cdeg_per_tick2(servo.acceleration_deg_s2[0]),
+                _cdeg_per_tick2(servo.acceleration_deg_s2[1]),
+            )
+        ),
     )
     for group in _groups(config):
         _require_in_range(group)
@@ -105,11 +125,22 @@ def _cdeg_per_tick(rate_deg_s: float) -> int:
     return floor(rate_deg_s * _TICK_S * CDEG_PER_DEG + _ROUNDING_SLACK)
 
 
+def _cdeg_per_tick2(acceleration_deg_s2: float) -> int:
+    rounded = floor(acceleration_deg_s2 * _TICK_S**2 * CDEG_PER_DEG + _ROUNDING_SLACK)
+    if acceleration_deg_s2 and not rounded:
+        least = 1 / (_TICK_S**2 * CDEG_PER_DEG)
+        raise ConfigError(
+            f"servo.acceleration_deg_s2: the board cannot take {acceleration_deg_s2:g} deg/s^2",
+            f"it takes {least:g} and more, or 0 for no limit",
+        )
+    return rounded
+
+
 def _half_us(pulses_us: Pair) -> tuple[int, int]:
     return round(pulses_us[0] * _HALF_US_PER_US), round(pulses_us[1] * _HALF_US_PER_US)
 
 
-def _require_in_range(group: Limits | Slew | Watchdog | Calibration) -> None:
+def _require_in_range(group: ConfigGroup) -> None:
     index = group.first_out_of_range()
     if index is None:
         return

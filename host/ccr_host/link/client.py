@@ -5,6 +5,7 @@ from __future__ import annotations
 from binascii import crc32
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import isqrt
 from types import TracebackType
 from typing import Final, Self, TypeVar
 
@@ -189,6 +190,7 @@ class Client:
             slew=self._ask(m.GetSlew(), m.SlewReply).slew,
             watchdog=self._ask(m.GetWatchdog(), m.WatchdogReply).watchdog,
             calibration=self._ask(m.GetCalibration(), m.CalibrationReply).calibration,
+            acceleration=self._ask(m.GetAcceleration(), m.AccelerationReply).acceleration,
         )
 
     def configure(self, config: BoardConfig) -> None:
@@ -207,6 +209,8 @@ class Client:
             changes.append(m.SetWatchdog(self._session, config.watchdog))
         if present.calibration != config.calibration:
             changes.append(m.SetCalibration(self._session, config.calibration))
+        if present.acceleration != config.acceleration:
+            changes.append(m.SetAcceleration(self._session, config.acceleration))
         if changes:
             if self.read_state().state in _MOVING_STATES:
                 self.disarm()
@@ -597,5 +601,9 @@ def _way_to_rest_us(config: BoardConfig) -> int:
     for axis in (0, 1):
         range_cdeg = config.limits.angle_max_cdeg[axis] - config.limits.angle_min_cdeg[axis]
         slew = min(config.watchdog.relax_slew_cdeg_tick, config.slew.slew_cdeg_tick[axis])
-        longest_ticks = max(longest_ticks, range_cdeg // max(slew, 1) + 1)
+        ticks = range_cdeg // max(slew, 1) + 1
+        acceleration = config.acceleration.acceleration_cdeg_tick2[axis]
+        if acceleration:  # to speed up, and before that to brake from whatever step fits the range
+            ticks += slew // acceleration + isqrt(2 * range_cdeg // acceleration) + 4
+        longest_ticks = max(longest_ticks, ticks)
     return longest_ticks * m.TICK_US + _MARGIN_US

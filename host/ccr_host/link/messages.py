@@ -15,7 +15,7 @@ __all__ = ["Payload", "PayloadError"]  # re-exported; all else is public as it s
 
 
 PROTOCOL_VERSION: Final = 2
-SPEC_HASH: Final = 0xACB6B621
+SPEC_HASH: Final = 0xFE5919A9
 FIRMWARE_VERSION: Final = (0, 2, 0)
 
 BAUD: Final = 250000
@@ -37,9 +37,9 @@ BOOT_TICKS: Final = 5
 """Length of the self-test after a reset: control tick 5, the sixth, ends it. [tick]"""
 RETRY_WINDOW_TICKS: Final = 50
 """For so long a repeated request is answered from memory instead of being executed again. [tick]"""
-WAY_TO_REST_MS: Final = 54000
+WAY_TO_REST_MS: Final = 60000
 """The way to rest takes no longer whatever is configured: 270 deg in the smallest steps that slew
-and relax slew may have. [ms]
+and relax slew may have, and 6 s to brake and to speed up with the least acceleration. [ms]
 """
 LISTENS_AFTER_US: Final = 2000
 """From a reset until the board takes requests; what comes before that is lost. [us]"""
@@ -75,7 +75,7 @@ PULSE_CEILING_HALF_US: Final = 5000
 EEPROM_SIZE: Final = 1024
 EEPROM_SLOT_A: Final = 0
 EEPROM_SLOT_B: Final = 128
-EEPROM_SLOT_SIZE: Final = 66
+EEPROM_SLOT_SIZE: Final = 70
 EEPROM_BOOT_COUNTER: Final = 256
 EEPROM_BOOT_COUNTERS: Final = 32
 EEPROM_MAGIC: Final = 0xCC52
@@ -332,6 +332,28 @@ class Slew(Payload):
     LAYOUT: ClassVar[struct.Struct] = struct.Struct("<2H")
     FIELDS: ClassVar[tuple[Field, ...]] = (
         Field("slew_cdeg_tick", "H", 10, 2000, count=2, unit="deg/tick", scale=0.01),
+    )
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        values = cls._numbers(payload)
+        return cls((values[0], values[1]))
+
+
+@dataclass(frozen=True, slots=True)
+class Acceleration(Payload):
+    """How fast the setpoint may change its speed. Zeros, which are not missing, set no limit."""
+
+    acceleration_cdeg_tick2: tuple[int, int]
+    """Greatest change of the setpoint's step from one tick to the next; 0: any. [0.01 deg/tick^2] 0
+    to 2000.
+    """
+
+    NAME: ClassVar[str] = "acceleration"
+    SIZE: ClassVar[int] = 4
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<2H")
+    FIELDS: ClassVar[tuple[Field, ...]] = (
+        Field("acceleration_cdeg_tick2", "H", 0, 2000, count=2, unit="deg/tick^2", scale=0.01),
     )
 
     @classmethod
@@ -1658,6 +1680,79 @@ class SetEquipment(Request):
 
 
 @dataclass(frozen=True, slots=True)
+class GetAcceleration(Request):
+    """Reads the acceleration limits."""
+
+    NAME: ClassVar[str] = "get_acceleration"
+    SIZE: ClassVar[int] = 0
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<")
+    ID: ClassVar[int] = 0x3E
+    REPLY_ID: ClassVar[int] = 0xBE
+    RETRY: ClassVar[Retry] = "repeat"
+    NEEDS_SESSION: ClassVar[bool] = False
+    ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset(State)
+    FIELDS: ClassVar[tuple[Field, ...]] = ()
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        cls._numbers(payload)
+        return cls()
+
+
+@dataclass(frozen=True, slots=True)
+class AccelerationReply(Message):
+    """The acceleration limits in use."""
+
+    acceleration: Acceleration
+
+    NAME: ClassVar[str] = "acceleration_reply"
+    SIZE: ClassVar[int] = 4
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<")
+    ID: ClassVar[int] = 0xBE
+    FIELDS: ClassVar[tuple[Field, ...]] = ()
+    NESTED: ClassVar[str | None] = "acceleration"
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        cls._numbers(payload)
+        return cls(Acceleration.unpack(payload))
+
+
+@dataclass(frozen=True, slots=True)
+class SetAcceleration(Request):
+    """Sets the acceleration limits."""
+
+    session: int
+    """The open session."""
+    acceleration: Acceleration
+
+    NAME: ClassVar[str] = "set_acceleration"
+    SIZE: ClassVar[int] = 6
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<H")
+    ID: ClassVar[int] = 0x3F
+    REPLY_ID: ClassVar[int] = 0x70
+    RETRY: ClassVar[Retry] = "once"
+    NEEDS_SESSION: ClassVar[bool] = True
+    ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset(
+        {
+            State.DISARMED,
+            State.FAULT,
+            State.STOPPED,
+        }
+    )
+    FIELDS: ClassVar[tuple[Field, ...]] = (Field("session", "H", 0, 65535),)
+    NESTED: ClassVar[str | None] = "acceleration"
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        values = cls._numbers(payload)
+        return cls(
+            values[0],
+            Acceleration.unpack(payload[2:]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Ack(Message):
     """Done, or begun."""
 
@@ -1772,6 +1867,9 @@ MESSAGES: Final[Mapping[int, type[Message]]] = MappingProxyType(
         0x3C: GetEquipment,
         0xBC: EquipmentReply,
         0x3D: SetEquipment,
+        0x3E: GetAcceleration,
+        0xBE: AccelerationReply,
+        0x3F: SetAcceleration,
         0x70: Ack,
         0x71: Nack,
         0xC1: Telemetry,
@@ -1805,6 +1903,8 @@ REQUESTS: Final[Mapping[int, type[Request]]] = MappingProxyType(
         0x38: SaveConfig,
         0x3C: GetEquipment,
         0x3D: SetEquipment,
+        0x3E: GetAcceleration,
+        0x3F: SetAcceleration,
     }
 )
 """By id."""
@@ -1936,6 +2036,19 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
             "after it, then at the target; with n = 0 at the target at once."
         ),
         "TGT-3": "No tick moves the setpoint of an axis by more than its slew limit.",
+        "ACC-1": (
+            "With an acceleration a > 0 of an axis its step, the change of the setpoint in a tick, "
+            "differs by no more than a from the step before. Without pulses the step is 0. In "
+            "`hold` it goes to 0 by a a tick, and the setpoint stands still from then on."
+        ),
+        "ACC-2": (
+            "With a > 0 the setpoint comes to rest at its goal without passing it, wherever it can "
+            "brake before: of the steps towards the goal that slew, or relax slew, and ACC-1 "
+            "allow, the tick makes the longest w with w + (w - a) + (w - 2a) + ... (terms above 0) "
+            "no longer than the way left; where even the shortest is longer, the shortest. Where "
+            "ACC-1 does not let it be as short as the relax slew, it is the shortest."
+        ),
+        "ACC-3": "With a > 0 the setpoint is at rest once it is there and its step is 0.",
         "TGT-4": "The latest accepted target replaces the one before it.",
         "PUL-1": (
             "pulse = neutral + round(setpoint * per_90_deg / 9000), halves away from zero, clamped "
@@ -2038,7 +2151,7 @@ REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(
             "The fault log survives a reset, whatever happens while a record is being written: "
             "that record alone is lost, and the one whose place it takes."
         ),
-        "CFG-7": "A slot of layout 1 is loaded; its equipment is zeros.",
+        "CFG-7": "A slot of layout 1 is loaded; its equipment and acceleration are zeros.",
         "CFG-8": (
             "The equipment is zeros, and not missing, on a board of which nothing was ever saved. "
             "Where no slot could be loaded and one is corrupt it is missing: the board may have an "

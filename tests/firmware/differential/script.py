@@ -22,6 +22,8 @@ class Script:
     """Draws what a host says in one frame of 20 ms; knows the board's state to get on with it."""
 
     rng: np.random.Generator
+    accelerations: bool = False
+    """Whether acceleration limits are set, too."""
     commands: int = 0
     _sequence: int = 0
     _last: bytes = b""
@@ -90,6 +92,7 @@ class Script:
             m.GetWatchdog(),
             m.GetCalibration(),
             m.GetEquipment(),
+            m.GetAcceleration(),
             m.GetFaultRecord(self._integer(0, 8)),
             m.SetTelemetry(session, int(self.rng.integers(0, 6))),
             self._target(),
@@ -113,7 +116,11 @@ class Script:
     def _configuration(self) -> m.Request:
         session = self._session
         beyond = 1.1 if self._chance(0.2) else 1.0
-        match self._integer(0, 4):
+        match self._integer(0, 5 if self.accelerations else 4):
+            case 5:
+                top = 300 if self._chance(0.5) else int(2000 * beyond)
+                limits = (self._integer(0, top), self._integer(0, 20) * self._integer(0, 1))
+                return m.SetAcceleration(session, m.Acceleration(limits))
             case 4:
                 name = tuple(self.rng.integers(0, 256, 16).tolist())
                 stop, full = self._integer(0, int(2 * beyond)), self._integer(0, 255)

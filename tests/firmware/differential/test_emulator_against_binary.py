@@ -68,7 +68,7 @@ def _without_what_may_differ(message: m.Message) -> m.Message:
 def run_both(seed: int, commands: int) -> tuple[int, set[m.State]]:
     """Commands sent and states seen; raises where the two differ."""
     rng = np.random.default_rng(seed)
-    script = Script(rng)
+    script = Script(rng, accelerations=True)
     states = set()
     with (
         closing(EmulatedDevice(EepromImage())) as emulated,

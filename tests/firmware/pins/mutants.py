@@ -316,6 +316,27 @@ INSIDE = [
         CONFORMANCE + "test_board_that_may_have_lost_its_emergency_stop_is_not_armed",
     ),
     Mutant(
+        "there is no acceleration limit",
+        SETPOINT,
+        "  if (acceleration_cdeg == 0) {",
+        "  if (acceleration_cdeg < 30000) {",
+        CONFORMANCE + "test_setpoint_stops_at_its_target_without_passing_it",
+    ),
+    Mutant(
+        "it brakes too late",
+        SETPOINT,
+        "  uint16_t sum = 0;",
+        "  uint16_t sum = acceleration;",
+        CONFORMANCE + "test_setpoint_stops_at_its_target_without_passing_it",
+    ),
+    Mutant(
+        "hold stops at once",
+        CONTROLLER,
+        "setpoint.brake(safety_.has_pulses() ? acceleration : uint16_t{0});",
+        "setpoint.brake(safety_.has_pulses() ? uint16_t{0} : acceleration);",
+        CONFORMANCE + "test_hold_brakes_and_then_stands_still",
+    ),
+    Mutant(
         "the servo supply is on whenever there is a configuration",
         CONTROLLER,
         "hardware_.set_servo_supply(safety_.has_pulses());",

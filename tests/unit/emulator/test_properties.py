@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
+from math import isqrt
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -153,18 +154,30 @@ def test_every_frame_is_answered_once_whatever_it_carries(frames):
     target=st.tuples(*(st.integers(-13500, 13500),) * 2),
     ramp_ticks=st.integers(0, 500),
     slew=st.tuples(*(st.integers(1, 2000),) * 2),
+    acceleration=st.tuples(*(st.just(0) | st.integers(1, 2000),) * 2),
 )
-def test_setpoint_goes_monotonically_to_its_target_within_the_slew(start, target, ramp_ticks, slew):
+def test_setpoint_goes_monotonically_to_its_target_within_its_limits(
+    start, target, ramp_ticks, slew, acceleration
+):
     setpoint = Setpoint(start)
     setpoint.aim_at(target, ramp_ticks)
     slowest = max(-(-abs(t - s) // v) for s, t, v in zip(start, target, slew, strict=True))
-    for _ in range(ramp_ticks + slowest):
-        before = setpoint.cdeg
-        setpoint.step_along_ramp(slew)
+    for axis, least in enumerate(acceleration):
+        if least:
+            way = abs(target[axis] - start[axis])
+            slowest = max(
+                slowest, way // slew[axis] + slew[axis] // least + isqrt(4 * way // least)
+            )
+    steps = (0, 0)
+    for _ in range(ramp_ticks + slowest + 4):
+        before, steps_before = setpoint.cdeg, steps
+        setpoint.step_along_ramp(slew, acceleration)
+        steps = (setpoint.cdeg[0] - before[0], setpoint.cdeg[1] - before[1])
         for axis in (0, 1):
             step = setpoint.cdeg[axis] - before[axis]
             assert abs(step) <= slew[axis]
             assert step * (target[axis] - start[axis]) >= 0
+            assert not acceleration[axis] or abs(step - steps_before[axis]) <= acceleration[axis]
     assert setpoint.cdeg == target
 
 

@@ -65,3 +65,17 @@ def test_right_angle_in_both_units():
 def test_what_is_no_angle_is_never_sent(angle):
     with pytest.raises(ValueError, match="cannot be sent"):
         rad_to_cdeg(angle)
+
+
+@pytest.mark.parametrize(
+    ("deg_s2", "expected"), [(0, (0, 0)), ([25, 50_000], (1, 2000)), ([500, 49], (20, 1))]
+)
+def test_acceleration_is_rounded_down_to_what_the_wire_carries(deg_s2, expected):
+    description = load(None, [f"servo.acceleration_deg_s2={deg_s2}"])
+    assert board_config(description).acceleration == m.Acceleration(expected)
+
+
+def test_acceleration_too_small_for_the_wire_is_refused_instead_of_being_none():
+    description = load(None, ["servo.acceleration_deg_s2=24.9"])
+    with pytest.raises(ConfigError, match=r"servo.acceleration_deg_s2: .*it takes 25 and more"):
+        board_config(description)

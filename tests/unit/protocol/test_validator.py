@@ -372,8 +372,8 @@ MEANING: dict[str, tuple[Edit, str]] = {
         "eeprom: the configuration needs the struct slew",
     ),
     "EEPROM slots overlap": (
-        lambda t: _set(t["eeprom"], slot_b=65),
-        "eeprom: slot_a (66 bytes) reaches into slot_b",
+        lambda t: _set(t["eeprom"], slot_b=69),
+        "eeprom: slot_a (70 bytes) reaches into slot_b",
     ),
     "boot counter in a slot": (
         lambda t: _set(t["eeprom"], boot_counter=127),
