@@ -136,6 +136,7 @@ def test_the_page_is_the_only_socket_and_opens_to_its_token_alone(
         url = re.search(rf"http://({re.escape(host)}:\d+)(/[\w-]+)", process.stderr.readline())
         assert url
         address, path = host_and_port(url[1], "", ""), url[2]
+        assert not said_by(address, "x" * 100_000).startswith("HTTP/1.1 200")
         assert wait_for_page(address, path)
         assert listening(process.pid) == {address}
         for as_nobody in (False, True):

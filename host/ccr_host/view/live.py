@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import queue
 import signal
+import sys
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -14,7 +15,7 @@ from pathlib import Path
 from threading import Lock, Thread
 from typing import TypeAlias
 
-from ccr_host.errors import CcrError, ConfigError
+from ccr_host.errors import CcrError, ConfigError, full_text
 from ccr_host.standard_streams import warn
 from ccr_host.stop_signals import interruptible_again
 from ccr_host.view.address import Door, ViewAddress, open_door
@@ -114,9 +115,9 @@ class LivePage:
                 return
             lost = f"the live page has died ({_how(self._process.exitcode)}) and "
             if start == _MOST_STARTS:
-                self._tell(lost + "stays away; only Ctrl-C in the terminal stops the run now")
+                self._tell(lost + "stays away; only Ctrl-C in the terminal is left")
                 return
-            self._tell(lost + "is started again; until then Ctrl-C in the terminal stops the run")
+            self._tell(lost + "is started again; Ctrl-C in the terminal works as ever")
             told = self._start()
 
     def _tell(self, text: str) -> None:
@@ -159,9 +160,14 @@ def require_viser() -> None:
 def _draw_live_run(
     door: Door, messages: _Messages, buttons: SharedButtons, tell: Connection
 ) -> None:
-    from ccr_host.view.page_process import draw_live_run  # noqa: PLC0415 - viser is big, and only here
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C means the run, which ends this process
+    try:
+        from ccr_host.view.page_process import draw_live_run  # noqa: PLC0415 - viser is big, and only here
 
-    draw_live_run(door, messages, buttons, tell)
+        draw_live_run(door, messages, buttons, tell)
+    except Exception as error:
+        tell.send(full_text(error))
+        sys.exit(1)
 
 
 def _trouble_at_start(told: Connection) -> str | None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import queue
-import signal
-import sys
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -33,16 +31,11 @@ def draw_live_run(
 ) -> None:
     """Serve the page until the run's process ends this one, or dies.
 
-    Tells an empty text once the page is served, then what goes wrong.
+    Tells an empty text once the page is served, then what cannot be drawn.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C means the run, which ends this process
-    try:
-        with page_server(door) as server:
-            tell.send("")
-            _draw_on(server, _LiveRun(messages), buttons, tell)
-    except Exception as error:
-        tell.send(full_text(error))
-        sys.exit(1)
+    with page_server(door) as server:
+        tell.send("")
+        _draw_on(server, _LiveRun(messages), buttons, tell)
 
 
 def _draw_on(server: ViserServer, live: _LiveRun, buttons: SharedButtons, tell: Connection) -> None:

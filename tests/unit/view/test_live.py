@@ -26,13 +26,14 @@ from tests.viewer import Viewer
 
 PATIENCE_S = 60
 VIEWERS = 60
+ADDRESS = ViewAddress("127.0.0.1", 0)
 
 
 @pytest.fixture
 def page() -> Iterator[LivePage]:
     """The page of a run that goes on for as long as the test."""
     options, over = RunOptions("8shape"), Event()
-    with live_page(ViewAddress("127.0.0.1", 0), realtime=True) as page:
+    with live_page(ADDRESS, realtime=True) as page:
         setup = RunSetup(options, options.description(), reference_of(options))
         page.feed.begin(setup)
         page.feed.phase(0, Phase("following the path"))
@@ -158,7 +159,7 @@ def test_what_cannot_be_drawn_is_told_once_and_leaves_the_buttons(page: LivePage
 def test_a_page_that_dies_after_its_run_comes_back_as_its_player(tmp_path: Path) -> None:
     (tmp_path / "short.csv").write_text("t_s,y_mm,z_mm\n0,0,30\n2,10,35\n")
     options = RunOptions(str(tmp_path / "short.csv"), "mpc")
-    with live_page(ViewAddress("127.0.0.1", 0), realtime=False) as page:
+    with live_page(ADDRESS, realtime=False) as page:
         execute_logged(options, tmp_path / "kept", lambda *_: None, [page.feed], page.operator)
         page.end_run(tmp_path / "kept")
         kill(page)
@@ -166,3 +167,16 @@ def test_a_page_that_dies_after_its_run_comes_back_as_its_player(tmp_path: Path)
             viewer.press("Play")
             viewer.control("Pause")
             assert "STOP the robot" not in viewer.labels
+
+
+@pytest.mark.long
+def test_a_page_that_does_not_start_says_why_in_its_error_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "viser.py").write_text("raise ImportError('viser is broken')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    told = "the live page did not start: ImportError: viser is broken"
+    with pytest.raises(CcrError, match=told), live_page(ADDRESS, realtime=True):
+        pytest.fail("nothing is shown")
+    assert capfd.readouterr() == ("", "")
