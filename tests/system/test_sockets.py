@@ -24,8 +24,6 @@ from ccr_host.addresses import host_and_port
 from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost
 from tests.viewer import Viewer
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-
 Address = tuple[str, int]
 NOBODY = 65534
 _LISTENS = {"tcp": "0A", "tcp6": "0A", "udp": "07", "udp6": "07"}

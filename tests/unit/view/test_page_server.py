@@ -238,7 +238,7 @@ def test_a_server_that_hangs_does_not_hang_who_draws(monkeypatch: pytest.MonkeyP
         released = threading.Event()
         server.get_event_loop().call_soon_threadsafe(released.wait)
         with pytest.raises(TimeoutError):
-            in_servers_thread(server, server.gui.reset)
+            in_servers_thread(server, released.is_set)
         released.set()
 
 
