@@ -25,6 +25,10 @@ def short_sweep(short_path: str) -> tuple[str, ...]:
     return ("sweep", "--path", short_path, "--controller", "mpc", "--rate", "2", *NARROW)
 
 
+ROUNDING = 1e-11
+"""OpenBLAS up to 0.3.29 (numpy before 2.4) rounds by where arrays lie in memory."""
+
+
 def _rows(folder: Path) -> list[dict]:
     return pq.read_table(folder / "runs.parquet").to_pylist()
 
@@ -53,7 +57,7 @@ def test_each_row_of_a_sweep_can_be_repeated_alone(
     command = shlex.split(rows[1]["command"])
     tracked = ccr_host(*command[1:], "--no-open", "--json").summary
     for figure in ("true_mean_error_mm", "mean_error_mm", "twin_floor_mean_error_mm", "steps"):
-        assert tracked[figure] == rows[1][figure]
+        assert tracked[figure] == pytest.approx(rows[1][figure], rel=ROUNDING)
     only = ccr_host(*short_sweep, "--only", "1")
     assert rows[1]["command"] in only.out
 
@@ -73,8 +77,9 @@ def test_a_sweep_that_was_killed_goes_on_and_ends_as_if_it_had_not_been(
     ratios = [row["ratio"] for row in rows]
     alone = ccr_host(*short_sweep, "--only", "0", "--only", "1", "--json").summary
     (group,) = alone["groups"]
-    assert (group["runs"], group["ratio"]["max"]) == (2, max(ratios))
-    assert group["ratio"]["median"] == sum(ratios) / 2
+    assert group["runs"] == 2
+    assert group["ratio"]["max"] == pytest.approx(max(ratios), rel=ROUNDING)
+    assert group["ratio"]["median"] == pytest.approx(sum(ratios) / 2, rel=ROUNDING)
 
 
 def test_ctrl_c_keeps_what_is_there(ccr_host: CcrHost, short_sweep: tuple[str, ...]) -> None:
