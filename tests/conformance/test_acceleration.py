@@ -38,7 +38,7 @@ def assert_gentle(seen, acceleration, start=(0, 0)):
         assert max(map(abs, made)) <= SLEW.slew_cdeg_tick[axis]
 
 
-@pytest.mark.requirement("ACC-1", "ACC-2", "TGT-3")
+@pytest.mark.requirement("ACC-1", "ACC-2")
 @pytest.mark.parametrize("acceleration", [(1, 3), (7, 20), (60, 125), (600, 500), (2000, 1999)])
 @pytest.mark.parametrize("target", [(1, -1), (137, -2001), (8500, -6000)])
 def test_setpoint_stops_at_its_target_without_passing_it(host, acceleration, target):
@@ -70,7 +70,7 @@ def test_target_nearer_than_it_can_brake_is_passed_and_returned_to_inside_the_li
     assert after[-1] == (here + 1, 0)
 
 
-@pytest.mark.requirement("ACC-1", "WDG-1")
+@pytest.mark.requirement("ACC-1")
 def test_hold_brakes_and_then_stands_still(host):
     accelerating(host, 10, 10)
     host.target(8000, -6000, validity_ms=400)
@@ -121,7 +121,7 @@ def test_after_pulses_were_gone_it_starts_from_a_stand(host, end):
     assert_gentle(setpoints(host, 50), (10, 10))
 
 
-@pytest.mark.requirement("CFG-2", "CFG-5")
+@pytest.mark.requirement("CFG-2")
 def test_acceleration_is_kept_with_the_configuration(host):
     wanted = m.Acceleration((12, 34))
     host.done(m.SetAcceleration(SESSION, wanted))

@@ -208,7 +208,6 @@ def test_new_board_has_no_equipment_and_lacks_none(unconfigured):
     assert not m.ConfigGroups(missing) & m.ConfigGroups.EQUIPMENT
 
 
-@pytest.mark.requirement("CFG-1", "CFG-5")
 def test_equipment_is_set_whole_or_not_and_not_while_saving_or_armed(host):
     host.done(m.SetEquipment(SESSION, NAMED))
     bad = replace(FITTED, emergency_stop=2)

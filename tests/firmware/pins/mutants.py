@@ -67,7 +67,7 @@ class Mutant:
 SETPOINT = "lib/core/setpoint.cpp"
 SAFETY = "lib/core/safety.cpp"
 CONTROLLER = "lib/core/controller.cpp"
-DISPATCHER_H = "lib/core/dispatcher.h"
+DISPATCHER = "lib/core/dispatcher.cpp"
 
 AT_THE_PINS = [
     Mutant(
@@ -75,7 +75,7 @@ AT_THE_PINS = [
         SETPOINT,
         "clamped(way, static_cast<int16_t>(-slew), slew)",
         "(slew > 0 ? way : int16_t{0})",
-        "slew limit",
+        "slew limit|slow way to rest",
     ),
     Mutant(
         "the way to rest is as fast as any",
@@ -137,15 +137,15 @@ AT_THE_PINS = [
     Mutant(
         "pulses without arming",
         SAFETY,
-        "return has_pulses(state_) && axis < enabled_axes_;",
-        "return (has_pulses(state_) || state_ == State::kDisarmed) && axis < enabled_axes_;",
+        "return has_pulses() && axis < enabled_axes_;",
+        "return (has_pulses() || state_ == State::kDisarmed) && axis < enabled_axes_;",
         "disarming ends|no pulses before arming|no pulses after a stop",
     ),
     Mutant(
         "a stop is cleared while its pulses last",
-        DISPATCHER_H,
-        "controller_.has_pulses() ? NackCode::kBusy : kGranted",
-        "controller_.has_pulses() && kAxes == 0 ? NackCode::kBusy : kGranted",
+        DISPATCHER,
+        "const NackCode code = controller_.has_pulses() ",
+        "const NackCode code = controller_.has_pulses() && kAxes == 0 ",
         "cleared after a frame without pulses",
     ),
     Mutant(
@@ -276,8 +276,8 @@ INSIDE = [
     Mutant(
         "the emergency stop is not looked at in a tick",
         CONTROLLER,
-        "  watch_emergency_stop();\n  move",
-        "  move",
+        "  watch_emergency_stop();\n  watch_supply",
+        "  watch_supply",
         CONFORMANCE + "test_opening_the_emergency_stop_ends_the_pulses_within_22_ms",
     ),
     Mutant(
