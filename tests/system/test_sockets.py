@@ -15,7 +15,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -180,14 +182,14 @@ def test_no_socket_of_a_sweep_answers_a_stranger(ccr_host: CcrHost) -> None:
         while len(found := listening(process.pid)) < 8 and time.monotonic() < deadline:
             time.sleep(0.2)
         assert found
-        for address in found:
-            assert address[0] == "127.0.0.1"
+        assert {host for host, _ in found} == {"127.0.0.1"}
+        asked = request("/info/main/workers.html", Host="127.0.0.1", Connection="close")
+        with ThreadPoolExecutor(len(found)) as crowd:
             for as_nobody in (False, True):
-                for path in ("/info/main/workers.html", "/json/index.html", "/metrics"):
-                    asked = request(path, Host="127.0.0.1", Connection="close")
-                    answer = said_by(address, asked, as_nobody=as_nobody)
-                    assert not re.match("HTTP/1.1 (?!404)", answer), (path, answer)
-            assert not shakes_hands(address)
+                ask = partial(said_by, sent=asked, as_nobody=as_nobody)
+                for address, answer in zip(found, crowd.map(ask, found), strict=True):
+                    assert not re.match("HTTP/1.1 (?!404)", answer), (address, answer)
+            assert not any(crowd.map(shakes_hands, found))
 
 
 def shakes_hands(address: Address) -> bool:
@@ -218,7 +220,7 @@ def test_an_emulated_board_and_camera_listen_where_they_say_and_nowhere_else(
             posted = "POST / HTTP/1.1\r\nOrigin: http://evil.example\r\n\r\nINIT \r"
             assert said_by(place, posted) == "", "web pages are sent away"
         line = told[2].replace("8shape", short_path).split()[2:]
-        run = ccr_host(*line, *PAPERS, "--no-open", "--json")
+        run = ccr_host(*line, *PAPERS, "--no-open", "--set", "control.settle_s=0.5", "--json")
         assert run.status == 0, run.err
 
 

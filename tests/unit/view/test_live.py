@@ -6,6 +6,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Event, Thread
@@ -90,15 +91,13 @@ def hear(viewer: Viewer, over: Event) -> None:
 @pytest.mark.long
 def test_sixty_viewers_at_once_neither_end_the_page_nor_take_its_stop(page: LivePage) -> None:
     number, over = process_of(page), Event()
-    with ExitStack() as stack:
-        viewers = [stack.enter_context(Viewer(page.url)) for _ in range(VIEWERS)]
-        threads = [Thread(target=hear, args=(viewer, over), daemon=True) for viewer in viewers]
-        for thread in threads:
-            thread.start()
+    with ExitStack() as stack, ThreadPoolExecutor(VIEWERS) as crowd:
+        viewers = [stack.enter_context(one) for one in crowd.map(Viewer, [page.url] * VIEWERS)]
+        hearing = [crowd.submit(hear, viewer, over) for viewer in viewers]
         time.sleep(5)
         over.set()
-        for thread in threads:
-            thread.join()
+        for one in hearing:
+            one.result()
         viewers[-1].press("STOP the robot")
         assert becomes_true(lambda: page.operator.wants_stop)
     assert process_of(page) == number
