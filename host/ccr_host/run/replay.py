@@ -12,10 +12,10 @@ import numpy as np
 
 from ccr_host.control.registry import make_controller
 from ccr_host.errors import CcrError, ConfigError
-from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.link.framing import decode_single_frame
 from ccr_host.link.messages import OpenSession, PayloadError
+from ccr_host.link.uri import parse_device_uri
 from ccr_host.run.inputs.playing import (
     Diverged,
     PlayedClock,
@@ -33,7 +33,7 @@ from ccr_host.run.log.tables import told_frame
 from ccr_host.run.loop import follow_path
 from ccr_host.run.observer import Observers
 from ccr_host.run.operator import stopping_at_once
-from ccr_host.run.rig import Rig
+from ccr_host.run.rig import Rig, meet_board
 from ccr_host.run.step_record import StepRecord
 from ccr_host.tracking.sample import Sample
 
@@ -167,6 +167,7 @@ class _Replay:
         tracker = PlayedTracker(tape, self._feed.samples)
         operator = PlayedOperator(tape)
         session = _session(self._recording)
+        device = parse_device_uri(self._recording.options.device)
         try:
             client = Client(
                 PlayedTransport(tape, self._feed.take_received()),
@@ -176,8 +177,7 @@ class _Replay:
             )
             with client, played_end(tape):
                 clock.attach(client)
-                client.connect()
-                client.configure(board_config(description))
+                meet_board(client, description, device)
                 rig = Rig(clock, client, tracker, None, Tape(lambda _: None))
                 with stopping_at_once(operator, clock, client, Observers()):
                     follow_path(

@@ -154,15 +154,25 @@ def open_rig(
         )
         stack.enter_context(recorded_end(tape))
         hosts_clock.attach(client)
-        client.connect()
-        if device.is_outside:
-            client.require_name(description.robot.board_name)
-        client.configure(board_config(description))
+        meet_board(client, description, device)
         tracker = eyes.tracker(clock, lambda: believed_rad(client), in_camera_frame=in_camera_frame)
         hosts_tracker = RecordedTracker(tracker, clock, tape, observer)
         clock.attach(hosts_tracker)
         eyes.wait_until_tracking(clock)
         yield Rig(hosts_clock, client, hosts_tracker, eyes, tape)
+
+
+def meet_board(client: Client, description: Description, device: DeviceUri) -> None:
+    """Connect, see that it is the board that is meant, and configure it; a simulated one is.
+
+    Raises:
+        ConfigError: a description that the board cannot take.
+        DeviceError: no board, not one of ours, or another one than described.
+    """
+    client.connect()
+    if device.is_outside:
+        client.require_name(description.robot.board_name)
+    client.configure(board_config(description))
 
 
 def connect_board(

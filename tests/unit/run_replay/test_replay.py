@@ -5,11 +5,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from ccr_host.bringup.equipment import EquipmentChange, change_equipment
+from ccr_host.config import Description
+from ccr_host.emulator.board import UnoEmulator
+from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.emulator.noise import LineNoise
 from ccr_host.emulator.serial_line import SerialLine
+from ccr_host.emulator.server import BackgroundServer, BoardServer
+from ccr_host.emulator.tcp_port import TcpPort
 from ccr_host.errors import ConfigError
+from ccr_host.link.client import Client
 from ccr_host.link.framing import decode_single_frame, encode_frame
 from ccr_host.link.messages import Fault, SetTarget, Stop, TargetReply
+from ccr_host.run.clock import RealClock, VirtualClock
 from ccr_host.run.execute import execute_logged
 from ccr_host.run.log import topics
 from ccr_host.run.log.reader import LogEnd, RunRecording
@@ -164,6 +172,23 @@ def test_so_does_one_that_found_no_board_or_no_camera(folder, short_path, nobody
     result = run(folder, short_path, **nobody)
     assert "refused" in str(result.failure)
     assert replay(RunRecording(folder)).difference is None
+
+
+@pytest.mark.long
+def test_so_does_one_on_a_board_that_was_asked_for_its_name(folder, short_path):
+    eeprom, clock = EepromImage(), VirtualClock()
+    line = SerialLine(UnoEmulator(eeprom))
+    clock.attach(line)
+    with Client(line, clock, 1) as client:
+        client.connect()
+        change_equipment(client, Description(), EquipmentChange(board_name="left arm"))
+    board = SerialLine(UnoEmulator(eeprom))
+    server = BoardServer(board, TcpPort(0), RealClock(), boot_loader_us=0)
+    with BackgroundServer(server) as served:
+        overrides = (*QUICK, "robot.board_name=left arm")
+        result = run(folder, short_path, *overrides, device=served.uri, tracker="twin:")
+    assert result.failure is None
+    assert_equal(folder, steps=len(result.records))
 
 
 def test_so_does_one_over_a_noisy_line(folder, short_path, lines):
