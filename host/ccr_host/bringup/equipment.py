@@ -11,7 +11,7 @@ from ccr_host.config import Description
 from ccr_host.errors import ConfigError
 from ccr_host.link.board_config import board_config, board_name
 from ccr_host.link.client import Client
-from ccr_host.link.messages import Equipment, StatusFlags
+from ccr_host.link.messages import Equipment, Fault, StatusFlags
 from ccr_host.link.uri import parse_device_uri
 from ccr_host.run.clock import Clock, RealClock, VirtualClock
 from ccr_host.run.options import RigOptions
@@ -98,7 +98,10 @@ def told_to_board(options: RigOptions, change: EquipmentChange) -> str:
         client = stack.enter_context(Client(transport, clock, session))
         clock.attach(client)
         client.connect()
-        return described(change_equipment(client, description, change))
+        told = described(change_equipment(client, description, change))
+        if client.read_state().fault is Fault.EMERGENCY_STOP:
+            told += " (open now: the board is in fault until it is closed and cleared)"
+        return told
 
 
 def described(equipment: Equipment) -> str:

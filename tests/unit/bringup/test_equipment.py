@@ -7,7 +7,12 @@ from contextlib import contextmanager
 import pytest
 
 from ccr_host.bringup.board_checks import check_board
-from ccr_host.bringup.equipment import EquipmentChange, change_equipment, described
+from ccr_host.bringup.equipment import (
+    EquipmentChange,
+    change_equipment,
+    described,
+    told_to_board,
+)
 from ccr_host.bringup.finding import Severity
 from ccr_host.config import Description
 from ccr_host.emulator.board import UnoEmulator
@@ -231,3 +236,15 @@ def test_fault_log_is_read_in_order_when_its_numbers_wrap() -> None:
         board.image.content[at : at + FaultRecord.SIZE] = record
     with connected(board) as client:
         assert [record.number for record in client.read_fault_log()] == [1, 0, 65535, 65534]
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+def test_emergency_stop_that_is_open_when_the_board_is_told_of_it_is_pointed_out(
+    is_open: bool,
+) -> None:
+    board = UnoEmulator()
+    board.open_emergency_stop(is_open)
+    server = BoardServer(SerialLine(board), TcpPort(0), RealClock(), boot_loader_us=0)
+    with BackgroundServer(server) as served:
+        told = told_to_board(RigOptions(device=served.uri), EquipmentChange(emergency_stop=True))
+    assert ("open now" in told) == is_open
