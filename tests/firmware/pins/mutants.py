@@ -177,6 +177,13 @@ AT_THE_PINS = [
         "the report tells the pins",
     ),
     Mutant(
+        "the servo supply comes with arming and stays",
+        CONTROLLER,
+        "hardware_.set_servo_supply(safety_.has_pulses());",
+        "if (safety_.has_pulses()) {\n    hardware_.set_servo_supply(true);\n  }",
+        "the supply is on with the pulses",
+    ),
+    Mutant(
         "a repeated request is executed again",
         "lib/core/retry_memory.cpp",
         "  if (!is_set_ || request.id() != id_",

@@ -55,6 +55,8 @@ class WatchedTalk:
         pins = self.device.pulses_in_frame(self._frame)
         self._read_answers()
         self.oracle.look(self._frame, pins)
+        is_supplied = self.device.board.servo_supply_on
+        require(is_supplied == any(pins), "the supply is on with the pulses", self._frame)
         self.pulses += sum(pulse > 0 for pulse in pins)
 
     def _one_frame(self) -> None:
