@@ -31,7 +31,7 @@ def main() -> NoReturn:
         # Typer turns Ctrl-C into this status without a word.
         error = KeyboardInterrupt() if status == EXIT_INTERRUPTED else None
     except BaseException as caught:
-        error = caught
+        error = KeyboardInterrupt() if _is_interruption(caught) else caught
     if error is not None:
         status, message = _verdict(error)
         if message:
@@ -41,6 +41,13 @@ def main() -> NoReturn:
     if why := lost_output():
         warn(f"standard output is incomplete: {why}")
     sys.exit(status)
+
+
+def _is_interruption(error: BaseException | None) -> bool:
+    """Whether it is one, or what a library of C has made of one that came while it was imported."""
+    if error is None or isinstance(error, CcrError | KeyboardInterrupt):
+        return isinstance(error, KeyboardInterrupt)
+    return _is_interruption(error.__cause__)
 
 
 def _verdict(error: BaseException) -> tuple[int, str]:

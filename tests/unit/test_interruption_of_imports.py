@@ -1,0 +1,35 @@
+"""An interruption ends the program as one, whatever a library makes of it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+_SWALLOWED = """
+import signal
+from ccr_host import cli
+from ccr_host.commands import app
+
+def run(words):
+    try:
+        signal.raise_signal(signal.{name})
+    except KeyboardInterrupt as interruption:
+        raise ImportError("initialization failed") from interruption
+
+app.run = run
+cli.main()
+"""
+
+
+def test_an_interrupted_import_is_an_interruption() -> None:
+    for name in ("SIGINT", "SIGTERM", *(("SIGHUP",) if hasattr(signal, "SIGHUP") else ())):
+        ended = subprocess.run(
+            [sys.executable, "-c", _SWALLOWED.format(name=name)],
+            capture_output=True,
+            text=True,
+            env=os.environ,
+            check=False,
+        )
+        assert (ended.returncode, ended.stderr) == (130, "ccr-host: interrupted\n")
