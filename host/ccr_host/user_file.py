@@ -23,6 +23,7 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+_ZIP = b"PK\x03\x04"
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a pipe"),
@@ -88,11 +89,18 @@ def read_text(path: Path, what: str, cure: str, at_most: int) -> tuple[str, str]
         ConfigError: see `read_bytes`; or it is not text.
     """
     content = read_bytes(path, what, cure, at_most)
+    if content.startswith(_ZIP):
+        raise ConfigError(
+            f"{what} {path}: a spreadsheet (.xlsx, .ods) or another zip archive, not text", cure
+        )
     encoding = next((name for mark, name in _MARKS if content.startswith(mark)), "utf-8")
     try:
         return content.decode(encoding), encoding
     except UnicodeDecodeError:
-        raise ConfigError(f"{what} {path}: not text in UTF-8 or UTF-16", cure) from None
+        raise ConfigError(
+            f"{what} {path}: not text in UTF-8 or UTF-16",
+            f"{cure}; text of another encoding: save it as UTF-8",
+        ) from None
 
 
 @contextlib.contextmanager

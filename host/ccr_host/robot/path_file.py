@@ -30,10 +30,14 @@ _COLUMN = re.compile(r"(time|[txyz])(?:[\s_]*[(\[]\s*(\w+)\s*[)\]]|[\s_]+(\w+))?
 """``t_s``, ``time (ms)``, ``y [mm]``, or ``y`` alone, whose unit has to be asked for."""
 _COMMENT = re.compile(r"#(.*)|^\s*(?:%|//)(.*)")
 _SEPARATORS = ";\t,|"
+_NOTHING = re.compile(r"[\s;,|]*|sep=.*", re.IGNORECASE)
+"""Blank, or what spreadsheets write of their own: empty cells, and which separator they use."""
 _MOST_BYTES = 40_000_000
 _MOST_ROWS = 1_000_000
 _FEWEST_ROWS = 2
 _LONGEST_SHOWN = 20
+_FARTHEST_MM = 100_000.0
+"""A hundred times the longest segment that a description may have."""
 _NEAR_MM = 1.0
 """A path that stays so near to the straight robot has probably been written in metres."""
 _SLOW_MM_S, _SPARSE_S = 0.02, 5.0
@@ -116,7 +120,7 @@ def _without_comments(text: str) -> tuple[list[Line], Line | None]:
     for number, whole in enumerate(lines_of(text), 1):
         found = _COMMENT.search(whole)
         content = (whole if found is None else whole[: found.start()]).strip(" ")
-        if content.strip() and not content.lower().startswith("sep="):  # a spreadsheet's own
+        if not _NOTHING.fullmatch(content):
             lines.append((number, content))
         elif found is not None and not lines:
             comment = number, found[1] or found[2] or ""
@@ -189,10 +193,13 @@ def _table(file: Path, header: _Header, rows: list[Line]) -> dict[str, FloatArra
         for column, cell in zip(header.written, cells, strict=True):
             mark = "".join(sorted(set(cell) & {",", "."}))
             value = _number(cell)
-            if mark and mark != (decimal_mark or mark):
-                value = math.nan
-            if not math.isfinite(value):
-                cure = "give a finite number" + ", with the decimal mark of the others" * bool(mark)
+            differs = mark != (decimal_mark or mark)
+            if not math.isfinite(value) or (mark and differs):
+                cure = "give a finite number, nothing else in the column"
+                if len(re.findall("[.,]", cell)) > 1:
+                    cure = "write numbers without marks between the thousands"
+                elif mark and differs:
+                    cure = "give all numbers the same decimal mark"
                 _refuse(file, line, f"{column} = {_shown(cell)}", cure)
             decimal_mark = decimal_mark or mark
             values.append(value)
@@ -209,6 +216,11 @@ def _require_plausible_units(file: Path, header: _Header, table: dict[str, Float
     own = {name for name, unit in zip(header.names, header.units, strict=True) if unit in _OWN}
     mm = np.stack([table[name] for name in "yzx" if name in table])
     largest_mm = float(np.abs(mm).max())
+    if largest_mm > _FARTHEST_MM:
+        raise ConfigError(
+            f"path file {file}: a coordinate of {largest_mm:.3g} mm, which no robot reaches",
+            f"correct the number, or the unit in the header; {_FARTHEST_MM:.0f} mm are allowed",
+        )
     if own.issuperset(name for name in "yzx" if name in table) and 0 < largest_mm < _NEAR_MM:
         raise ConfigError(
             f"path file {file}: no coordinate above {largest_mm:.3g} mm; are these metres?",
@@ -228,6 +240,8 @@ def _require_plausible_units(file: Path, header: _Header, table: dict[str, Float
 
 def _number(text: str) -> float:
     """NaN where it is none."""
+    if "_" in text:  # which Python reads over
+        return math.nan
     try:
         return float(text.replace(",", ".").replace("\N{MINUS SIGN}", "-"))
     except ValueError:

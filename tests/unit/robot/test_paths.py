@@ -109,6 +109,7 @@ def test_file_may_give_the_third_coordinate_and_any_column_order(tmp_path):
         '"t_s","y_mm","z_mm"\n"0","1,5","-2"\n"1","3","4,25"\n',
         "sep=;\nt_s;y_mm;z_mm\n0;1,5;-2\n1;3;4,25\n",
         "t_s,y_mm,z_mm,,\n0,1.5,-2,,\n1,3,4.25\n",
+        "t_s;y_mm;z_mm\n;;\n0;1,5;-2\n1;3;4,25\n;;\n ; ;\n",
         "t_s,y_mm,z_mm\r0,1.5,-2\r1,3,4.25\r",
         "t_s,y_mm,z_mm\r\n0,1.5,-2\r\n1,3,4.25",
         "\ufefft_s,y_mm,z_mm\n0,1.5,-2\n1,3,4.25\n",
@@ -204,6 +205,7 @@ HEADER = "t_s,y_mm,z_mm\n"
         (HEADER + "0,1,2\n1,2,-inf\n", 3, "z_mm"),
         (HEADER + "0,1,2\n\n1,2,1e999\n", 4, "z_mm"),
         (HEADER + "0,1,2\n1,two,3\n", 3, "'two'"),
+        (HEADER + "0,1,2\n1,1_0,3\n", 3, "'1_0'"),
         (HEADER + "0,1,2\n1,,3\n", 3, "y_mm"),
         (HEADER + "0,1,2\n1,2\n", 3, "2 values"),
         (HEADER + "0,1,2\n1,2,3,4\n", 3, "4 values"),
@@ -222,6 +224,38 @@ def test_bad_line_is_named_with_file_line_and_cure(tmp_path, text, line, words):
     assert caught.value.cure
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300 + len(str(file))
+
+
+@pytest.mark.parametrize(
+    ("number", "cure"),
+    [
+        ("1,000.5", "without marks between the thousands"),
+        ("1.234,5", "without marks between the thousands"),
+        ("1.234.567", "without marks between the thousands"),
+        ("2,5", "the same decimal mark"),
+        ("2.5mm", "nothing else"),
+    ],
+)
+def test_what_is_wrong_with_a_number_is_told(tmp_path, number, cure):
+    with pytest.raises(ConfigError) as caught:
+        load(write(tmp_path, f't_s;y_mm;z_mm\n0;1.5;2\n1;"{number}";3\n'))
+    assert cure in caught.value.cure
+
+
+def test_a_coordinate_beyond_all_robots_is_refused(tmp_path):
+    for far in ("1e308", "-1e200", "100001"):
+        with pytest.raises(ConfigError, match="which no robot reaches"):
+            load(write(tmp_path, HEADER + f"0,1,2\n1,2,{far}\n2,3,4\n"))
+
+
+def test_a_spreadsheet_is_called_by_its_name(tmp_path):
+    with pytest.raises(ConfigError, match=r"a spreadsheet \(.xlsx.*give a text file"):
+        load(write(tmp_path, b"PK\x03\x04\x14\0\6\0" + bytes(range(256))))
+
+
+def test_text_in_an_old_code_page_is_asked_for_in_utf_8(tmp_path):
+    with pytest.raises(ConfigError, match="save it as UTF-8"):
+        load(write(tmp_path, ("# Stra\u00dfe\n" + HEADER + "0,1,2\n1,2,3\n").encode("cp1252")))
 
 
 @pytest.mark.parametrize(
@@ -278,7 +312,7 @@ def test_rate_that_gives_no_sensible_path_is_refused(rate_hz):
 
 
 def test_far_targets_get_finite_references(tmp_path):
-    file = write(tmp_path, HEADER + "0,1e200,-1e200\n1,-1e150,3\n2,0,1e6\n")
+    file = write(tmp_path, HEADER + "0,1e5,-1e5\n1,-9e4,3\n2,0,1e4\n")
     reference = load(file)
     assert np.all(np.isfinite(reference.q_rad))
     assert reference.unreachable_steps == 3
