@@ -33,6 +33,7 @@ from ccr_host.errors import ConfigError
 Pair = tuple[float, float]
 Vector3 = tuple[float, float, float]
 T = TypeVar("T")
+_LONGEST_BOARD_NAME = 16
 
 
 def _both_axes(value: object) -> object:
@@ -93,6 +94,14 @@ class _Section(BaseModel):
     )
 
 
+def _board_name(name: str) -> str:
+    room = _LONGEST_BOARD_NAME
+    if not (name.isascii() and name.isprintable() and len(name) <= room):
+        shown = ascii(name if len(name) <= room else name[:room] + "...")
+        raise ValueError(f"{shown} is not up to {room} printable ASCII characters")
+    return name
+
+
 class Robot(_Section):
     """Geometry as the controller believes it (the paper's Table I)."""
 
@@ -104,7 +113,7 @@ class Robot(_Section):
     """d_m, from the centre of the disk to the marker."""
     pulley_radius_mm: _PulleyRadius = 12.5
     """r_p of the pulley on the servo."""
-    board_name: Annotated[str, Field(pattern=r"^[ -~]{0,16}$")] = ""
+    board_name: Annotated[str, AfterValidator(_board_name)] = ""
     """Name that the board has to have, if one is given: see `ccr-host calibrate --board-name`."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
+from ccr_host.errors import ConfigError
 from ccr_host.user_file import read_text
 
 _DEFAULT = "default"
@@ -20,7 +21,13 @@ def shipped_descriptions() -> list[str]:
 
 
 def own_file(source: str | None) -> Path | None:
-    """The user's own description; None where `source` stands for a shipped one."""
+    """The user's own description; None where `source` stands for a shipped one.
+
+    Raises:
+        ConfigError: `source` is empty.
+    """
+    if source == "":  # an unset variable of the shell; the path of nothing is the present folder
+        raise ConfigError("robot description: its name is empty", "name a TOML file")
     return None if (source or _DEFAULT) in shipped_descriptions() else Path(source or _DEFAULT)
 
 

@@ -32,6 +32,7 @@ def assert_one_clear_line(ended: Ended, status: int, *words: str) -> None:
         (["track", "8shape", "--rate", "1e9"], ["rate"]),
         (["track", "8shape", "--seed", "-1"], ["seed"]),
         (["track", "8shape", "--out", "/proc/nowhere"], ["/proc/nowhere"]),
+        (["track", "8shape", "--out", "/dev/null"], ["/dev/null: not a folder"]),
         (["compare", "--controller", "pid9"], ["pid9"]),
         (["compare", "--path", "circle"], ["circle"]),
         (["workspace", "circle"], ["circle"]),

@@ -40,6 +40,16 @@ def test_a_pipe_gets_neither_colours_nor_a_moving_bar(ccr_host: CcrHost) -> None
 
 
 @pytest.mark.usefixtures("short_path")
+def test_a_width_of_zero_hides_nothing(tmp_path: Path) -> None:
+    assert "tip error (mm)" in on_a_terminal(tmp_path, *WORDS, COLUMNS="0")
+
+
+@pytest.mark.usefixtures("short_path")
+def test_the_name_of_a_folder_stays_on_its_line(ccr_host: CcrHost) -> None:
+    assert r"kept in a\nb/: run.json" in ccr_host(*WORDS, "--out", "a\nb").out
+
+
+@pytest.mark.usefixtures("short_path")
 def test_a_terminal_sees_one_line_of_progress_with_step_and_error(tmp_path: Path) -> None:
     shown = on_a_terminal(tmp_path, *WORDS)
     assert "short, mpc" in shown

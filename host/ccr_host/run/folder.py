@@ -53,8 +53,9 @@ class ResultFolder:
                 probe.unlink(missing_ok=True)
         except (OSError, ValueError) as error:
             self._remove_if_empty()
+            cause = "not a folder" if isinstance(error, FileExistsError) else why(error)
             raise ConfigError(
-                f"--out {self.path}: {why(error)}", "name a folder that can be written"
+                f"--out {self.path}: {cause}", "name a folder that can be written"
             ) from None
 
     def __enter__(self) -> Self:

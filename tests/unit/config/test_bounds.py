@@ -69,6 +69,8 @@ def test_a_number_of_any_length_is_refused_on_one_short_line(key: str, digits: i
         ("robot.segment_lengths_mm=[60,1,60]", "too many values; give two values in brackets"),
         ("robot.segment_lengths_mm=60", "give two values in brackets, each from 5 to 1000"),
         ("control.solver=dqp", 'control.solver = "dqp": unknown; give daqp or compiled'),
+        ("robot.board_name=über", r"board_name: '\xfcber' is not up to 16 printable"),
+        ("robot.board_name=" + "x" * 17, "printable ASCII characters"),
         ("name=3", "name = 3: not text; give text in quotes"),
         ("polaris_faults.shuffle=1", "neither true nor false; give true or false"),
         ("polaris_faults.silent_s=[[1,2],[4,3]]", "silent_s (value 2): the span [4, 3]"),
@@ -92,6 +94,11 @@ def test_a_number_of_any_length_is_refused_on_one_short_line(key: str, digits: i
 )
 def test_what_is_wrong_is_told_in_words_of_the_description(override: str, told: str) -> None:
     assert told in refusal(override)
+
+
+def test_an_empty_name_of_a_description_is_not_the_default_one() -> None:
+    with pytest.raises(ConfigError, match="robot description"):
+        config.load("")
 
 
 def test_a_rest_pose_beyond_the_pulses_is_refused() -> None:
