@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,10 +26,11 @@ _state = _State()
 def stop_signals_interrupt() -> Iterator[None]:
     """A closed terminal or a polite kill ends a command like Ctrl-C: the robot is made safe first.
 
-    The first signal interrupts. Further ones are ignored, so that the robot is left safe and the
-    results are written, but for those who wait for one: see `interruptible_again`. Signals that are
-    ignored already stay so (nohup, background jobs of a shell). Afterwards all of them are ignored:
-    what is left is a message and the end of the process.
+    The first signal interrupts; where Python has to swallow that, the next one does. Further ones
+    are ignored, so that the robot is left safe and the results are written, but for those who wait
+    for one: see `interruptible_again`. Signals that are ignored already stay so (nohup, background
+    jobs of a shell). Afterwards all of them are ignored: what is left is a message and the end of
+    the process.
     """
 
     def interrupt(*_: object) -> None:
@@ -37,6 +39,13 @@ def stop_signals_interrupt() -> Iterator[None]:
         _state.interrupted = True
         raise KeyboardInterrupt
 
+    def swallowed(unraisable: sys.UnraisableHookArgs) -> None:
+        if issubclass(unraisable.exc_type, KeyboardInterrupt):
+            _state.interrupted = False  # in a finalizer, or a callback of C: nothing has ended
+        else:
+            sys.__unraisablehook__(unraisable)
+
+    sys.unraisablehook = swallowed
     heeded = [number for number in _signals() if signal.getsignal(number) != signal.SIG_IGN]
     for number in heeded:
         signal.signal(number, interrupt)

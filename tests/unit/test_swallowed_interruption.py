@@ -33,3 +33,29 @@ def test_an_interrupted_import_is_an_interruption() -> None:
             check=False,
         )
         assert (ended.returncode, ended.stderr) == (130, "ccr-host: interrupted\n")
+
+
+_IN_A_FINALIZER = """
+import signal
+from ccr_host import cli
+from ccr_host.commands import app
+
+class Finalized:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+def run(words):
+    Finalized()
+    signal.raise_signal(signal.SIGINT)
+    return 0
+
+app.run = run
+cli.main()
+"""
+
+
+def test_an_interruption_in_a_finalizer_does_not_cost_the_next_one() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", _IN_A_FINALIZER], capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stderr) == (130, "ccr-host: interrupted\n")
