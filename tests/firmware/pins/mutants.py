@@ -139,7 +139,7 @@ AT_THE_PINS = [
         SAFETY,
         "return has_pulses() && axis < enabled_axes_;",
         "return (has_pulses() || state_ == State::kDisarmed) && axis < enabled_axes_;",
-        "disarming ends|no pulses before arming|no pulses after a stop",
+        "the supply is on|disarming ends|no pulses before arming|no pulses after a stop",
     ),
     Mutant(
         "a stop is cleared while its pulses last",
