@@ -20,6 +20,7 @@ from ccr_host.run.log import topics
 from ccr_host.run.log.files import LOG_PREFIX, log_files
 from ccr_host.run.log.reader import RunRecording
 from ccr_host.run.log.topics import Topic
+from tests.system.warm_start import run_program
 
 PAPERS = ("--controller", "mpc")
 """The quickest closed loop: it follows the path at once."""
@@ -46,15 +47,7 @@ class CcrHost:
         self.folder = folder
 
     def __call__(self, *words: str, timeout_s: float = 120) -> Ended:
-        ended = subprocess.run(
-            [COMMAND, *words],
-            cwd=self.folder,
-            capture_output=True,
-            text=True,
-            timeout=timeout_s,
-            check=False,
-        )
-        return Ended(ended.returncode, ended.stdout, ended.stderr)
+        return Ended(*run_program(words, self.folder, timeout_s))
 
     def start(self, *words: str) -> subprocess.Popen[str]:
         return subprocess.Popen(

@@ -1,0 +1,76 @@
+"""Starts the program in a process that has imported its modules already.
+
+Hundreds of tests start it, and its imports take about a second each time. A process of
+multiprocessing's fork server has them; all else, arguments, folder, environment, streams and exit
+status, is as after a start from a shell. Tests of the start itself use `CcrHost.start`.
+"""
+
+from __future__ import annotations
+
+import atexit
+import multiprocessing
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from subprocess import TimeoutExpired
+from tempfile import TemporaryDirectory
+
+from ccr_host.cli import main
+
+_SERVER = multiprocessing.get_context("forkserver")
+_SERVER.set_forkserver_preload(
+    [
+        "ccr_host.commands.app",
+        "ccr_host.run.campaign",
+        "ccr_host.run.keep",
+        "matplotlib.backends.backend_agg",
+        "matplotlib.backends.backend_pdf",
+        "matplotlib.backends.backend_svg",
+    ]
+)
+
+
+def run_program(words: Sequence[str], folder: Path, timeout_s: float) -> tuple[int, str, str]:
+    """Run ``ccr-host`` to its end.
+
+    Args:
+        words: after the program's name.
+        folder: to run in.
+        timeout_s: after which it is killed.
+
+    Returns:
+        Exit status, standard output, standard error.
+
+    Raises:
+        TimeoutExpired: it was killed.
+    """
+    with TemporaryDirectory() as kept:
+        streams = [str(Path(kept) / name) for name in ("out", "err")]
+        process = _SERVER.Process(
+            target=_program, args=(words, str(folder), dict(os.environ), streams)
+        )
+        process.start()
+        process.join(timeout_s)
+        if process.is_alive():
+            process.kill()
+            process.join()
+            raise TimeoutExpired(["ccr-host", *words], timeout_s)
+        assert process.exitcode is not None
+        out, err = (Path(stream).read_text(encoding="utf-8") for stream in streams)
+        return process.exitcode, out, err
+
+
+def _program(
+    words: Sequence[str], folder: str, environment: Mapping[str, str], streams: Sequence[str]
+) -> None:
+    for descriptor, stream in enumerate(streams, start=1):
+        os.dup2(os.open(stream, os.O_WRONLY | os.O_CREAT | os.O_APPEND), descriptor)
+    os.environ.clear()
+    os.environ.update(environment)
+    os.chdir(folder)
+    sys.argv = ["ccr-host", *words]
+    try:
+        main()
+    finally:
+        atexit._run_exitfuncs()
