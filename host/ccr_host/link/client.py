@@ -41,6 +41,8 @@ BOOT_TIMEOUT_US = 5_000_000
 """An UNO with its boot loader is there after 1 to 2 s."""
 TELEMETRY_TIMEOUT_US = 1_000_000
 """Fifty reports in a row are not lost by chance."""
+_LED_TO_REST_US = 5_000_000
+"""A gap in the targets is to blame where the board leads the robot to rest within this time."""
 _STATE_POLL_US = m.TICK_US
 _SYNC_PERIOD_US = 10_000_000
 _MARGIN_US = 1_000_000
@@ -114,6 +116,7 @@ class Client:
         self._telemetry_sequence: int | None = None
         self._heard_us = 0
         self._fed_us = self._fed_until_us = self._synced_us = 0
+        self._gap_us, self._gap_end_us = 0, -_LED_TO_REST_US
         self._targets = TargetLog()
         self._may_move = False
         self._watching = False
@@ -315,8 +318,10 @@ class Client:
         target = m.SetTarget(self._session, (first, second), ramp_ms, validity_ms)
         if target.first_out_of_range() is not None:
             raise ValueError(f"ramp of {ramp_ms} ms or validity of {validity_ms} ms out of range")
-        self._fed_us = self._clock.now_us()
-        self._fed_until_us = self._fed_us + validity_ms * 1000
+        now_us = self._clock.now_us()
+        if now_us > self._fed_until_us:
+            self._gap_us, self._gap_end_us = now_us - self._fed_us, now_us
+        self._fed_us, self._fed_until_us = now_us, now_us + validity_ms * 1000
         self._targets.sent(self._exchange.send(target), self._fed_us)
         if self._fed_us - self._synced_us >= _SYNC_PERIOD_US:
             self._synced_us = self._fed_us
@@ -584,8 +589,10 @@ class Client:
     def _raise_if_led_to_rest(self, report: m.StateReport, now_us: int) -> None:
         latched = report.state is State.FAULT and report.fault is m.Fault.LINK_LOSS
         if latched or report.state is State.RELAXING:
-            stalled = now_us > self._fed_until_us
-            raise LinkLossError(now_us - self._fed_us, host_stalled=stalled, latched=latched)
+            stalled, unfed_us = now_us > self._fed_until_us, now_us - self._fed_us
+            if not stalled and now_us - self._gap_end_us < _LED_TO_REST_US:
+                stalled, unfed_us = True, self._gap_us  # This target came too late.
+            raise LinkLossError(unfed_us, host_stalled=stalled, latched=latched)
 
 
 def _raise_if_latched(report: m.StateReport) -> None:

@@ -284,6 +284,16 @@ def test_a_host_that_was_away_goes_on_only_if_the_board_has_not_begun_to_relax(
     assert rig.board.state is State.DISARMED
 
 
+def test_a_target_that_came_too_late_does_not_hide_that_the_host_stalled(rig, config, monkeypatch):
+    with pytest.raises(LinkLossError) as loss, armed(rig, config) as client:
+        drive(rig, client, 3)
+        rig.wait(650_000)
+        whole = rig.line.write
+        monkeypatch.setattr(rig.line, "write", lambda data: None if len(data) > 12 else whole(data))
+        drive(rig, client, 3)
+    assert "the host stalled and sent no target for 0.8 s" in loss.value.cause
+
+
 def test_a_stalled_host_cannot_end_its_run_as_if_nothing_had_been(rig, config):
     with pytest.raises(LinkLossError, match="the host stalled"), armed(rig, config) as client:
         drive(rig, client, 3)
