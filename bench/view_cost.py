@@ -1,6 +1,6 @@
 """What the live page costs the control loop, and how fast its stop button is.
 
-``python bench/view_cost.py`` follows a path at 20 Hz in real time on the emulated board and the
+``python -m bench.view_cost`` follows a path at 20 Hz in real time on the emulated board and the
 twin, without a page, with a page that nobody looks at, and with one that a viewer reads (a client
 that takes all the page sends, as a browser does, but draws nothing, so that its work does not count
 here). It prints
@@ -23,20 +23,16 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
-import msgspec
 import numpy as np
-import viser
 from rich.console import Console
 from rich.table import Table
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
 
 from ccr_host.control.base import Command, Outcome
 from ccr_host.link.framing import FrameDecoder
@@ -49,6 +45,7 @@ from ccr_host.tracking.sample import Sample
 from ccr_host.view.address import ViewAddress
 from ccr_host.view.buttons import PageOperator, SharedButtons
 from ccr_host.view.live import LivePage, live_page
+from tests.viewer import Viewer
 
 RATE_HZ = 20.0
 PRESSES = 20
@@ -62,18 +59,6 @@ COLUMNS = {
     "loop_cpu_percent": "loop (% of a core)",
     "page_cpu_percent": "page (% of a core)",
     "kilobytes_per_s": "sent (kB/s)",
-}
-CAMERA: dict[str, Any] = {
-    "type": "ViewerCameraMessage",
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (1.0, 1.0, 1.0),
-    "fov": 1.0,
-    "near": 0.01,
-    "far": 100.0,
-    "image_height": 900,
-    "image_width": 1440,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, 0.0, 1.0),
 }
 
 
@@ -107,15 +92,9 @@ def cpu_s(pid: int) -> float:
 
 def look_on(url: str, bytes_read: Synchronized[float]) -> None:
     """Read all that the page sends until it ends."""
-    protocol = f"viser-v{viser.__version__}"
-    address = url.replace("http", "ws", 1)
-    with connect(address, subprotocols=[protocol], compression=None, max_size=None) as socket:
-        socket.send(msgspec.msgpack.encode(CAMERA))
-        try:
-            for message in socket:
-                bytes_read.value += len(message)
-        except ConnectionClosed:
-            return
+    with Viewer(url) as looking, suppress(ConnectionClosed):
+        while True:
+            bytes_read.value += len(looking.receive())
 
 
 @contextmanager

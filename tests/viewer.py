@@ -10,6 +10,7 @@ import msgspec
 import viser
 import zstandard
 from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 PATIENCE_S = 60
 CAMERA: Mapping[str, Any] = {
@@ -37,7 +38,7 @@ class Viewer:
     def __init__(self, url: str, **headers: str) -> None:
         self._socket = connect(
             url.replace("http", "ws", 1),
-            subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
+            subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
             additional_headers=headers,
             compression=None,
             max_size=None,
@@ -75,10 +76,15 @@ class Viewer:
             self.hear()
         return next(uuid for uuid, one in self.labels.items() if one == label)
 
-    def hear(self) -> None:
-        """Take in what the page sends next."""
+    def receive(self) -> bytes:
+        """What the page sends next, as it comes."""
         data = self._socket.recv(timeout=PATIENCE_S)
         assert isinstance(data, bytes)
+        return data
+
+    def hear(self) -> None:
+        """Take in what the page sends next."""
+        data = self.receive()
         length, packed = (int.from_bytes(data[i : i + 8], "little") for i in (0, 8))
         plain = zstandard.ZstdDecompressor().decompress(data[16 : 16 + packed], length)
         for message in msgspec.msgpack.decode(plain)["messages"]:

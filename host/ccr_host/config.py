@@ -33,7 +33,8 @@ from ccr_host.errors import ConfigError
 Pair = tuple[float, float]
 Vector3 = tuple[float, float, float]
 T = TypeVar("T")
-_LONGEST_BOARD_NAME = 16
+LONGEST_BOARD_NAME = 16
+"""Characters that the board has room for."""
 
 
 def _both_axes(value: object) -> object:
@@ -94,11 +95,18 @@ class _Section(BaseModel):
     )
 
 
-def _board_name(name: str) -> str:
-    room = _LONGEST_BOARD_NAME
-    if not (name.isascii() and name.isprintable() and len(name) <= room):
+def checked_board_name(name: str) -> str:
+    """The name, if a board can have it.
+
+    Raises:
+        ValueError: it cannot.
+    """
+    room = LONGEST_BOARD_NAME
+    if not (name.isascii() and name.isprintable() and len(name) <= room and name == name.strip()):
         shown = ascii(name if len(name) <= room else name[:room] + "...")
-        raise ValueError(f"{shown} is not up to {room} printable ASCII characters")
+        raise ValueError(
+            f"{shown} is not up to {room} printable ASCII characters without a space at the ends"
+        )
     return name
 
 
@@ -113,7 +121,7 @@ class Robot(_Section):
     """d_m, from the centre of the disk to the marker."""
     pulley_radius_mm: _PulleyRadius = 12.5
     """r_p of the pulley on the servo."""
-    board_name: Annotated[str, AfterValidator(_board_name)] = ""
+    board_name: Annotated[str, AfterValidator(checked_board_name)] = ""
     """Name that the board has to have, if one is given: see `ccr-host calibrate --board-name`."""
 
 

@@ -27,6 +27,10 @@ from tests.system.conftest import (
 
 # A machine without a graphics card draws in software, as slowly as it likes.
 PATIENCE_MS = 60_000
+LIVE = (
+    *("track", "8shape", *PAPERS, "--realtime", "--no-open"),
+    *("--out", "kept", "--view", "127.0.0.1:0"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -179,10 +183,7 @@ def test_the_page_of_a_run_that_has_ended_says_so(recorded: tuple[CcrHost, str],
 def test_a_run_outlives_the_process_of_its_page_and_the_browser_finds_the_next(
     ccr_host: CcrHost, tab: Any, tmp_path: Path
 ) -> None:
-    run = ccr_host.start(
-        "track", "8shape", *PAPERS, "--realtime", "--no-open", "--out", "kept",
-        "--view", "127.0.0.1:0",
-    )  # fmt: skip
+    run = ccr_host.start(*LIVE)
     with ended(run, signal.SIGINT):
         tab.goto(address_in(run))
         tab.get_by_text("following the path").wait_for()
@@ -200,10 +201,7 @@ def test_a_run_outlives_the_process_of_its_page_and_the_browser_finds_the_next(
 def test_a_stop_in_the_terminal_works_though_the_page_is_gone(
     ccr_host: CcrHost, tmp_path: Path
 ) -> None:
-    run = ccr_host.start(
-        "track", "8shape", *PAPERS, "--realtime", "--no-open", "--out", "kept",
-        "--view", "127.0.0.1:0",
-    )  # fmt: skip
+    run = ccr_host.start(*LIVE)
     with ended(run, signal.SIGINT):
         wait_until_following(tmp_path / "kept", run)
         os.kill(*children(run.pid), signal.SIGSTOP)

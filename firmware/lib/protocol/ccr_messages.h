@@ -27,7 +27,8 @@ constexpr uint16_t kTickUs = 20000U;
 constexpr uint16_t kTickPhaseUs = 18000U;
 /// Length of the self-test after a reset: control tick 5, the sixth, ends it. [tick]
 constexpr uint8_t kBootTicks = 5U;
-/// For so long a repeated request is answered from memory instead of being executed again. [tick]
+/// Within this time a repeated request is answered from memory instead of being executed again.
+/// [tick]
 constexpr uint8_t kRetryWindowTicks = 50U;
 /// The way to rest takes no longer whatever is configured: 270 deg in the smallest steps that slew
 /// and relax slew may have, and 6 s to brake and to speed up with the least acceleration. [ms]
@@ -1316,7 +1317,7 @@ inline int8_t inconsistent_axis(const SetTelemetry&) {
 struct Blink {
   enum : uint8_t { kId = 0x08, kSize = 1 };
 
-  /// For so long from the next tick on; 0 ends it. [s] 0 to 60.
+  /// How long the LED blinks, from the next tick on; 0 ends it. [s] 0 to 60.
   uint8_t duration_s;
 };
 static_assert(Blink::kSize == sizeof(Blink::duration_s) && uint8_t{Blink::kSize} <= kMaxPayload,

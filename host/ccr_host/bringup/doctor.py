@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +16,10 @@ from ccr_host.bringup.tracker_checks import check_tracker
 from ccr_host.config import Description
 from ccr_host.control.adaptive.identified import identified_rests
 from ccr_host.errors import CcrError
-from ccr_host.link.client import Client
 from ccr_host.link.uri import DeviceUri, parse_device_uri
 from ccr_host.run.clock import Clock, RealClock, VirtualClock
 from ccr_host.run.options import RigOptions
-from ccr_host.run.rig import connect_board, mismatch_of, session_number
+from ccr_host.run.rig import mismatch_of, open_board
 from ccr_host.run.tracker_rig import TrackerRig
 from ccr_host.tracking.uri import TrackerKind, TrackerUri, parse_tracker_uri
 
@@ -100,13 +98,7 @@ def _or_failure(subject: str, check: Callable[[], Iterable[Finding]]) -> Iterato
 def _board(
     device: DeviceUri, description: Description, seed: int, blink: bool
 ) -> Iterator[Finding]:
-    clock: Clock = VirtualClock() if device.in_process else RealClock()
-    with ExitStack() as stack:
-        transport = connect_board(device, None, clock, description.link.baud, stack)
-        session = session_number(device, np.random.SeedSequence(seed))
-        client = stack.enter_context(Client(transport, clock, session))
-        clock.attach(client)
-        client.connect()
+    with open_board(device, description, seed) as (client, clock):
         if blink:
             client.blink(_BLINK_S)
             yield good("LED", f"blinks six times a second for {_BLINK_S} s")

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from ccr_host.config import Description
+from ccr_host.config import LONGEST_BOARD_NAME, Description, checked_board_name
 from ccr_host.errors import ConfigError
 from ccr_host.link.board_config import board_config, board_name
 from ccr_host.link.client import Client
 from ccr_host.link.messages import Equipment, Fault, StatusFlags
 from ccr_host.link.uri import parse_device_uri
-from ccr_host.run.clock import Clock, RealClock, VirtualClock
 from ccr_host.run.options import RigOptions
-from ccr_host.run.rig import connect_board, session_number
+from ccr_host.run.rig import open_board
 
 _REFERENCE_V = 5.0
 _U8_MAX = 255
@@ -91,13 +87,7 @@ def told_to_board(options: RigOptions, change: EquipmentChange) -> str:
     """
     device = parse_device_uri(options.device)
     description = options.description()
-    clock: Clock = VirtualClock() if device.in_process else RealClock()
-    with ExitStack() as stack:
-        transport = connect_board(device, None, clock, description.link.baud, stack)
-        session = session_number(device, np.random.SeedSequence(options.seed))
-        client = stack.enter_context(Client(transport, clock, session))
-        clock.attach(client)
-        client.connect()
+    with open_board(device, description, options.seed) as (client, _):
         told = described(change_equipment(client, description, change))
         if client.read_state().fault is Fault.EMERGENCY_STOP:
             told += " (open now: the board is in fault until it is closed and cleared)"
@@ -128,9 +118,8 @@ def _deci(voltage_v: float, option: str) -> int:
 
 
 def _name_bytes(name: str) -> tuple[int, ...]:
-    room = len(Equipment.unpack(bytes(Equipment.SIZE)).board_name)
-    if not (name.isascii() and name.isprintable() and len(name) <= room and name == name.strip()):
-        raise ConfigError(
-            f"{name!r} cannot be a board's name", f"give up to {room} printable ASCII characters"
-        )
-    return tuple(name.encode("ascii").ljust(room, b"\0"))
+    try:
+        checked = checked_board_name(name)
+    except ValueError as error:
+        raise ConfigError(f"--board-name: {error}", "choose another name") from None
+    return tuple(checked.encode("ascii").ljust(LONGEST_BOARD_NAME, b"\0"))

@@ -32,7 +32,7 @@ class ServedBoard:
     eeprom_file: Path | None
     """Kept across runs; None for an erased EEPROM each time."""
     boot_loader_us: int
-    """For so long the board is deaf after its port was opened."""
+    """Time for which the board is deaf after its port was opened."""
 
 
 @dataclass(frozen=True)

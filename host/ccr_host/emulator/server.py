@@ -17,7 +17,7 @@ from typing import Protocol, Self
 from ccr_host.run.clock import Clock
 
 BOOT_LOADER_US = 1_000_000
-"""For so long the UNO's boot loader waits for an upload after a reset (optiboot's time-out)."""
+"""Time for which the UNO's boot loader waits for an upload after a reset (optiboot's time-out)."""
 
 AdvanceObserver = Callable[[int], None]
 """Called with the time in us up to which the board has been advanced."""

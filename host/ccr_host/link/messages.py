@@ -36,7 +36,9 @@ computes is latched 2 ms later, at the start of the next frame. [us]
 BOOT_TICKS: Final = 5
 """Length of the self-test after a reset: control tick 5, the sixth, ends it. [tick]"""
 RETRY_WINDOW_TICKS: Final = 50
-"""For so long a repeated request is answered from memory instead of being executed again. [tick]"""
+"""Within this time a repeated request is answered from memory instead of being executed again.
+[tick]
+"""
 WAY_TO_REST_MS: Final = 60000
 """The way to rest takes no longer whatever is configured: 270 deg in the smallest steps that slew
 and relax slew may have, and 6 s to brake and to speed up with the least acceleration. [ms]
@@ -1028,7 +1030,7 @@ class Blink(Request):
     """
 
     duration_s: int
-    """For so long from the next tick on; 0 ends it. [s] 0 to 60."""
+    """How long the LED blinks, from the next tick on; 0 ends it. [s] 0 to 60."""
 
     NAME: ClassVar[str] = "blink"
     SIZE: ClassVar[int] = 1

@@ -175,6 +175,25 @@ def meet_board(client: Client, description: Description, device: DeviceUri) -> N
     client.configure(board_config(description))
 
 
+@contextmanager
+def open_board(
+    device: DeviceUri, description: Description, seed: int
+) -> Iterator[tuple[Client, Clock]]:
+    """A board alone, connected but not configured, and the clock that it goes by.
+
+    Raises:
+        DeviceError: no board, or not one of ours.
+    """
+    clock: Clock = VirtualClock() if device.in_process else RealClock()
+    with ExitStack() as stack:
+        transport = connect_board(device, None, clock, description.link.baud, stack)
+        session = session_number(device, np.random.SeedSequence(seed))
+        client = stack.enter_context(Client(transport, clock, session))
+        clock.attach(client)
+        client.connect()
+        yield client, clock
+
+
 def connect_board(
     device: DeviceUri, scene: TwinScene | None, clock: Clock, baud: int, stack: ExitStack
 ) -> Transport:

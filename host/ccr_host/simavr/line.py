@@ -11,7 +11,7 @@ _BUSY_US = 100
 """While something is said, a program in real time looks so often: a byte takes 40 us at least."""
 _QUIET_US = 1000
 _ANSWER_US = 2000
-"""For so long after the last byte an answer may be on its way."""
+"""Time after the last byte within which an answer may be on its way."""
 
 
 class SimavrLine:

@@ -38,7 +38,7 @@ HARMLESS_MM = 2.0
 the robot may have moved far since the last frame, the next frame has to confirm the point. Where
 phantoms are rare the limit is wider by as much."""
 BASE_MEMORY_US = 3_000_000
-"""For so long M1 is taken to be where it was seen last."""
+"""Time for which M1 is taken to be where it was seen last."""
 
 _LOG_DOUBT = math.log(DOUBT)
 _TRUST = 35.0

@@ -6,6 +6,7 @@ It lives in the server's thread, see `in_servers_thread`; there viser calls what
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from viser import GuiButtonHandle, GuiEvent, Icon, ViserServer
 
@@ -147,7 +148,7 @@ class _Player:
         self._folder.visible = True
 
         @self._slider.on_update
-        async def _(event: GuiEvent) -> None:  # type: ignore[type-arg]
+        async def _(event: GuiEvent[Any]) -> None:
             if event.client is not None:
                 playback.seek(self._slider.value * 1e6)
 
