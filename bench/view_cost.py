@@ -34,7 +34,7 @@ from rich.console import Console
 from rich.table import Table
 from websockets.exceptions import ConnectionClosed
 
-from ccr_host.control.base import Command, Outcome
+from ccr_host.control.base import Command, Outcome, Phase
 from ccr_host.link.framing import FrameDecoder
 from ccr_host.link.messages import Stop
 from ccr_host.run.execute import execute, reference_of
@@ -175,8 +175,8 @@ class StopSeen(RunObserver):
         self.following = threading.Event()
         self.sent_s: float | None = None
 
-    def event(self, time_us: int, text: str) -> None:
-        if text.startswith("following"):
+    def phase(self, time_us: int, phase: Phase) -> None:
+        if phase.name.startswith("following"):
             self.following.set()
 
     def frame(self, direction: str, time_us: int, data: bytes) -> None:
@@ -185,7 +185,8 @@ class StopSeen(RunObserver):
 
 
 def stop_delay_us(options: RunOptions, wait_s: float) -> float:
-    """From the button to the wire."""
+    """From the button to the wire, under a controller that makes no tour."""
+    options = replace(options, controller="mpc", checks="none")
     seen = StopSeen()
     buttons = SharedButtons(multiprocessing.get_context("spawn"))
     pressed: list[float] = []
