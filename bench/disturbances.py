@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from ccr_host.robot.paths import path_names
 from ccr_host.run.execute import execute
-from ccr_host.run.observer import RunObserver
+from ccr_host.run.observer import RunObserver, true_errors_mm
 from ccr_host.run.options import RunOptions
-from ccr_host.run.step_record import true_errors_mm
 
 Array = NDArray[np.float64]
 

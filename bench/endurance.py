@@ -20,11 +20,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ccr_host.run.clock import Stopwatch
-from ccr_host.run.execute import execute_logged
-from ccr_host.run.observer import RunObserver
+from ccr_host.core.clock import Stopwatch
+from ccr_host.record.keep import execute_logged
+from ccr_host.run.observer import RunObserver, StepRecord
 from ccr_host.run.options import RunOptions
-from ccr_host.run.step_record import StepRecord
 from ccr_host.run.summary import summarise
 from ccr_host.view.address import parse_view_address
 from ccr_host.view.live import live_page

@@ -17,17 +17,16 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ccr_host import config
+from ccr_host.core.clock import VirtualClock
+from ccr_host.description import schema
 from ccr_host.link import messages as m
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
-from ccr_host.run.clock import VirtualClock
-from ccr_host.simavr.board import SimavrBoard
-from ccr_host.simavr.flash_image import read_flash_image
-from ccr_host.simavr.line import SimavrLine
-from ccr_host.simavr.mcu import CYCLES_PER_US
-from ccr_host.simavr.pulse_meter import Pulse
+from ccr_host.sim.simavr.board import Pulse, SimavrBoard
+from ccr_host.sim.simavr.flash_image import read_flash_image
+from ccr_host.sim.simavr.line import SimavrLine
+from ccr_host.sim.simavr.mcu import CYCLES_PER_US
 
 ROOT = Path(__file__).parents[1]
 REQUESTS = 500
@@ -124,7 +123,7 @@ def armed(elf: Path, *, profiling: bool = False) -> Iterator[Rig]:
         clock.attach(line)
         client = Client(line, clock, session=0x7923)
         client.connect(telemetry_period_ticks=0)
-        client.configure(board_config(config.load()))
+        client.configure(board_config(schema.load()))
         client.arm()
         rig = Rig(board, clock, pulses)
         rig.say(m.OpenSession(m.SPEC_HASH, SESSION))

@@ -16,15 +16,15 @@ from time import perf_counter_ns
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Robot, Twin
+from ccr_host.description.schema import Robot, Twin
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.options import RunOptions
-from ccr_host.tracking.identification import Identifier
+from ccr_host.sim.robot.robot import TwinRobot
+from ccr_host.tracking.markers.labelling import Identifier
 from ccr_host.tracking.rotation import rotation_matrix
-from ccr_host.twin.robot import TwinRobot
 
 Array = NDArray[np.float64]
 

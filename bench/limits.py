@@ -14,20 +14,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Description
 from ccr_host.control.base import Command, Observation, Outcome
-from ccr_host.control.registry import controller_names, peer_names
+from ccr_host.control.registry import baseline_names, controller_names
+from ccr_host.description.schema import Description
 from ccr_host.robot.paths import path_names
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import execute, reference_of
 from ccr_host.run.loop import follow_path
-from ccr_host.run.observer import RunObserver
+from ccr_host.run.observer import RunObserver, StepRecord, true_errors_mm
+from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
-from ccr_host.run.rig import open_rig
-from ccr_host.run.step_record import StepRecord, true_errors_mm
 from ccr_host.run.twin_floor import floor_on_map_mm, static_map_of
-from ccr_host.twin.static_map import StaticMap, default_cache
+from ccr_host.sim.robot.static_map import StaticMap, default_cache
 
 Array = NDArray[np.float64]
 
@@ -126,7 +125,7 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--rate", type=float, nargs="+", default=[1.0, 20.0])
     parser.add_argument("--seed", type=int, nargs="+", default=[1])
-    parser.add_argument("--controller", nargs="+", default=[*controller_names(), *peer_names()])
+    parser.add_argument("--controller", nargs="+", default=[*controller_names(), *baseline_names()])
     arguments = parser.parse_args()
     base = RunOptions(path="", robot=arguments.robot, overrides=tuple(arguments.overrides))
     static_map = static_map_of(base.description(), default_cache())

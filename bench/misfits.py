@@ -16,14 +16,14 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host import config
+from ccr_host.description import schema
 from ccr_host.run.execute import execute
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.options import RunOptions
-from ccr_host.run.sweep.random_twin import as_overrides, draw_twin
-from ccr_host.tracking.sample import Sample
-from ccr_host.twin.mechanics import Mechanics
-from ccr_host.twin.robot import TwinRobot
+from ccr_host.sim.robot.mechanics import Mechanics
+from ccr_host.sim.robot.robot import TwinRobot
+from ccr_host.tools.sweep.random_twin import as_overrides, draw_twin
+from ccr_host.tracking.tracker import Sample
 
 Array = NDArray[np.float64]
 
@@ -188,7 +188,7 @@ def misfits(controller: str, rate_hz: float) -> Iterator[tuple[str, str, RunOpti
 def matching(count: int, controller: str, rate_hz: float) -> Iterator[RunOptions]:
     """Random robots as a sweep draws them."""
     for index in range(count):
-        drawn = draw_twin(np.random.default_rng([7, index]), config.load(), 80.0)
+        drawn = draw_twin(np.random.default_rng([7, index]), schema.load(), 80.0)
         path = ("ellipse", "8shape", "star")[index % 3]
         yield RunOptions(
             path=path,

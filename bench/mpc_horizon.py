@@ -30,9 +30,9 @@ from rich.table import Table
 
 from bench.peers.mpc import ours
 from bench.peers.mpc.problem import Array, Formulation, ShiftedStart, Way, record
-from ccr_host import config
 from ccr_host.control.base import Observation
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
+from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits
@@ -76,7 +76,7 @@ def compare(
     horizon: int, steps: int, seed: int, folder: Path, console: Console, *, alone: bool
 ) -> dict[str, Score]:
     """All ways on the same steps, taking turns at each step or, ``alone``, at each lap."""
-    description = config.load(overrides=[f"control.horizon={horizon}"])
+    description = schema.load(overrides=[f"control.horizon={horizon}"])
     model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
     reference = load_path("8shape", 1.0, model, limits)
     formulation = Formulation(description, reference)
@@ -134,10 +134,10 @@ def ways(formulation: Formulation, folder: Path) -> dict[str, Callable[[], Way]]
 
     def product(solver: str) -> Way:
         overrides = [f"control.horizon={control.horizon}", f"control.solver={solver}"]
-        return ours.Ours(config.load(overrides=overrides), reference)
+        return ours.Ours(schema.load(overrides=overrides), reference)
 
     def backend(solver: Callable[[], ours.QpSolver]) -> Callable[[], Way]:
-        description = config.load(overrides=[f"control.horizon={control.horizon}"])
+        description = schema.load(overrides=[f"control.horizon={control.horizon}"])
         return lambda: ours.OtherQp(description, reference, solver())
 
     return {

@@ -15,12 +15,12 @@ from rich.console import Console
 from rich.progress import track as progress
 from rich.table import Table
 
-from ccr_host.bringup.survey import survey
-from ccr_host.errors import CcrError
+from ccr_host.core.errors import CcrError
 from ccr_host.run.observer import Observers
+from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
-from ccr_host.run.rig import open_rig
-from ccr_host.run.sweep.random_twin import as_overrides
+from ccr_host.tools.survey import survey
+from ccr_host.tools.sweep.random_twin import as_overrides
 from ccr_host.tracking.rotation import rotation_matrix, rotation_vector
 
 NAMES = ("camera about x", "camera about y", "camera about z", "zero of motor 1", "zero of motor 2")

@@ -12,11 +12,11 @@ import argparse
 
 import numpy as np
 
+from ccr_host.core.clock import Stopwatch
 from ccr_host.robot.paths import path_names
-from ccr_host.run.clock import Stopwatch
-from ccr_host.run.sweep.job import Row
-from ccr_host.run.sweep.plan import SweepPlan
-from ccr_host.run.sweep.workers import local_workers, run_jobs
+from ccr_host.tools.sweep.job import Row
+from ccr_host.tools.sweep.plan import SweepPlan
+from ccr_host.tools.sweep.workers import local_workers, run_jobs
 
 DRIVES = [(rate_hz, name) for rate_hz in (1.0, 20.0) for name in ("adaptive", "mpc")]
 PARTS = ("twin", "emulator", "controller", "rest")

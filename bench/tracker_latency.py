@@ -21,20 +21,19 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from ccr_host.config import Tracker
-from ccr_host.emulator.polaris.camera import make_polaris
-from ccr_host.emulator.polaris.faults import BitOrder
-from ccr_host.emulator.polaris.sensor import Exposer
-from ccr_host.emulator.polaris.tx_report import StrayList, ToolLine, format_tx
-from ccr_host.emulator.pty_port import PtyPort
-from ccr_host.emulator.server import BoardServer
-from ccr_host.run.clock import RealClock, VirtualClock
-from ccr_host.tracking.ndi.codec import decode_reply
-from ccr_host.tracking.ndi.crc import crc16_arc
-from ccr_host.tracking.ndi.driver import NdiTracker
-from ccr_host.tracking.ndi.port import SerialPort
-from ccr_host.tracking.ndi.tx_reply import parse_tx
-from ccr_host.tracking.ready import wait_until_tracking
+from ccr_host.core.clock import RealClock, VirtualClock
+from ccr_host.core.crc import crc16_arc
+from ccr_host.description.schema import Tracker
+from ccr_host.sim.polaris.camera import make_polaris
+from ccr_host.sim.polaris.faults import BitOrder
+from ccr_host.sim.polaris.sensor import Exposer
+from ccr_host.sim.polaris.tx_report import StrayList, ToolLine, format_tx
+from ccr_host.sim.serving.ports import PtyPort
+from ccr_host.sim.serving.server import BoardServer
+from ccr_host.tracking.open_tracker import wait_until_tracking
+from ccr_host.tracking.sources.ndi.driver import NdiTracker
+from ccr_host.tracking.sources.ndi.port import SerialPort
+from ccr_host.tracking.sources.ndi.replies import decode_reply, parse_tx
 
 MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)])
 LATENCY_MS = 40.0

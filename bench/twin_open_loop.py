@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Description, Twin
 from ccr_host.control.base import Observation
 from ccr_host.control.open_loop import OpenLoop
+from ccr_host.description.schema import Description, Twin
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
-from ccr_host.twin.robot import TwinRobot
+from ccr_host.sim.robot.robot import TwinRobot
 
 Array = NDArray[np.float64]
 

@@ -38,10 +38,9 @@ from ccr_host.control.base import Command, Outcome, Phase
 from ccr_host.link.framing import FrameDecoder
 from ccr_host.link.messages import Stop
 from ccr_host.run.execute import execute, reference_of
-from ccr_host.run.observer import Observers, RunObserver, RunSetup
+from ccr_host.run.observer import Observers, RunObserver, RunSetup, StepRecord
 from ccr_host.run.options import RunOptions
-from ccr_host.run.step_record import StepRecord
-from ccr_host.tracking.sample import Sample
+from ccr_host.tracking.tracker import Sample
 from ccr_host.view.address import ViewAddress
 from ccr_host.view.buttons import PageOperator, SharedButtons
 from ccr_host.view.live import LivePage, live_page

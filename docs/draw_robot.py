@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ccr_host import config
-from ccr_host.config import Description
+from ccr_host.description import schema as config
+from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 
 PICTURE = Path(__file__).parent / "images" / "robot.svg"

@@ -11,9 +11,9 @@ import traceback
 from importlib import import_module
 from typing import NoReturn
 
-from ccr_host.errors import CcrError, CodeError
-from ccr_host.standard_streams import keep_streams_writable, lost_output, warn
-from ccr_host.stop_signals import stop_signals_interrupt
+from ccr_host.core.errors import CcrError, CodeError
+from ccr_host.core.standard_streams import keep_streams_writable, lost_output, warn
+from ccr_host.core.stop_signals import stop_signals_interrupt
 
 EXIT_DEFECT = 3
 """Nothing that the user could correct, as with a device that fails."""

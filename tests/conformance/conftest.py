@@ -16,9 +16,9 @@ from contextlib import ExitStack, closing
 
 import pytest
 
-from ccr_host.emulator.eeprom import EepromImage
-from ccr_host.errors import CcrError
+from ccr_host.core.errors import CcrError
 from ccr_host.link import messages as m
+from ccr_host.sim.board.eeprom import EepromImage
 from tests.conformance.device import IN_STEP
 from tests.conformance.found_board import FoundBoard
 from tests.conformance.host import Host

@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from ccr_host.emulator.board import UnoEmulator
-from ccr_host.emulator.eeprom import EepromImage
-from ccr_host.emulator.serial_line import SerialLine
 from ccr_host.link import messages as m
-from ccr_host.simavr.board import SimavrBoard
-from ccr_host.simavr.flash_image import read_flash_image
-from ccr_host.simavr.line import SimavrLine
-from ccr_host.simavr.pulse_meter import Pulse
+from ccr_host.sim.board.board import UnoEmulator
+from ccr_host.sim.board.eeprom import EepromImage
+from ccr_host.sim.board.serial_line import SerialLine
+from ccr_host.sim.simavr.board import Pulse, SimavrBoard
+from ccr_host.sim.simavr.flash_image import read_flash_image
+from ccr_host.sim.simavr.line import SimavrLine
 from tests.conformance.firmware_build import firmware_elf
 
 PULSES_OVER_US = 3_000

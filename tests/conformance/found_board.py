@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ccr_host.errors import DeviceError
+from ccr_host.core.clock import RealClock
+from ccr_host.core.errors import DeviceError
 from ccr_host.link import messages as m
 from ccr_host.link.board_config import BoardConfig
 from ccr_host.link.device_errors import SpecMismatchError
-from ccr_host.link.uri import parse_device_uri
-from ccr_host.run.clock import RealClock
+from ccr_host.link.transport import parse_device_uri
 from tests.conformance.host import SESSION, Host
 from tests.conformance.port_device import PortDevice
 

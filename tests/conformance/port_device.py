@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from ccr_host.errors import DeviceError
+from ccr_host.core.clock import Clock
+from ccr_host.core.errors import DeviceError
 from ccr_host.link import messages as m
 from ccr_host.link.client import BOOT_TIMEOUT_US
 from ccr_host.link.device_errors import BoardSilentError
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
-from ccr_host.link.transport import open_transport
-from ccr_host.link.uri import DeviceUri
-from ccr_host.run.clock import Clock
+from ccr_host.link.transport import DeviceUri, open_transport
 
 _NOTICE_CLOSED_US = 100_000
 """Five times as long as `ccr-host emulate` takes to see that its client has gone."""

@@ -4,8 +4,8 @@ from binascii import crc32
 
 import pytest
 
-from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
+from ccr_host.sim.board.eeprom import EepromImage
 
 SESSION = 0x5E55
 SLEWS = [m.Slew((100 + n, 200 + n)) for n in range(5)]

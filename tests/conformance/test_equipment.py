@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
+from ccr_host.sim.board.eeprom import EepromImage
 from tests.conformance.host import CALIBRATION, LIMITS, SESSION, SLEW, WATCHDOG
 
 NOTHING = m.Equipment((0,) * 16, 0, 0, 0)

@@ -4,8 +4,8 @@ from binascii import crc32
 
 import pytest
 
-from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
+from ccr_host.sim.board.eeprom import EepromImage
 from tests.conformance.host import SESSION
 
 RECORD_TICKS = m.FaultRecord.SIZE

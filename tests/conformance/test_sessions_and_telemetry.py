@@ -2,8 +2,8 @@
 
 import pytest
 
-from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
+from ccr_host.sim.board.eeprom import EepromImage
 
 SESSION = 0x5E55
 UNKNOWN = m.ResetCause.UNKNOWN

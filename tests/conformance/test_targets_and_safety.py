@@ -2,9 +2,9 @@
 
 import pytest
 
-from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
 from ccr_host.link.framing import encode_frame
+from ccr_host.sim.board.eeprom import EepromImage
 from tests.conformance.host import RELAX_TICKS
 
 SESSION = 0x5E55

@@ -7,15 +7,15 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from ccr_host import config
+from ccr_host.core.clock import VirtualClock
+from ccr_host.description import schema
 from ccr_host.link import messages as m
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client, drawn_session
 from ccr_host.link.device_errors import BoardFaultError
-from ccr_host.run.clock import VirtualClock
-from ccr_host.simavr.board import SimavrBoard
-from ccr_host.simavr.flash_image import read_flash_image
-from ccr_host.simavr.line import SimavrLine
+from ccr_host.sim.simavr.board import SimavrBoard
+from ccr_host.sim.simavr.flash_image import read_flash_image
+from ccr_host.sim.simavr.line import SimavrLine
 from tests.conformance.firmware_build import firmware_elf
 
 HOUR_S = 3600
@@ -33,7 +33,7 @@ def operate(seed: int, duration_s: float, board_time_at_reset_us: int = 0) -> No
         with Client(line, clock, drawn_session(rng)) as client:
             clock.attach(client)
             client.connect(telemetry_period_ticks=5)
-            client.configure(board_config(config.load()))
+            client.configure(board_config(schema.load()))
             boot_id = client.identity.boot_id
             client.arm()
             last_tick = 0

@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
 from ccr_host.link.framing import decode_single_frame
 from ccr_host.link.messages import MESSAGES, Message
-from ccr_host.run.log import topics
-from ccr_host.run.log.files import LOG_PREFIX, log_files
-from ccr_host.run.log.reader import RunRecording
-from ccr_host.run.log.topics import Topic
+from ccr_host.record.log import topics
+from ccr_host.record.log.files import LOG_PREFIX, log_files
+from ccr_host.record.log.reader import RunRecording
+from ccr_host.record.log.topics import Topic
 from tests.system.warm_start import run_program
 
 PAPERS = ("--controller", "mpc")

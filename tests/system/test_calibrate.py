@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ccr_host import config
-from ccr_host.run.log import topics
+from ccr_host.description import schema
+from ccr_host.record.log import topics
 from tests.system.conftest import CcrHost, logged
 from tests.system.driven_terminal import DOWN, LEFT, RIGHT, UP, DrivenTerminal
 
@@ -71,7 +71,7 @@ def test_marks_of_the_eye_are_kept_in_file_and_board(
             terminal.wait_for(f"{asked} of 10" if asked <= 10 else "kept in")
     terminal.end()
     assert terminal.status == 0
-    servo = config.load(str(calibrated)).servo
+    servo = schema.load(str(calibrated)).servo
     assert calibrated.read_text().startswith('name = "mine"  # keep this\n')
     assert robot.read_text() == 'name = "mine"  # keep this\n'
     assert servo.neutral_pulse_us == pytest.approx(NEUTRAL_US, abs=1.5)

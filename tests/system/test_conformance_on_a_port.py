@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import serial
 
-from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
+from ccr_host.sim.board.eeprom import EepromImage
 from tests.conformance.device import EmulatedDevice
 from tests.conformance.host import Host
 from tests.system.conftest import PATIENCE_S, CcrHost

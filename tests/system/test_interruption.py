@@ -3,7 +3,7 @@ import signal
 import pytest
 
 from ccr_host.link.messages import Disarm, SetTarget, State, Stop, Telemetry
-from ccr_host.run.log import topics
+from ccr_host.record.log import topics
 from tests.system.conftest import (
     PAPERS,
     PATIENCE_S,

@@ -11,12 +11,12 @@ import pytest
 
 from ccr_host.link.framing import decode_single_frame, encode_frame
 from ccr_host.link.messages import Fault, SetTarget, State
-from ccr_host.run.log import topics
-from ccr_host.run.log.reader import LogMessage, RunRecording
+from ccr_host.record.log import topics
+from ccr_host.record.log.reader import LogMessage, RunRecording
 from tests.system.board_tap import BoardTap
 from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost, logged, wait_until_following
 from tests.system.test_emulate import served_uri
-from tests.unit.run_replay.rewrite import rewritten
+from tests.unit.record.replay.rewrite import rewritten
 
 RELAX_AFTER = "link.relax_after_ms=300"
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from ccr_host.link.messages import Disarm, Stop
-from ccr_host.run.log import topics
-from ccr_host.run.log.reader import RunRecording
+from ccr_host.record.log import topics
+from ccr_host.record.log.reader import RunRecording
 from tests.system.conftest import (
     COMMAND,
     PAPERS,

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import pytest
 
-from ccr_host.addresses import host_and_port
+from ccr_host.core.addresses import host_and_port
 from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost
 from tests.viewer import Viewer
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ccr_host.link.messages import SetTarget, State, Telemetry
-from ccr_host.run.log import topics
-from ccr_host.run.log.reader import RunRecording
+from ccr_host.record.log import topics
+from ccr_host.record.log.reader import RunRecording
 from tests.system.conftest import PAPERS, CcrHost, events, logged, messages_in, wait_until_following
 
 RATE_HZ = 20

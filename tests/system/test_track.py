@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from ccr_host.run.log import topics
+from ccr_host.record.log import topics
 from tests.system.conftest import PAPERS, CcrHost, logged
 
 SUMMARY_KEYS = {

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccr_host.tracking.ndi.rom import DUMMY_MARKERS_MM, make_passive_rom
+from ccr_host.tracking.sources.ndi.rom import DUMMY_MARKERS_MM, make_passive_rom
 from tests.foreign_servers import foreign_server
 from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost, Ended
 

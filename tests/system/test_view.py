@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import sync_playwright
 
-from ccr_host.run.log import topics
-from ccr_host.run.log.reader import RunRecording
+from ccr_host.record.log import topics
+from ccr_host.record.log.reader import RunRecording
 from tests.system.conftest import (
     PAPERS,
     PATIENCE_S,

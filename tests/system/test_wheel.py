@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from ccr_host.emulator.server import BackgroundServer
 from ccr_host.link import messages as m
-from ccr_host.simavr.serve import open_pty_server
+from ccr_host.sim.serving.server import BackgroundServer
+from ccr_host.sim.simavr.serve import open_pty_server
 
 CHECKOUT = Path(__file__).parents[2]
 PROGRAMS = str(Path(sys.executable).parent)

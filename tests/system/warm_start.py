@@ -23,7 +23,7 @@ _SERVER.set_forkserver_preload(
     [
         "ccr_host.commands.app",
         "ccr_host.run.campaign",
-        "ccr_host.run.keep",
+        "ccr_host.record.keep",
         "matplotlib.backends.backend_agg",
         "matplotlib.backends.backend_pdf",
         "matplotlib.backends.backend_svg",

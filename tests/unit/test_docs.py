@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ccr_host import config
-from ccr_host.bringup.jog_target import Wish, wish_of
 from ccr_host.control import base
+from ccr_host.description import schema
 from ccr_host.link.device_errors import BoardFaultError
 from ccr_host.link.messages import REQUIREMENTS, Fault
 from ccr_host.run.execute import reference_of
 from ccr_host.run.options import RunOptions
+from ccr_host.tools.jog import Wish, wish_of
 from tests.firmware.pins.mutants import AT_THE_PINS, IN_THE_HOST, INSIDE
 
 ROOT = Path(__file__).parents[2]
@@ -109,7 +109,7 @@ def test_the_controller_shown_in_extending_follows_a_path() -> None:
     names: dict[str, Any] = {}
     exec(shown, names)
     reference = reference_of(RunOptions(path="8shape"))
-    controller = names["Still"](config.load(None))
+    controller = names["Still"](schema.load(None))
     commands = [controller.start(reference)]
     for step in range(1, len(reference)):
         seen = base.Observation(step, 0, None, 0, commands[-1].q_rad)
@@ -126,7 +126,7 @@ def test_the_samples_of_a_description_are_read_as_they_stand() -> None:
     ]
     assert len(samples) >= 3
     for sample in samples:
-        config.parse(sample)
+        schema.parse(sample)
 
 
 def test_the_page_of_the_command_line_has_the_statuses_of_the_program_and_no_other() -> None:

@@ -11,10 +11,10 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from ccr_host import config
+from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
-from ccr_host.twin.mechanics import Mechanics
-from ccr_host.twin.mjcf import robot_mjcf
+from ccr_host.sim.robot.mechanics import Mechanics
+from ccr_host.sim.robot.mjcf import robot_mjcf
 
 SCRIPT = Path(__file__).parents[2] / "docs" / "draw_robot.py"
 
@@ -30,7 +30,7 @@ def drawing() -> ModuleType:
 
 
 def test_the_picture_in_the_docs_is_that_of_the_default_description(drawing: ModuleType) -> None:
-    assert drawing.PICTURE.read_text() == drawing.robot_svg(config.load())
+    assert drawing.PICTURE.read_text() == drawing.robot_svg(schema.load())
 
 
 def test_another_robot_is_drawn_with_its_own_measures(tmp_path: Path) -> None:
@@ -44,7 +44,7 @@ def test_another_robot_is_drawn_with_its_own_measures(tmp_path: Path) -> None:
 
 
 def test_the_holes_are_where_the_twin_has_them(drawing: ModuleType) -> None:
-    twin = config.load().twin
+    twin = schema.load().twin
     sites = ET.fromstring(robot_mjcf(twin)).iter("site")
     places = {site.get("name"): site.get("pos", "") for site in sites}
     for number, (y_mm, z_mm) in drawing.holes_mm(twin.tendon_radius_mm).items():
@@ -53,7 +53,7 @@ def test_the_holes_are_where_the_twin_has_them(drawing: ModuleType) -> None:
 
 
 def test_a_positive_angle_bends_as_drawn_towards_the_tendon_that_it_winds_up() -> None:
-    description = config.load()
+    description = schema.load()
     lifted, aside = ConstantCurvature(description.robot).tip_mm([[0.1, 0.0], [0.0, 0.1]])
     assert lifted[2] > 0
     assert aside[0] > 0

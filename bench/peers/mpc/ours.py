@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from bench.peers.mpc.problem import Array
-from ccr_host.config import Description
 from ccr_host.control import sqp
 from ccr_host.control.base import Command, Observation
 from ccr_host.control.box_qp import NotConvexError, QpError, solve_box_qp_with_piqp
 from ccr_host.control.mpc import ModelPredictive
+from ccr_host.description.schema import Description
 from ccr_host.robot.reference import Reference
 
 QpSolver = Callable[[Array, Array, Array, Array, Array], tuple[Array, float]]

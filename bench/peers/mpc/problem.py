@@ -9,12 +9,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Description
 from ccr_host.control.base import Observation
 from ccr_host.control.mpc import ModelPredictive
+from ccr_host.description.schema import Description
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
-from ccr_host.twin.robot import TwinRobot
+from ccr_host.sim.robot.robot import TwinRobot
 
 Array = NDArray[np.float64]
 

@@ -22,10 +22,9 @@ from ccr_host.commands.report import report
 from ccr_host.commands.setup import setup
 from ccr_host.commands.sweep import sweep
 from ccr_host.commands.track import track
-from ccr_host.commands.view import view
-from ccr_host.commands.view_option import with_default_address
+from ccr_host.commands.view import view, with_default_address
 from ccr_host.commands.workspace import workspace
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
 
 app = typer.Typer(
     name="ccr-host",

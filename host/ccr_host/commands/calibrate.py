@@ -14,16 +14,16 @@ from ccr_host.commands.options import (
     SeedOption,
     SetOption,
     TrackerOption,
+    console,
     require_named_tracker,
 )
-from ccr_host.commands.output import console
 from ccr_host.run.options import RigOptions
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ccr_host.config import Description, Servo
-    from ccr_host.run.rig import Rig
+    from ccr_host.description.schema import Description, Servo
+    from ccr_host.run.open_rig import Rig
 
 
 def calibrate(
@@ -78,17 +78,13 @@ def calibrate(
 
     Example: ccr-host calibrate --by-eye --robot my-robot.toml --device serial:/dev/ttyACM0
     """
-    from ccr_host.bringup.equipment import EquipmentChange, told_to_board
-    from ccr_host.bringup.identify import SECTION
-    from ccr_host.bringup.keep_calibration import (
-        calibrated_section,
-        file_for_calibration,
-        keep_calibration,
-    )
-    from ccr_host.description_file import keep_in
-    from ccr_host.errors import ConfigError
+    from ccr_host.core.errors import ConfigError
+    from ccr_host.description.file import keep_in
     from ccr_host.run.observer import Observers
-    from ccr_host.run.rig import open_rig, sees_simulated_robot
+    from ccr_host.run.open_rig import open_rig, sees_simulated_robot
+    from ccr_host.tools.equipment import EquipmentChange, told_to_board
+    from ccr_host.tools.identify import SECTION
+    from ccr_host.tools.survey import calibrated_section, file_for_calibration, keep_calibration
 
     change = EquipmentChange(board_name, emergency_stop, supply_divider, supply_min)
     if by_eye and identify:
@@ -140,10 +136,10 @@ def lead_by_eye(
     """Ask for the marks on a terminal; None if the user leaves before the last one."""
     from rich.live import Live
 
-    from ccr_host.bringup.calibrate_by_eye import calibrate_by_eye
-    from ccr_host.bringup.jog import JogView
-    from ccr_host.bringup.jog_screen import jog_panel
-    from ccr_host.bringup.keyboard import Keyboard
+    from ccr_host.tools.calibrate import calibrate_by_eye
+    from ccr_host.tools.jog import JogView
+    from ccr_host.tools.jog_screen import jog_panel
+    from ccr_host.tools.keyboard import Keyboard
 
     with Keyboard() as keyboard, Live(console=screen, auto_refresh=False) as live:
 
@@ -157,9 +153,9 @@ def lead_by_eye(
 
 
 def _by_tracker(screen: Console, rig: Rig, description: Description) -> Servo:
-    from ccr_host import terminal
-    from ccr_host.bringup.calibrate_by_tracker import calibrate_by_tracker, corrected
-    from ccr_host.bringup.calibration_table import calibration_table
+    from ccr_host.commands import terminal
+    from ccr_host.tools.calibrate import calibration_table
+    from ccr_host.tools.survey import calibrate_by_tracker, corrected
 
     with terminal.steps_progress(console(on_stderr=True), "poses") as on_pose:
         fit = calibrate_by_tracker(rig, description, on_pose)
@@ -170,9 +166,9 @@ def _by_tracker(screen: Console, rig: Rig, description: Description) -> Servo:
 def _identify(screen: Console, rig: Rig, description: Description) -> dict[str, Any]:
     import datetime
 
-    from ccr_host import terminal
-    from ccr_host.bringup.identify import identified_section, trial_fit
-    from ccr_host.bringup.measure_rests import measure_rests
+    from ccr_host.commands import terminal
+    from ccr_host.tools.identify import identified_section, trial_fit
+    from ccr_host.tools.survey import measure_rests
 
     with terminal.steps_progress(console(on_stderr=True), "poses") as on_pose:
         rests = measure_rests(rig, description, on_pose)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ccr_host import terminal
-from ccr_host.commands import completion
+from ccr_host.commands import terminal
 from ccr_host.commands.options import (
     DeviceOption,
     JsonOption,
@@ -19,16 +18,20 @@ from ccr_host.commands.options import (
     SetOption,
     TrackerOption,
     UncheckedOption,
+    complete_controllers,
+    complete_paths,
+    console,
+    print_json,
+    tell_kept,
     warn_of_mismatch,
 )
-from ccr_host.commands.output import console, print_json, tell_kept
-from ccr_host.errors import CcrError
+from ccr_host.core.errors import CcrError
 from ccr_host.run.options import RunOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ccr_host.run.folder import ResultFolder
+    from ccr_host.record.folder import ResultFolder
     from ccr_host.run.summary import RunResult
 
 
@@ -37,19 +40,22 @@ def compare(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Only this controller; may be repeated. Default: all but peers.",
-            autocompletion=completion.controllers,
+            help="Only this controller; may be repeated. Default: all but the baselines.",
+            autocompletion=complete_controllers,
         ),
     ] = None,
-    peers: Annotated[
-        bool, typer.Option("--peers", help="The field's usual controllers too; see the docs.")
+    baselines: Annotated[
+        bool,
+        typer.Option(
+            "--baselines", "--peers", help="The field's usual controllers too; see the docs."
+        ),
     ] = False,
     path: Annotated[
         list[str] | None,
         typer.Option(
             metavar="PATH",
             help="Only this path; may be repeated. Default: all three.",
-            autocompletion=completion.paths,
+            autocompletion=complete_paths,
         ),
     ] = None,
     robot: RobotOption = None,
@@ -67,16 +73,16 @@ def compare(
 
     Example: ccr-host compare --robot hard
     """
-    from ccr_host.control.registry import controller_names, peer_names
+    from ccr_host.control.registry import baseline_names, controller_names
+    from ccr_host.core.stop_signals import signals_deferred
+    from ccr_host.record.folder import ResultFolder
+    from ccr_host.record.paper_results import PAPER_RESULTS
     from ccr_host.run.campaign import execute_all
     from ccr_host.run.execute import reference_of
-    from ccr_host.run.folder import ResultFolder
-    from ccr_host.run.paper_results import PAPER_RESULTS
     from ccr_host.run.summary import RunResult
-    from ccr_host.stop_signals import signals_deferred
 
     chosen = controller or controller_names()
-    names = list(dict.fromkeys([*chosen, *peer_names()] if peers else chosen))
+    names = list(dict.fromkeys([*chosen, *baseline_names()] if baselines else chosen))
     runs = [
         RunOptions(
             path=one_path,
@@ -133,9 +139,9 @@ def compare(
 
 def _keep(folder: ResultFolder, results: Sequence[RunResult]) -> dict[str, Any]:
     """Write compare.json and the figure; what was written."""
-    from ccr_host.run.figure import PlottedRun, write_comparison_figure
-    from ccr_host.run.folder import FIGURES
-    from ccr_host.run.paper_results import PAPER_RESULTS
+    from ccr_host.record.figure import PlottedRun, write_comparison_figure
+    from ccr_host.record.folder import FIGURES
+    from ccr_host.record.paper_results import PAPER_RESULTS
     from ccr_host.run.summary import summarise
     from ccr_host.run.twin_floor import twin_floor_mm
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ccr_host.commands.options import RobotOption, SeedOption, SetOption
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
 
 
 def emulate(
@@ -50,8 +50,8 @@ def emulate(
 
     Example: ccr-host emulate --tcp 127.0.0.1:5025 --polaris-tcp 127.0.0.1:8765
     """
-    from ccr_host import config
-    from ccr_host.emulator.serve import (
+    from ccr_host.description import schema
+    from ccr_host.sim.serving.emulate import (
         Served,
         ServedBoard,
         ServedCamera,
@@ -67,15 +67,15 @@ def emulate(
     if simavr and with_camera:
         raise ConfigError("a Polaris with --simavr", "leave out --simavr: the board is emulated")
     if simavr:
-        from ccr_host.simavr.files import find_firmware
-        from ccr_host.simavr.serve import open_pty_server
+        from ccr_host.sim.simavr.flash_image import find_firmware
+        from ccr_host.sim.simavr.serve import open_pty_server
 
         server = open_pty_server(find_firmware(), eeprom_file=eeprom)
         served = Served(server, server.uri)
     else:
         board = ServedBoard(tcp, eeprom, boot_loader_us=boot_ms * 1000)
         if with_camera:
-            description = config.load(robot, overrides or ())
+            description = schema.load(robot, overrides or ())
             served = open_board_with_camera(board, ServedCamera(polaris_tcp, description, seed))
         else:
             served = open_board(board)

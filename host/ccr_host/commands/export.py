@@ -6,10 +6,9 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.options import JsonOption, OutOption
-from ccr_host.commands.output import console, print_json
+from ccr_host.commands.options import JsonOption, OutOption, console, print_json
 from ccr_host.commands.replay import RunArgument
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
 
 _FINISHED_LOG = "mcap"
 
@@ -31,12 +30,11 @@ def export(
 
     Example: ccr-host export runs/20260101-120000-ellipse-adaptive --format parquet
     """
-    from ccr_host.run.folder import ResultFolder
-    from ccr_host.run.log.export import Format
-    from ccr_host.run.log.export import export as export_tables
-    from ccr_host.run.log.finish import finish_log
-    from ccr_host.run.log.reader import RunRecording
-    from ccr_host.user_file import is_folder
+    from ccr_host.core.user_file import is_folder
+    from ccr_host.record.export import Format, finish_log
+    from ccr_host.record.export import export as export_tables
+    from ccr_host.record.folder import ResultFolder
+    from ccr_host.record.log.reader import RunRecording
 
     if form not in (*Format, _FINISHED_LOG):
         known = ", ".join((*Format, _FINISHED_LOG))

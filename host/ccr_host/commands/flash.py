@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.options import JsonOption
-from ccr_host.commands.output import console, print_json
+from ccr_host.commands.options import JsonOption, console, print_json
 
 
 def flash(
@@ -28,7 +27,7 @@ def flash(
 
     Example: ccr-host flash --port /dev/ttyACM0
     """
-    from ccr_host.flash.flash import flash_board
+    from ccr_host.tools.flash import flash_board
 
     report = flash_board(port, firmware)
     screen = console(on_stderr=as_json)

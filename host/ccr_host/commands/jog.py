@@ -8,8 +8,8 @@ from ccr_host.commands.options import (
     SeedOption,
     SetOption,
     TrackerOption,
+    console,
 )
-from ccr_host.commands.output import console
 from ccr_host.run.options import RigOptions
 
 
@@ -26,12 +26,12 @@ def jog(
     """
     from rich.live import Live
 
-    from ccr_host.bringup.jog import JogView
-    from ccr_host.bringup.jog import jog as move_by_hand
-    from ccr_host.bringup.jog_screen import jog_panel
-    from ccr_host.bringup.keyboard import Keyboard
     from ccr_host.run.observer import Observers
-    from ccr_host.run.rig import open_rig, sees_simulated_robot
+    from ccr_host.run.open_rig import open_rig, sees_simulated_robot
+    from ccr_host.tools.jog import JogView
+    from ccr_host.tools.jog import jog as move_by_hand
+    from ccr_host.tools.jog_screen import jog_panel
+    from ccr_host.tools.keyboard import Keyboard
 
     options = RigOptions(
         robot=robot,

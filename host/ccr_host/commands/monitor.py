@@ -9,12 +9,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ccr_host.commands.options import JsonOption, RobotOption, SeedOption, SetOption, TrackerOption
-from ccr_host.commands.output import console, print_json
-from ccr_host.standard_streams import is_output_lost
+from ccr_host.commands.options import (
+    JsonOption,
+    RobotOption,
+    SeedOption,
+    SetOption,
+    TrackerOption,
+    console,
+    print_json,
+)
+from ccr_host.core.standard_streams import is_output_lost
 
 if TYPE_CHECKING:
-    from ccr_host.run.monitor import Monitor, MonitorView
+    from ccr_host.tools.monitor import Monitor, MonitorView
 
 _REFRESH_US = 200_000
 _LINE_US = 1_000_000
@@ -54,11 +61,11 @@ def monitor(
 
     Example: ccr-host monitor --tracker ndi:/dev/ttyUSB0
     """
-    from ccr_host import config
-    from ccr_host.errors import TrackerError
-    from ccr_host.run.monitor import open_monitor
+    from ccr_host.core.errors import TrackerError
+    from ccr_host.description import schema
+    from ccr_host.tools.monitor import open_monitor
 
-    description = config.load(robot, overrides or ())
+    description = schema.load(robot, overrides or ())
     last: MonitorView | None = None
     with (
         open_monitor(tracker, device, description, seed) as opened,
@@ -95,7 +102,7 @@ def _looks(opened: Monitor, duration_s: float | None, period_us: int) -> Iterato
 def _show(opened: Monitor, duration_s: float | None) -> MonitorView | None:
     from rich.live import Live
 
-    from ccr_host.tracker_screen import monitor_panel
+    from ccr_host.commands.tracker_screen import monitor_panel
 
     last: MonitorView | None = None
     with Live(console=console(), auto_refresh=False) as live, suppress(KeyboardInterrupt):

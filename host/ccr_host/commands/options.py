@@ -2,34 +2,93 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.console import Console
 
-from ccr_host.commands import completion
-from ccr_host.commands.output import console
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.standard_streams import warn
+from ccr_host.core.user_file import printable
 from ccr_host.run.options import RigOptions
+
+if TYPE_CHECKING:
+    from ccr_host.record.folder import ResultFolder
+
+
+def complete_controllers(incomplete: str) -> list[str]:
+    """Names of controllers."""
+    from ccr_host.control.registry import baseline_names, controller_names
+
+    return _beginning_with(incomplete, [*controller_names(), *baseline_names()])
+
+
+def complete_paths(incomplete: str) -> list[str]:
+    """Names of built-in paths; where none fits, the shell itself offers files."""
+    from ccr_host.robot.paths import path_names
+
+    return _beginning_with(incomplete, path_names())
+
+
+def complete_robots(incomplete: str) -> list[str]:
+    """Names of shipped descriptions; where none fits, the shell itself offers files."""
+    from ccr_host.description.source import shipped_descriptions
+
+    return _beginning_with(incomplete, shipped_descriptions())
+
+
+def _beginning_with(incomplete: str, names: list[str]) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]
+
+
+_USUAL_WIDTH = 80
+
+
+def console(*, on_stderr: bool = False) -> Console:
+    """For text that may contain anything, such as the brackets of a file's name."""
+    made = Console(stderr=on_stderr, markup=False, highlight=False)
+    if made.width < 1:  # COLUMNS=0, as terminals of unknown size have it: nothing would be printed
+        made.width = _USUAL_WIDTH
+    return made
+
+
+def tell_kept(screen: Console, folder: ResultFolder, *further_troubles: str) -> None:
+    """Where the results are; in one line on standard error, what is missing."""
+    if folder.kept:
+        where = printable(str(folder.path))
+        screen.print(f"kept in {where}/: {', '.join(folder.kept)}", soft_wrap=True)
+    troubles = [trouble for trouble in (folder.trouble, *further_troubles) if trouble]
+    if troubles:
+        warn(f"{folder.path}: {'; '.join(troubles)}")
+
+
+def print_json(content: dict[str, Any]) -> None:
+    """One object on one line of standard output."""
+    sys.stdout.write(json.dumps(content) + "\n")
+    sys.stdout.flush()
+
 
 PathArgument = Annotated[
     str,
     typer.Argument(
         metavar="PATH",
         help="ellipse, 8shape, star, or a table in a file (t_s,y_mm,z_mm[,x_mm]).",
-        autocompletion=completion.paths,
+        autocompletion=complete_paths,
     ),
 ]
 ControllerOption = Annotated[
     str,
-    typer.Option(metavar="NAME", help="Controller to use.", autocompletion=completion.controllers),
+    typer.Option(metavar="NAME", help="Controller to use.", autocompletion=complete_controllers),
 ]
 RobotOption = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
         help="Robot description, or the name of a shipped one.",
-        autocompletion=completion.robots,
+        autocompletion=complete_robots,
     ),
 ]
 DeviceOption = Annotated[
@@ -84,7 +143,7 @@ def warn_of_mismatch(options: RigOptions) -> None:
     Raises:
         ConfigError: the device or tracker URI is not one.
     """
-    from ccr_host.run.rig import mismatch_of
+    from ccr_host.run.open_rig import mismatch_of
 
     if mismatch := mismatch_of(options):
         console(on_stderr=True).print(f"note: {mismatch}")
@@ -96,7 +155,7 @@ def require_named_tracker(context: typer.Context, options: RigOptions) -> None:
     Raises:
         ConfigError: so it would be; or the device or tracker URI is not one.
     """
-    from ccr_host.run.rig import sees_simulated_robot
+    from ccr_host.run.open_rig import sees_simulated_robot
 
     source = context.get_parameter_source("tracker")
     unnamed = source is not None and source.name == "DEFAULT"

@@ -13,9 +13,10 @@ from ccr_host.commands.options import (
     SeedOption,
     SetOption,
     TrackerOption,
+    console,
+    print_json,
     require_named_tracker,
 )
-from ccr_host.commands.output import console, print_json
 from ccr_host.run.options import RigOptions
 
 
@@ -37,18 +38,18 @@ def register(
     """
     import datetime
 
-    from ccr_host import terminal
-    from ccr_host.description_file import file_to_keep_in, keep_in
+    from ccr_host.commands import terminal
+    from ccr_host.commands.tracker_screen import registration_table
+    from ccr_host.description.file import file_to_keep_in, keep_in
     from ccr_host.robot.workspace import MotorLimits
     from ccr_host.run.observer import Observers
-    from ccr_host.run.register import (
+    from ccr_host.run.open_rig import open_rig
+    from ccr_host.tools.register import (
         SECTION,
         register_robot,
         registration_section,
         safe_poses_rad,
     )
-    from ccr_host.run.rig import open_rig
-    from ccr_host.tracker_screen import registration_table
 
     options = RigOptions(
         robot=robot,

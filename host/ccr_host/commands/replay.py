@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.options import JsonOption
-from ccr_host.commands.output import console, print_json
-from ccr_host.errors import CcrError
+from ccr_host.commands.options import JsonOption, console, print_json
+from ccr_host.core.errors import CcrError
 
 RunArgument = Annotated[
     Path, typer.Argument(metavar="RUN", help="Folder of a run, or one file of its log.")
@@ -25,9 +24,9 @@ def replay(run: RunArgument, as_json: JsonOption = False) -> None:
 
     Example: ccr-host replay runs/20260101-120000-ellipse-adaptive
     """
-    from ccr_host.run.log.reader import RunRecording
-    from ccr_host.run.replay import replay as replay_run
-    from ccr_host.run.versions import versions
+    from ccr_host.record.log.reader import RunRecording
+    from ccr_host.record.replay import replay as replay_run
+    from ccr_host.record.versions import versions
 
     screen = console(on_stderr=as_json)
     recording = RunRecording(run)

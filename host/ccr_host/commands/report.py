@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.output import console
+from ccr_host.commands.options import console
 
 
 def report(
@@ -25,8 +25,8 @@ def report(
 
     Example: ccr-host report runs/20260101-120000-ellipse-adaptive
     """
-    from ccr_host.run.report.report import write_report
-    from ccr_host.user_file import is_folder
+    from ccr_host.core.user_file import is_folder
+    from ccr_host.record.report.report import write_report
 
     first = runs[0] if is_folder(runs[0]) else runs[0].parent
     file = out or first / "report.html"

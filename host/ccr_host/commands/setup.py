@@ -18,15 +18,15 @@ from ccr_host.commands.options import (
     SeedOption,
     SetOption,
     TrackerOption,
+    console,
     require_named_tracker,
 )
-from ccr_host.commands.output import console
 from ccr_host.run.options import RigOptions
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ccr_host.bringup.survey import Survey
+    from ccr_host.tools.survey import Survey
 
 _ROUNDS = 3
 """One finds what is to be corrected, the next one that nothing is left of it."""
@@ -56,9 +56,9 @@ def setup(
     Example: ccr-host setup --robot my-robot.toml --device serial:/dev/ttyACM0
     --tracker ndi:/dev/ttyUSB0
     """
-    from ccr_host.bringup.keep_calibration import file_for_calibration
-    from ccr_host.description_file import begin_description
-    from ccr_host.errors import ConfigError
+    from ccr_host.core.errors import ConfigError
+    from ccr_host.description.file import begin_description
+    from ccr_host.tools.survey import file_for_calibration
 
     if not yes and not (sys.stdin and sys.stdin.isatty()):
         raise ConfigError("standard input is not a terminal", "start it from one, or give --yes")
@@ -105,10 +105,10 @@ class _Guide:
 
     def look(self) -> None:
         """Board, firmware and camera, as ``doctor`` does; nothing moves."""
-        from ccr_host.bringup.doctor import examine
-        from ccr_host.bringup.finding import Severity, exit_status
         from ccr_host.commands.doctor import printed
-        from ccr_host.link.uri import DeviceKind, parse_device_uri
+        from ccr_host.link.transport import DeviceKind, parse_device_uri
+        from ccr_host.tools.doctor import examine
+        from ccr_host.tools.finding import Severity, exit_status
 
         self._title("board and camera")
         findings = [*printed(examine(self.options, Path()), self.screen)]
@@ -129,11 +129,11 @@ class _Guide:
 
     def lead_servos_by_eye(self) -> None:
         """Scale and limits, which no camera can tell; tendons off."""
-        from ccr_host.bringup.keep_calibration import keep_calibration
         from ccr_host.commands.calibrate import lead_by_eye
-        from ccr_host.link.uri import parse_device_uri
+        from ccr_host.link.transport import parse_device_uri
         from ccr_host.run.observer import Observers
-        from ccr_host.run.rig import open_rig, sees_simulated_robot
+        from ccr_host.run.open_rig import open_rig, sees_simulated_robot
+        from ccr_host.tools.survey import keep_calibration
 
         self._title("servos by eye")
         if not self.asks or not parse_device_uri(self.options.device).is_outside:
@@ -155,16 +155,14 @@ class _Guide:
 
     def survey(self) -> None:
         """Camera, servos and rests, until the servos stand where they are said to."""
-        from ccr_host.bringup.calibrate_by_tracker import corrected
-        from ccr_host.bringup.calibration_table import calibration_table
-        from ccr_host.bringup.keep_calibration import keep_calibration
-        from ccr_host.bringup.servo_fit import CalibrationError
-        from ccr_host.bringup.survey import survey
+        from ccr_host.commands.terminal import steps_progress
+        from ccr_host.commands.tracker_screen import registration_table
         from ccr_host.control.adaptive.identified import digest_of
         from ccr_host.run.observer import Observers
-        from ccr_host.run.rig import open_rig
-        from ccr_host.terminal import steps_progress
-        from ccr_host.tracker_screen import registration_table
+        from ccr_host.run.open_rig import open_rig
+        from ccr_host.tools.calibrate import calibration_table
+        from ccr_host.tools.servo_fit import CalibrationError
+        from ccr_host.tools.survey import corrected, keep_calibration, survey
 
         self._title("camera, servos and rests")
         description = self.options.description()
@@ -225,9 +223,9 @@ class _Guide:
     def _keep(self, found: Survey) -> None:
         import datetime
 
-        from ccr_host.bringup import identify
-        from ccr_host.description_file import keep_in
-        from ccr_host.run.register import SECTION, registration_section
+        from ccr_host.description.file import keep_in
+        from ccr_host.tools import identify
+        from ccr_host.tools.register import SECTION, registration_section
 
         today, own = datetime.date.today(), str(self.file)
         keep_in(self.file, {SECTION: registration_section(found.registration, today)}, own)

@@ -7,10 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ccr_host import terminal
-from ccr_host.commands import completion
-from ccr_host.commands.options import JsonOption, OutOption, RobotOption, SeedOption, SetOption
-from ccr_host.commands.output import console, print_json, tell_kept
+from ccr_host.commands import terminal
+from ccr_host.commands.options import (
+    JsonOption,
+    OutOption,
+    RobotOption,
+    SeedOption,
+    SetOption,
+    complete_controllers,
+    complete_paths,
+    console,
+    print_json,
+    tell_kept,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,8 +27,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from ccr_host.run.sweep.job import Row
-    from ccr_host.run.sweep.plan import TwinJob
+    from ccr_host.tools.sweep.job import Row
+    from ccr_host.tools.sweep.plan import TwinJob
 
 _DEFAULT_CONTROLLERS = ["adaptive", "mpc"]
 _DEFAULT_RATES_HZ = [1.0, 20.0]
@@ -42,7 +51,7 @@ def sweep(
         typer.Option(
             metavar="NAME",
             help="May be repeated. Default: adaptive and mpc.",
-            autocompletion=completion.controllers,
+            autocompletion=complete_controllers,
         ),
     ] = None,
     path: Annotated[
@@ -50,7 +59,7 @@ def sweep(
         typer.Option(
             metavar="PATH",
             help="May be repeated; twins take turns. Default: all three.",
-            autocompletion=completion.paths,
+            autocompletion=complete_paths,
         ),
     ] = None,
     rate: Annotated[
@@ -87,12 +96,12 @@ def sweep(
 
     Example: ccr-host sweep --runs 100 --controller adaptive --out sweep1
     """
-    from ccr_host.errors import CcrError, ConfigError
+    from ccr_host.core.errors import CcrError, ConfigError
+    from ccr_host.core.optional import import_optional
+    from ccr_host.core.stop_signals import signals_deferred
+    from ccr_host.record.folder import ResultFolder
     from ccr_host.robot.paths import path_names
-    from ccr_host.run.folder import ResultFolder
-    from ccr_host.run.sweep.plan import SweepPlan, read_twins
-    from ccr_host.stop_signals import signals_deferred
-    from ccr_host.tracking.optional import import_optional
+    from ccr_host.tools.sweep.plan import SweepPlan, read_twins
 
     given = None if twins is None else read_twins(twins)
     known = _DEFAULT_RUNS if given is None else len(given)
@@ -112,8 +121,8 @@ def sweep(
         return
     for package in ("distributed", "pyarrow"):
         import_optional(package, "sweep", "ccr-host sweep")
-    from ccr_host.run.sweep.session import run_missing, sum_up
-    from ccr_host.run.sweep.store import SweepFolder
+    from ccr_host.tools.sweep.store import SweepFolder
+    from ccr_host.tools.sweep.workers import run_missing, sum_up
 
     with ResultFolder(out, "sweep") as folder:
         store = SweepFolder(folder.path, plan)
@@ -139,7 +148,7 @@ def sweep(
 
 
 def _run_here(jobs: Sequence[TwinJob]) -> list[Row]:
-    from ccr_host.run.sweep.job import run_job
+    from ccr_host.tools.sweep.job import run_job
 
     rows: list[Row] = []
     with _progress(jobs) as on_count:
@@ -155,7 +164,7 @@ def _progress(jobs: Sequence[TwinJob]) -> AbstractContextManager[terminal.OnCoun
 
 
 def _show(rows: Sequence[Row], screen: Console, *, as_json: bool) -> None:
-    from ccr_host.run.sweep.statistics import groups_of
+    from ccr_host.tools.sweep.statistics import groups_of
 
     groups = groups_of(rows)
     screen.print(terminal.sweep_table(groups))

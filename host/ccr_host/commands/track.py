@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ccr_host import terminal
+from ccr_host.commands import terminal
 from ccr_host.commands.options import (
     ControllerOption,
     DeviceOption,
@@ -21,10 +21,12 @@ from ccr_host.commands.options import (
     SetOption,
     TrackerOption,
     UncheckedOption,
+    console,
+    print_json,
+    tell_kept,
     warn_of_mismatch,
 )
-from ccr_host.commands.output import console, print_json, tell_kept
-from ccr_host.commands.view_option import ViewOption
+from ccr_host.commands.view import ViewOption
 from ccr_host.run.options import RunOptions
 
 if TYPE_CHECKING:
@@ -67,11 +69,11 @@ def track(
 
     Example: ccr-host track 8shape --set twin.payload_g=5
     """
+    from ccr_host.record.folder import ResultFolder
+    from ccr_host.record.keep import execute_logged, keep_result
     from ccr_host.run.campaign import in_background
-    from ccr_host.run.execute import execute_logged, reference_of
-    from ccr_host.run.folder import ResultFolder
-    from ccr_host.run.keep import keep_result
-    from ccr_host.run.rig import is_simulated
+    from ccr_host.run.execute import reference_of
+    from ccr_host.run.open_rig import is_simulated
     from ccr_host.view.address import parse_view_address
     from ccr_host.view.live import live_page
 

@@ -2,13 +2,72 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ccr_host.view.address import DEFAULT_ADDRESS
+from ccr_host.core.clock import RealClock
+from ccr_host.record.log.play import play_run
+from ccr_host.view.address import DEFAULT_ADDRESS, ViewAddress, open_door
+from ccr_host.view.history import RunHistory
+from ccr_host.view.page import Page
+from ccr_host.view.page_process import DRAW_EVERY_S
+from ccr_host.view.page_server import in_servers_thread, page_server
+
+ViewOption = Annotated[
+    str | None,
+    typer.Option(
+        "--view",
+        metavar="[HOST:PORT]",
+        help=f"Show the run in the browser while it happens; {DEFAULT_ADDRESS} by default.",
+    ),
+]
+
+
+def with_default_address(words: Sequence[str]) -> list[str]:
+    """Give ``--view`` its default where no HOST:PORT follows it."""
+    return [
+        f"--view={DEFAULT_ADDRESS}"
+        if word == "--view" and not _is_like_an_address(following)
+        else word
+        for word, following in pairwise([*words, ""])
+    ]
+
+
+def _is_like_an_address(word: str) -> bool:
+    return word.startswith("[") or (":" in word and word.rpartition(":")[2].isdigit())
+
+
+def show_recorded_run(folder: Path, address: ViewAddress, on_ready: Callable[[str], None]) -> None:
+    """Serve the page until interrupted.
+
+    Args:
+        folder: of the run.
+        address: to listen on.
+        on_ready: is told the address to open.
+
+    Raises:
+        ConfigError: no run that can be read, or an address that cannot be had.
+        KeyboardInterrupt: the usual end.
+    """
+    history = RunHistory()
+    play_run(folder, history)
+    pace, clock = threading.Event(), RealClock()
+    door = open_door(address)
+    on_ready(door.url)
+    with page_server(door) as server:
+        page = in_servers_thread(server, Page, server, history, None)
+        drawn_us = clock.now_us()
+        while not pace.wait(DRAW_EVERY_S):
+            now_us = clock.now_us()
+            if server.get_clients():
+                in_servers_thread(server, page.draw, now_us, now_us - drawn_us, 0)
+            drawn_us = now_us
 
 
 def view(
@@ -26,8 +85,7 @@ def view(
 
     where = parse_view_address(address, "--address")
     require_viser()
-    from ccr_host.run.log.reader import RunRecording
-    from ccr_host.view.replay_page import show_recorded_run
+    from ccr_host.record.log.reader import RunRecording
 
     if trouble := RunRecording(run).end.trouble:
         typer.echo(trouble, err=True)

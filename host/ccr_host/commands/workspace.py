@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from ccr_host import terminal
+from typing import Any
+
+import numpy as np
+
+from ccr_host.commands import terminal
 from ccr_host.commands.options import (
     JsonOption,
     OutOption,
@@ -10,9 +14,29 @@ from ccr_host.commands.options import (
     RateOption,
     RobotOption,
     SetOption,
+    console,
+    print_json,
+    tell_kept,
 )
-from ccr_host.commands.output import console, print_json, tell_kept
+from ccr_host.robot.reference import Reference
 from ccr_host.run.options import RunOptions
+
+
+def reach_of(reference: Reference) -> dict[str, Any]:
+    """Summary of reach: unreachable steps, unavoidable error, motor travel (deg for people)."""
+    unavoidable_mm = reference.unavoidable_mm
+    q_deg = np.degrees(reference.q_rad)
+    worst = int(np.argmax(unavoidable_mm))
+    return {
+        "path": reference.name,
+        "steps": len(reference.time_s),
+        "unreachable_steps": reference.unreachable_steps,
+        "floor_mean_error_mm": reference.floor_mean_mm,
+        "floor_max_error_mm": float(unavoidable_mm[worst]),
+        "floor_max_at_s": float(reference.time_s[worst]),
+        "motor_range_deg": np.stack([q_deg.min(axis=0), q_deg.max(axis=0)], axis=1).tolist(),
+        "motor_step_max_deg": np.abs(np.diff(q_deg, axis=0)).max(axis=0).tolist(),
+    }
 
 
 def workspace(
@@ -27,10 +51,9 @@ def workspace(
 
     Example: ccr-host workspace ellipse --set servo.angle_max_deg=40
     """
+    from ccr_host.record.figure import write_workspace_figure
+    from ccr_host.record.folder import FIGURES, ResultFolder
     from ccr_host.run.execute import reference_of, workspace_of
-    from ccr_host.run.figure import write_workspace_figure
-    from ccr_host.run.folder import FIGURES, ResultFolder
-    from ccr_host.run.reach import reach_of
 
     options = RunOptions(path=path, robot=robot, rate_hz=rate, overrides=tuple(overrides or ()))
     reference = reference_of(options)

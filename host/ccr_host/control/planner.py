@@ -7,13 +7,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Description
 from ccr_host.control import warm_start
 from ccr_host.control.nlp import Angles, Rollout, Tracking, Weights
 from ccr_host.control.sqp import Bounds, solve
+from ccr_host.core.optional import import_optional
+from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
-from ccr_host.tracking.optional import import_optional
 
 FloatArray = NDArray[np.float64]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 
-from ccr_host.config import Description
-from ccr_host.control.adaptive.controller import AdaptiveStatics
+from ccr_host.control.adaptive.control_law import AdaptiveStatics
 from ccr_host.control.base import Controller
 from ccr_host.control.mpc import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
-from ccr_host.errors import ConfigError, blaming
+from ccr_host.core.errors import ConfigError, blaming
+from ccr_host.description.schema import Description
 
 _MAKERS: dict[str, Callable[[Description], Controller]] = {
     OpenLoop.name: OpenLoop,
@@ -18,13 +18,13 @@ _MAKERS: dict[str, Callable[[Description], Controller]] = {
     AdaptiveStatics.name: AdaptiveStatics,
 }
 
-_PEERS = {
+_BASELINES = {
     "pid-ik": "pid_ik:PidIk",
     "broyden": "broyden:Broyden",
     "kalman-jacobian": "kalman_jacobian:KalmanJacobian",
     "mpc-offset": "mpc_offset:OffsetFreeMpc",
 }
-"""Module and class in ``control.peers``; loaded only when one is asked for."""
+"""Module and class in ``control.baselines``; loaded only when one is asked for."""
 
 
 def controller_names() -> list[str]:
@@ -32,9 +32,9 @@ def controller_names() -> list[str]:
     return list(_MAKERS)
 
 
-def peer_names() -> list[str]:
+def baseline_names() -> list[str]:
     """Controllers as the field builds them, to compare with."""
-    return list(_PEERS)
+    return list(_BASELINES)
 
 
 def make_controller(name: str, description: Description) -> Controller:
@@ -44,10 +44,10 @@ def make_controller(name: str, description: Description) -> Controller:
         ConfigError: unknown name; lists the known ones.
         CodeError: its class cannot be made.
     """
-    if name not in _MAKERS and name not in _PEERS:
-        known = ", ".join([*_MAKERS, *_PEERS])
+    if name not in _MAKERS and name not in _BASELINES:
+        known = ", ".join([*_MAKERS, *_BASELINES])
         raise ConfigError(f"unknown controller {name}", f"one of {known}")
-    make = _load_peer(name) if name in _PEERS else _MAKERS[name]
+    make = _load_baseline(name) if name in _BASELINES else _MAKERS[name]
     with blaming(f"controller {name}", "correct its class"):
         made = make(description)
         if not (callable(made.start) and callable(made.step)):
@@ -55,8 +55,8 @@ def make_controller(name: str, description: Description) -> Controller:
     return made
 
 
-def _load_peer(name: str) -> Callable[[Description], Controller]:
-    module, _, maker = _PEERS[name].partition(":")
-    loaded = importlib.import_module(f"ccr_host.control.peers.{module}")
-    peer: Callable[[Description], Controller] = getattr(loaded, maker)
-    return peer
+def _load_baseline(name: str) -> Callable[[Description], Controller]:
+    module, _, maker = _BASELINES[name].partition(":")
+    loaded = importlib.import_module(f"ccr_host.control.baselines.{module}")
+    baseline: Callable[[Description], Controller] = getattr(loaded, maker)
+    return baseline

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from math import floor
 from typing import Final
 
-from ccr_host.config import Description, Pair
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.units import CDEG_PER_DEG, deg_to_cdeg
+from ccr_host.description.schema import Description, Pair
 from ccr_host.link.messages import (
     TICK_US,
     Acceleration,
@@ -18,7 +19,6 @@ from ccr_host.link.messages import (
     Watchdog,
 )
 from ccr_host.link.payload import Field
-from ccr_host.link.units import CDEG_PER_DEG, deg_to_cdeg
 
 _TICK_S = TICK_US * 1e-6
 _HALF_US_PER_US = 2

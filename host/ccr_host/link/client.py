@@ -12,7 +12,10 @@ from typing import Final, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.errors import DeviceError
+from ccr_host.core.clock import NEVER_US, Clock
+from ccr_host.core.errors import DeviceError
+from ccr_host.core.stop_signals import interruptible_again
+from ccr_host.core.units import cdeg_to_rad, rad_to_cdeg
 from ccr_host.link import messages as m
 from ccr_host.link.board_clock import BoardClock
 from ccr_host.link.board_config import BoardConfig, board_name
@@ -33,9 +36,6 @@ from ccr_host.link.messages import State
 from ccr_host.link.statistics import LinkCounts, LinkStatistics
 from ccr_host.link.target_log import TargetLog
 from ccr_host.link.transport import Transport
-from ccr_host.link.units import cdeg_to_rad, rad_to_cdeg
-from ccr_host.run.clock import NEVER_US, Clock
-from ccr_host.stop_signals import interruptible_again
 
 BOOT_TIMEOUT_US = 5_000_000
 """An UNO with its boot loader is there after 1 to 2 s."""

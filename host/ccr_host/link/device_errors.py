@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from ccr_host.errors import DeviceError
+from ccr_host.core.errors import DeviceError
 from ccr_host.link.messages import (
     PROTOCOL_VERSION,
     SPEC_HASH,

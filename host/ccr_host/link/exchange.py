@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ccr_host.core.clock import Clock
 from ccr_host.link.device_errors import BoardSilentError, RequestRefusedError
 from ccr_host.link.framing import Frame, FrameDecoder, FramingError, encode_frame
 from ccr_host.link.messages import (
@@ -20,7 +21,6 @@ from ccr_host.link.messages import (
 )
 from ccr_host.link.statistics import LinkCounts
 from ccr_host.link.transport import Transport
-from ccr_host.run.clock import Clock
 
 ANSWER_TIMEOUT_US = 100_000
 """Ten times the slowest answer seen through a USB serial adapter (16 ms latency timer)."""

@@ -7,7 +7,7 @@ from enum import Enum
 
 from cobs import cobs
 
-from ccr_host.link.crc import crc16_x25
+from ccr_host.core.crc import crc16_x25
 from ccr_host.link.messages import FRAME_DELIMITER, MAX_DECODED_FRAME, MAX_ENCODED_FRAME
 
 _DELIMITER = bytes([FRAME_DELIMITER])

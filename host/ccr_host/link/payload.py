@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar, Self, TypeVar
 
-from ccr_host.errors import CcrError
+from ccr_host.core.errors import CcrError
 
 E = TypeVar("E", bound=IntEnum)
 

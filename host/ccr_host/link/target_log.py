@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.core.units import cdeg_to_rad
 from ccr_host.link.messages import Nack, TargetReply
-from ccr_host.link.units import cdeg_to_rad
 
 
 class TargetLog:

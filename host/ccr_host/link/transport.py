@@ -2,12 +2,79 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from enum import Enum
 from typing import Protocol
 
-from ccr_host.errors import ConfigError, DeviceError
-from ccr_host.link.byte_port import BytePort, Peer
+from ccr_host.core.addresses import Role, split_uri, tcp_address
+from ccr_host.core.byte_port import BytePort, Peer
+from ccr_host.core.errors import ConfigError, DeviceError
 from ccr_host.link.messages import BAUD
-from ccr_host.link.uri import DeviceKind, DeviceUri
+
+
+class DeviceKind(Enum):
+    """How the board is reached."""
+
+    EMULATOR = "emulator"
+    EMULATOR_PTY = "emulator+pty"
+    SIMAVR = "simavr"
+    SERIAL = "serial"
+    TCP = "tcp"
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceUri:
+    """A parsed device URI."""
+
+    kind: DeviceKind
+    address: str = ""
+    """Port of `serial:`, HOST:PORT of `tcp:`, firmware of `simavr:`; empty for the emulators."""
+
+    @property
+    def in_process(self) -> bool:
+        """Whether the board is simulated in this process, in step with its clock."""
+        return self.kind in (DeviceKind.EMULATOR, DeviceKind.SIMAVR)
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether the board is another one's: real, for all that this program knows."""
+        return self.kind in (DeviceKind.SERIAL, DeviceKind.TCP)
+
+    def __str__(self) -> str:
+        separator = "://" if self.kind is DeviceKind.TCP else ":"
+        return f"{self.kind.value}{separator}{self.address}"
+
+
+def parse_device_uri(text: str) -> DeviceUri:
+    """Read a device URI.
+
+    Raises:
+        ConfigError: unknown form, or one that lacks its port.
+    """
+    scheme, rest = split_uri(Role.DEVICE, text)
+    kind = DeviceKind(scheme)
+    match kind:
+        case DeviceKind.EMULATOR | DeviceKind.EMULATOR_PTY:
+            return _without_address(kind, text, rest)
+        case DeviceKind.SIMAVR:
+            return DeviceUri(kind, rest)
+        case DeviceKind.SERIAL:
+            return _serial(text, rest)
+        case DeviceKind.TCP:
+            return DeviceUri(kind, tcp_address(rest, f"device {text}", "tcp://localhost:5025"))
+
+
+def _without_address(kind: DeviceKind, text: str, rest: str) -> DeviceUri:
+    if rest:
+        raise ConfigError(f"device {text}: nothing may follow the colon", f"write {kind.value}:")
+    return DeviceUri(kind)
+
+
+def _serial(text: str, port: str) -> DeviceUri:
+    if not port:
+        raise ConfigError(f"device {text}: the port is missing", "write e.g. serial:/dev/ttyACM0")
+    return DeviceUri(DeviceKind.SERIAL, port)
+
 
 _BOARD = Peer("board", DeviceError, if_refused="start the server: ccr-host emulate")
 

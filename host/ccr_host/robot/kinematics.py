@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccr_host.config import Robot
+from ccr_host.description.schema import Robot
 from ccr_host.robot.arc import arc_derivatives, arc_derivatives_at
 
 FloatArray = NDArray[np.float64]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Robot
+from ccr_host.description.schema import Robot
 
 Array = NDArray[np.float64]
 

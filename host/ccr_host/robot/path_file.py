@@ -13,8 +13,8 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.errors import ConfigError
-from ccr_host.user_file import lines_of, printable, read_text
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.user_file import lines_of, printable, read_text
 
 FloatArray = NDArray[np.float64]
 Line = tuple[int, str]

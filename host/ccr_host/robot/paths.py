@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.user_file import is_there, printable
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.path_file import SampledPath, read_path_file
 from ccr_host.robot.reference import MAX_SAMPLES, Reference
 from ccr_host.robot.workspace import MotorLimits, Workspace
-from ccr_host.user_file import is_there, printable
 
 __all__ = ["MAX_SAMPLES", "Reference", "load_path", "path_names"]
 

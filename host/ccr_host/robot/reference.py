@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccr_host.config import Servo
+from ccr_host.description.schema import Servo
 from ccr_host.robot.arc import arc_derivatives
 from ccr_host.robot.kinematics import ConstantCurvature
 

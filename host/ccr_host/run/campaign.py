@@ -16,10 +16,10 @@ from multiprocessing.connection import Connection, wait
 from types import TracebackType
 from typing import Self
 
-from ccr_host.errors import CcrError, full_text
+from ccr_host.core.errors import CcrError, full_text
 from ccr_host.run.execute import execute_quietly
+from ccr_host.run.open_rig import is_simulated
 from ccr_host.run.options import RunOptions
-from ccr_host.run.rig import is_simulated
 from ccr_host.run.summary import RunResult
 from ccr_host.run.twin_floor import keep_static_map
 

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
-
 from ccr_host.control.base import Phase
 from ccr_host.control.registry import make_controller
-from ccr_host.errors import DeviceError, TrackerError, full_text
+from ccr_host.core.clock import Stopwatch
+from ccr_host.core.errors import DeviceError, TrackerError, full_text
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits, Workspace
-from ccr_host.run.clock import Stopwatch
-from ccr_host.run.inputs.recording import RecordedOperator
-from ccr_host.run.log.open_log import open_run_log
 from ccr_host.run.loop import Progress, follow_path
-from ccr_host.run.observer import Observers, RunObserver, RunSetup
+from ccr_host.run.observer import Observers, RunObserver, RunSetup, StepRecord
+from ccr_host.run.open_rig import Rig, open_rig
 from ccr_host.run.operator import NoOperator, Operator, stopping_at_once
 from ccr_host.run.options import RunOptions
-from ccr_host.run.rig import Rig, is_simulated, open_rig
-from ccr_host.run.step_record import StepRecord
+from ccr_host.run.recording import RecordedOperator
 from ccr_host.run.summary import RunResult
 
 
@@ -104,31 +98,6 @@ def execute(
 def execute_quietly(options: RunOptions) -> RunResult:
     """Run without a log; for worker processes."""
     return execute(options, Observers(), lambda *_: None)
-
-
-def execute_logged(
-    options: RunOptions,
-    folder: Path,
-    on_step: Progress,
-    onlookers: Sequence[RunObserver] = (),
-    operator: Operator | None = None,
-) -> RunResult:
-    """Run with the log in its folder; the onlookers see what the log sees."""
-    result: RunResult | None = None
-    late: KeyboardInterrupt | None = None
-    try:
-        with open_run_log(folder, realtime=not is_simulated(options)) as log:
-            result = execute(options, Observers((log, *onlookers)), on_step, operator)
-    except KeyboardInterrupt as error:
-        if result is None:
-            raise
-        late = error
-    return replace(
-        result,
-        failure=result.failure or late,
-        started=log.started,
-        log_trouble=log.trouble,
-    )
 
 
 def _describe(error: Exception | KeyboardInterrupt) -> str:

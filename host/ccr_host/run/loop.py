@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from ccr_host.config import Description
 from ccr_host.control.adaptive.identification import Rests
 from ccr_host.control.base import (
     APPROACH_PERIOD_S,
@@ -24,18 +23,18 @@ from ccr_host.control.base import (
     Phase,
     checked,
 )
-from ccr_host.errors import CodeError, TrackerError, blaming
+from ccr_host.core.clock import Stopwatch
+from ccr_host.core.errors import CodeError, TrackerError, blaming
+from ccr_host.description.schema import Description
 from ccr_host.link.device_errors import LinkLossError
 from ccr_host.robot.reference import Reference
-from ccr_host.run.clock import Stopwatch
-from ccr_host.run.observer import RunObserver
+from ccr_host.run.observer import RunObserver, StepRecord, Vector
+from ccr_host.run.open_rig import Rig
 from ccr_host.run.operator import NoOperator, Operator
 from ccr_host.run.options import Checks
-from ccr_host.run.rig import Rig
 from ccr_host.run.robot_check import RobotCheck
-from ccr_host.run.step_record import StepRecord, Vector
-from ccr_host.tracking.marker_check import MarkerCheck
-from ccr_host.tracking.sample import Sample
+from ccr_host.tracking.markers.check import MarkerCheck
+from ccr_host.tracking.tracker import Sample
 
 _SOLVE_SHARE_OF_PERIOD = 0.5
 """A command later than this share of its period is dropped; the last one stays."""

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
+from ccr_host.core.clock import Clock
 from ccr_host.link.client import Client
 from ccr_host.link.messages import TICK_US
-from ccr_host.run.clock import Clock
 from ccr_host.run.observer import RunObserver
 
 _UNTIL_SHOWN_US = 3 * TICK_US

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ccr_host import config
-from ccr_host.config import Description
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
+from ccr_host.description import schema
+from ccr_host.description.schema import Description
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,9 +33,9 @@ class RigOptions:
         """Robot description with the overrides applied.
 
         Raises:
-            ConfigError: see :func:`ccr_host.config.load`.
+            ConfigError: see :func:`ccr_host.description.schema.load`.
         """
-        return config.load(self.robot, self.overrides)
+        return schema.load(self.robot, self.overrides)
 
 
 Checks = Literal["none", "markers", "motion"]

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.run.rig import Rig
-from ccr_host.tracking.marker_check import MarkerCheck
+from ccr_host.run.open_rig import Rig
+from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.registration import RegistrationError, RestPose
-from ccr_host.tracking.sample import Sample
+from ccr_host.tracking.tracker import Sample
 
 Array = NDArray[np.float64]
 OnPose = Callable[[int, int], None]

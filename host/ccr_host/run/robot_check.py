@@ -6,8 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from ccr_host.config import Description
-from ccr_host.control.adaptive.controller import AdaptiveStatics
+from ccr_host.control.adaptive.control_law import AdaptiveStatics
 from ccr_host.control.adaptive.identification import FloatArray, Rests, StaticsFit
 from ccr_host.control.adaptive.misfit import MisfitError, is_misfit, misfit
 from ccr_host.control.adaptive.motion import Rest, first_rest, moved
@@ -15,6 +14,7 @@ from ccr_host.control.adaptive.parameters import Parameters
 from ccr_host.control.adaptive.probe import Probe
 from ccr_host.control.adaptive.tip import markers_mm
 from ccr_host.control.base import Controller
+from ccr_host.description.schema import Description
 
 _FEWEST_RESTS = 4
 """Where markers were hidden from more of them nothing can be said."""

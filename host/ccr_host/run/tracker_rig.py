@@ -9,31 +9,33 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Description
-from ccr_host.emulator.polaris.camera import change_faults, faults_of, make_polaris
-from ccr_host.emulator.polaris.line import PolarisLine
-from ccr_host.errors import CodeError, blaming
-from ccr_host.run.clock import Clock
-from ccr_host.tracking.frame import (
+from ccr_host.core.clock import Clock
+from ccr_host.core.errors import CodeError, blaming
+from ccr_host.description.schema import Description
+from ccr_host.sim.polaris.camera import change_faults, faults_of, make_polaris
+from ccr_host.sim.polaris.line import PolarisLine
+from ccr_host.sim.robot.robot import TwinRobot
+from ccr_host.sim.robot.scene import TwinScene
+from ccr_host.tracking.markers.marker_tracker import BelievedAngles, MarkerTracker
+from ccr_host.tracking.open_tracker import (
+    TrackerKind,
+    TrackerUri,
+    open_tracker,
+    wait_until_tracking,
+)
+from ccr_host.tracking.rotation import rotation_matrix
+from ccr_host.tracking.sources.ndi.driver import NdiSettings, NdiTracker
+from ccr_host.tracking.sources.ndi.rom import load_rom
+from ccr_host.tracking.sources.ndi.session import Tool
+from ccr_host.tracking.sources.twin import Camera, TwinTracker
+from ccr_host.tracking.tracker import (
     MarkerFrame,
     RawTracker,
     StartsAndStops,
     TrackerHealth,
+    WatchedTracker,
     check_frame,
 )
-from ccr_host.tracking.marker_tracker import BelievedAngles, MarkerTracker
-from ccr_host.tracking.ndi.driver import NdiSettings, NdiTracker
-from ccr_host.tracking.ndi.rom import load_rom
-from ccr_host.tracking.ndi.session import Tool
-from ccr_host.tracking.open_tracker import open_tracker
-from ccr_host.tracking.ready import wait_until_tracking
-from ccr_host.tracking.rotation import rotation_matrix
-from ccr_host.tracking.tracker import WatchedTracker
-from ccr_host.tracking.twin_tracker import TwinTracker
-from ccr_host.tracking.uri import TrackerKind, TrackerUri
-from ccr_host.twin.camera import Camera
-from ccr_host.twin.robot import TwinRobot
-from ccr_host.twin.scene import TwinScene
 
 
 class TrackerRig:

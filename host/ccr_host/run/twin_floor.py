@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Description
-from ccr_host.errors import CcrError
+from ccr_host.core.errors import CcrError
+from ccr_host.description.schema import Description
 from ccr_host.robot.reference import Reference
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult
-from ccr_host.twin.floor import floor_of
-from ccr_host.twin.static_map import StaticMap, default_cache, load_static_map
+from ccr_host.sim.robot.floor import floor_of
+from ccr_host.sim.robot.static_map import StaticMap, default_cache, load_static_map
 
 
 def twin_floor_mm(result: RunResult) -> float | None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ccr_host.tracking.frame import FloatArray, MarkerFrame, Pose
+from ccr_host.tracking.tracker import FloatArray, MarkerFrame, Pose
 
 _RATE_FRAMES = 20
 

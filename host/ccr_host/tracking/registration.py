@@ -22,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Robot
-from ccr_host.errors import CcrError
+from ccr_host.core.errors import CcrError
+from ccr_host.description.schema import Robot
 from ccr_host.tracking.least_squares import minimise
 from ccr_host.tracking.rotation import rotation_vector
 from ccr_host.tracking.sagging_segment import chord

@@ -2,10 +2,181 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Protocol, Self
 
-from ccr_host.tracking.frame import TrackerHealth
-from ccr_host.tracking.sample import Sample
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.errors import TrackerError
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One exposure of the three markers."""
+
+    exposed_us: int
+    """When the markers were there, on the run's clock."""
+    markers_mm: NDArray[np.float64]
+    """(3, 3): the positions of M1 (base), M2 (end of segment 1) and M3 (tip), one a row."""
+
+    @property
+    def tip_mm(self) -> NDArray[np.float64]:
+        """(3,): f_m of the paper, M3 - M1."""
+        tip: NDArray[np.float64] = self.markers_mm[2] - self.markers_mm[0]
+        return tip
+
+    @property
+    def middle_mm(self) -> NDArray[np.float64]:
+        """(3,): the end of segment 1, M2 - M1."""
+        middle: NDArray[np.float64] = self.markers_mm[1] - self.markers_mm[0]
+        return middle
+
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where a rigid body is, in the camera's frame."""
+
+    position_mm: FloatArray
+    """(3,): origin of the body."""
+    quaternion: FloatArray
+    """(4,): w, x, y, z; turns vectors of the body into the camera's frame."""
+    error_mm: float = 0.0
+    """RMS misfit of the body's markers as the device reports it; 0 where it does not."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerFrame:
+    """One exposure: markers that nobody has told apart yet, and bodies that have a name."""
+
+    exposed_us: int
+    """Best estimate of when the markers were there, on the run's clock."""
+    frame_number: int
+    """Of the device, since it was started last."""
+    points_mm: FloatArray
+    """(n, 3): single markers in the camera's frame, one a row, in no order."""
+    out_of_volume: BoolArray
+    """(n,): points outside the volume in which the camera is accurate, by our own check."""
+    tools: Mapping[str, Pose] = field(default_factory=dict)
+    """Bodies seen, by name; those not seen are absent."""
+
+
+def check_frame(frame: object) -> None:
+    """Look at what a camera of another's making gives.
+
+    Raises:
+        ValueError: it is no frame, or has arrays of other shapes.
+    """
+    if not isinstance(frame, MarkerFrame):
+        raise ValueError(f"{type(frame).__name__} instead of a MarkerFrame")
+    count = len(frame.out_of_volume)
+    if np.shape(frame.points_mm) != (count, 3):
+        shape = np.shape(frame.points_mm)
+        raise ValueError(f"points_mm of shape {shape}, and {count} of out_of_volume")
+    for name, pose in frame.tools.items():
+        if np.shape(pose.position_mm) != (3,):
+            raise ValueError(f"{name}: position_mm of shape {np.shape(pose.position_mm)}")
+
+
+@dataclass(frozen=True)
+class TrackerHealth:
+    """How a camera is doing, for people to read."""
+
+    state: str
+    """What the driver is doing, e.g. `tracking`."""
+    tracking: bool = False
+    """Whether frames can be expected."""
+    rate_hz: float = 0.0
+    """Of new frames over the last second or so."""
+    frames: int = 0
+    """New frames so far."""
+    lost_frames: int = 0
+    """Exposures that the frame numbers tell of but that never arrived."""
+    damaged_replies: int = 0
+    """Answers refused by their check sum or their grammar."""
+    reconnections: int = 0
+    """How often contact was lost and made again."""
+    odd_frame_numbers: int = 0
+    """How often a frame number did not follow the one before: damage, or a counter that changed."""
+    warnings: tuple[str, ...] = ()
+    """What the device complains about now, one readable line each."""
+    last_error: str = ""
+    """Cause and cure of the last failure; empty if there was none."""
+
+
+class ForeignPeerError(TrackerError):
+    """What answers is something else than the tracker that was expected there."""
+
+
+class RawTracker(Protocol):
+    """A camera. Whoever owns it attaches it to the run's clock, which moves it along.
+
+    Frames never repeat and never go back. A camera that loses contact tries again by itself;
+    `health` tells how that goes.
+    """
+
+    name: str
+
+    @property
+    def health(self) -> TrackerHealth:
+        """How it is doing now."""
+
+    def start(self) -> None:
+        """Open the device; frames follow as the clock goes on.
+
+        Raises:
+            TrackerError: there is no such device.
+        """
+
+    def advance_to(self, time_us: int) -> None:
+        """Take what has arrived by a time and go on with the conversation; never waits.
+
+        Raises:
+            ForeignPeerError: there never was a frame, and what answers is no such tracker.
+        """
+
+    def newest_frame(self) -> MarkerFrame | None:
+        """Newest frame, whatever its age; None before the first."""
+
+    def stop(self) -> None:
+        """Leave the device in a safe state and let go of it; harmless if done twice."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None: ...
+
+
+class StartsAndStops:
+    """Makes a camera a context manager: started on the way in, stopped on the way out."""
+
+    def start(self) -> None:
+        raise NotImplementedError
+
+    def stop(self) -> None:
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stop()
 
 
 class Tracker(Protocol):

@@ -6,7 +6,7 @@ import secrets
 import socket
 from dataclasses import dataclass
 
-from ccr_host.addresses import host_and_port, joined, listening_socket
+from ccr_host.core.addresses import host_and_port, joined, listening_socket
 
 DEFAULT_ADDRESS = "127.0.0.1:8642"
 _TOKEN_BYTES = 16

@@ -12,7 +12,7 @@ from ctypes import c_bool
 from multiprocessing.context import BaseContext
 from typing import Any
 
-from ccr_host.errors import CcrError
+from ccr_host.core.errors import CcrError
 
 
 class SharedButtons:

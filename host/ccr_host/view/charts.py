@@ -10,12 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 from viser import GuiApi, uplot
 
-from ccr_host.run.figure_style import BESIDE_THE_TRUTH
+from ccr_host.record.figure_style import BESIDE_THE_TRUTH
 from ccr_host.run.observer import RunSetup
-from ccr_host.tracking.uri import parse_tracker_uri
+from ccr_host.tracking.open_tracker import parse_tracker_uri
 from ccr_host.view import palette
 from ccr_host.view.history import Moment, RunHistory
-from ccr_host.view.thinning import peak_rows
+
+
+def peak_rows(values: NDArray[np.float64], most: int) -> NDArray[np.intp]:
+    """Indices of about ``most`` rows: the greatest of each stretch of equal length, and the newest.
+
+    Args:
+        values: (N,), without NaN.
+        most: with no more rows than this, all are taken.
+    """
+    count = len(values)
+    if count <= most:
+        return np.arange(count)
+    stretch = -(-count // most)
+    starts = range(0, count, stretch)
+    peaks = [start + int(values[start : start + stretch].argmax()) for start in starts]
+    return np.union1d(peaks, [count - 1])
+
 
 FloatArray = NDArray[np.float64]
 

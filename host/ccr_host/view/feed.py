@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ccr_host.control.base import Command, Observation, Phase
-from ccr_host.run.observer import RunObserver, RunSetup
-from ccr_host.run.step_record import StepRecord
-from ccr_host.tracking.sample import Sample
+from ccr_host.run.observer import RunObserver, RunSetup, StepRecord
+from ccr_host.tracking.tracker import Sample
 
 Item = tuple[str, tuple[Any, ...]]
 """A method of :class:`RunObserver` and its arguments."""

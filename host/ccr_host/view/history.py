@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ccr_host.control.base import Command, Observation, Phase
-from ccr_host.run.observer import RunObserver, RunSetup
-from ccr_host.run.step_record import StepRecord
-from ccr_host.tracking.sample import Sample
+from ccr_host.run.observer import RunObserver, RunSetup, StepRecord
+from ccr_host.tracking.tracker import Sample
 from ccr_host.view.growing import FloatArray, GrowingTable
 from ccr_host.view.link_history import BoardState, LinkHealth, LinkHistory
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ccr_host.core.units import cdeg_to_rad
 from ccr_host.link.framing import Frame, FrameDecoder
 from ccr_host.link.messages import (
     MESSAGES,
@@ -19,7 +20,6 @@ from ccr_host.link.messages import (
     StateReport,
     Telemetry,
 )
-from ccr_host.link.units import cdeg_to_rad
 from ccr_host.view.growing import FloatArray, GrowingTable
 
 _KEEP_EVERY_US = 40_000

@@ -15,9 +15,9 @@ from pathlib import Path
 from threading import Lock, Thread
 from typing import TypeAlias
 
-from ccr_host.errors import CcrError, ConfigError, full_text
-from ccr_host.standard_streams import warn
-from ccr_host.stop_signals import interruptible_again
+from ccr_host.core.errors import CcrError, ConfigError, full_text
+from ccr_host.core.standard_streams import warn
+from ccr_host.core.stop_signals import interruptible_again
 from ccr_host.view.address import Door, ViewAddress, open_door
 from ccr_host.view.buttons import PageOperator, SharedButtons
 from ccr_host.view.feed import Batch, RunEnded, ViewFeed

@@ -6,6 +6,7 @@ It lives in the server's thread, see `in_servers_thread`; there viser calls what
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 from viser import GuiButtonHandle, GuiEvent, Icon, ViserServer
@@ -14,9 +15,37 @@ from ccr_host.view.buttons import SharedButtons
 from ccr_host.view.charts import Charts
 from ccr_host.view.history import Moment, RunHistory
 from ccr_host.view.palette import error_full_scale_mm
-from ccr_host.view.playback import SPEEDS, Playback
 from ccr_host.view.robot_scene import RobotScene
 from ccr_host.view.status import legend_html, status_html
+
+SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "5": 5.0, "10": 10.0}
+
+
+@dataclass
+class Playback:
+    """Where in the run the page stands, and how it goes on."""
+
+    end_us: float
+    at_us: float = 0.0
+    playing: bool = False
+    speed: float = 1.0
+
+    def press_play(self) -> None:
+        """Play or pause; at the end it begins again."""
+        self.playing = not self.playing
+        if self.playing and self.at_us >= self.end_us:
+            self.at_us = 0.0
+
+    def seek(self, at_us: float) -> None:
+        """Jump there, or as near as there is; of what is no number to the beginning."""
+        self.at_us = min(max(0.0, at_us), self.end_us)
+
+    def advance(self, elapsed_us: float) -> None:
+        """Let time pass before the page."""
+        if self.playing:
+            self.seek(self.at_us + self.speed * elapsed_us)
+            self.playing = self.at_us < self.end_us
+
 
 _PANEL_PX = 390
 _SLOW_EVERY_US = 250_000

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from viser import ViserServer
 
-from ccr_host.errors import CcrError, full_text
-from ccr_host.run.clock import RealClock
-from ccr_host.run.log.play import play_run
+from ccr_host.core.clock import RealClock
+from ccr_host.core.errors import CcrError, full_text
+from ccr_host.record.log.play import play_run
 from ccr_host.view.address import Door
 from ccr_host.view.buttons import SharedButtons
 from ccr_host.view.feed import Batch, RunEnded, play

@@ -24,7 +24,7 @@ from viser import ViserServer
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.http11 import Request, Response
 
-from ccr_host.errors import CcrError
+from ccr_host.core.errors import CcrError
 from ccr_host.view.address import Door
 
 _LONGEST_MESSAGE_BYTES = 4096

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.run import figure_style
+from ccr_host.record import figure_style
 
 FloatArray = NDArray[np.float64]
 Rgb = tuple[int, int, int]

@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
 from ccr_host.link.framing import Frame, FrameDecoder
+from ccr_host.sim.board.eeprom import EepromImage
 from tests.conformance.device import Device, EmulatedDevice, SimavrDevice
 from tests.firmware.differential.script import Script
 

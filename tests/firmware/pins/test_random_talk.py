@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccr_host.emulator.eeprom import EepromImage
 from ccr_host.link import messages as m
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
+from ccr_host.sim.board.eeprom import EepromImage
 from tests.conformance.device import SimavrDevice
 from tests.firmware.differential.script import Script
 from tests.firmware.pins.mutants import AT_THE_PINS, IN_THE_HOST, INSIDE, Mutant

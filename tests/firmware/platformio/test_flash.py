@@ -10,13 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from ccr_host.emulator.server import BackgroundServer
-from ccr_host.errors import ConfigError, DeviceError
-from ccr_host.flash.flash import flash_board, say_hello
-from ccr_host.flash.ports import choose_port
-from ccr_host.flash.upload import upload_file, upload_project
+from ccr_host.core.errors import ConfigError, DeviceError
 from ccr_host.link import messages as m
-from ccr_host.simavr.serve import open_pty_server
+from ccr_host.sim.serving.server import BackgroundServer
+from ccr_host.sim.simavr.serve import open_pty_server
+from ccr_host.tools.flash import choose_port, flash_board, say_hello, upload_file, upload_project
 
 CHECKOUT = Path(__file__).parents[3]
 

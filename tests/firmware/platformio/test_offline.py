@@ -2,11 +2,11 @@
 
 import serial
 
-from ccr_host.emulator.server import BackgroundServer
 from ccr_host.link.messages import BAUD
-from ccr_host.simavr.board import SimavrBoard
-from ccr_host.simavr.flash_image import read_flash_image
-from ccr_host.simavr.serve import open_pty_server
+from ccr_host.sim.serving.server import BackgroundServer
+from ccr_host.sim.simavr.board import SimavrBoard
+from ccr_host.sim.simavr.flash_image import read_flash_image
+from ccr_host.sim.simavr.serve import open_pty_server
 
 
 def test_run_builds_a_firmware_that_works(pio, project):

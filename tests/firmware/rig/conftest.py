@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from ccr_host.simavr.board import SimavrBoard
-from ccr_host.simavr.flash_image import read_flash_image
+from ccr_host.sim.simavr.board import SimavrBoard
+from ccr_host.sim.simavr.flash_image import read_flash_image
 
 PROGRAMS = Path(__file__).parent / "programs"
 FLAGS = ["-mmcu=atmega328p", "-DF_CPU=16000000UL", "-Os", "-Wall", "-Werror", "-std=gnu11"]

@@ -5,9 +5,9 @@ import ctypes
 import numpy as np
 import pytest
 
-from ccr_host.emulator.eeprom import EepromFile, EepromImage
-from ccr_host.errors import ConfigError, DeviceError
+from ccr_host.core.errors import ConfigError, DeviceError
 from ccr_host.link.messages import ResetCause
+from ccr_host.sim.board.eeprom import EepromFile, EepromImage
 
 FLAGS = {
     ResetCause.POWER_ON: 1,

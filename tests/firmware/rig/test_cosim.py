@@ -2,8 +2,7 @@
 
 import pytest
 
-from ccr_host.simavr.cosim import SimavrCoSimulation
-from ccr_host.simavr.line import SimavrLine
+from ccr_host.sim.simavr.line import SimavrCoSimulation, SimavrLine
 
 FRAME_US = 20_000
 

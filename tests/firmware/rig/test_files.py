@@ -2,11 +2,11 @@
 
 import pytest
 
-from ccr_host.errors import ConfigError, DeviceError
-from ccr_host.simavr.board import SimavrBoard
-from ccr_host.simavr.boot_loader import optiboot
-from ccr_host.simavr.flash_image import FLASH_BYTES, read_flash_image
-from ccr_host.simavr.shim_build import built_shim
+from ccr_host.core.errors import ConfigError, DeviceError
+from ccr_host.sim.simavr.board import SimavrBoard
+from ccr_host.sim.simavr.flash_image import FLASH_BYTES, read_flash_image
+from ccr_host.sim.simavr.mcu import built_shim
+from ccr_host.sim.simavr.serve import optiboot
 
 
 def test_elf_tells_segments_and_symbols(program):

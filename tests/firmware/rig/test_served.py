@@ -6,10 +6,10 @@ import time
 import pytest
 import serial
 
-from ccr_host.emulator.server import BackgroundServer
-from ccr_host.errors import ConfigError
-from ccr_host.simavr.files import find_firmware
-from ccr_host.simavr.serve import open_pty_server
+from ccr_host.core.errors import ConfigError
+from ccr_host.sim.serving.server import BackgroundServer
+from ccr_host.sim.simavr.flash_image import find_firmware
+from ccr_host.sim.simavr.serve import open_pty_server
 
 DEADLINE_S = 10
 AVRDUDE = ["avrdude", "-q", "-D", "-p", "m328p", "-c", "arduino", "-b", "115200"]
@@ -84,7 +84,7 @@ def test_avrdude_finds_the_boot_loader_however_late_it_comes(program, hex_file):
 
 
 def test_missing_firmware_is_told_with_its_cure(tmp_path, monkeypatch):
-    monkeypatch.setattr("ccr_host.simavr.files._CHECKOUT", tmp_path)
+    monkeypatch.setattr("ccr_host.sim.simavr.flash_image._CHECKOUT", tmp_path)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match="pio run"):
         find_firmware()

@@ -12,11 +12,10 @@ import pytest
 
 from ccr_host.link import messages as m
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
-from ccr_host.simavr.board import SimavrBoard
-from ccr_host.simavr.boot_loader import optiboot
-from ccr_host.simavr.flash_image import read_flash_image
-from ccr_host.simavr.mcu import CLOCK_HZ, CYCLES_PER_US
-from ccr_host.simavr.pulse_meter import Edge
+from ccr_host.sim.simavr.board import Edge, SimavrBoard
+from ccr_host.sim.simavr.flash_image import read_flash_image
+from ccr_host.sim.simavr.mcu import CLOCK_HZ, CYCLES_PER_US
+from ccr_host.sim.simavr.serve import optiboot
 from tests.conformance.firmware_build import firmware_elf
 
 RETURN_FROM_INTERRUPT = b"\x18\x95"

@@ -9,9 +9,9 @@ import casadi
 import numpy as np
 import pytest
 
-from ccr_host.config import Description
 from ccr_host.control.nlp import Tracking, Weights
 from ccr_host.control.sqp import Bounds
+from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits

@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccr_host.control.box_qp import (
-    NotConvexError,
-    QpError,
-    solve_box_qp,
-    solve_box_qp_with_piqp,
-)
+from ccr_host.control.box_qp import NotConvexError, QpError, solve_box_qp, solve_box_qp_with_piqp
 
 BOTH = pytest.mark.parametrize("solve", [solve_box_qp, solve_box_qp_with_piqp])
 

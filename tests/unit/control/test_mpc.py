@@ -8,19 +8,19 @@ import sys
 import numpy as np
 import pytest
 
-from ccr_host import config
 from ccr_host.control import sqp
 from ccr_host.control.base import Observation, Outcome
 from ccr_host.control.box_qp import QpError
 from ccr_host.control.mpc import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
 from ccr_host.control.registry import controller_names, make_controller
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
+from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits
 
-DEFAULT = config.load()
+DEFAULT = schema.load()
 MODEL = ConstantCurvature(DEFAULT.robot)
 LIMITS = MotorLimits.of(DEFAULT.servo)
 
@@ -97,7 +97,7 @@ def test_prediction_starts_with_the_end_of_the_commanded_period():
 @pytest.mark.long
 @pytest.mark.parametrize("limit_deg", [3.0, 10.0, 40.0])
 def test_commands_stay_within_motor_limits_that_the_path_exceeds(limit_deg):
-    tight = config.load(
+    tight = schema.load(
         overrides=[f"servo.angle_min_deg={-limit_deg}", f"servo.angle_max_deg={limit_deg}"]
     )
     largest_deg = 0.0
@@ -111,7 +111,7 @@ def test_commands_stay_within_motor_limits_that_the_path_exceeds(limit_deg):
 
 
 def test_increments_stay_within_the_step_bound():
-    slow = config.load(overrides=["control.step_bound_rad=0.05"])
+    slow = schema.load(overrides=["control.step_bound_rad=0.05"])
     commands, _ = follow(ModelPredictive(slow), reference("star"), sagging)
     steps = np.abs(np.diff([c.q_rad for c in commands], axis=0))
     assert steps.max() <= 0.05 + 1e-5
@@ -122,7 +122,7 @@ def test_increments_stay_within_the_step_bound():
 @pytest.mark.parametrize("rate_hz", [5.0, 20.0])
 @pytest.mark.parametrize("horizon", [2, 10])
 def test_other_rates_and_horizons_follow_too(rate_hz, horizon):
-    other = config.load(overrides=[f"control.horizon={horizon}"])
+    other = schema.load(overrides=[f"control.horizon={horizon}"])
     path = reference("star", rate_hz)
 
     def low(q_rad):
@@ -237,7 +237,7 @@ def test_across_the_fold_commands_move_without_jumps():
 
 
 def test_without_effort_weight_it_still_solves():
-    free = config.load(overrides=["control.effort_weight=0"])
+    free = schema.load(overrides=["control.effort_weight=0"])
     path = reference("ellipse")
     commands, tips = follow(ModelPredictive(free), path, sagging)
     assert {c.outcome for c in commands} == {Outcome.SOLVED}
@@ -263,6 +263,6 @@ def test_registry_makes_controllers_by_name_and_lists_them():
 def test_compiled_solver_without_its_extra_says_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
     with pytest.raises(ConfigError) as caught:
-        make_controller("mpc", config.load(overrides=["control.solver=compiled"]))
+        make_controller("mpc", schema.load(overrides=["control.solver=compiled"]))
     assert "control.solver = compiled" in caught.value.cause
     assert caught.value.cure == 'pip install "ccr-host[fast]"'

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccr_host import config
 from ccr_host.control.base import Observation, Outcome
 from ccr_host.control.open_loop import OpenLoop
+from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
 
-DEFAULT = config.load()
+DEFAULT = schema.load()
 MODEL = ConstantCurvature(DEFAULT.robot)
 
 
@@ -62,7 +62,7 @@ def test_measurements_change_nothing():
 
 
 def test_motor_limits_are_kept():
-    tight = config.load(overrides=["servo.angle_min_deg=-12", "servo.angle_max_deg=12"])
+    tight = schema.load(overrides=["servo.angle_min_deg=-12", "servo.angle_max_deg=12"])
     q = np.degrees(angles(reference("ellipse", description=tight), tight))
     assert np.abs(q).max() <= 12.0 + 1e-9
 
@@ -70,7 +70,7 @@ def test_motor_limits_are_kept():
 def test_direction_that_no_motor_can_move_is_dropped():
     """Where J loses rank the pseudo-inverse alone would ask for boundless steps."""
     # Long second segment, short first: J is nearly singular with both segments rolled up.
-    odd = config.load(
+    odd = schema.load(
         overrides=[
             "robot.segment_lengths_mm=[5.0, 1000.0]",
             "robot.marker_offset_mm=0",

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ccr_host.config import Description
 from ccr_host.control import sqp
 from ccr_host.control.box_qp import QpError
 from ccr_host.control.nlp import expand, roll_out
 from ccr_host.control.sqp import Bounds, SolverError, solve
+from ccr_host.description.schema import Description
 from ccr_host.robot.workspace import MotorLimits
 
 LIMITS = MotorLimits.of(Description().servo)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import pytest
 
-from ccr_host.config import load
-from ccr_host.emulator.board import UnoEmulator
-from ccr_host.emulator.serial_line import SerialLine
+from ccr_host.core.clock import VirtualClock
+from ccr_host.description.schema import load
 from ccr_host.link.board_config import BoardConfig, board_config
 from ccr_host.link.client import Client
-from ccr_host.run.clock import VirtualClock
+from ccr_host.sim.board.board import UnoEmulator
+from ccr_host.sim.board.serial_line import SerialLine
 
 QUICK = ["link.arm_axis_ms=40", "link.relax_after_ms=400"]
 

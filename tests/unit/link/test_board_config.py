@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.config import load
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.units import cdeg_to_rad, rad_to_cdeg
+from ccr_host.description.schema import load
 from ccr_host.link import messages as m
 from ccr_host.link.board_config import board_config
-from ccr_host.link.units import cdeg_to_rad, rad_to_cdeg
 
 
 def test_default_description_in_the_units_of_the_wire():

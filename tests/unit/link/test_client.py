@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccr_host.emulator.noise import LineNoise
-from ccr_host.errors import DeviceError
+from ccr_host.core.clock import NEVER_US
+from ccr_host.core.errors import DeviceError
 from ccr_host.link import messages as m
 from ccr_host.link.client import BOOT_TIMEOUT_US
 from ccr_host.link.device_errors import (
@@ -21,7 +21,7 @@ from ccr_host.link.device_errors import (
 )
 from ccr_host.link.framing import FrameDecoder, encode_frame
 from ccr_host.link.messages import State
-from ccr_host.run.clock import NEVER_US
+from ccr_host.sim.board.serial_line import LineNoise
 
 PERIOD_US = 100_000
 VALIDITY_MS = 300

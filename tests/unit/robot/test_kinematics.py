@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccr_host.config import Robot
+from ccr_host.description.schema import Robot
 from ccr_host.robot.arc import arc_derivatives, arc_derivatives_at
 from ccr_host.robot.kinematics import ConstantCurvature
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from ccr_host.config import Description
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
+from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path, path_names
 from ccr_host.robot.workspace import MotorLimits

@@ -7,8 +7,8 @@ import os
 import numpy as np
 import pytest
 
-from ccr_host.config import Robot, Servo
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
+from ccr_host.description.schema import Robot, Servo
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path, path_names
 from ccr_host.robot.workspace import MotorLimits

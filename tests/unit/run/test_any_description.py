@@ -9,11 +9,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ccr_host.errors import CcrError, ConfigError
+from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import summarise
-from tests.unit.config.keys import KEYS, overrides, values
+from tests.unit.description.keys import KEYS, overrides, values
 
 SLOW = {"twin.flexures", "twin.time_step_ms", "twin.tendon_stiffness_n_m", "control.settle_s"}
 """At their bounds a few seconds take minutes to simulate."""

@@ -2,7 +2,7 @@
 
 import socket
 
-from ccr_host.errors import DeviceError
+from ccr_host.core.errors import DeviceError
 from ccr_host.run.campaign import execute_all
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult

@@ -9,13 +9,13 @@ import pytest
 
 from ccr_host.control import registry
 from ccr_host.control.base import Command, Outcome
-from ccr_host.errors import CodeError
+from ccr_host.core.errors import CodeError
 from ccr_host.link.messages import State
-from ccr_host.run.execute import execute_logged
-from ccr_host.run.log import topics
-from ccr_host.run.log.reader import RunRecording
+from ccr_host.record.keep import execute_logged
+from ccr_host.record.log import topics
+from ccr_host.record.log.reader import RunRecording
+from ccr_host.record.replay import replay
 from ccr_host.run.options import RunOptions
-from ccr_host.run.replay import replay
 from ccr_host.run.summary import summarise
 
 LONGER_THAN_THE_BOARD_WAITS_S = 1.5

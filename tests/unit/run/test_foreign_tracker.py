@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from ccr_host.errors import CodeError
+from ccr_host.core.errors import CodeError
 from ccr_host.link.messages import State
+from ccr_host.record.keep import execute_logged
+from ccr_host.record.log import topics
+from ccr_host.record.log.reader import RunRecording
 from ccr_host.run import tracker_rig
-from ccr_host.run.execute import execute_logged
-from ccr_host.run.log import topics
-from ccr_host.run.log.reader import RunRecording
 from ccr_host.run.options import RunOptions
-from ccr_host.tracking.frame import MarkerFrame, Pose, StartsAndStops, TrackerHealth
+from ccr_host.tracking.tracker import MarkerFrame, Pose, StartsAndStops, TrackerHealth
 
 FAILS_AT_US = 1_500_000
 

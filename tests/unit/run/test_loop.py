@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from ccr_host.control.base import Command, Outcome
-from ccr_host.errors import CodeError, TrackerError
+from ccr_host.core.errors import CodeError, TrackerError
 from ccr_host.link.messages import State
 from ccr_host.robot.reference import Reference
 from ccr_host.run.loop import follow_path
-from ccr_host.run.observer import Observers
+from ccr_host.run.observer import Observers, StepRecord
+from ccr_host.run.open_rig import Rig, open_rig
 from ccr_host.run.options import RunOptions
-from ccr_host.run.rig import Rig, open_rig
-from ccr_host.run.step_record import StepRecord
-from ccr_host.tracking.sample import Sample
+from ccr_host.tracking.tracker import Sample
 
 STEPS = 8
 SILENT = Observers()

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ccr_host.run.metrics import ErrorFigures, quantiles_us
+from ccr_host.run.summary import ErrorFigures, quantiles_us
 
 
 def test_figures_of_a_worked_example() -> None:

@@ -5,10 +5,10 @@ import pytest
 
 from ccr_host.link.messages import State, StateReport
 from ccr_host.run.observer import Observers, RunObserver
+from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
 from ccr_host.run.rest_motion import visit
-from ccr_host.run.rig import open_rig
-from ccr_host.tracking.marker_check import MarkerCheck
+from ccr_host.tracking.markers.check import MarkerCheck
 
 REST_DEG = (20.0, -10.0)
 OPTIONS = RigOptions(overrides=(f"servo.rest_deg={[*REST_DEG]}", "twin.joint_damping=4e-3"))

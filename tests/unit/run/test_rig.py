@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ccr_host.link.uri import parse_device_uri
-from ccr_host.run.rig import session_number
+from ccr_host.link.transport import parse_device_uri
+from ccr_host.run.open_rig import session_number
 
 
 @pytest.mark.parametrize("device", ["emulator:", "simavr:"])

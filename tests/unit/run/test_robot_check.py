@@ -7,16 +7,16 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from ccr_host import config
 from ccr_host.control.adaptive.misfit import MisfitError
+from ccr_host.description import schema
 from ccr_host.link.messages import State, StateReport
 from ccr_host.run.execute import execute
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult
-from ccr_host.run.sweep.random_twin import as_overrides, draw_twin
-from ccr_host.tracking.sample import Sample
-from ccr_host.twin.robot import TwinRobot
+from ccr_host.sim.robot.robot import TwinRobot
+from ccr_host.tools.sweep.random_twin import as_overrides, draw_twin
+from ccr_host.tracking.tracker import Sample
 
 pytestmark = pytest.mark.long
 
@@ -122,7 +122,7 @@ def test_who_wants_it_unchecked_gets_it(path: str) -> None:
 @pytest.mark.parametrize("index", range(6))
 @pytest.mark.parametrize("controller", ["adaptive", "mpc"])
 def test_random_robots_that_match_raise_no_alarm(path: str, index: int, controller: str) -> None:
-    drawn = as_overrides(draw_twin(np.random.default_rng([7, index]), config.load(), 10.0))
+    drawn = as_overrides(draw_twin(np.random.default_rng([7, index]), schema.load(), 10.0))
     result, _ = checked(path, *drawn, controller=controller)
     assert result.failure is None
 

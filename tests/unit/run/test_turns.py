@@ -8,11 +8,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from ccr_host.run.clock import NEVER_US, VirtualClock
+from ccr_host.core.clock import NEVER_US, VirtualClock
 from ccr_host.run.execute import execute
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.options import RunOptions
-from ccr_host.twin.cosim import CoSimulation
+from ccr_host.sim.robot.scene import CoSimulation
 
 
 @dataclass

@@ -3,12 +3,12 @@ import json
 import numpy as np
 import pytest
 
-from ccr_host import config
+from ccr_host.description import schema
 from ccr_host.run.execute import execute_quietly, reference_of
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult, ratio_to_twin_floor, summarise
 from ccr_host.run.twin_floor import floor_on_map_mm, keep_static_map, static_map_of, twin_floor_mm
-from ccr_host.twin.static_map import StaticMap
+from ccr_host.sim.robot.static_map import StaticMap
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def narrow():
 
 
 def _shaft_limits_deg(*overrides):
-    static_map = static_map_of(config.load(None, overrides), None)
+    static_map = static_map_of(schema.load(None, overrides), None)
     axes = static_map.axis_1_rad, static_map.axis_2_rad
     return [(round(np.degrees(a[0]), 6), round(np.degrees(a[-1]), 6)) for a in axes]
 
@@ -49,9 +49,9 @@ def test_the_slower_of_board_and_servo_bounds_the_floor(slow):
     moved = np.zeros_like(reference.target_mm)
     moved[1::2, 0] = 12.0
     jumping = type(reference)(**{**vars(reference), "target_mm": moved})
-    usual = floor_on_map_mm(plane, config.load(), jumping)
+    usual = floor_on_map_mm(plane, schema.load(), jumping)
     assert usual == pytest.approx(0.0, abs=1e-9)
-    assert floor_on_map_mm(plane, config.load(None, [slow]), jumping) > 2.0
+    assert floor_on_map_mm(plane, schema.load(None, [slow]), jumping) > 2.0
 
 
 def test_a_later_payload_and_a_push_leave_the_floor_as_it_is(short_path, narrow):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccr_host.tracking.quaternion import quaternion
+from ccr_host.tracking.rotation import quaternion
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-4, 1.0, 3.1, 6.0])

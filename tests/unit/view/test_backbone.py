@@ -3,7 +3,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ccr_host.config import Robot
+from ccr_host.description.schema import Robot
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.view.backbone import (
     fitted_bending_rad,

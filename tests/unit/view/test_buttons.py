@@ -3,7 +3,7 @@ from collections import deque
 
 import pytest
 
-from ccr_host.errors import CcrError
+from ccr_host.core.errors import CcrError
 from ccr_host.view.buttons import PageOperator, SharedButtons
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from ccr_host.control.base import Outcome, Phase
-from ccr_host.run.step_record import StepRecord
+from ccr_host.run.observer import StepRecord
 from ccr_host.view.feed import Batch, ViewFeed, play
 from ccr_host.view.history import RunHistory
 

@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccr_host import config
 from ccr_host.control.base import Phase
-from ccr_host.run.execute import execute_logged, reference_of
-from ccr_host.run.log.play import play_run
+from ccr_host.description import schema
+from ccr_host.record.keep import execute_logged
+from ccr_host.record.log.play import play_run
+from ccr_host.run.execute import reference_of
 from ccr_host.run.observer import RunSetup
 from ccr_host.run.options import RunOptions
-from ccr_host.tracking.sample import Sample
+from ccr_host.tracking.tracker import Sample
 from ccr_host.view.history import Moment, RunHistory
 from ccr_host.view.status import legend_html, status_html
 
@@ -83,7 +84,7 @@ def test_the_status_tells_board_step_and_error(run: tuple[RunHistory, RunHistory
 
 def test_markers_that_have_not_been_seen_for_long_are_not_shown() -> None:
     history = RunHistory()
-    description = config.load()
+    description = schema.load()
     options = RunOptions("8shape")
     history.begin(RunSetup(options, description, reference_of(options)))
     history.tracker_sample(1_000_000, Sample(960_000, np.eye(3)))

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from ccr_host.control.base import Command, Outcome, Phase
-from ccr_host.errors import CcrError
-from ccr_host.run.execute import execute_logged, reference_of
-from ccr_host.run.observer import RunSetup
+from ccr_host.core.errors import CcrError
+from ccr_host.record.keep import execute_logged
+from ccr_host.run.execute import reference_of
+from ccr_host.run.observer import RunSetup, StepRecord
 from ccr_host.run.options import RunOptions
-from ccr_host.run.step_record import StepRecord
 from ccr_host.view.address import ViewAddress
 from ccr_host.view.live import LivePage, live_page
 from tests.viewer import Viewer

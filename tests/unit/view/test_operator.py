@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from ccr_host.control.base import Phase
-from ccr_host.errors import CcrError
+from ccr_host.core.clock import VirtualClock
+from ccr_host.core.errors import CcrError
 from ccr_host.link.framing import FrameDecoder
 from ccr_host.link.messages import MESSAGES, Disarm, Message, SetTarget, State, StateReport, Stop
-from ccr_host.run.clock import VirtualClock
 from ccr_host.run.execute import execute
-from ccr_host.run.observer import RunObserver
+from ccr_host.run.observer import RunObserver, StepRecord
 from ccr_host.run.operator import OperatorStop
 from ccr_host.run.options import RunOptions
-from ccr_host.run.step_record import StepRecord
 from ccr_host.run.summary import RunResult
 
 

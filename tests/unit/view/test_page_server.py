@@ -22,7 +22,7 @@ from viser.infra import Message, WebsockServer
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.exceptions import InvalidStatus
 
-from ccr_host.errors import CcrError, ConfigError
+from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.run.execute import execute
 from ccr_host.run.options import RunOptions
 from ccr_host.view import page_server as module

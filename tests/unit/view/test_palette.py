@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 
-from ccr_host.run.figure_style import controller_colours
+from ccr_host.record.figure_style import controller_colours
 from ccr_host.view import palette
 
 

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ccr_host.view.page import Playback
 from ccr_host.view.palette import error_colours, error_full_scale_mm
-from ccr_host.view.playback import Playback
 
 
 def test_playing_follows_time_and_speed_and_ends_at_the_end() -> None:

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.view.thinning import peak_rows
+from ccr_host.view.charts import peak_rows
 
 
 @given(st.lists(st.floats(-1e6, 1e6), max_size=300), st.integers(1, 50))

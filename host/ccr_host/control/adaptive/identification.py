@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Description, Robot, Tracker
 from ccr_host.control.adaptive.motion import first_rest, moved
 from ccr_host.control.adaptive.parameters import COUNT, Parameters, parameters_of, prior_of
 from ccr_host.control.adaptive.tip import markers_mm
+from ccr_host.description.schema import Description, Robot, Tracker
 
 FloatArray = NDArray[np.float64]
 

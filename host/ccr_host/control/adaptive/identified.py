@@ -7,9 +7,9 @@ import json
 
 import numpy as np
 
-from ccr_host.config import Description
 from ccr_host.control.adaptive.identification import Rests
-from ccr_host.errors import ConfigError
+from ccr_host.core.errors import ConfigError
+from ccr_host.description.schema import Description
 
 _PULSE_KEYS = {"neutral_pulse_us", "pulse_per_90_deg_us"}
 """What a commanded angle means; limits may change."""

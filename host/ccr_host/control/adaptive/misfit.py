@@ -15,7 +15,6 @@ from itertools import product
 
 import numpy as np
 
-from ccr_host.config import Description
 from ccr_host.control.adaptive.identification import (
     ZEROS,
     Fit,
@@ -27,7 +26,8 @@ from ccr_host.control.adaptive.identification import (
 )
 from ccr_host.control.adaptive.parameters import COUNT, Parameters
 from ccr_host.control.adaptive.statics import zeros_rad
-from ccr_host.errors import CcrError
+from ccr_host.core.errors import CcrError
+from ccr_host.description.schema import Description
 
 _MOST_DEVIATIONS = 2.2
 """That a parameter is certainly off its prior; those of robots that match are up to 2.0."""

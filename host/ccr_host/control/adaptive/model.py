@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from ccr_host.config import Control
 from ccr_host.control.adaptive import identification, motion, path_plan, sensitivity
 from ccr_host.control.adaptive.identification import Rests, Scaling
 from ccr_host.control.adaptive.motion import Rest
 from ccr_host.control.adaptive.parameters import FloatArray, Parameters
 from ccr_host.control.adaptive.sensitivity import Sensitivity
-from ccr_host.tracking.optional import import_optional
+from ccr_host.core.optional import import_optional
+from ccr_host.description.schema import Control
 
 
 class StaticModel(Protocol):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Robot
+from ccr_host.description.schema import Robot
 from ccr_host.robot.arc import Number
 
 FloatArray = NDArray[np.float64]

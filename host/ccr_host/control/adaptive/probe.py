@@ -6,12 +6,12 @@ from collections import deque
 
 import numpy as np
 
-from ccr_host.config import Description
 from ccr_host.control.adaptive.excitation import tour
 from ccr_host.control.adaptive.identification import ZEROS, FloatArray, Rests, Scaling, StaticsFit
 from ccr_host.control.adaptive.rest_survey import RestSurvey
 from ccr_host.control.adaptive.setpoint_history import SetpointHistory
 from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome
+from ccr_host.description.schema import Description
 from ccr_host.robot.workspace import MotorLimits
 
 _REACH_RAD = np.radians(20.0)

@@ -11,7 +11,6 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.config import Description
 from ccr_host.control import nlp as plain_nlp
 from ccr_host.control import sqp as plain_sqp
 from ccr_host.control.compiled import box_qp, jit, model, nlp, sqp, step, warm_start
@@ -19,6 +18,7 @@ from ccr_host.control.compiled.model import Geometry
 from ccr_host.control.compiled.step import PlanStep, Settings, make_plan_step
 from ccr_host.control.planner import Plan
 from ccr_host.control.sqp import Bounds, SolverError
+from ccr_host.description.schema import Description
 from ccr_host.robot import arc, kinematics
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference

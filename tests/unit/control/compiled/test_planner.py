@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccr_host import config
 from ccr_host.control import compiled
 from ccr_host.control.base import Observation, Outcome
 from ccr_host.control.compiled import planner as compiled_planner
 from ccr_host.control.mpc import ModelPredictive
 from ccr_host.control.nlp import Tracking, Weights, roll_out
+from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits
@@ -29,13 +29,13 @@ NO_ROOM = ["servo.angle_min_deg=[-20, -0.5]", "servo.angle_max_deg=[20, 0.5]"]
 def both(overrides):
     compiled_too = [*overrides, "control.solver=compiled"]
     return (
-        ModelPredictive(config.load(overrides=overrides)),
-        ModelPredictive(config.load(overrides=compiled_too)),
+        ModelPredictive(schema.load(overrides=overrides)),
+        ModelPredictive(schema.load(overrides=compiled_too)),
     )
 
 
 def path_of(name, overrides=(), rate_hz=1.0):
-    description = config.load(overrides=overrides)
+    description = schema.load(overrides=overrides)
     model = ConstantCurvature(description.robot)
     return load_path(name, rate_hz, model, MotorLimits.of(description.servo))
 
@@ -47,7 +47,7 @@ def observation(step, tip_mm, q_rad):
 def drifting_plant(seed, lost=0.1):
     """Off the model by a little at each pose and by a lot on the whole; some samples are lost."""
     rng = np.random.default_rng(seed)
-    model = ConstantCurvature(config.load().robot)
+    model = ConstantCurvature(schema.load().robot)
     offset_mm = rng.normal(scale=6.0, size=3)
 
     def tip_mm(q_rad):
@@ -58,7 +58,7 @@ def drifting_plant(seed, lost=0.1):
 
 
 def cost(plan_rad, overrides, path, seen):
-    description = config.load(overrides=overrides)
+    description = schema.load(overrides=overrides)
     control, limits = description.control, MotorLimits.of(description.servo)
     model = ConstantCurvature(description.robot)
     first, second = limits.clip(seen.q_rad).tolist()
@@ -189,4 +189,4 @@ def test_cache_on_disk_knows_of_every_source_file():
     }
     used = {name for name in imported if name.startswith("ccr_host")}
     # A type's annotations are no code.
-    assert used - watched <= {"ccr_host.config", "ccr_host.control.box_qp"}
+    assert used - watched <= {"ccr_host.description.schema", "ccr_host.control.box_qp"}

@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ccr_host.config import Servo, Twin
+from ccr_host.description.schema import Servo, Twin
 from ccr_host.robot.workspace import MotorLimits
-from ccr_host.run.register import safe_poses_rad
+from ccr_host.sim.robot.robot import TwinRobot
+from ccr_host.tools.register import safe_poses_rad
 from ccr_host.tracking.registration import RestPose
 from ccr_host.tracking.rotation import rotation_matrix
-from ccr_host.twin.robot import TwinRobot
 
 TURNS = {
     "aligned": (0.0, 0.0, 0.0),

@@ -5,19 +5,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from ccr_host.config import Servo
 from ccr_host.control.registry import make_controller
-from ccr_host.errors import TrackerError
+from ccr_host.core.errors import TrackerError
+from ccr_host.description.schema import Servo
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import reference_of
 from ccr_host.run.loop import follow_path
 from ccr_host.run.observer import Observers
+from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
-from ccr_host.run.register import register_robot, safe_poses_rad
-from ccr_host.run.rig import open_rig
+from ccr_host.tools.register import register_robot, safe_poses_rad
 from ccr_host.tracking.registration import RegistrationError
 from ccr_host.tracking.rotation import rotation_matrix, rotation_vector
-from ccr_host.tracking.sample import Sample
+from ccr_host.tracking.tracker import Sample
 from tests.unit.tracking.registration.conftest import TURNS
 
 

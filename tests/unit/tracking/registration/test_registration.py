@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ccr_host.config import Robot
+from ccr_host.description.schema import Robot
 from ccr_host.tracking.registration import RegistrationError, RestPose, register
 from ccr_host.tracking.rotation import rotation_matrix, rotation_vector
 from tests.unit.tracking.registration.conftest import TURNS

@@ -1,0 +1,320 @@
+"""What people read in the terminal: progress and tables."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol
+
+import numpy as np
+from rich import box
+from rich.console import Console, Group
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from ccr_host.control.base import Phase
+from ccr_host.record.measured_and_true import why_measured_differs
+from ccr_host.record.paper_results import paper_mean_mm
+from ccr_host.run.observer import RunObserver, StepRecord
+from ccr_host.run.options import RunOptions
+from ccr_host.run.summary import ratio_to_twin_floor
+
+_TERMS = {
+    "tip error": "distance between measured and desired tip at the end of each step",
+    "paper": "mean tip error of the paper's robot in the same experiment",
+    "true": "of the simulated robot itself, without the camera's errors",
+    "floor": "least mean true error that any motion of the two motors reaches",
+    "ratio": "mean true error over floor",
+}
+"""Words of the tables."""
+
+
+class OnCount(Protocol):
+    """Told how many more pieces of work are done."""
+
+    def __call__(self, pieces: int = 1) -> None: ...
+
+
+class RunProgress(RunObserver):
+    """Progress bar of a run: over each phase, then over the steps with the error of the last."""
+
+    def __init__(self, progress: Progress, title: str) -> None:
+        self._progress = progress
+        self._title = title
+        self._task = progress.add_task(title, total=None, state="starting")
+        self._phase = ""
+
+    def phase(self, time_us: int, phase: Phase) -> None:
+        """Show a phase, by its share that is done or as one that nobody can tell the end of."""
+        if phase.name != self._phase:
+            self._phase = phase.name
+            self._progress.remove_task(self._task)
+            title = f"{self._title}: {phase.name}"
+            self._task = self._progress.add_task(title, total=None, state="")
+        if phase.done is not None:
+            self._progress.update(self._task, total=1.0, completed=phase.done)
+
+    def on_step(self, step: int, steps: int, record: StepRecord) -> None:
+        """Show a step of the path."""
+        state = f"{step + 1}/{steps}, {_error_text(record)}"
+        self._progress.update(self._task, total=steps, completed=step + 1, state=state)
+
+
+@contextmanager
+def step_progress(console: Console, title: str) -> Iterator[RunProgress]:
+    """Progress bar of a run; the run's observer."""
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.fields[state]}", markup=False),
+        TimeRemainingColumn(),
+    )
+    with _progress(console, *columns) as progress:
+        yield RunProgress(progress, title)
+
+
+@contextmanager
+def count_progress(console: Console, title: str, total: int) -> Iterator[OnCount]:
+    """Progress bar over equal pieces of work; the function takes how many are done, one if not."""
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+    with _progress(console, *columns, TimeRemainingColumn()) as progress:
+        task = progress.add_task(title, total=total)
+
+        def count(pieces: int = 1) -> None:
+            progress.advance(task, pieces)
+
+        yield count
+
+
+@contextmanager
+def steps_progress(console: Console, title: str) -> Iterator[Callable[[int, int], None]]:
+    """Progress bar over steps whose number is told while they are done."""
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+    with _progress(console, *columns) as progress:
+        task = progress.add_task(title, total=None)
+
+        def on_step(done: int, steps: int) -> None:
+            progress.update(task, total=steps, completed=done)
+
+        yield on_step
+
+
+def run_table(summary: Mapping[str, Any], options: RunOptions) -> Group:
+    """The tip error of one run, beside the paper's where the experiment is the paper's."""
+    controller, open_loop = summary["controller"], summary["open"]
+    rows = []
+    if open_loop is not None:
+        of_paper = paper_mean_mm(options.with_controller("open-loop"))
+        rows.append(("mean, open loop", open_loop["mean_error_mm"], of_paper))
+    rows += [
+        (f"mean, {controller}", summary["mean_error_mm"], paper_mean_mm(options)),
+        ("  95 % of the steps below", summary["p95_error_mm"], None),
+        ("  greatest", summary["max_error_mm"], None),
+    ]
+    unreachable = summary["unreachable_steps"]
+    if unreachable:
+        share = f"{unreachable} of {summary['planned_steps']} points out of reach"
+        rows.append((f"  unavoidable: {share}", summary["floor_mean_error_mm"], None))
+    is_simulated = "true_mean_error_mm" in summary
+    key = "true_mean_error_mm" if is_simulated else "mean_error_mm"
+    laps = [
+        (f"  lap {number}", lap[key], None)
+        for number, lap in enumerate(summary["laps"] or (), start=1)
+    ]
+    if is_simulated:
+        rows += [
+            ("mean true error", summary[key], None),
+            *laps,
+            ("  floor", summary["twin_floor_mean_error_mm"], None),
+            ("  ratio", ratio_to_twin_floor(summary), None),
+        ]
+    else:
+        rows += laps
+    has_paper = any(of_paper is not None for _, _, of_paper in rows)
+    title = f"{summary['path']} with {controller}{_early_note(summary)}: tip error (mm)"
+    table = Table(title=title, title_justify="left")
+    table.add_column("")
+    table.add_column("this run", justify="right")
+    if has_paper:
+        table.add_column("paper", justify="right")
+    for name, value, of_paper in rows:
+        papers = ("" if of_paper is None else _mm(of_paper),) if has_paper else ()
+        table.add_row(name, _mm(value), *papers)
+    twins = ("true", "floor", "ratio") if is_simulated else ()
+    return _explained(table, "tip error", *(("paper",) if has_paper else ()), *twins)
+
+
+def _explained(table: Table, *terms: str) -> Group:
+    meanings = Table.grid(padding=(0, 2))
+    for term in terms:
+        meanings.add_row(term, _TERMS[term])
+    return Group(table, meanings)
+
+
+def true_error_lines(runs: Sequence[Sequence[StepRecord]]) -> Iterator[str]:
+    """Why measured and true error of simulated robots differ, where they do by much."""
+    causes = Counter(why_measured_differs(records) for records in runs)
+    for cause, count in causes.items():
+        if cause is not None:
+            where = f" in {count} of {len(runs)} runs" if len(runs) > 1 else ""
+            yield f"measured and true error differ{where}: {cause}"
+
+
+def health_lines(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Link, solver and tracker in a few words; what went wrong is named."""
+    link, solve = summary["link"], summary["solve_us"]
+    rtt = link["rtt_us_median"]
+    round_trip = f", round trip {rtt / 1000:.1f} ms" if rtt is not None else ""
+    yield (
+        f"link: {link['sent']} frames sent, {link['received']} received, "
+        f"{link['crc_errors']} CRC errors, {link['retries']} retries{round_trip}"
+    )
+    if solve["median"] is not None:
+        median, p99 = solve["median"], solve["p99"]
+        yield f"controller: median {median:.0f} us a step, 99 % below {p99:.0f} us"
+    if summary["missed_deadlines"]:
+        skipped = summary["skipped_steps"]
+        note = f", {skipped} of them skipped, as the time for them had gone by" if skipped else ""
+        yield f"missed deadlines: {summary['missed_deadlines']}{note}"
+    if summary["board_holds"] or summary["board_relaxes"]:
+        yield (
+            f"for want of fresh targets the board has held the pose: {summary['board_holds']}; "
+            f"has begun to lead the robot to rest: {summary['board_relaxes']}"
+        )
+    if summary["clamped_commands"]:
+        yield (
+            f"commands outside the angle limits, clamped by the board: "
+            f"{summary['clamped_commands']}"
+        )
+    if summary["tracker_lost_steps"]:
+        yield (
+            f"steps without a fresh tracker sample: {summary['tracker_lost_steps']}; commands from "
+            f"the model alone: {summary['coasted_steps']}, pose held: {summary['held_steps']}"
+        )
+
+
+def comparison_table(
+    summaries: Sequence[Mapping[str, Any]], options: Sequence[RunOptions]
+) -> Group:
+    """Controllers path by path, beside the paper's figures where the experiment is the paper's."""
+    columns: dict[str, list[str]] = {
+        "mean": [_mm(summary["mean_error_mm"]) for summary in summaries],
+        "p95": [_mm(summary["p95_error_mm"]) for summary in summaries],
+        "max": [_mm(summary["max_error_mm"]) for summary in summaries],
+    }
+    of_paper = [paper_mean_mm(run) for run in options]
+    if any(mean_mm is not None for mean_mm in of_paper):
+        columns["paper"] = ["" if mean_mm is None else _mm(mean_mm) for mean_mm in of_paper]
+    if any("true_mean_error_mm" in summary for summary in summaries):
+        columns |= {
+            "true": [_mm(summary.get("true_mean_error_mm")) for summary in summaries],
+            "floor": [_mm(summary["twin_floor_mean_error_mm"]) for summary in summaries],
+            "ratio": [_ratio(ratio_to_twin_floor(summary)) for summary in summaries],
+        }
+    table = Table(
+        title="tip error (mm)",
+        title_justify="left",
+        box=box.SIMPLE,
+        collapse_padding=True,
+        pad_edge=False,
+    )
+    for heading in ("path", "controller"):
+        table.add_column(heading, no_wrap=True)
+    for heading in columns:
+        table.add_column(heading, justify="right", no_wrap=True)
+    previous = None
+    for summary, *cells in zip(summaries, *columns.values(), strict=True):
+        path = summary["path"]
+        controller = f"{summary['controller']}{_early_note(summary)}"
+        table.add_row(path if path != previous else "", controller, *cells)
+        previous = path
+    return _explained(table, "tip error", *(term for term in _TERMS if term in columns))
+
+
+def sweep_table(groups: Sequence[Mapping[str, Any]]) -> Table:
+    """Distributions over random twins, a row for each controller and rate."""
+    table = Table(
+        title="mean true error over the floor of the same twin",
+        title_justify="left",
+        box=box.SIMPLE,
+        collapse_padding=True,
+        pad_edge=False,
+        caption="excess: median above the floor (mm); limits: left them; early: ended by a fault",
+        caption_justify="left",
+    )
+    table.add_column("Hz", justify="right")
+    table.add_column("controller", no_wrap=True)
+    headings = ("runs", "median", "p95", "worst", "excess", "diverged", "limits", "early")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for group in groups:
+        ratio = group["ratio"]
+        table.add_row(
+            f"{group['rate_hz']:g}",
+            group["controller"],
+            str(group["runs"]),
+            *(_ratio(ratio[name]) for name in ("median", "p95", "max")),
+            _mm(group["excess_mm"]["median"]),
+            *(str(group[name]) for name in ("diverged", "outside_limits", "ended_early")),
+        )
+    return table
+
+
+def worst_lines(groups: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """The worst twins of each controller and rate."""
+    for group in groups:
+        worst = ", ".join(f"{run['index']} ({_reached(run)})" for run in group["worst"])
+        yield f"worst twins of {group['controller']} at {group['rate_hz']:g} Hz: {worst}"
+
+
+def _reached(run: Mapping[str, Any]) -> str:
+    ratio = f"ratio {_ratio(run['ratio'])}"
+    return str(run["fault"]) or (f"{ratio}, diverged" if run["diverged"] else ratio)
+
+
+def reach_table(reach: Mapping[str, Any]) -> Table:
+    """What of a path is out of reach."""
+    table = Table(title=f"reach of {reach['path']}", title_justify="left", show_header=False)
+    table.add_row("points", str(reach["steps"]))
+    table.add_row("out of reach", str(reach["unreachable_steps"]))
+    table.add_row("mean unavoidable error (mm)", _mm(reach["floor_mean_error_mm"]))
+    table.add_row("greatest unavoidable error (mm)", _mm(reach["floor_max_error_mm"]))
+    table.add_row("  at time (s)", f"{reach['floor_max_at_s']:g}")
+    for axis in (0, 1):
+        low, high = reach["motor_range_deg"][axis]
+        table.add_row(f"motor {axis + 1} (deg)", f"{low:.1f} .. {high:.1f}")
+        table.add_row("  greatest step (deg)", f"{reach['motor_step_max_deg'][axis]:.1f}")
+    return table
+
+
+def _early_note(summary: Mapping[str, Any]) -> str:
+    """How far a run has come that ended early."""
+    steps, planned = summary["steps"], summary["planned_steps"]
+    return f", only {steps} of {planned} steps" if steps < planned else ""
+
+
+def _progress(console: Console, *columns: ProgressColumn) -> Progress:
+    """Shown on terminals only, and gone at the end."""
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+def _error_text(record: StepRecord) -> str:
+    if record.measured_mm is None:
+        return "markers lost"
+    return f"error {np.linalg.norm(record.measured_mm - record.target_mm):5.1f} mm"
+
+
+def _mm(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def _ratio(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

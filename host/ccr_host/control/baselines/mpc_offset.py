@@ -1,0 +1,89 @@
+"""Offset-free MPC: the paper's cost on the model plus an estimated output disturbance.
+
+The disturbance model of dynamic matrix control, with a Kalman filter for its size (Pannocchia and
+Rawlings, AIChE J. 49(2), 2003). The measurement is compared with the model at the setpoint that was
+in effect when it was taken, so neither servo nor camera delay passes for a disturbance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.control.baselines.law import LONGEST_ERROR_MM, PathView, Plan, Sight, shortened
+from ccr_host.control.baselines.loop import PeerLoop
+from ccr_host.control.baselines.offset_nlp import OffsetTracking, solve
+from ccr_host.control.nlp import Weights
+from ccr_host.description.schema import Description
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.workspace import MotorLimits
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Of the disturbance's filter; docs/control-baselines.md tells how it was found."""
+
+    noise_mm: float = 0.3
+    """Of a measured coordinate, unmodelled motion included."""
+    drift_mm: float = 1.0
+    """Of a coordinate of the disturbance, per square root of a second."""
+    first_deviation_mm: float = 20.0
+    """Of the disturbance before anything was seen."""
+
+
+class OffsetFreeLaw:
+    """min over q_1..q_M of Q sum |f(q_k) + d - f_k|^2 + R sum |q_k - q_(k-1)|^2."""
+
+    def __init__(self, description: Description, tuning: Tuning) -> None:
+        control = description.control
+        self._model = ConstantCurvature(description.robot)
+        self._limits = MotorLimits.of(description.servo)
+        self._weights = Weights(control.position_weight, control.effort_weight)
+        self._live_steps = control.horizon - 1
+        self._step_bound_rad = control.step_bound_rad
+        self._tuning = tuning
+
+    def start(self, path: PathView) -> None:
+        self._path = path
+        self.disturbance_mm = np.zeros(3)
+        self._variance_mm2 = self._tuning.first_deviation_mm**2
+        self._ahead = np.arange(self._live_steps, dtype=np.float64)
+        self._reachable_rad = self._reachable_from(0.0)
+        self._plan_rad = self._reachable_rad
+
+    def observe(self, sight: Sight) -> None:
+        """One step of the disturbance's Kalman filter; its coordinates are alike."""
+        tuning = self._tuning
+        expected_mm = self._model.tip_mm(sight.setpoint_rad) + self.disturbance_mm
+        self._variance_mm2 += tuning.drift_mm**2 * sight.elapsed_s
+        gain = self._variance_mm2 / (self._variance_mm2 + tuning.noise_mm**2)
+        surprise_mm = shortened(sight.tip_mm - expected_mm, LONGEST_ERROR_MM)
+        self.disturbance_mm = self.disturbance_mm + gain * surprise_mm
+        self._variance_mm2 *= 1.0 - gain
+
+    def plan(self, index: float, commanded_rad: FloatArray) -> Plan:
+        """The whole horizon from the last plan, moved on as the reachable path goes on."""
+        targets_mm = np.array([self._path.target_mm(index + k) for k in self._ahead])
+        before_rad, self._reachable_rad = self._reachable_rad, self._reachable_from(index)
+        guess_rad = self._plan_rad + self._reachable_rad - before_rad
+        wanted_mm = targets_mm - self.disturbance_mm
+        problem = OffsetTracking(self._model, self._weights, commanded_rad, wanted_mm)
+        self._plan_rad = solve(problem, self._limits, self._step_bound_rad, guess_rad)
+        predicted_mm = self._model.tip_mm(self._plan_rad) + self.disturbance_mm
+        return Plan(self._plan_rad[0], predicted_mm)
+
+    def _reachable_from(self, index: float) -> FloatArray:
+        return np.array([self._path.reachable_rad(index + k) for k in self._ahead])
+
+
+class OffsetFreeMpc(PeerLoop):
+    """See the module."""
+
+    name = "mpc-offset"
+
+    def __init__(self, description: Description) -> None:
+        super().__init__(description, OffsetFreeLaw(description, Tuning()))

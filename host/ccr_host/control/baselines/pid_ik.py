@@ -1,0 +1,85 @@
+"""PID on the tip's error, through the inverse kinematics of constant curvature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.control.baselines.damped_inverse import damped_inverse
+from ccr_host.control.baselines.law import LONGEST_ERROR_MM, PathView, Plan, Sight, shortened
+from ccr_host.control.baselines.loop import PeerLoop
+from ccr_host.description.schema import Description
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.workspace import MotorLimits
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Gains act on the error in motor angles; found as docs/control-baselines.md tells."""
+
+    proportional: float = 0.1
+    integral_time_s: float = 0.05
+    """An error seen for T is taken up by T / (T + this): 0.95 at 1 Hz, 0.5 at 20 Hz."""
+    derivative_s: float = 0.01
+    derivative_filter_s: float = 0.1
+    damping_mm: float = 15.0
+    """Per rad of motor; J's singular values are about 100 away from the folds."""
+
+
+class PidLaw:
+    """Inverse kinematics of the path, plus PID on the error that J's damped inverse turns into q.
+
+    The error is that of the setpoint in effect when the picture was taken, so the delays add no
+    error of their own while the path moves on.
+    """
+
+    def __init__(self, description: Description, tuning: Tuning) -> None:
+        self._model = ConstantCurvature(description.robot)
+        self._limits = MotorLimits.of(description.servo)
+        self._tuning = tuning
+
+    def start(self, path: PathView) -> None:
+        self._path = path
+        self._error_rad: FloatArray | None = None
+        self._rate_rad_s = np.zeros(2)
+        self.integral_rad = np.zeros(2)
+
+    def observe(self, sight: Sight) -> None:
+        """Integrate and differentiate, over the time between measurements."""
+        if sight.index is None:
+            return
+        tuning, elapsed_s = self._tuning, sight.elapsed_s
+        error_mm = shortened(self._path.target_mm(sight.index) - sight.tip_mm, LONGEST_ERROR_MM)
+        jacobian = self._model.jacobian_mm_rad(self._path.reachable_rad(sight.index))
+        error_rad = damped_inverse(jacobian, tuning.damping_mm) @ error_mm
+        if self._error_rad is not None:
+            rate_rad_s = (error_rad - self._error_rad) / elapsed_s
+            share = elapsed_s / (elapsed_s + tuning.derivative_filter_s)
+            self._rate_rad_s = self._rate_rad_s + share * (rate_rad_s - self._rate_rad_s)
+        self._error_rad = error_rad
+        gain = elapsed_s / (elapsed_s + tuning.integral_time_s)
+        self.integral_rad = self.integral_rad + gain * error_rad
+
+    def plan(self, index: float, commanded_rad: FloatArray) -> Plan:
+        """Feedforward and PID; what the motor limits cut off is taken out of the integral."""
+        tuning = self._tuning
+        reachable_rad = self._path.reachable_rad(index)
+        wanted_rad = reachable_rad + self.integral_rad + tuning.derivative_s * self._rate_rad_s
+        if self._error_rad is not None:
+            wanted_rad = wanted_rad + tuning.proportional * self._error_rad
+        q_rad = self._limits.clip(wanted_rad)
+        self.integral_rad = self.integral_rad + (q_rad - wanted_rad)
+        return Plan(q_rad, self._model.tip_mm(reachable_rad)[None])
+
+
+class PidIk(PeerLoop):
+    """See the module."""
+
+    name = "pid-ik"
+
+    def __init__(self, description: Description) -> None:
+        super().__init__(description, PidLaw(description, Tuning()))

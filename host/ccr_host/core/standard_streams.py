@@ -1,0 +1,83 @@
+"""The standard streams: whatever becomes of them, a command goes on and its status stays."""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import sys
+from typing import TYPE_CHECKING, TextIO
+
+from ccr_host.core.user_file import printable
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
+_STANDARD_STREAMS = 3
+_LONGEST_MESSAGE = 2000
+
+
+def keep_streams_writable() -> None:
+    """Make standard output and standard error swallow all errors from now on.
+
+    The terminal may be closed, the reader of a pipe may end, a disk may be full, the locale may
+    lack a character. A stream that was closed at the start is connected to the null device, so that
+    no log or port gets its number.
+    """
+    _fill_missing_streams()
+    if sys.stdin is None:
+        sys.stdin = io.TextIOWrapper(io.BufferedReader(io.FileIO(0, closefd=False)))
+    sys.stdout = _lasting(sys.stdout, 1)
+    sys.stderr = _lasting(sys.stderr, 2)
+
+
+def lost_output() -> str:
+    """Why standard output has not reached its file; empty if it has, or if its reader left."""
+    error = _output_error()
+    return "" if error is None or isinstance(error, BrokenPipeError) else str(error.strerror)
+
+
+def is_output_lost() -> bool:
+    """Whether there is no point in printing for ever."""
+    return _output_error() is not None
+
+
+def warn(text: str) -> None:
+    """One line on standard error."""
+    sys.stderr.write(f"ccr-host: {printable(text, _LONGEST_MESSAGE)}\n")
+
+
+def _output_error() -> OSError | None:
+    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    return raw.error if isinstance(raw, _LastingFile) else None
+
+
+class _LastingFile(io.FileIO):
+    """Takes everything, and drops what cannot be written."""
+
+    error: OSError | None = None
+
+    def write(self, data: ReadableBuffer) -> int:
+        try:
+            while (written := super().write(data)) is None:  # a pipe that does not block, and full
+                select.select([], [self], [])
+        except OSError as error:
+            self.error = error
+            return memoryview(data).nbytes
+        return written
+
+
+def _lasting(stream: TextIO | None, descriptor: int) -> io.TextIOWrapper:
+    buffer = io.BufferedWriter(_LastingFile(descriptor, "wb", closefd=False))
+    return io.TextIOWrapper(
+        buffer,
+        encoding="utf-8" if stream is None else stream.encoding,
+        errors="backslashreplace",
+        line_buffering=descriptor > 1 or buffer.isatty(),
+    )
+
+
+def _fill_missing_streams() -> None:
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) < _STANDARD_STREAMS:
+        os.set_inheritable(descriptor, True)
+    os.close(descriptor)

@@ -1,0 +1,121 @@
+"""Keeps what was measured in the user's robot description, and leaves all else in it as it is."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.user_file import replacing
+from ccr_host.description import schema
+from ccr_host.description.source import own_file, text_and_encoding_of
+
+_BARE_LINE_END = re.compile(r"(?<!\r)\n")
+
+Sections = Mapping[str, Mapping[str, Any]]
+"""New values by section and key."""
+
+
+def file_to_keep_in(robot: str | None, out: Path | None) -> Path | None:
+    """Where a measurement goes: to `out`, else into the user's own description, if there is one.
+
+    To be asked before the robot moves.
+
+    Args:
+        robot: as given with ``--robot``.
+        out: as given with ``--out``; need not be there yet.
+
+    Raises:
+        ConfigError: it could not be written.
+    """
+    file = out or own_file(robot)
+    if file is not None and not _can_be_replaced(file):
+        raise ConfigError(
+            f"robot description {file}: cannot be written", "name a TOML file that can be"
+        )
+    return file
+
+
+def _can_be_replaced(file: Path) -> bool:
+    """Whether there is, or can be, such a file in a folder that takes a draft beside it."""
+    try:
+        is_free = not file.exists() or (file.is_file() and os.access(file, os.W_OK))
+        folder = Path(os.path.realpath(file)).parent
+        return is_free and folder.is_dir() and os.access(folder, os.W_OK)
+    except (OSError, ValueError):
+        return False
+
+
+def begin_description(file: Path, robot: str | None) -> bool:
+    """Make a robot description where there is none; whether there was none.
+
+    Args:
+        file: of `file_to_keep_in`.
+        robot: as given with ``--robot``; where it is the file itself, that begins with its name.
+
+    Raises:
+        ConfigError: it cannot be made.
+    """
+    if file.exists():
+        return False
+    if own_file(robot) == file:
+        _write(file, f"name = {json.dumps(file.stem)}\n".encode())
+    else:
+        keep_in(file, {}, robot)
+    return True
+
+
+def keep_in(file: Path, sections: Sections, robot: str | None) -> None:
+    """Rewrite a robot description at once or not at all.
+
+    Args:
+        file: of `file_to_keep_in`; made from the description of `robot` if it is not there.
+        sections: what to put into it.
+        robot: as given with ``--robot``.
+
+    Raises:
+        ConfigError: it cannot be read, would not be a description, or cannot be replaced; it is
+            then as it was.
+    """
+    target = file.resolve()
+    text, encoding = text_and_encoding_of(str(target) if target.exists() else robot)
+    text = updated(text, sections)
+    schema.parse(text)
+    content = text.encode(encoding)
+    _write(target, content)
+
+
+def _write(file: Path, content: bytes) -> None:
+    try:
+        with replacing(file) as draft:
+            draft.write_bytes(content)
+    except OSError as error:
+        raise ConfigError(
+            f"robot description {file}: {error.strerror}", "name a TOML file that can be written"
+        ) from None
+
+
+def updated(text: str, sections: Sections) -> str:
+    """The text of a description with new values; comments, order, line ends and other keys stay.
+
+    Raises:
+        ConfigError: the text is no TOML, or a section is no table.
+    """
+    try:
+        document = tomlkit.parse(text)
+        for name, values in sections.items():
+            table = document.setdefault(name, tomlkit.table())
+            for key, value in values.items():
+                table[key] = value
+        new = tomlkit.dumps(document)
+    except (TOMLKitError, TypeError, ValueError, RecursionError) as error:
+        raise ConfigError(f"robot description: {error}", "correct the TOML") from None
+    has_windows_ends = "\r\n" in text and not _BARE_LINE_END.search(text)
+    return _BARE_LINE_END.sub("\r\n", new) if has_windows_ends else new

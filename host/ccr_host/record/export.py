@@ -1,0 +1,175 @@
+"""Writes the tables of a log into files that other programs read."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from contextlib import ExitStack
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Protocol
+
+from pydantic_core import to_json
+
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.optional import import_optional
+from ccr_host.core.user_file import replacing
+from ccr_host.record.log.files import LOG_PREFIX, LogFiles, log_files
+from ccr_host.record.log.reader import RunRecording
+from ccr_host.record.log.sinks import DirectSink
+from ccr_host.record.log.tables import TABLES, Row, Table, rows
+from ccr_host.record.log.topics import LOG_TOPICS
+
+
+def finish_log(recording: RunRecording, folder: Path) -> int:
+    """Write all messages that are whole into finished files.
+
+    Args:
+        recording: left as it is.
+        folder: another one than the recording's.
+
+    Returns:
+        The number of messages.
+
+    Raises:
+        ConfigError: the folder holds a log or cannot be written, or the log cannot be read.
+    """
+    by_name = {topic.name: topic for topic in LOG_TOPICS}
+    count = 0
+    if any(folder.glob("*.mcap")):
+        raise ConfigError(f"--out {folder}: holds a log", "name another folder")
+    sink = DirectSink(LogFiles(folder, LOG_PREFIX, LOG_TOPICS), LOG_TOPICS)
+    try:
+        try:
+            for message in recording.messages():
+                sink.write(by_name[message.topic], message.time_us, to_json(message.content))
+                count += 1
+        finally:
+            end = recording.end
+            sink.close(end.lost_messages, end.trouble)
+        if sink.trouble:
+            raise ConfigError(f"--out {folder}: {sink.trouble}", "name a folder with room")
+    except BaseException:
+        for file in log_files(folder, LOG_PREFIX):
+            file.unlink()
+        raise
+    return count
+
+
+_ROW_GROUP = 20_000
+
+
+class Format(StrEnum):
+    """Of the exported files."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+    JSONL = "jsonl"
+
+
+class _TableFile(Protocol):
+    def add(self, row: Row) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def export(recording: RunRecording, form: Format, folder: Path) -> Sequence[tuple[Path, int]]:
+    """Write one file a table, all of them or none.
+
+    Args:
+        recording: of a run.
+        form: of the files.
+        folder: exists.
+
+    Returns:
+        Each file with its number of rows.
+
+    Raises:
+        ConfigError: a file cannot be written, the log cannot be read, or a package is missing.
+    """
+    counts = dict.fromkeys((table.name for table in TABLES), 0)
+    try:
+        with ExitStack() as stack:
+            drafts = [stack.enter_context(replacing(folder / f"{t.name}.{form}")) for t in TABLES]
+            files: dict[str, _TableFile] = {}
+            for table, draft in zip(TABLES, drafts, strict=True):
+                file = _open(form, draft, table)
+                stack.callback(file.close)
+                files[table.name] = file
+            for table, row in rows(recording):
+                files[table.name].add(row)
+                counts[table.name] += 1
+    except OSError as error:
+        raise ConfigError(
+            f"--out {folder}: {error.strerror}", "name a folder that can be written"
+        ) from None
+    return [(folder / f"{name}.{form}", count) for name, count in counts.items()]
+
+
+def _open(form: Format, path: Path, table: Table) -> _TableFile:
+    match form:
+        case Format.CSV:
+            return _CsvFile(path, table)
+        case Format.JSONL:
+            return _JsonLinesFile(path)
+        case Format.PARQUET:
+            return _ParquetFile(path, table)
+
+
+class _CsvFile:
+    def __init__(self, path: Path, table: Table) -> None:
+        self._file = path.open("w", newline="", encoding="utf-8", errors="backslashreplace")
+        self._writer = csv.DictWriter(self._file, list(table.columns))
+        self._writer.writeheader()
+
+    def add(self, row: Row) -> None:
+        self._writer.writerow(row)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class _JsonLinesFile:
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w", encoding="utf-8")
+
+    def add(self, row: Row) -> None:
+        self._file.write(json.dumps(row) + "\n")
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class _ParquetFile:
+    def __init__(self, path: Path, table: Table) -> None:
+        arrow: Any = import_optional("pyarrow", "export", "--format parquet")
+        parquet: Any = import_optional("pyarrow.parquet", "export", "--format parquet")
+        types = {
+            int: arrow.int64(),
+            float: arrow.float64(),
+            bool: arrow.bool_(),
+            str: arrow.string(),
+        }
+        self._arrow = arrow
+        self._schema = arrow.schema(
+            [
+                arrow.field(name, types[column.kind], metadata={"description": column.meaning})
+                for name, column in table.columns.items()
+            ]
+        )
+        self._writer = parquet.ParquetWriter(str(path), self._schema)
+        self._rows: list[Row] = []
+
+    def add(self, row: Row) -> None:
+        self._rows.append(row)
+        if len(self._rows) >= _ROW_GROUP:
+            self._write()
+
+    def close(self) -> None:
+        self._write()
+        self._writer.close()
+
+    def _write(self) -> None:
+        self._writer.write_table(self._arrow.Table.from_pylist(self._rows, schema=self._schema))
+        self._rows = []

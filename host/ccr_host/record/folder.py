@@ -1,0 +1,144 @@
+"""The folder that a command leaves behind."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from ccr_host.core.errors import ConfigError, why
+from ccr_host.core.user_file import is_there, printable, replacing
+
+METRICS_FILE = "run.json"
+"""Configuration and summary of a run."""
+TIMING_FILE = "timing.json"
+FIGURES = ("figure.png", "figure.pdf", "figure.svg")
+
+_LEFT_BY_A_RUN = (METRICS_FILE, TIMING_FILE, *FIGURES, "log_[0-9]*.mcap", "timing_[0-9]*.mcap")
+_NEEDED_AT_LEAST = bytes(4096)
+_LONGEST_TITLE = 100
+_NOT_IN_NAMES = '/\\:*?"<>|'
+
+
+class ResultFolder:
+    """Keeps results; what cannot be written is noted, and the rest goes on.
+
+    The folder is made at once, so that one that cannot be had is known before anything moves. To be
+    used as a context manager: a folder that was made and has stayed empty is removed at the end.
+
+    Args:
+        wanted: the folder asked for; None for ``runs/<date>-<title>``, under an unused name.
+        title: what it is about.
+
+    Raises:
+        ConfigError: it cannot be made or written to.
+    """
+
+    def __init__(self, wanted: Path | None, title: str) -> None:
+        self.path = wanted or next(name for name in _default_names(title) if not is_there(name))
+        self.kept: list[str] = []
+        """Names of the files that were written."""
+        self._missing: dict[str, list[str]] = {}
+        self._made = [f for f in (self.path, *self.path.parents) if not is_there(f)]
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            probe = self.path / ".writable"
+            try:
+                probe.write_bytes(_NEEDED_AT_LEAST)
+            finally:
+                probe.unlink(missing_ok=True)
+        except (OSError, ValueError) as error:
+            self._remove_if_empty()
+            cause = "not a folder" if isinstance(error, FileExistsError) else why(error)
+            raise ConfigError(
+                f"--out {self.path}: {cause}", "name a folder that can be written"
+            ) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._remove_if_empty()
+
+    @property
+    def trouble(self) -> str:
+        """What was not written, and why; empty if nothing is missing."""
+        missing = self._missing.items()
+        return "; ".join(f"no {', '.join(names)}: {cause}" for cause, names in missing)
+
+    def keep(self, write: Callable[[Path], None], *names: str) -> None:
+        """Write files in place of those of the same names.
+
+        Args:
+            write: gets the path of the first, and replaces each at once or not at all; whatever it
+                raises is noted.
+            names: of all files that it writes.
+        """
+        before = {name: _identity(self.path / name) for name in names}
+        cause = ""
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            write(self.path / names[0])
+        except Exception as error:
+            cause = why(error)
+        for name in names:
+            if _identity(self.path / name) != before[name]:
+                self.kept.append(name)
+            else:
+                self._missing.setdefault(cause, []).append(name)
+
+    def keep_json(self, name: str, content: dict[str, Any]) -> None:
+        """Write an object."""
+        self.keep(lambda file: write_json(file, content), name)
+
+    def _remove_if_empty(self) -> None:
+        with suppress(OSError):
+            for folder in self._made:
+                folder.rmdir()
+
+
+def write_json(file: Path, content: dict[str, Any]) -> None:
+    """Indented, with a final newline; at once or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with replacing(file) as draft:
+        draft.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def remove_earlier_run(folder: Path) -> None:
+    """Make room for a run: none of its files shall stand beside those of another one.
+
+    Raises:
+        OSError: a file cannot be removed.
+    """
+    for pattern in _LEFT_BY_A_RUN:
+        for file in folder.glob(pattern):
+            file.unlink()
+
+
+def _identity(file: Path) -> tuple[int, int] | None:
+    try:
+        found = file.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns
+
+
+def _default_names(title: str) -> Iterator[Path]:
+    readable = "".join("_" if c in _NOT_IN_NAMES else c for c in printable(title))
+    readable = readable.encode()[:_LONGEST_TITLE].decode(errors="ignore")
+    first = Path("runs") / f"{datetime.now():%Y%m%d-%H%M%S}-{readable}"
+    yield first
+    for number in range(2, 1000):
+        yield first.with_name(f"{first.name}-{number}")

@@ -1,0 +1,304 @@
+"""Reads the log of a run, finished or not, whole or damaged."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Channel, Metadata
+from pydantic import TypeAdapter, ValidationError
+
+import ccr_host
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.user_file import is_folder, is_there, read_bytes
+from ccr_host.description.schema import Description
+from ccr_host.record.log import topics
+from ccr_host.record.log.files import (
+    END_RECORD,
+    LOG_PREFIX,
+    LOST_MESSAGES,
+    TIMING_PREFIX,
+    TROUBLE,
+    file_number,
+    log_files,
+)
+from ccr_host.record.log.mcap_parts import MOST_FILE_BYTES, Damage, McapParts, PackedMessage, Part
+from ccr_host.record.log.topics import LOG_TOPICS, SOLVE_TIME, TIMING_TOPICS, Topic
+from ccr_host.robot.reference import Reference
+from ccr_host.run.options import RunOptions
+
+_NS_PER_US, _NS_PER_S = 1000, 1e9
+_REPEATED = frozenset(topic.name for topic in LOG_TOPICS if topic.repeated)
+_CURE = "give the folder of a run, or one of its files"
+_MOST_MESSAGE_BYTES = 16_000_000
+"""The longest of ours is the picture of a path with 100 000 samples: 1.1 MB."""
+_MOST_DAMAGES_TOLD = 3
+_RUN_OPTIONS = TypeAdapter(RunOptions)
+
+
+@dataclass(frozen=True, slots=True)
+class LogMessage:
+    """One message of a log."""
+
+    topic: str
+    time_us: int
+    content: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class LogEnd:
+    """How a log ends, and what is missing in it."""
+
+    is_complete: bool
+    """Whether the run has closed it; not so while it lasts or after a kill."""
+    lost_messages: int
+    """As the closing record says, or by gaps in the numbers of those that are there."""
+    trouble: str = ""
+    """What is wrong with the log, and where, in one line; empty if nothing is."""
+
+
+class RunRecording:
+    """The log of a run: its folder, or one of its files.
+
+    Of a damaged file everything is read but the records and chunks in which the damage stands;
+    `end` tells what is lost.
+
+    Raises:
+        ConfigError: there is no log, or it is no log of a run.
+    """
+
+    def __init__(self, source: Path) -> None:
+        self.source = source
+        self._files = log_files(source, LOG_PREFIX) if is_folder(source) else [source]
+        if not self._files or not is_there(source):
+            raise _unusable(source, "No such file or directory" if self._files else "no log in it")
+
+    def messages(self, *wanted: Topic) -> Iterator[LogMessage]:
+        """Messages as they were written, of all topics or those wanted.
+
+        What stands at the start of each file is given once.
+
+        Raises:
+            ConfigError: a file cannot be read, or holds what is no message of ours.
+        """
+        names = {topic.name for topic in wanted or LOG_TOPICS}
+        for path in self._files:
+            given = set()
+            for message in _messages(path, LOG_TOPICS, names):
+                given.add(message.topic)
+                yield message
+            names -= given & _REPEATED
+
+    def solve_times_us(self) -> dict[int, float]:
+        """The controller's computing time by step; none in virtual time without the folder."""
+        apart = log_files(self.source, TIMING_PREFIX) if is_folder(self.source) else []
+        inside = (message.content for message in self.messages(topics.STEP))
+        outside = (
+            message.content
+            for path in apart
+            for message in _messages(path, TIMING_TOPICS, {SOLVE_TIME.name})
+        )
+        return {
+            content["step"]: content["solve_us"]
+            for content in (*inside, *outside)
+            if "step" in content and content.get("solve_us") is not None
+        }
+
+    @cached_property
+    def setup(self) -> dict[str, Any]:
+        """What was run, and the versions that ran it."""
+        for message in self.messages(topics.SETUP):
+            return message.content
+        raise _unusable(self.source, self.end.trouble or "not the log of a run")
+
+    @property
+    def options(self) -> RunOptions:
+        """As the run was told."""
+        try:
+            options = self.setup["options"]
+            told = {**options, "overrides": tuple(options["overrides"])}
+            RunOptions(**told)  # which knows whether there are too many
+            return _RUN_OPTIONS.validate_python(told)
+        except (KeyError, TypeError, ValidationError):
+            raise self.foreign("options") from None
+
+    @property
+    def description(self) -> Description:
+        """The robot that was run."""
+        try:
+            return Description.model_validate(self.setup["description"])
+        except (KeyError, ValidationError):
+            raise self.foreign("a robot description") from None
+
+    @cached_property
+    def reference(self) -> Reference:
+        """The desired path, as the controller got it.
+
+        Raises:
+            ConfigError: this is a later file of a log, without the path's samples.
+        """
+        pieces = [message.content for message in self.messages(topics.REFERENCE)]
+        try:
+            about = self.setup["reference"]
+            columns = {
+                name: np.array([row for piece in pieces for row in piece[name]], dtype=np.float64)
+                for name in ("time_s", "target_mm", "q_rad", "unavoidable_mm")
+            }
+            name, samples, period_s = about["name"], about["samples"], about["period_s"]
+        except KeyError:
+            raise self.foreign("a desired path") from None
+        if not samples or {samples} != {len(column) for column in columns.values()}:
+            raise _unusable(self.source, self.end.trouble or "the desired path is not in it")
+        return Reference(name, period_s=period_s, laps=about.get("laps", 1), **columns)
+
+    def foreign(self, what: str) -> ConfigError:
+        """What to raise for content that this version cannot make sense of."""
+        writer = self.setup.get("versions", {}).get("ccr_host", "unknown")
+        return _unusable(
+            self.source,
+            f"written by ccr-host {writer}, with {what} that {ccr_host.__version__} does not know",
+        )
+
+    @cached_property
+    def end(self) -> LogEnd:
+        """Whether the log is whole; reads all of it."""
+        account = _Account(self._files)
+        for path in self._files:
+            account.add(path)
+        return account.end()
+
+
+class _Account:
+    """Counts what of a log is there, file by file."""
+
+    def __init__(self, files: Sequence[Path]) -> None:
+        numbers = [file_number(path) for path in files]
+        missing = set(range(numbers[0], numbers[-1])) - set(numbers)
+        self._troubles = [f"the log lacks its file number {min(missing)}"] if missing else []
+        self._counts_from_start = numbers[0] == 0
+        self._sequences: dict[str, int] = {}
+        self._gaps = self._unread = 0
+        self._closing: Metadata | None = None
+        self._is_finished = self._is_cut = self._is_lower_bound = False
+
+    def add(self, path: Path) -> None:
+        """Look through the next file."""
+        parts, time_s, messages = _parts(path), 0.0, 0
+        damages: list[str] = []
+        for part, topic in _with_topics(parts, LOG_TOPICS):
+            if isinstance(part, PackedMessage):
+                messages += 1
+                time_s = part.time_ns / _NS_PER_S
+                self._count(topic, part.sequence)
+            elif isinstance(part, Metadata) and part.name == END_RECORD:
+                self._closing = part
+            elif isinstance(part, Damage) and part.reaches_end and not parts.is_finished:
+                self._is_cut = True
+                where = f"byte {part.start} of {path.name}, {time_s:.2f} s into the run"
+                self._troubles.append(
+                    f"the log is cut off at {where}: its end was not copied, "
+                    "or the disk was full and the run never closed its log"
+                )
+            elif isinstance(part, Damage):
+                why = f" ({part.why})" if part.why else ""
+                where = f"bytes {part.start} to {part.end} of {path.name}"
+                damages.append(f"{where}, {time_s:.2f} s into the run{why}")
+        if damages:
+            more = len(damages) - _MOST_DAMAGES_TOLD
+            told = " and ".join(damages[:_MOST_DAMAGES_TOLD]) + f" and {more} more" * (more > 0)
+            self._troubles.append(f"the log is damaged: {told}")
+        self._is_finished = parts.is_finished
+        if parts.message_count is not None:
+            self._unread += max(0, parts.message_count - messages)
+        elif damages:
+            self._is_lower_bound = True
+
+    def end(self) -> LogEnd:
+        """What it comes to."""
+        closing = {} if self._closing is None else self._closing.metadata
+        told, copied_with = closing.get(LOST_MESSAGES, ""), closing.get(TROUBLE, "")
+        never_written = int(told) if told.isdecimal() else 0
+        lost = max(self._gaps, self._unread + never_written)
+        if self._closing is None and self._is_finished:
+            self._troubles.append("the log goes on in another file, or lacks its closing record")
+        elif self._closing is None and not self._is_cut:
+            self._troubles.append("the run never closed its log: it was killed, or goes on")
+        if copied_with:
+            self._troubles.append(f"copied from a log that was not whole ({copied_with})")
+        elif lost:
+            at_least = "at least " * self._is_lower_bound
+            self._troubles.append(f"{at_least}{lost} messages were lost")
+        is_complete = self._closing is not None and not copied_with
+        return LogEnd(is_complete, lost, "; ".join(self._troubles))
+
+    def _count(self, topic: str, sequence: int) -> None:
+        """The messages of a topic are numbered from 1; 0 are those that every file begins with."""
+        last = self._sequences.get(topic, 0 if self._counts_from_start else sequence - 1)
+        if sequence > last:
+            self._gaps += sequence - last - 1
+            self._sequences[topic] = sequence
+
+
+def _messages(path: Path, ours: Sequence[Topic], wanted: Collection[str]) -> Iterator[LogMessage]:
+    by_name = {topic.name: topic for topic in ours if topic.name in wanted}
+    for part, name in _with_topics(_parts(path), ours):
+        if isinstance(part, PackedMessage) and name in by_name:
+            content = _content(part, by_name[name], path)
+            yield LogMessage(name, part.time_ns // _NS_PER_US, content)
+
+
+def _content(message: PackedMessage, topic: Topic, path: Path) -> dict[str, Any]:
+    if len(message.data) > _MOST_MESSAGE_BYTES:
+        raise _unusable(path, f"a message on {topic.name} has {len(message.data)} bytes")
+    try:
+        content: dict[str, Any] = json.loads(message.data)
+        if rb"\u" in message.data:  # half of a surrogate pair is no text that could be written
+            json.dumps(content, ensure_ascii=False).encode()
+    except (ValueError, RecursionError):
+        content = {}
+    if not content or not topic.is_message(content):
+        time_s = message.time_ns / _NS_PER_S
+        raise _unusable(
+            path,
+            f"not the log of a run as ccr-host {ccr_host.__version__} knows it: "
+            f"{topic.name} at {time_s:.3f} s",
+        )
+    return content
+
+
+def _parts(path: Path) -> McapParts:
+    parts = McapParts(read_bytes(path, "recording", _CURE, MOST_FILE_BYTES))
+    if not parts.is_mcap:
+        raise _unusable(path, "not an MCAP file")
+    return parts
+
+
+def _with_topics(parts: McapParts, ours: Sequence[Topic]) -> Iterator[tuple[Part, str]]:
+    """The parts of a file, messages with their topics.
+
+    Our own files number their channels like `ours`: where the record of a channel is damaged or
+    lost, and there is no summary that repeats it, its number tells its topic.
+    """
+    found = {number: channel.topic for number, channel in parts.channels.items()}
+    own = {number: topic.name for number, topic in enumerate(ours, 1)}
+    names: dict[int, str] | None = None
+    for part in parts:
+        if isinstance(part, Channel):
+            found.setdefault(part.id, part.topic)
+            names = None
+        elif isinstance(part, PackedMessage):
+            if names is None:
+                others = sum(own.get(number) != name for number, name in found.items())
+                names = own if parts.is_ours and others <= 1 else found
+            yield part, names.get(part.channel, str(part.channel))
+        else:
+            yield part, ""
+
+
+def _unusable(path: Path, why: str) -> ConfigError:
+    return ConfigError(f"recording {path}: {why}", _CURE)

@@ -1,0 +1,56 @@
+"""Why a simulated robot's tip is not where its camera says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ccr_host.run.observer import StepRecord, Vector, measured_errors_mm, true_errors_mm
+
+_MUCH_MM = 0.5
+_MUCH = 0.15
+"""Of the greater of both means."""
+_FEWEST_STEPS = 5
+"""A turn cannot be told from less."""
+
+
+def why_measured_differs(records: Sequence[StepRecord]) -> str | None:
+    """The main reason why the means of measured and true error differ by much.
+
+    Returns:
+        None where they agree, or where nobody knows the truth.
+    """
+    measured, truth = measured_errors_mm(records), true_errors_mm(records)
+    seen = np.isfinite(measured).all(axis=1)
+    if truth is None or np.count_nonzero(seen) < _FEWEST_STEPS:
+        return None
+    means_mm = [float(np.linalg.norm(errors, axis=1).mean()) for errors in (measured[seen], truth)]
+    if abs(means_mm[0] - means_mm[1]) < max(_MUCH_MM, _MUCH * max(means_mm)):
+        return None
+    targets = np.array([record.target_mm for record in records])[seen]
+    turn = _best_rotation(targets + truth[seen], targets + measured[seen])
+    unturned_mm = (targets + measured[seen]) @ turn - (targets + truth[seen])
+    off_mm, left_mm = _rms_mm(measured[seen] - truth[seen]), _rms_mm(unturned_mm)
+    if left_mm < off_mm / 2:
+        angle_deg = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
+        return (
+            f"the camera stands turned by {angle_deg:.0f} deg against the robot, so the measured "
+            "error is that in the camera's frame; `ccr-host register` finds the turn"
+        )
+    lost = len(records) - np.count_nonzero(seen)
+    if lost > len(records) / 10:
+        return f"{lost} of {len(records)} steps were not measured"
+    return f"noise, delay or misread markers put the measured tip {off_mm:.1f} mm (RMS) off"
+
+
+def _best_rotation(from_mm: Vector, to_mm: Vector) -> Vector:
+    """(3, 3): the rotation R that brings R ``from_mm`` nearest to ``to_mm``, (N, 3) each."""
+    left, _, right = np.linalg.svd(to_mm.T @ from_mm)
+    handedness = np.sign(np.linalg.det(left @ right))
+    rotation: Vector = left @ np.diag((1.0, 1.0, handedness)) @ right
+    return rotation
+
+
+def _rms_mm(vectors_mm: Vector) -> float:
+    return float(np.sqrt((vectors_mm**2).sum(axis=1).mean()))

@@ -1,0 +1,270 @@
+"""Clock, port, tracker and operator that tell the host what the tape has recorded."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import NoReturn, TypeVar
+
+from ccr_host.core.clock import Steppable
+from ccr_host.core.errors import CcrError, DeviceError, TrackerError
+from ccr_host.run.tape import TOKENS_WITH_ERROR, TapeError, TapePiece, Token
+from ccr_host.tracking.tracker import Sample
+
+T = TypeVar("T")
+
+_DOING = {
+    Token.READ: "read the clock",
+    Token.TURN: "waited",
+    Token.WOKE: "stopped waiting",
+    Token.FRAME: "took a frame",
+    Token.SAMPLE: "looked at the tracker",
+    Token.SAME: "looked at the tracker",
+    Token.PAUSE: "was told to pause",
+    Token.STOP: "was told to stop",
+    Token.BUSY: "was still computing",
+    Token.PORT_LOST: "lost the port",
+    Token.RAISED: "was ended",
+}
+
+
+class TapeEnd(BaseException):
+    """The tape is over; passes through whatever the host does about errors."""
+
+
+class Diverged(BaseException):
+    """The host asks for something else than when the tape was recorded; not for it to catch."""
+
+
+class RecordedError(CcrError):
+    """An error of a kind that only the recorded run knew."""
+
+
+class TapePlayer:
+    """Gives out tokens one by one.
+
+    Args:
+        pieces: in order; read as they are needed.
+    """
+
+    def __init__(self, pieces: Iterable[TapePiece]) -> None:
+        self._pieces = iter(pieces)
+        self._tokens: deque[Token] = deque()
+        self._times_us: deque[int] = deque()
+        self._errors: deque[TapeError] = deque()
+        self.time_us = 0
+        """Time of the clock at the last token."""
+
+    @property
+    def head(self) -> Token | None:
+        """The next token; None at the end of the tape."""
+        while not self._tokens:
+            piece = next(self._pieces, None)
+            if piece is None:
+                return None
+            self._tokens.extend(map(Token, piece.tokens))
+            self._times_us.extend(piece.times_us)
+            self._errors.extend(piece.errors)
+        return self._tokens[0]
+
+    def skip(self) -> None:
+        """Take a token that carries nothing, or whose error has been raised."""
+        if self._tokens.popleft() in TOKENS_WITH_ERROR:
+            self._errors.popleft()
+
+    def take_time(self) -> int:
+        """Take a token that carries a time."""
+        token = self._tokens.popleft()
+        time_us = self._times_us.popleft()
+        if token is not Token.SAMPLE:
+            self.time_us = time_us
+        return time_us
+
+    @property
+    def error(self) -> TapeError:
+        """Of the next token that stands for one."""
+        return self._errors[0]
+
+    def refuse(self, asked: str) -> NoReturn:
+        """The host asks for what is not next on the tape.
+
+        Raises:
+            BaseException: what ended the recorded run here, or :class:`TapeEnd`, or
+                :class:`Diverged`.
+        """
+        if self.head is None:
+            raise TapeEnd
+        if self.head is Token.RAISED:
+            raise _raised(self.error)
+        raise Diverged(f"the host {asked} where the recorded one {_DOING[self.head]}")
+
+
+def _raised(error: TapeError) -> BaseException:
+    kinds = {kind.__name__: kind for kind in (DeviceError, TrackerError)}
+    if error.kind == KeyboardInterrupt.__name__:
+        return KeyboardInterrupt()
+    return kinds.get(error.kind, RecordedError)(error.cause, error.cure)
+
+
+class PlayedClock:
+    """Gives the recorded times, and the client its turns; never waits."""
+
+    realtime = False
+
+    def __init__(self, tape: TapePlayer) -> None:
+        self._tape = tape
+        self._parts: list[Steppable] = []
+
+    def now_us(self) -> int:
+        self._give_turns()
+        if self._tape.head is not Token.READ:
+            self._tape.refuse("reads the clock")
+        return self._tape.take_time()
+
+    def sleep_until_us(self, time_us: int) -> None:
+        self.idle()
+
+    def idle(self) -> None:
+        self._give_turns()
+        if self._tape.head is not Token.WOKE:
+            self._tape.refuse("waits")
+        self._tape.skip()
+
+    def attach(self, part: Steppable) -> None:
+        self._parts.append(part)
+
+    def beside(self, work: Callable[[], T], every_us: int, meanwhile: Callable[[], None]) -> T:
+        try:
+            return work()
+        finally:
+            self._give_turns()
+            while self._tape.head is Token.BUSY:
+                self._tape.skip()
+                meanwhile()
+                self._give_turns()
+
+    def _give_turns(self) -> None:
+        while self._tape.head is Token.TURN:
+            time_us = self._tape.take_time()
+            for part in self._parts:
+                part.advance_to(time_us)
+
+
+class PlayedTransport:
+    """Delivers the recorded frames.
+
+    Args:
+        tape: says when.
+        received: the frames, in order.
+    """
+
+    name = "replay"
+
+    def __init__(self, tape: TapePlayer, received: Iterator[bytes]) -> None:
+        self._tape = tape
+        self._received = received
+
+    def write(self, data: bytes) -> None:
+        self._fail_if_recorded()
+
+    def read(self) -> bytes:
+        self._fail_if_recorded()
+        data = b""
+        while self._tape.head is Token.FRAME:
+            frame = next(self._received, None)
+            if frame is None:
+                raise TapeEnd
+            self._tape.skip()
+            data += frame
+        return data
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def _fail_if_recorded(self) -> None:
+        if self._tape.head is Token.PORT_LOST:
+            error = self._tape.error
+            self._tape.skip()
+            raise DeviceError(error.cause, error.cure)
+
+
+class PlayedTracker:
+    """Delivers the recorded samples.
+
+    Args:
+        tape: says when.
+        samples: by the time of their exposure.
+    """
+
+    name = "replay"
+
+    def __init__(self, tape: TapePlayer, samples: dict[int, Sample]) -> None:
+        self._tape = tape
+        self._samples = samples
+        self._newest: Sample | None = None
+
+    def newest(self) -> Sample | None:
+        if self._tape.head is Token.SAMPLE:
+            self._newest = self._taken(self._tape.take_time())
+        elif self._tape.head is Token.SAME:
+            self._tape.skip()
+        else:
+            self._tape.refuse("looks at the tracker")
+        return self._newest
+
+    def _taken(self, exposed_us: int) -> Sample:
+        while self._samples:
+            first_us = next(iter(self._samples))
+            sample = self._samples.pop(first_us)
+            if first_us == exposed_us:
+                return sample
+        raise Diverged("the tape tells of a sample that is not in the log")
+
+    def trouble(self) -> str:
+        """The recorded error has told it."""
+        return ""
+
+
+class PlayedOperator:
+    """Wants what the recorded one wanted."""
+
+    def __init__(self, tape: TapePlayer) -> None:
+        self._tape = tape
+
+    @property
+    def wants_stop(self) -> bool:
+        return self._next_is(Token.STOP)
+
+    @property
+    def wants_pause(self) -> bool:
+        return self._next_is(Token.PAUSE)
+
+    def news(self) -> str:
+        return ""
+
+    def _next_is(self, token: Token) -> bool:
+        is_next = self._tape.head is token
+        if is_next:
+            self._tape.skip()
+        return is_next
+
+
+@contextmanager
+def played_end(tape: TapePlayer) -> Iterator[None]:
+    """What ended the recorded run early ends the replayed one in the same place.
+
+    Raises:
+        Diverged: only one of the two was ended here.
+    """
+    try:
+        yield
+    except (TapeEnd, Diverged):
+        raise
+    except BaseException as error:
+        if tape.head is None:
+            raise TapeEnd from None
+        if tape.head is not Token.RAISED:
+            raise Diverged(f"the host ends with: {error}") from error
+        tape.skip()
+        raise

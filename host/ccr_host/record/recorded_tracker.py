@@ -1,0 +1,98 @@
+"""Tracker `replay:FILE`: the samples of a recorded run, at the pace at which they were taken."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ccr_host.core.errors import ConfigError
+from ccr_host.record.log import topics
+from ccr_host.record.log.reader import RunRecording
+from ccr_host.tracking.frame_count import FrameCount
+from ccr_host.tracking.tracker import FloatArray, MarkerFrame, Pose, StartsAndStops, TrackerHealth
+
+MARKER_NAMES = ("M1", "M2", "M3")
+_UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+class ReplayTracker(StartsAndStops):
+    """Delivers each recorded sample once its time has come; time 0 is the first exposure.
+
+    The markers were identified when they were recorded, so they come as tools M1, M2 and M3.
+
+    Args:
+        path: folder of a run, or one file of its log.
+        latency_us: between an exposure and its delivery.
+
+    Raises:
+        ConfigError: no such file, or no samples in it.
+    """
+
+    def __init__(self, path: Path, latency_us: int = 40_000) -> None:
+        self.name = f"replay:{path}"
+        self._latency_us = latency_us
+        self._samples = deque(_read(path))
+        self._start_us: int | None = None
+        self._frames = FrameCount()
+        self._running = False
+
+    @property
+    def health(self) -> TrackerHealth:
+        """How far the replay is."""
+        if not self._running:
+            state = "stopped"
+        else:
+            state = "replaying" if self._samples else "at the end of the recording"
+        return TrackerHealth(
+            state=state,
+            tracking=self._running and bool(self._samples),
+            rate_hz=self._frames.rate_hz,
+            frames=self._frames.count,
+        )
+
+    def start(self) -> None:
+        self._running = True
+
+    def advance_to(self, time_us: int) -> None:
+        """Deliver what is due."""
+        if not self._running:
+            return
+        if self._start_us is None:
+            self._start_us = time_us - self._samples[0][0]
+        while self._samples:
+            exposed_us = self._start_us + self._samples[0][0]
+            if exposed_us + self._latency_us > time_us:
+                return
+            _, markers_mm = self._samples.popleft()
+            poses = (Pose(marker_mm, _UNTURNED) for marker_mm in markers_mm)
+            self._frames.add_poses(exposed_us, dict(zip(MARKER_NAMES, poses, strict=True)))
+
+    def newest_frame(self) -> MarkerFrame | None:
+        """Newest frame, whatever its age; None before the first."""
+        return self._frames.newest
+
+    def stop(self) -> None:
+        self._running = False
+
+
+def _read(path: Path) -> list[tuple[int, FloatArray]]:
+    """Exposure times in us and markers, (3, 3), in order of time."""
+    recorded = RunRecording(path).messages(topics.SAMPLE)
+    samples = [_sample(path, message.content) for message in recorded]
+    if not samples:
+        raise ConfigError(f"recording {path}: no samples in it", "give the log of another run")
+    return sorted(samples, key=lambda sample: sample[0])
+
+
+def _sample(path: Path, content: dict[str, Any]) -> tuple[int, FloatArray]:
+    try:
+        markers_mm = np.array(content["markers_mm"], dtype=np.float64)
+        exposed_us = content["exposed_us"]
+        if not isinstance(exposed_us, int) or markers_mm.shape != (len(MARKER_NAMES), 3):
+            raise ValueError
+    except (ValueError, KeyError, TypeError):
+        raise ConfigError(f"recording {path}: not the log of a run", "record it again") from None
+    return exposed_us, markers_mm

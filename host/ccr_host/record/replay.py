@@ -1,0 +1,249 @@
+"""Executes the host again on the recorded inputs of a run and compares what it sends."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import accumulate
+from typing import Any, NoReturn
+
+import numpy as np
+
+from ccr_host.control.registry import make_controller
+from ccr_host.core.errors import CcrError, ConfigError
+from ccr_host.link.client import Client
+from ccr_host.link.framing import decode_single_frame
+from ccr_host.link.messages import OpenSession, PayloadError
+from ccr_host.link.transport import parse_device_uri
+from ccr_host.record.log import topics
+from ccr_host.record.log.reader import LogMessage, RunRecording
+from ccr_host.record.log.tables import told_frame
+from ccr_host.record.playing import (
+    Diverged,
+    PlayedClock,
+    PlayedOperator,
+    PlayedTracker,
+    PlayedTransport,
+    TapeEnd,
+    TapePlayer,
+    played_end,
+)
+from ccr_host.run.loop import follow_path
+from ccr_host.run.observer import Observers, StepRecord
+from ccr_host.run.open_rig import Rig, meet_board
+from ccr_host.run.operator import stopping_at_once
+from ccr_host.run.tape import Tape, TapeError, TapePiece
+from ccr_host.tracking.tracker import Sample
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where the replayed host first does something else than the recorded one."""
+
+    time_us: int
+    steps_done: int
+    what: str
+
+
+@dataclass
+class ReplayResult:
+    """How far the replay has come, and how it ended."""
+
+    frames: int = 0
+    """Sent and equal."""
+    steps: int = 0
+    end_us: int = 0
+    difference: Difference | None = None
+
+
+def replay(
+    recording: RunRecording, on_step: Callable[[int, int], None] = lambda *_: None
+) -> ReplayResult:
+    """Run controller, control loop and client again; stops at the first difference.
+
+    Args:
+        recording: of any run, finished or cut short.
+        on_step: told of each step done and of how many there are.
+
+    Raises:
+        ConfigError: the log lacks messages, or cannot be read.
+    """
+    if recording.end.lost_messages:
+        raise ConfigError(
+            f"recording {recording.source}: "
+            + (recording.end.trouble or f"{recording.end.lost_messages} messages were lost"),
+            "a log with gaps cannot be replayed; report and export use what is left",
+        )
+    return _Replay(recording, on_step).run()
+
+
+@dataclass
+class _Feed:
+    """Reads the log once and sorts it; each taker reads on as far as it needs."""
+
+    recording: RunRecording
+    pieces: deque[TapePiece] = field(default_factory=deque)
+    sent: deque[LogMessage] = field(default_factory=deque)
+    received: deque[bytes] = field(default_factory=deque)
+    samples: dict[int, Sample] = field(default_factory=dict)
+    failure: ConfigError | None = None
+    """Why it could not be read on."""
+
+    def __post_init__(self) -> None:
+        self._messages = self.recording.messages(*_INPUT_TOPICS)
+
+    def take_pieces(self) -> Iterator[TapePiece]:
+        while self.pieces or self._read_until(self.pieces):
+            yield self.pieces.popleft()
+
+    def take_received(self) -> Iterator[bytes]:
+        while self.received or self._read_until(self.received):
+            yield self.received.popleft()
+
+    def next_sent(self) -> LogMessage | None:
+        return self.sent.popleft() if self.sent or self._read_until(self.sent) else None
+
+    def _read_until(self, filled: deque[Any]) -> bool:
+        try:
+            for message in self._messages:
+                self._sort(message)
+                if filled:
+                    return True
+        except ConfigError as error:
+            self.failure = error
+            raise TapeEnd from None  # which nothing that is replayed takes for its own error
+        return False
+
+    def _sort(self, message: LogMessage) -> None:
+        try:
+            self._take(message, message.content)
+        except (KeyError, ValueError, TypeError):
+            raise self.recording.foreign(f"messages on {message.topic}") from None
+
+    def _take(self, message: LogMessage, content: dict[str, Any]) -> None:
+        match message.topic:
+            case topics.INPUTS.name:
+                self.pieces.append(_piece(content))
+            case topics.SENT.name:
+                bytes.fromhex(content["hex"])
+                self.sent.append(message)
+            case topics.RECEIVED.name:
+                self.received.append(bytes.fromhex(content["hex"]))
+            case topics.SAMPLE.name:
+                markers_mm = np.array(content["markers_mm"], dtype=np.float64)
+                self.samples[content["exposed_us"]] = Sample(content["exposed_us"], markers_mm)
+
+
+_INPUT_TOPICS = (topics.INPUTS, topics.SENT, topics.RECEIVED, topics.SAMPLE)
+
+
+class _Replay:
+    def __init__(self, recording: RunRecording, on_step: Callable[[int, int], None]) -> None:
+        self._recording = recording
+        self._on_step = on_step
+        self._feed = _Feed(recording)
+        self._tape = TapePlayer(self._feed.take_pieces())
+        self._result = ReplayResult()
+
+    def run(self) -> ReplayResult:
+        try:
+            self._execute()
+            self._require_end()
+        except TapeEnd:
+            self._require_cut()
+        except Diverged as divergence:
+            self._differ(str(divergence))
+        if self._feed.failure is not None:
+            raise self._feed.failure
+        self._result.end_us = self._tape.time_us
+        return self._result
+
+    def _execute(self) -> None:
+        description = self._recording.description
+        controller = make_controller(self._recording.options.controller, description)
+        tape, clock = self._tape, PlayedClock(self._tape)
+        tracker = PlayedTracker(tape, self._feed.samples)
+        operator = PlayedOperator(tape)
+        session = _session(self._recording)
+        device = parse_device_uri(self._recording.options.device)
+        try:
+            client = Client(
+                PlayedTransport(tape, self._feed.take_received()),
+                clock,
+                session,
+                on_frame=self._compare,
+            )
+            with client, played_end(tape):
+                clock.attach(client)
+                meet_board(client, description, device)
+                rig = Rig(clock, client, tracker, None, Tape(lambda _: None))
+                with stopping_at_once(operator, clock, client, Observers()):
+                    follow_path(
+                        rig,
+                        controller,
+                        self._recording.reference,
+                        description,
+                        Observers(),
+                        self._count_step,
+                        operator,
+                        self._recording.options.effective_checks,
+                    )
+        except (CcrError, KeyboardInterrupt):
+            return  # as the recorded run ended
+
+    def _compare(self, direction: str, time_us: int, data: bytes) -> None:
+        if direction != "sent":
+            return
+        recorded = self._feed.next_sent()
+        if recorded is None:
+            self._require_cut(f"now {told_frame(data)}, recorded nothing more")
+            raise TapeEnd
+        expected = bytes.fromhex(recorded.content["hex"])
+        if data != expected:
+            self._diverge(f"recorded {told_frame(expected)}, now {told_frame(data)}")
+        if time_us != recorded.time_us:
+            told = told_frame(data)
+            self._diverge(f"{told}: recorded at {recorded.time_us} us, now {time_us} us")
+        self._result.frames += 1
+
+    def _count_step(self, step: int, steps: int, record: StepRecord) -> None:
+        self._result.steps += 1
+        self._on_step(self._result.steps, steps)
+
+    def _require_end(self) -> None:
+        left = self._feed.next_sent()
+        if left is not None:
+            self._differ(
+                f"recorded {told_frame(bytes.fromhex(left.content['hex']))}, now nothing more"
+            )
+
+    def _require_cut(self, what: str = "the host goes on where the recorded one had ended") -> None:
+        if self._recording.end.is_complete:
+            self._differ(what)
+
+    def _diverge(self, what: str) -> NoReturn:
+        self._differ(what)
+        raise Diverged(what)
+
+    def _differ(self, what: str) -> None:
+        """Keep the first difference; what the host does after it means nothing."""
+        if self._result.difference is None:
+            self._result.difference = Difference(self._tape.time_us, self._result.steps, what)
+
+
+def _session(recording: RunRecording) -> int:
+    for message in recording.messages(topics.SENT):
+        try:
+            frame = decode_single_frame(bytes.fromhex(message.content["hex"]))
+            if frame is not None and frame.id == OpenSession.ID:
+                return OpenSession.unpack(frame.payload).session
+        except (KeyError, ValueError, PayloadError):
+            raise recording.foreign(f"messages on {message.topic}") from None
+    return 1
+
+
+def _piece(content: dict[str, Any]) -> TapePiece:
+    times_us = list(accumulate(content["steps_us"], initial=content["start_us"]))[1:]
+    errors = [TapeError(**error) for error in content["errors"]]
+    return TapePiece(content["start_us"], content["tokens"], times_us, errors).checked()

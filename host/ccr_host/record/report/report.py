@@ -1,0 +1,152 @@
+"""Turns recorded runs into one page that needs no other file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, Undefined
+
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.user_file import replacing
+from ccr_host.record.figure import PlottedRun, run_figure, shade_lost_spans
+from ccr_host.record.figure_style import LIMIT, MOTORS, svg_element
+from ccr_host.record.measured_and_true import why_measured_differs
+from ccr_host.record.report.recorded_run import RecordedRun, read_run
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def overlay_svgs(runs: Sequence[RecordedRun], names: Sequence[str]) -> Iterator[str]:
+    """All runs on one path in one figure, for each path that has several; a name for each run."""
+    on_paths: dict[str, list[PlottedRun]] = {}
+    for run, name in zip(runs, names, strict=True):
+        if run.records:
+            on_paths.setdefault(run.setup.reference.name, []).append(_plotted(run, name))
+    for together in on_paths.values():
+        if len(together) > 1:
+            yield svg_element(run_figure(together))
+
+
+def path_svg(run: RecordedRun) -> str:
+    """Desired, measured and true path, and the error over time."""
+    return svg_element(run_figure([_plotted(run)]))
+
+
+def health_svg(run: RecordedRun) -> str:
+    """Motor angles against their limits, computing time and age of the samples."""
+    from matplotlib.figure import Figure  # noqa: PLC0415 - slow to import
+
+    figure = Figure(figsize=(11, 7), layout="constrained")
+    motors, solve, age = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1, 1))
+    time_s = [record.time_s for record in run.records]
+    _draw_motors(motors, run, time_s)
+    solve.plot(time_s, [record.solve_us / 1000 for record in run.records], color=MOTORS[0])
+    solve.set_ylabel("computing time (ms)")
+    ages_ms = [
+        np.nan if r.measured_age_us is None else r.measured_age_us / 1e3 for r in run.records
+    ]
+    age.plot(time_s, ages_ms, color=MOTORS[0])
+    age.set_ylabel("age of the sample (ms)")
+    age.set_xlabel("time (s)")
+    for axes in (solve, age):
+        axes.set_ylim(bottom=0)
+        axes.grid(alpha=0.3)
+    shade_lost_spans(age, _plotted(run))
+    return svg_element(figure)
+
+
+def _draw_motors(axes: Axes, run: RecordedRun, time_s: list[float]) -> None:
+    angles_deg = np.degrees([record.q_rad for record in run.records])
+    servo = run.setup.description.servo
+    for axis, colour in enumerate(MOTORS):
+        axes.plot(time_s, angles_deg[:, axis], color=colour, label=f"motor {axis + 1}")
+        for limit in (servo.angle_min_deg[axis], servo.angle_max_deg[axis]):
+            axes.axhline(limit, color=LIMIT, lw=0.8, ls=":")
+    axes.set_ylabel("command (deg), limits dotted")
+    axes.legend(loc="upper right")
+    axes.grid(alpha=0.3)
+
+
+def _plotted(run: RecordedRun, label: str = "") -> PlottedRun:
+    return PlottedRun(run.setup.options, run.setup.reference, run.records, label)
+
+
+_DASH = "-"
+
+
+def write_report(folders: Sequence[Path], file: Path) -> list[RecordedRun]:
+    """Write the page.
+
+    Args:
+        folders: of the runs, in the order in which they shall appear.
+        file: HTML to write.
+
+    Returns:
+        The runs.
+
+    Raises:
+        ConfigError: a folder holds no run, or the file cannot be written.
+    """
+    runs = [read_run(folder) for folder in folders]
+    page = report_page(runs)
+    try:
+        with replacing(file) as draft:
+            draft.write_text(page, encoding="utf-8", errors="backslashreplace")
+    except OSError as error:
+        raise ConfigError(
+            f"report {file}: {error.strerror}", "name a file that can be written"
+        ) from None
+    return runs
+
+
+def report_page(runs: Sequence[RecordedRun]) -> str:
+    """HTML with everything in it."""
+    environment = Environment(loader=PackageLoader("ccr_host.record.report", "."), autoescape=True)
+    environment.filters |= {
+        "mm": _mm,
+        "ratio": _ratio,
+        "dash": _dash,
+        "configuration": _configuration,
+        "why_measured_differs": why_measured_differs,
+    }
+    figures = [(path_svg(run), health_svg(run)) if run.records else ("", "") for run in runs]
+    titles = [run.title for run in runs]
+    names = [
+        title if titles.count(title) == 1 else f"{title}, {run.folder.name}"
+        for run, title in zip(runs, titles, strict=True)
+    ]
+    return environment.get_template("page.html.j2").render(
+        title=titles[0] if len({*titles}) == 1 else f"{len(runs)} runs",
+        runs=runs,
+        names=names,
+        figures=figures,
+        overlays=list(overlay_svgs(runs, names)),
+    )
+
+
+def _mm(value: float | Undefined | None) -> str:
+    return f"{value:.2f}" if isinstance(value, float) else _DASH
+
+
+def _dash(value: int | Undefined | None) -> str:
+    return str(value) if isinstance(value, int) else _DASH
+
+
+def _ratio(metrics: Mapping[str, Any]) -> str:
+    truth, floor = metrics.get("true_mean_error_mm"), metrics.get("twin_floor_mean_error_mm")
+    return f"{truth / floor:.2f}" if truth and floor else _DASH
+
+
+def _configuration(run: RecordedRun) -> str:
+    options = {**vars(run.setup.options), "overrides": list(run.setup.options.overrides)}
+    content = {
+        "versions": run.versions,
+        "options": options,
+        "description": run.setup.description.model_dump(),
+    }
+    return json.dumps(content, indent=2)

@@ -1,0 +1,273 @@
+"""Composition root of a run: turns device and tracker URIs into a board and a tracker.
+
+This is the only place that knows what is real and what is simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.clock import Clock, RealClock, VirtualClock
+from ccr_host.core.errors import DeviceError
+from ccr_host.description.schema import Description
+from ccr_host.link.board_config import board_config
+from ccr_host.link.client import Client, TelemetryObserver, drawn_session
+from ccr_host.link.messages import State, StateReport
+from ccr_host.link.transport import (
+    DeviceKind,
+    DeviceUri,
+    Transport,
+    open_transport,
+    parse_device_uri,
+)
+from ccr_host.run.observer import RunObserver
+from ccr_host.run.options import RigOptions
+from ccr_host.run.recording import (
+    RecordedClock,
+    RecordedTracker,
+    RecordedTransport,
+    passed_on,
+    recorded_end,
+    recorded_frames,
+)
+from ccr_host.run.tape import Tape
+from ccr_host.run.tracker_rig import TrackerRig
+from ccr_host.sim.board.board import UnoEmulator
+from ccr_host.sim.board.serial_line import SerialLine
+from ccr_host.sim.robot.scene import CoSimulation, TwinScene
+from ccr_host.sim.serving.ports import PtyPort
+from ccr_host.sim.serving.server import BackgroundServer, BoardServer
+from ccr_host.sim.simavr.board import SimavrBoard
+from ccr_host.sim.simavr.flash_image import find_firmware, read_flash_image
+from ccr_host.sim.simavr.line import SimavrCoSimulation, SimavrLine
+from ccr_host.tracking.open_tracker import parse_tracker_uri
+from ccr_host.tracking.tracker import Tracker
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What the control loop works with."""
+
+    clock: Clock
+    client: Client
+    tracker: Tracker
+    eyes: TrackerRig | None
+    """The camera, and the simulated robot where there is one; None in a replay."""
+    tape: Tape
+    """Of all that comes to the host through this rig."""
+
+    def start_path_clock(self, time_us: int) -> None:
+        """Zero of the disturbances that the description times."""
+        if self.eyes is not None:
+            self.eyes.start_path_clock(time_us)
+
+    def true_tip_mm(self) -> NDArray[np.float64] | None:
+        """True f, (3,), for the metrics only; None where the robot is real."""
+        scene = None if self.eyes is None else self.eyes.scene
+        return None if scene is None else scene.true_tip_mm()
+
+
+def is_simulated(options: RigOptions) -> bool:
+    """Whether a rig needs nothing outside this process and no real time.
+
+    Raises:
+        ConfigError: the device or tracker URI is not one.
+    """
+    device, tracker = parse_device_uri(options.device), parse_tracker_uri(options.tracker)
+    return device.in_process and tracker.in_process and not options.realtime
+
+
+def sees_simulated_robot(options: RigOptions) -> bool:
+    """Whether the board is outside of this program but the robot that is seen is simulated in it.
+
+    Raises:
+        ConfigError: the device or tracker URI is not one.
+    """
+    return (
+        parse_device_uri(options.device).is_outside
+        and parse_tracker_uri(options.tracker).is_simulated
+    )
+
+
+def mismatch_of(options: RigOptions) -> str:
+    """What is odd about a board and a tracker of which one is simulated; empty if nothing is.
+
+    Raises:
+        ConfigError: the device or tracker URI is not one.
+    """
+    device, tracker = parse_device_uri(options.device), parse_tracker_uri(options.tracker)
+    if sees_simulated_robot(options):
+        return f"the board is on {device}, but the robot that is seen is simulated ({tracker})"
+    if not device.is_outside and not tracker.in_process:
+        return (
+            f"the camera is on {tracker}, but nothing moves its robot: simulated board ({device})"
+        )
+    return ""
+
+
+@contextmanager
+def open_rig(
+    options: RigOptions,
+    description: Description,
+    observer: RunObserver,
+    *,
+    in_camera_frame: bool = False,
+) -> Iterator[Rig]:
+    """Connect, configure the board, and make the robot safe on the way out, whatever happens.
+
+    Args:
+        options: device, tracker, seed and realtime count.
+        description: of the robot.
+        observer: sees all that passes.
+        in_camera_frame: samples stay in the camera's own frame, whatever was registered.
+
+    Raises:
+        ConfigError: unknown URI, or a description that board or tracker cannot take.
+        DeviceError: no board, not one of ours, or another one than described.
+        TrackerError: no camera, or one that does not begin to track.
+    """
+    device = parse_device_uri(options.device)
+    session_seed, camera_seed = np.random.SeedSequence(options.seed).spawn(2)
+    eyes = TrackerRig(parse_tracker_uri(options.tracker), description, camera_seed)
+    clock: Clock = VirtualClock() if is_simulated(options) else RealClock()
+    tape = Tape(observer.inputs)
+    hosts_clock = RecordedClock(clock, tape)
+    with ExitStack() as stack:
+        stack.enter_context(passed_on(tape))
+        on_telemetry = _shown_to(observer)
+        if eyes.scene is not None and not device.in_process:
+            on_telemetry = _moving(eyes.scene, on_telemetry)
+        with recorded_end(tape):
+            transport = connect_board(device, eyes.scene, clock, description.link.baud, stack)
+            stack.enter_context(eyes.running(clock))
+        client = stack.enter_context(
+            Client(
+                RecordedTransport(transport, tape),
+                hosts_clock,
+                session_number(device, session_seed),
+                on_frame=recorded_frames(observer.frame, tape),
+                on_telemetry=on_telemetry,
+            )
+        )
+        stack.enter_context(recorded_end(tape))
+        hosts_clock.attach(client)
+        meet_board(client, description, device)
+        tracker = eyes.tracker(clock, lambda: believed_rad(client), in_camera_frame=in_camera_frame)
+        hosts_tracker = RecordedTracker(tracker, clock, tape, observer)
+        clock.attach(hosts_tracker)
+        eyes.wait_until_tracking(clock)
+        yield Rig(hosts_clock, client, hosts_tracker, eyes, tape)
+
+
+def meet_board(client: Client, description: Description, device: DeviceUri) -> None:
+    """Connect, see that it is the board that is meant, and configure it; a simulated one is.
+
+    Raises:
+        ConfigError: a description that the board cannot take.
+        DeviceError: no board, not one of ours, or another one than described.
+    """
+    client.connect()
+    if device.is_outside:
+        client.require_name(description.robot.board_name)
+    client.configure(board_config(description))
+
+
+@contextmanager
+def open_board(
+    device: DeviceUri, description: Description, seed: int
+) -> Iterator[tuple[Client, Clock]]:
+    """A board alone, connected but not configured, and the clock that it goes by.
+
+    Raises:
+        DeviceError: no board, or not one of ours.
+    """
+    clock: Clock = VirtualClock() if device.in_process else RealClock()
+    with ExitStack() as stack:
+        transport = connect_board(device, None, clock, description.link.baud, stack)
+        session = session_number(device, np.random.SeedSequence(seed))
+        client = stack.enter_context(Client(transport, clock, session))
+        clock.attach(client)
+        client.connect()
+        yield client, clock
+
+
+def connect_board(
+    device: DeviceUri, scene: TwinScene | None, clock: Clock, baud: int, stack: ExitStack
+) -> Transport:
+    """The way to the board; what of board and robot is simulated here moves with the clock.
+
+    Raises:
+        DeviceError: there is no such port.
+    """
+    if device.kind is DeviceKind.EMULATOR:
+        line = SerialLine(UnoEmulator())
+        clock.attach(line if scene is None else CoSimulation(line, scene))
+        return line
+    if device.kind is DeviceKind.SIMAVR:
+        simulated = _simavr_line(device, stack)
+        clock.attach(simulated if scene is None else SimavrCoSimulation(simulated, scene))
+        return simulated
+    if scene is not None:
+        clock.attach(scene)
+    return _open_port(device, baud, stack)
+
+
+def believed_rad(client: Client) -> NDArray[np.float64]:
+    """(2,): motor angles as they are believed now; zeros before arming."""
+    try:
+        return client.accepted_rad
+    except DeviceError:  # not armed yet
+        return np.zeros(2)
+
+
+def session_number(device: DeviceUri, seed: np.random.SeedSequence) -> int:
+    """Of the seed, but another one each time where others may be on the same board."""
+    return drawn_session(np.random.default_rng(seed if device.in_process else None))
+
+
+def _simavr_line(device: DeviceUri, stack: ExitStack) -> SimavrLine:
+    firmware = read_flash_image(find_firmware(device.address))
+    board = stack.enter_context(closing(SimavrBoard(firmware)))
+    return SimavrLine(board)
+
+
+def _open_port(device: DeviceUri, baud: int, stack: ExitStack) -> Transport:
+    if device.kind is DeviceKind.EMULATOR_PTY:
+        server = BoardServer(SerialLine(UnoEmulator()), PtyPort(), RealClock())
+        device = parse_device_uri(stack.enter_context(BackgroundServer(server)).uri)
+    return open_transport(device, baud)
+
+
+_ON_ITS_OWN = {
+    (State.ACTIVE, State.HOLD): "the board holds the pose: no fresh target",
+    (State.HOLD, State.RELAXING): "the board begins to lead the robot to rest: no fresh target",
+}
+
+
+def _shown_to(observer: RunObserver) -> TelemetryObserver:
+    """Show every report, and tell of what the board does without being asked."""
+    before: State | None = None
+
+    def show(report: StateReport, time_us: int) -> None:
+        nonlocal before
+        observer.state(time_us, report)
+        if before is not None and (before, report.state) in _ON_ITS_OWN:
+            observer.event(time_us, _ON_ITS_OWN[before, report.state])
+        before = report.state
+
+    return show
+
+
+def _moving(scene: TwinScene, then: TelemetryObserver) -> TelemetryObserver:
+    """Let a board elsewhere move the twin: real board, simulated robot."""
+
+    def follow(report: StateReport, time_us: int) -> None:
+        scene.set_pulses_half_us(report.pulse_half_us)
+        then(report, time_us)
+
+    return follow

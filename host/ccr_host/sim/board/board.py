@@ -1,0 +1,254 @@
+"""The emulated UNO: bytes in, bytes and servo pulses out, on one microsecond clock."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from ccr_host.core.units import bytes_in, wire_time_us
+from ccr_host.link.framing import FrameDecoder, FramingError, encode_frame
+from ccr_host.link.messages import (
+    BAUD,
+    LISTENS_AFTER_US,
+    OUTSTANDING_BYTES,
+    SEND_BYTES,
+    SPEC_HASH,
+    TICK_PHASE_US,
+    TICK_US,
+    Ack,
+    Fault,
+    ResetCause,
+    State,
+    StateReport,
+    Stop,
+    Telemetry,
+)
+from ccr_host.sim.board.core import BoardCore, Inputs
+from ccr_host.sim.board.dispatch import Dispatcher
+from ccr_host.sim.board.eeprom import Eeprom, EepromImage
+from ccr_host.sim.board.setpoint import Axes
+
+
+@dataclass(slots=True)
+class _Sending:
+    start_us: int
+    data: bytes
+    taken: int = 0
+
+
+class SendBuffer:
+    """Frames on their way out.
+
+    Args:
+        baud: of the line.
+    """
+
+    def __init__(self, baud: int) -> None:
+        self._baud = baud
+        self._frames: deque[_Sending] = deque()
+        self._free_us = 0
+
+    def offer(self, frame: bytes, now_us: int, spare_bytes: int = 0) -> bool:
+        """Queue a frame; False if it does not fit, or would leave less than `spare_bytes`."""
+        start_us = max(now_us, self._free_us)
+        waiting = bytes_in(start_us - now_us, self._baud)
+        if waiting + len(frame) + spare_bytes > SEND_BYTES:
+            return False
+        self._frames.append(_Sending(start_us, frame))
+        self._free_us = start_us + wire_time_us(len(frame), self._baud)
+        return True
+
+    def take(self, now_us: int) -> bytes:
+        """Bytes whose last bit has left by now."""
+        if not self._frames:
+            return b""
+        taken = bytearray()
+        while self._frames and self._frames[0].start_us < now_us:
+            head = self._frames[0]
+            sent = min(bytes_in(now_us - head.start_us, self._baud), len(head.data))
+            taken += head.data[head.taken : sent]
+            head.taken = sent
+            if sent < len(head.data):
+                break
+            self._frames.popleft()
+        return bytes(taken)
+
+    def frame_done_us(self) -> int | None:
+        """When the first queued frame will have left."""
+        if not self._frames:
+            return None
+        head = self._frames[0]
+        return head.start_us + wire_time_us(len(head.data), self._baud)
+
+
+_NO_PULSES: Axes = (0, 0)
+_START_UP_US = 9_000
+"""Until then it reads its EEPROM, and what it receives has to wait."""
+_STOP_ANSWER_BYTES = len(encode_frame(Ack.ID, 0, bytes(Ack.SIZE)))
+_U32 = 1 << 32
+
+
+class UnoEmulator:
+    """The whole board; nothing happens but in :meth:`advance_to` and :meth:`receive`.
+
+    Args:
+        eeprom: kept across resets; erased memory where it is left out.
+        reset_cause: of the first start.
+        start_us: when it starts for the first time, on the caller's clock.
+        baud: at which its answers leave.
+        spec_hash: of the spec it claims to be built from.
+        board_time_at_reset_us: what its own 32-bit clock shows at a reset, to see it wrap.
+        tick_offset: what its tick counter shows at a reset, to see it wrap.
+    """
+
+    def __init__(
+        self,
+        eeprom: Eeprom | None = None,
+        *,
+        reset_cause: ResetCause = ResetCause.POWER_ON,
+        start_us: int = 0,
+        baud: int = BAUD,
+        spec_hash: int = SPEC_HASH,
+        board_time_at_reset_us: int = 0,
+        tick_offset: int = 0,
+    ) -> None:
+        self._eeprom = eeprom if eeprom is not None else EepromImage()
+        self._baud = baud
+        self._spec_hash = spec_hash
+        self._board_time_at_reset_us = board_time_at_reset_us
+        self._tick_offset = tick_offset
+        self._now_us = start_us
+        self._pulses_prepared = _NO_PULSES
+        self.inputs = Inputs()
+        self.reset(reset_cause)
+
+    def reset(self, cause: ResetCause, boot_loader_us: int = 0) -> None:
+        """Start again, `boot_loader_us` from now; what comes before the board listens is lost."""
+        self._start_us = self._now_us + boot_loader_us
+        had_pulses = any(self._pulses_prepared)
+        self._core = BoardCore(self._eeprom, cause, had_pulses, self._tick_offset, self.inputs)
+        self._dispatcher = Dispatcher(self._core, self.board_time_us, self._spec_hash)
+        self._decoder = FrameDecoder()
+        self._received_early = bytearray()
+        self._sending = SendBuffer(self._baud)
+        self._next_tick_us = self._start_us + TICK_PHASE_US
+        self._pulses_on_pins = _NO_PULSES
+        self._pulses_prepared = _NO_PULSES
+        self._latch_us = self._start_us
+
+    def advance_to(self, time_us: int) -> None:
+        """Run all control ticks up to and including `time_us`."""
+        started_us = self._start_us + _START_UP_US
+        if self._received_early and time_us >= started_us:
+            self._now_us = max(started_us, self._now_us)
+            self._take(bytes(self._received_early))
+            self._received_early.clear()
+        while self._next_tick_us <= time_us:
+            self._now_us = self._next_tick_us
+            self._next_tick_us += TICK_US
+            self._run_tick()
+        self._now_us = max(time_us, self._now_us)
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes that arrive now, and dispatch the requests that they complete.
+
+        While it starts up they wait, as many as a host may have outstanding.
+        """
+        since_start_us = self._now_us - self._start_us
+        if since_start_us < LISTENS_AFTER_US:
+            return
+        if since_start_us < _START_UP_US:
+            room = OUTSTANDING_BYTES - len(self._received_early)
+            self._received_early += data[:room]
+            self._core.counters.count("overruns", len(data[room:]))
+            return
+        self._take(data)
+
+    def _take(self, data: bytes) -> None:
+        for item in self._decoder.feed(data):
+            if isinstance(item, FramingError):
+                self._core.counters.count_framing_error(item)
+                continue
+            self._core.counters.count("frames_accepted")
+            answer = self._dispatcher.answer(item)
+            self._send(answer, 0 if item.id == Stop.ID else _STOP_ANSWER_BYTES)
+
+    def take_output(self) -> bytes:
+        """Bytes that have left the board and were not taken yet."""
+        return self._sending.take(self._now_us)
+
+    def inject_fault(self, fault: Fault) -> None:
+        """Let the board detect a fault now."""
+        self._core.safety.raise_fault(fault)
+
+    @property
+    def pulses_half_us(self) -> Axes:
+        """Pulses on the pins in the current frame, 0.5 us; 0 is none."""
+        latched = self._now_us >= self._latch_us
+        return self._pulses_prepared if latched else self._pulses_on_pins
+
+    def open_emergency_stop(self, is_open: bool = True) -> None:
+        """Open or close the switch between its input and ground; closed at first."""
+        self.inputs.emergency_stop_open = is_open
+
+    def set_supply_pin_mv(self, voltage_mv: int) -> None:
+        """Output of the servo supply's divider; 3000 at first."""
+        self.inputs.supply_pin_mv = voltage_mv
+
+    @property
+    def servo_supply_on(self) -> bool:
+        """Whether the servos' supply is enabled."""
+        return self._core.servo_supply_on
+
+    @property
+    def led_on(self) -> bool:
+        """Whether the LED is on."""
+        return self._core.led_on
+
+    @property
+    def state(self) -> State:
+        """State of the safety machine."""
+        return self._core.state
+
+    def report(self) -> StateReport:
+        """What `get_state` would tell now."""
+        return self._core.report()
+
+    @property
+    def now_us(self) -> int:
+        """How far the board has been advanced."""
+        return self._now_us
+
+    @property
+    def next_frame_us(self) -> int:
+        """Start of the next pulse frame: until then the pulses stay as they are."""
+        since_start_us = self._now_us - self._start_us
+        if since_start_us < 0:
+            return self._start_us
+        return self._start_us + (since_start_us // TICK_US + 1) * TICK_US
+
+    @property
+    def next_event_us(self) -> int:
+        """When something happens next if no byte arrives."""
+        done_us = self._sending.frame_done_us()
+        event_us = self._next_tick_us if done_us is None else min(done_us, self._next_tick_us)
+        return min(self._start_us + _START_UP_US, event_us) if self._received_early else event_us
+
+    def board_time_us(self) -> int:
+        """The board's own clock, 32 bits."""
+        return (self._now_us - self._start_us + self._board_time_at_reset_us) % _U32
+
+    def _run_tick(self) -> None:
+        core = self._core
+        core.tick()
+        self._pulses_on_pins = self._pulses_prepared
+        self._pulses_prepared = core.pulses_half_us
+        self._latch_us = self._now_us + TICK_US - TICK_PHASE_US
+        sequence = core.session.telemetry.tick()
+        if sequence is not None:
+            report = encode_frame(Telemetry.ID, sequence, core.report().pack())
+            self._send(report, _STOP_ANSWER_BYTES)
+
+    def _send(self, frame: bytes, spare_bytes: int) -> None:
+        if not self._sending.offer(frame, self._now_us, spare_bytes):
+            self._core.counters.count("replies_dropped")

@@ -1,0 +1,243 @@
+"""Two slots in EEPROM of which one always holds a whole configuration, and the boot counter."""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc32
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+from typing import Final, Self
+
+from ccr_host.link.messages import (
+    EEPROM_BOOT_COUNTER,
+    EEPROM_BOOT_COUNTERS,
+    EEPROM_LAYOUT,
+    EEPROM_MAGIC,
+    EEPROM_SLOT_A,
+    EEPROM_SLOT_B,
+    EEPROM_SLOT_SIZE,
+    Acceleration,
+    Calibration,
+    ConfigGroups,
+    EepromStatus,
+    Equipment,
+    Limits,
+    Slew,
+    Watchdog,
+)
+from ccr_host.sim.board.eeprom import ERASED, Eeprom
+
+ConfigGroup = Limits | Slew | Watchdog | Calibration | Equipment | Acceleration
+
+NEVER_SET: Final = (
+    ConfigGroups.LIMITS | ConfigGroups.SLEW | ConfigGroups.WATCHDOG | ConfigGroups.CALIBRATION
+)
+"""What a new board lacks."""
+
+_NO_LIMITS = Limits((0, 0), (0, 0), (0, 0))
+_NO_SLEW = Slew((0, 0))
+_NO_WATCHDOG = Watchdog(0, 0, 0)
+_NO_CALIBRATION = Calibration((0, 0), (0, 0), (0, 0), (0, 0))
+_NO_ACCELERATION = Acceleration((0, 0))
+_NO_EQUIPMENT = Equipment((0,) * 16, 0, 0, 0)
+_SIZES = (
+    *(Limits.SIZE, Slew.SIZE, Watchdog.SIZE, Calibration.SIZE),
+    *(Equipment.SIZE, Acceleration.SIZE),
+)
+EEPROM_CONFIGURATION_SIZE = sum(_SIZES)
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """Six groups; a missing one reads as zeros, which are out of range or inconsistent."""
+
+    limits: Limits = _NO_LIMITS
+    slew: Slew = _NO_SLEW
+    watchdog: Watchdog = _NO_WATCHDOG
+    calibration: Calibration = _NO_CALIBRATION
+    equipment: Equipment = _NO_EQUIPMENT
+    acceleration: Acceleration = _NO_ACCELERATION
+    missing: ConfigGroups = NEVER_SET
+
+    def with_group(self, group: ConfigGroup) -> Configuration:
+        """The same with one group replaced."""
+        match group:
+            case Limits():
+                changed = replace(self, limits=group)
+            case Slew():
+                changed = replace(self, slew=group)
+            case Watchdog():
+                changed = replace(self, watchdog=group)
+            case Calibration():
+                changed = replace(self, calibration=group)
+            case Equipment():
+                changed = replace(self, equipment=group)
+            case Acceleration():
+                return replace(self, acceleration=group)
+        return replace(changed, missing=self.missing & ~ConfigGroups[group.NAME.upper()])
+
+    def pack(self) -> bytes:
+        """All groups in the order of EEPROM."""
+        robots = (self.limits, self.slew, self.watchdog, self.calibration)
+        groups = (*robots, self.equipment, self.acceleration)
+        return b"".join(group.pack() for group in groups)
+
+    @classmethod
+    def unpack(cls, data: bytes) -> Self | None:
+        """Read what :meth:`pack` wrote; None if some value may not be used.
+
+        Of layout 1 without equipment and acceleration, which are zeros then.
+        """
+        data = data.ljust(EEPROM_CONFIGURATION_SIZE, b"\0")
+        at = 0
+        parts = []
+        for size in _SIZES:
+            parts.append(data[at : at + size])
+            at += size
+        limits, slew = Limits.unpack(parts[0]), Slew.unpack(parts[1])
+        watchdog, calibration = Watchdog.unpack(parts[2]), Calibration.unpack(parts[3])
+        equipment = Equipment.unpack(parts[4])
+        groups = (limits, slew, watchdog, calibration, equipment, Acceleration.unpack(parts[5]))
+        in_range = all(group.first_out_of_range() is None for group in groups)
+        if not in_range or limits.inconsistent_axis() is not None:
+            return None
+        if calibration.inconsistent_axis() is not None:
+            return None
+        return cls(*groups, missing=ConfigGroups(0))
+
+
+_HEADER = struct.Struct("<HBH")
+_CRC = struct.Struct("<I")
+_COUNTER = struct.Struct("<H")
+_COUNTER_ERASED = 0xFFFF
+_U16 = 1 << 16
+_HALF_U16 = 1 << 15
+_FIRST_GENERATION = 0
+_FIRST_LAYOUT = 1
+_FIRST_SLOT_SIZE = 47
+
+_SLOTS: Final = (EEPROM_SLOT_A, EEPROM_SLOT_B)
+
+
+@dataclass(frozen=True, slots=True)
+class _Slot:
+    address: int
+    generation: int
+    configuration: Configuration
+
+
+class _SlotContent(Enum):
+    BLANK = auto()
+    CORRUPT = auto()
+
+
+class SaveStep(Enum):
+    """What came of writing one byte."""
+
+    IDLE = auto()
+    WRITING = auto()
+    FINISHED = auto()
+    FAILED = auto()
+
+
+class ConfigStore:
+    """Loads the newest whole configuration, and saves over the other one byte by byte."""
+
+    def __init__(self, eeprom: Eeprom) -> None:
+        self._eeprom = eeprom
+        self._image = b""
+        self._written = 0
+        self._saving: _Slot | None = None
+        contents = [_read_slot(eeprom, address) for address in _SLOTS]
+        self._newest = _newest([slot for slot in contents if isinstance(slot, _Slot)])
+        self.status = _status(contents)
+
+    @property
+    def configuration(self) -> Configuration | None:
+        """What was loaded or last saved."""
+        return self._newest.configuration if self._newest else None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a save is being written."""
+        return self._saving is not None
+
+    def count_boot(self) -> int:
+        """Count up the boot counter and give its new value."""
+        stored = self._eeprom.read(EEPROM_BOOT_COUNTER, EEPROM_BOOT_COUNTERS * _COUNTER.size)
+        newest = 0
+        counters = [c for (c,) in _COUNTER.iter_unpack(stored) if c != _COUNTER_ERASED]
+        for number, counter in enumerate(counters):
+            if number == 0 or _is_newer(counter, newest):
+                newest = counter
+        boot_id = (newest + 1) % _COUNTER_ERASED
+        address = EEPROM_BOOT_COUNTER + boot_id % EEPROM_BOOT_COUNTERS * _COUNTER.size
+        for offset, byte in enumerate(_COUNTER.pack(boot_id), address):
+            if self._eeprom.read(offset, 1)[0] != byte:
+                self._eeprom.write(offset, byte)
+        return boot_id
+
+    def begin_save(self, configuration: Configuration) -> None:
+        """Start to write the older slot."""
+        newest = self._newest
+        generation = (newest.generation + 1) % _U16 if newest else _FIRST_GENERATION
+        address = EEPROM_SLOT_B if newest and newest.address == EEPROM_SLOT_A else EEPROM_SLOT_A
+        body = _HEADER.pack(EEPROM_MAGIC, EEPROM_LAYOUT, generation) + configuration.pack()
+        self._image = body + _CRC.pack(crc32(body))
+        self._written = 0
+        self._saving = _Slot(address, generation, configuration)
+
+    def advance_save(self) -> SaveStep:
+        """In one tick: read back the byte written in the last one, write the next."""
+        slot = self._saving
+        if slot is None:
+            return SaveStep.IDLE
+        if self._written > 0 and not self._reads_back(slot.address, self._written - 1):
+            self._saving = None
+            return SaveStep.FAILED
+        if self._written == len(self._image):
+            self._newest, self._saving = slot, None
+            return SaveStep.FINISHED
+        self._eeprom.write(slot.address + self._written, self._image[self._written])
+        self._written += 1
+        return SaveStep.WRITING
+
+    def _reads_back(self, slot_address: int, offset: int) -> bool:
+        return self._eeprom.read(slot_address + offset, 1)[0] == self._image[offset]
+
+
+def _read_slot(eeprom: Eeprom, address: int) -> _Slot | _SlotContent:
+    content = eeprom.read(address, EEPROM_SLOT_SIZE)
+    if content == bytes([ERASED]) * EEPROM_SLOT_SIZE:
+        return _SlotContent.BLANK
+    if content[_HEADER.size - 3] == _FIRST_LAYOUT:
+        content = content[:_FIRST_SLOT_SIZE]
+    body, stored_crc = content[: -_CRC.size], content[-_CRC.size :]
+    magic, layout, generation = _HEADER.unpack_from(body)
+    known = magic == EEPROM_MAGIC and layout in (_FIRST_LAYOUT, EEPROM_LAYOUT)
+    if not known or _CRC.pack(crc32(body)) != stored_crc:
+        return _SlotContent.CORRUPT
+    configuration = Configuration.unpack(body[_HEADER.size :])
+    if configuration is None:
+        return _SlotContent.CORRUPT
+    return _Slot(address, generation, configuration)
+
+
+def _newest(good: list[_Slot]) -> _Slot | None:
+    if len(good) < len(_SLOTS):
+        return good[0] if good else None
+    first, second = good
+    return second if _is_newer(second.generation, first.generation) else first
+
+
+def _is_newer(number: int, other: int) -> bool:
+    return 0 < (number - other) % _U16 < _HALF_U16
+
+
+def _status(contents: list[_Slot | _SlotContent]) -> EepromStatus:
+    if all(content is _SlotContent.BLANK for content in contents):
+        return EepromStatus.BLANK
+    any_good = any(isinstance(content, _Slot) for content in contents)
+    if _SlotContent.CORRUPT not in contents:
+        return EepromStatus.LOADED
+    return EepromStatus.ONE_SLOT_BAD if any_good else EepromStatus.BOTH_BAD

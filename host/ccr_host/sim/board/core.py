@@ -1,0 +1,397 @@
+"""What the board does in a control tick and on a request, without bytes and microseconds."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+
+from ccr_host.link.framing import Frame, FramingError
+from ccr_host.link.messages import (
+    BLINK_STEP_TICKS,
+    LED_STEP_TICKS,
+    PULSE_CEILING_HALF_US,
+    PULSE_FLOOR_HALF_US,
+    SAG_TICKS,
+    TICK_US,
+    Calibration,
+    ConfigGroups,
+    CountersReply,
+    EepromStatus,
+    Event,
+    Fault,
+    FaultRecord,
+    Limits,
+    ResetCause,
+    State,
+    StateReport,
+    StatusFlags,
+)
+from ccr_host.sim.board.config_store import ConfigGroup, ConfigStore, Configuration, SaveStep
+from ccr_host.sim.board.eeprom import Eeprom, FaultLog
+from ccr_host.sim.board.safety import SafetyMachine
+from ccr_host.sim.board.setpoint import Axes, Setpoint, clamped
+
+_LINK_ERRORS = ("bad_crc", "bad_encoding", "bad_size", "overruns")
+_U16 = 1 << 16
+_U8 = 1 << 8
+
+
+class TelemetryStream:
+    """One report in so many ticks."""
+
+    def __init__(self, period_ticks: int = 0) -> None:
+        self._period_ticks = period_ticks
+        self._ticks_left = period_ticks
+        self._next_sequence = 0
+
+    def tick(self) -> int | None:
+        """Sequence number of the report that is due at this tick, if one is."""
+        if not self._period_ticks:
+            return None
+        self._ticks_left -= 1
+        if self._ticks_left:
+            return None
+        self._ticks_left = self._period_ticks
+        sequence = self._next_sequence
+        self._next_sequence = (sequence + 1) % _U8
+        return sequence
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledged:
+    """The last `once` request that was acknowledged, and how."""
+
+    request: Frame
+    answer: bytes
+    tick: int
+    is_void: bool = False
+    """A stop has come since: it is neither executed nor acknowledged again."""
+
+
+@dataclass(slots=True)
+class Session:
+    """One session; a new one starts with nothing remembered and no telemetry."""
+
+    number: int | None = None
+    """None before the first session after a reset."""
+    telemetry: TelemetryStream = field(default_factory=TelemetryStream)
+    acknowledged: Acknowledged | None = None
+
+
+class Counters:
+    """Counters by the names of `counters_reply`; they wrap only when they are read."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+
+    def count(self, name: str, number: int = 1) -> None:
+        """So many more of `name`."""
+        self._counts[name] += number
+
+    def count_framing_error(self, error: FramingError) -> None:
+        """One more frame that is none."""
+        self._counts[error.value] += 1
+
+    @property
+    def link_errors(self) -> int:
+        """Sum of what went wrong on the way to the board, wrapping."""
+        return sum(self._counts[name] for name in _LINK_ERRORS) % _U16
+
+    def to_reply(self) -> CountersReply:
+        """All counters, wrapped to their width on the wire."""
+        return CountersReply(
+            **{
+                field.name: self._counts[field.name] % (field.maximum + 1)
+                for field in CountersReply.FIELDS
+            }
+        )
+
+
+_REFERENCE_CDEG = 9000
+
+
+def pulse_half_us(calibration: Calibration, axis: int, angle_cdeg: int) -> int:
+    """Pulse of one axis, 0.5 us."""
+    pulse = _unclamped_half_us(calibration, axis, angle_cdeg)
+    pulse = max(pulse, calibration.pulse_min_half_us[axis], PULSE_FLOOR_HALF_US)
+    return min(pulse, calibration.pulse_max_half_us[axis], PULSE_CEILING_HALF_US)
+
+
+def is_saturated(calibration: Calibration, axis: int, angle_cdeg: int) -> bool:
+    """Whether the pulse limits clamp the pulse of this angle."""
+    pulse = _unclamped_half_us(calibration, axis, angle_cdeg)
+    return pulse != pulse_half_us(calibration, axis, angle_cdeg)
+
+
+def _unclamped_half_us(calibration: Calibration, axis: int, angle_cdeg: int) -> int:
+    change = _round_half_away(angle_cdeg * calibration.per_90_deg_half_us[axis], _REFERENCE_CDEG)
+    return calibration.neutral_half_us[axis] + change
+
+
+def _round_half_away(dividend: int, divisor: int) -> int:
+    quotient = (2 * abs(dividend) + divisor) // (2 * divisor)
+    return quotient if dividend >= 0 else -quotient
+
+
+_NO_PULSES: Axes = (0, 0)
+_MS_PER_TICK = TICK_US // 1000
+_NEVER_MS = 65535
+_STACK_NOT_MEASURED = 65535
+_U32 = 1 << 32
+
+_ADC_REFERENCE_MV = 5000
+_ADC_STEPS = 256
+_ADC_FULL = 255
+_LED_STEPS = 8
+_LED_ON_IN_STEPS = {
+    State.BOOT: range(8),
+    State.DISARMED: (0,),
+    State.ARMING: (0, 2, 4, 6),
+    State.ACTIVE: range(8),
+    State.HOLD: range(7),
+    State.RELAXING: (0, 1, 4, 5),
+    State.DISARMING: (0, 1, 4, 5),
+    State.FAULT: (0, 2, 4),
+    State.STOPPED: (0, 2),
+}
+
+_EVENT_COUNTERS = {Event.TARGET_EXPIRED: "holds", Event.HOLD_EXPIRED: "relaxes"}
+
+
+def ticks_of_ms(duration_ms: int) -> int:
+    """Ticks that a duration takes (TIM-3)."""
+    return -(-duration_ms // _MS_PER_TICK)
+
+
+@dataclass
+class Inputs:
+    """What is wired to the board's inputs; may change at any time."""
+
+    emergency_stop_open: bool = False
+    supply_pin_mv: int = 3000
+    """Output of the servo supply's divider."""
+
+
+class BoardCore:
+    """The board from one reset to the next.
+
+    Args:
+        eeprom: survives the reset.
+        reset_cause: why it started.
+        had_pulses: whether it made pulses when the reset came.
+        tick_offset: added to the tick counter, to see it wrap.
+        inputs: what is wired to it.
+    """
+
+    def __init__(
+        self,
+        eeprom: Eeprom,
+        reset_cause: ResetCause,
+        had_pulses: bool = False,
+        tick_offset: int = 0,
+        inputs: Inputs | None = None,
+    ) -> None:
+        self.reset_cause = reset_cause
+        self.store = ConfigStore(eeprom)
+        self.fault_log = FaultLog(eeprom)
+        self.boot_id = self.store.count_boot()
+        self.eeprom_status = self.store.status
+        self.configuration = self.store.configuration or Configuration()
+        if self.eeprom_status is EepromStatus.BOTH_BAD:
+            missing = self.configuration.missing | ConfigGroups.EQUIPMENT
+            self.configuration = replace(self.configuration, missing=missing)
+        self.unsaved = False
+        self.safety = SafetyMachine(reset_cause, had_pulses)
+        self.session = Session()
+        self.counters = Counters()
+        self.next_tick = 0
+        self.pulses_half_us = _NO_PULSES
+        self._tick_offset = tick_offset
+        self._inputs = inputs or Inputs()
+        self._setpoint = Setpoint(self.configuration.limits.rest_cdeg)
+        self._reported_setpoint_cdeg = self._setpoint.cdeg
+        self._moving = False
+        self.servo_supply_on = False
+        self.led_on = False
+        self._supply_dv = 0
+        self._state_before = State.BOOT
+        self._logged_fault = Fault.NONE
+        self._ticks_of_sag = 0
+        self._blinking_until_tick = 0
+        self._target_cdeg: Axes = (0, 0)
+        self._target_clamped = False
+        self._target_sequence = 0
+        self._target_tick: int | None = None
+
+    @property
+    def state(self) -> State:
+        """State, current."""
+        return self.safety.state
+
+    @property
+    def emergency_stop_open(self) -> bool:
+        """Whether a fitted emergency stop is open."""
+        return self.configuration.equipment.emergency_stop == 1 and self._inputs.emergency_stop_open
+
+    def tick(self) -> None:
+        """One control tick, in the order of TIM-4; reporting is left to the caller."""
+        tick = self.next_tick
+        self.next_tick += 1
+        config = self.configuration
+        event = self.safety.tick(
+            tick,
+            at_rest=self._setpoint.cdeg == config.limits.rest_cdeg and not self._setpoint.is_moving,
+            relax_after_ticks=ticks_of_ms(config.watchdog.relax_after_ms),
+        )
+        if event in _EVENT_COUNTERS:
+            self.counters.count(_EVENT_COUNTERS[event])
+        if self.state is not State.BOOT and self.emergency_stop_open:
+            self.safety.raise_fault(Fault.EMERGENCY_STOP)
+        self._watch_supply()
+        self._move_setpoint(tick)
+        self.pulses_half_us = self._compute_pulses(tick)
+        self._advance_save()
+        self._log_fault()
+        self.servo_supply_on = self.safety.pulsing
+        self.led_on = self._led(tick)
+
+    def clear_fault(self) -> None:
+        """Acknowledge a fault or a stop."""
+        self.safety.clear()
+        self._logged_fault = Fault.NONE
+
+    def blink(self, duration_s: int) -> None:
+        """Let the LED blink from the next tick on."""
+        self._blinking_until_tick = self.next_tick + ticks_of_ms(duration_s * 1000)
+
+    def arm(self) -> None:
+        """Enable the axes one after the other, from the next tick on."""
+        self.safety.arm(self.next_tick, ticks_of_ms(self.configuration.watchdog.arm_axis_ms))
+
+    def accept_target(
+        self, target_cdeg: Axes, ramp_ms: int, validity_ms: int, sequence: int
+    ) -> Axes:
+        """Follow a target; gives it back as it was clamped."""
+        limits = self.configuration.limits
+        accepted = clamped(target_cdeg, limits.angle_min_cdeg, limits.angle_max_cdeg)
+        calibration = self.configuration.calibration
+        self._target_clamped = accepted != target_cdeg or any(
+            is_saturated(calibration, axis, angle) for axis, angle in enumerate(accepted)
+        )
+        self._target_cdeg = accepted
+        self._target_sequence = sequence
+        self._target_tick = self.next_tick
+        self._setpoint.aim_at(accepted, ticks_of_ms(ramp_ms))
+        self.safety.accept_target(self.next_tick + ticks_of_ms(validity_ms))
+        self.counters.count("targets_accepted")
+        if self._target_clamped:
+            self.counters.count("targets_clamped")
+        return accepted
+
+    def set_group(self, group: ConfigGroup) -> None:
+        """Use a new configuration group."""
+        self.configuration = self.configuration.with_group(group)
+        self.unsaved = True
+        if isinstance(group, Limits):
+            self._setpoint.clamp(group.angle_min_cdeg, group.angle_max_cdeg)
+
+    def flags(self) -> StatusFlags:
+        """Pulses and motion as of the last tick, all else current."""
+        flags = (
+            (StatusFlags.AXIS_1_PULSES.value if self.pulses_half_us[0] else 0)
+            | (StatusFlags.AXIS_2_PULSES.value if self.pulses_half_us[1] else 0)
+            | (StatusFlags.MOVING.value if self._moving else 0)
+            | (StatusFlags.CLAMPED.value if self._target_clamped else 0)
+            | (StatusFlags.EEPROM_BUSY.value if self.store.busy else 0)
+            | (0 if self.configuration.missing else StatusFlags.CONFIGURED.value)
+            | (0 if self.session.number is None else StatusFlags.SESSION_OPEN.value)
+            | (StatusFlags.UNSAVED.value if self.unsaved else 0)
+        )
+        return StatusFlags(flags)
+
+    def report(self) -> StateReport:
+        """The state report."""
+        return StateReport(
+            tick=(self._tick_offset + self.next_tick) % _U32,
+            state=self.safety.state,
+            fault=self.safety.fault,
+            flags=self.flags(),
+            target_sequence=self._target_sequence,
+            target_age_ms=self._target_age_ms(),
+            target_cdeg=self._target_cdeg,
+            setpoint_cdeg=self._reported_setpoint_cdeg,
+            pulse_half_us=self.pulses_half_us,
+            link_errors=self.counters.link_errors,
+            free_stack_bytes=_STACK_NOT_MEASURED,
+            supply_dv=self._supply_dv,
+        )
+
+    def _watch_supply(self) -> None:
+        equipment = self.configuration.equipment
+        reading = min(self._inputs.supply_pin_mv * _ADC_STEPS // _ADC_REFERENCE_MV, _ADC_FULL)
+        self._supply_dv = (2 * equipment.supply_full_dv * reading + _ADC_FULL) // (2 * _ADC_FULL)
+        too_low = equipment.supply_full_dv > 0 and self._supply_dv < equipment.supply_min_dv
+        self._ticks_of_sag = self._ticks_of_sag + 1 if too_low and self.safety.pulsing else 0
+        if self._ticks_of_sag >= SAG_TICKS:
+            self.safety.raise_fault(Fault.SUPPLY_LOW)
+
+    def _move_setpoint(self, tick: int) -> None:
+        config = self.configuration
+        goal = self._setpoint.cdeg
+        acceleration = config.acceleration.acceleration_cdeg_tick2
+        if self.safety.state is State.ACTIVE:
+            goal = self._target_cdeg
+            self._setpoint.step_along_ramp(config.slew.slew_cdeg_tick, acceleration)
+        elif self.safety.rest_wanted(tick):
+            goal = config.limits.rest_cdeg
+            relax = config.watchdog.relax_slew_cdeg_tick
+            slew = config.slew.slew_cdeg_tick
+            self._setpoint.step_towards(
+                goal, (min(relax, slew[0]), min(relax, slew[1])), acceleration
+            )
+        elif self.safety.pulsing:
+            self._setpoint.brake(acceleration)
+        else:
+            self._setpoint.stand()
+        self._moving = self._setpoint.cdeg != goal
+        self._reported_setpoint_cdeg = self._setpoint.cdeg
+
+    def _compute_pulses(self, tick: int) -> Axes:
+        enabled = self.safety.axes_with_pulses(tick)
+        calibration = self.configuration.calibration
+        setpoint = self._setpoint.cdeg
+        return (
+            pulse_half_us(calibration, 0, setpoint[0]) if enabled[0] else 0,
+            pulse_half_us(calibration, 1, setpoint[1]) if enabled[1] else 0,
+        )
+
+    def _log_fault(self) -> None:
+        fault = self.safety.fault
+        if fault is not self._logged_fault and not self.fault_log.is_writing:
+            self._logged_fault = fault
+            tick = (self._tick_offset + self.next_tick) % _U32
+            self.fault_log.begin(
+                FaultRecord(0, fault, self._state_before, self.boot_id, tick, check=0)
+            )
+        if not self.store.busy:
+            self.fault_log.advance()
+        self._state_before = self.state
+
+    def _led(self, tick: int) -> bool:
+        shown_tick = (self._tick_offset + self.next_tick) % _U32
+        if tick < self._blinking_until_tick:
+            return shown_tick // BLINK_STEP_TICKS % 2 == 0
+        return shown_tick // LED_STEP_TICKS % _LED_STEPS in _LED_ON_IN_STEPS[self.state]
+
+    def _advance_save(self) -> None:
+        match self.store.advance_save():
+            case SaveStep.FINISHED:
+                self.unsaved = False
+                self.counters.count("saves")
+            case SaveStep.FAILED:
+                self.safety.raise_fault(Fault.EEPROM_FAILED)
+
+    def _target_age_ms(self) -> int:
+        if self._target_tick is None:
+            return _NEVER_MS
+        return min((self.next_tick - self._target_tick) * _MS_PER_TICK, _NEVER_MS)

@@ -1,0 +1,266 @@
+"""From a request to its answer: the checks in their order, then the deed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import singledispatchmethod
+
+from ccr_host.link import messages as m
+from ccr_host.link.framing import Frame, encode_frame
+from ccr_host.sim.board.core import Acknowledged, BoardCore, Session, TelemetryStream
+
+CAPABILITIES = m.Capabilities.EEPROM | m.Capabilities.HARDWARE_PULSES
+_AXES = 2
+
+_CONFIG_GROUP_REQUESTS = (
+    m.SetLimits,
+    m.SetSlew,
+    m.SetWatchdog,
+    m.SetCalibration,
+    m.SetEquipment,
+    m.SetAcceleration,
+)
+_NEEDS_CONFIGURATION = (m.Arm, m.SaveConfig)
+
+
+class Refusal(Exception):  # noqa: N818 - an answer, not an error
+    """Why a request gets `nack`."""
+
+    def __init__(self, code: m.NackCode, detail: int = 0) -> None:
+        super().__init__(code.name)
+        self.code = code
+        self.detail = detail
+
+
+class Dispatcher:
+    """Answers requests on behalf of a board.
+
+    Args:
+        core: the board.
+        board_time_us: its clock.
+        spec_hash: of the spec it claims to be built from.
+    """
+
+    def __init__(
+        self, core: BoardCore, board_time_us: Callable[[], int], spec_hash: int = m.SPEC_HASH
+    ) -> None:
+        self._core = core
+        self._board_time_us = board_time_us
+        self._spec_hash = spec_hash
+        self._sequence = 0
+
+    def answer(self, frame: Frame) -> bytes:
+        """The frame that answers `frame`, encoded."""
+        remembered = self._remembered(frame)
+        if remembered is not None and not remembered.is_void:
+            self._core.counters.count("repeats_answered")
+            return remembered.answer
+        self._sequence = frame.sequence
+        try:
+            if remembered is not None:
+                raise Refusal(m.NackCode.BAD_STATE, self._core.state)
+            request = self._parse(frame)
+            self._check(request)
+            reply = self._execute(request)
+        except Refusal as refusal:
+            self._core.counters.count("nacks")
+            return _encode(m.Nack(frame.id, refusal.code, refusal.detail), frame.sequence)
+        answer = _encode(reply, frame.sequence)
+        if request.RETRY == "once":
+            self._core.session.acknowledged = Acknowledged(frame, answer, self._core.next_tick)
+        return answer
+
+    def _remembered(self, frame: Frame) -> Acknowledged | None:
+        last = self._core.session.acknowledged
+        if last is None or last.request != frame:
+            return None
+        age_ticks = self._core.next_tick - last.tick
+        return last if age_ticks <= m.RETRY_WINDOW_TICKS else None
+
+    def _parse(self, frame: Frame) -> m.Request:
+        kind = m.REQUESTS.get(frame.id)
+        if kind is None:
+            raise Refusal(m.NackCode.UNKNOWN_ID)
+        if len(frame.payload) != kind.SIZE:
+            raise Refusal(m.NackCode.BAD_LENGTH)
+        return kind.unpack(frame.payload)
+
+    def _check(self, request: m.Request) -> None:
+        core = self._core
+        if request.NEEDS_SESSION and getattr(request, "session") != core.session.number:  # noqa: B009 - not all have one
+            raise Refusal(m.NackCode.BAD_SESSION)
+        if core.state not in request.ALLOWED_STATES:
+            raise Refusal(m.NackCode.BAD_STATE, core.state)
+        out_of_range = request.first_out_of_range()
+        if out_of_range is not None:
+            raise Refusal(m.NackCode.OUT_OF_RANGE, out_of_range)
+        axis = _inconsistent_axis(request)
+        if axis is not None:
+            raise Refusal(m.NackCode.INCONSISTENT, axis)
+        if isinstance(request, m.OpenSession) and request.spec_hash != self._spec_hash:
+            raise Refusal(m.NackCode.SPEC_MISMATCH)
+        if isinstance(request, _NEEDS_CONFIGURATION) and core.configuration.missing:
+            raise Refusal(m.NackCode.NOT_CONFIGURED, core.configuration.missing)
+        if core.store.busy and isinstance(request, _NEEDS_CONFIGURATION + _CONFIG_GROUP_REQUESTS):
+            raise Refusal(m.NackCode.BUSY)
+        if isinstance(request, m.ClearFault) and any(core.pulses_half_us):
+            raise Refusal(m.NackCode.BUSY)
+        if isinstance(request, m.ClearFault) and core.emergency_stop_open:
+            raise Refusal(m.NackCode.EMERGENCY_STOP_OPEN)
+
+    def _ack(self, request: m.Request) -> m.Ack:
+        return m.Ack(request.ID, self._core.state)
+
+    @singledispatchmethod
+    def _execute(self, request: m.Request) -> m.Message:
+        raise NotImplementedError(request.NAME)
+
+    @_execute.register
+    def _(self, request: m.Hello) -> m.Message:
+        return m.HelloReply(
+            protocol_version=m.PROTOCOL_VERSION,
+            spec_hash=self._spec_hash,
+            firmware_version=m.FIRMWARE_VERSION,
+            boot_id=self._core.boot_id,
+            reset_cause=self._core.reset_cause,
+            eeprom_status=self._core.eeprom_status,
+            capabilities=CAPABILITIES,
+            axes=_AXES,
+            max_payload=m.MAX_PAYLOAD,
+            tick_us=m.TICK_US,
+        )
+
+    @_execute.register
+    def _(self, request: m.OpenSession) -> m.Message:
+        self._core.session = Session(request.session)
+        return m.SessionReply(request.session, self._core.boot_id, self._core.state)
+
+    @_execute.register
+    def _(self, request: m.ClockSync) -> m.Message:
+        return m.ClockReply(request.host_time_us, self._board_time_us())
+
+    @_execute.register
+    def _(self, request: m.GetState) -> m.Message:
+        return m.StateReply(self._core.report())
+
+    @_execute.register
+    def _(self, request: m.GetCounters) -> m.Message:
+        return self._core.counters.to_reply()
+
+    @_execute.register
+    def _(self, request: m.SetTelemetry) -> m.Message:
+        self._core.session.telemetry = TelemetryStream(request.period_ticks)
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.Blink) -> m.Message:
+        self._core.blink(request.duration_s)
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.GetFaultRecord) -> m.Message:
+        return m.FaultRecordReply(self._core.fault_log.at(request.place))
+
+    @_execute.register
+    def _(self, request: m.Arm) -> m.Message:
+        self._core.arm()
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.Disarm) -> m.Message:
+        self._core.safety.disarm()
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.Stop) -> m.Message:
+        self._core.safety.stop()
+        last = self._core.session.acknowledged
+        if last is not None:
+            self._core.session.acknowledged = replace(last, is_void=True)
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.ClearFault) -> m.Message:
+        self._core.clear_fault()
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.SetTarget) -> m.Message:
+        accepted = self._core.accept_target(
+            request.target_cdeg, request.ramp_ms, request.validity_ms, self._sequence
+        )
+        return m.TargetReply(self._core.state, self._core.flags(), accepted)
+
+    @_execute.register
+    def _(self, request: m.GetLimits) -> m.Message:
+        return m.LimitsReply(self._core.configuration.limits)
+
+    @_execute.register
+    def _(self, request: m.SetLimits) -> m.Message:
+        self._core.set_group(request.limits)
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.GetSlew) -> m.Message:
+        return m.SlewReply(self._core.configuration.slew)
+
+    @_execute.register
+    def _(self, request: m.SetSlew) -> m.Message:
+        self._core.set_group(request.slew)
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.GetWatchdog) -> m.Message:
+        return m.WatchdogReply(self._core.configuration.watchdog)
+
+    @_execute.register
+    def _(self, request: m.SetWatchdog) -> m.Message:
+        self._core.set_group(request.watchdog)
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.GetCalibration) -> m.Message:
+        return m.CalibrationReply(self._core.configuration.calibration)
+
+    @_execute.register
+    def _(self, request: m.SetCalibration) -> m.Message:
+        self._core.set_group(request.calibration)
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.GetEquipment) -> m.Message:
+        return m.EquipmentReply(self._core.configuration.equipment)
+
+    @_execute.register
+    def _(self, request: m.SetEquipment) -> m.Message:
+        self._core.set_group(request.equipment)
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.GetAcceleration) -> m.Message:
+        return m.AccelerationReply(self._core.configuration.acceleration)
+
+    @_execute.register
+    def _(self, request: m.SetAcceleration) -> m.Message:
+        self._core.set_group(request.acceleration)
+        return self._ack(request)
+
+    @_execute.register
+    def _(self, request: m.SaveConfig) -> m.Message:
+        self._core.store.begin_save(self._core.configuration)
+        return self._ack(request)
+
+
+def _inconsistent_axis(request: m.Request) -> int | None:
+    match request:
+        case m.SetLimits():
+            return request.limits.inconsistent_axis()
+        case m.SetCalibration():
+            return request.calibration.inconsistent_axis()
+        case _:
+            return None
+
+
+def _encode(reply: m.Message, sequence: int) -> bytes:
+    return encode_frame(reply.ID, sequence, reply.pack())

@@ -1,0 +1,122 @@
+"""The wire between host and emulated board, with the time that bytes take on it."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccr_host.core.errors import DeviceError
+from ccr_host.core.units import wire_time_us
+from ccr_host.link.messages import BAUD, FRAME_DELIMITER, ResetCause
+from ccr_host.sim.board.board import UnoEmulator
+
+
+@dataclass(frozen=True)
+class LineNoise:
+    """Probabilities per byte."""
+
+    rng: np.random.Generator
+    drop: float = 0.0
+    duplicate: float = 0.0
+    flip: float = 0.0
+
+    def corrupt(self, data: bytes) -> bytes:
+        """What is left of `data` at the other end."""
+        out = bytearray()
+        draws = self.rng.random((len(data), 3))
+        for byte, (drop, duplicate, flip) in zip(data, draws, strict=True):
+            if drop < self.drop:
+                continue
+            bit = 1 << int(self.rng.integers(8)) if flip < self.flip else 0
+            out.append(byte ^ bit)
+            if duplicate < self.duplicate:
+                out.append(byte ^ bit)
+        return bytes(out)
+
+
+DISPATCH_LATENCY_US = 50
+"""From the last bit of a request to its dispatch: one turn of the firmware's main loop."""
+
+
+class SerialLine:
+    """Moves the board and the bytes in order of time; its host end is a transport.
+
+    What is written at a time is on the wire from then on; the board gets the bytes of a frame when
+    the last one has arrived, which is all that its decoder can tell apart.
+
+    Args:
+        board: at the other end.
+        baud: of the way to the board; the board knows that of the way back.
+        noise: on both ways.
+    """
+
+    name = "emulator"
+
+    def __init__(
+        self, board: UnoEmulator, *, baud: int = BAUD, noise: LineNoise | None = None
+    ) -> None:
+        self.board = board
+        self.noise = noise
+        self._baud = baud
+        self._to_board: deque[tuple[int, bytes]] = deque()
+        self._wire_free_us = 0
+        self._plugged_in = True
+
+    def advance_to(self, time_us: int) -> None:
+        """Bring wire and board to `time_us`."""
+        board = self.board
+        while self._to_board and self._to_board[0][0] <= time_us:
+            arrival_us, data = self._to_board.popleft()
+            board.advance_to(arrival_us)
+            board.receive(data)
+        board.advance_to(time_us)
+
+    @property
+    def next_event_us(self) -> int:
+        """When something happens next if the host stays silent."""
+        board_us = self.board.next_event_us
+        return min(board_us, self._to_board[0][0]) if self._to_board else board_us
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the wire now."""
+        self._require_plug()
+        if self.noise:
+            data = self.noise.corrupt(data)
+        start_us = max(self.board.now_us, self._wire_free_us)
+        begin = 0
+        while begin < len(data):
+            end = _end_of_frame(data, begin)
+            arrival_us = start_us + wire_time_us(end, self._baud) + DISPATCH_LATENCY_US
+            self._to_board.append((arrival_us, data[begin:end]))
+            begin = end
+        self._wire_free_us = start_us + wire_time_us(len(data), self._baud)
+
+    def read(self) -> bytes:
+        """Bytes that have arrived from the board."""
+        self._require_plug()
+        data = self.board.take_output()
+        return self.noise.corrupt(data) if self.noise and data else data
+
+    def close(self) -> None:
+        """Let the board alone; it goes on as an UNO on a power supply would."""
+
+    def open_port(self, boot_loader_us: int = 0) -> None:
+        """Reset the board as an UNO is reset (DTR) when its port is opened."""
+        self._to_board.clear()
+        self._wire_free_us = self.board.now_us
+        self.board.reset(ResetCause.EXTERNAL, boot_loader_us)
+
+    def unplug(self) -> None:
+        """From now on the port is gone."""
+        self._plugged_in = False
+
+    def _require_plug(self) -> None:
+        if not self._plugged_in:
+            raise DeviceError(f"{self.name}: the port is gone", "plug the board in again")
+
+
+def _end_of_frame(data: bytes, begin: int) -> int:
+    zero = data.find(FRAME_DELIMITER, begin)
+    return len(data) if zero < 0 else zero + 1

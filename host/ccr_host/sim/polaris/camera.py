@@ -1,0 +1,87 @@
+"""Puts an emulated camera together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ccr_host.description import schema
+from ccr_host.description.schema import Tracker
+from ccr_host.sim.polaris.device import PolarisDevice
+from ccr_host.sim.polaris.faults import NO_FAULTS, PolarisFaults, Span
+from ccr_host.sim.polaris.line import PolarisLine
+from ccr_host.sim.polaris.sensor import Placement, PositionSensor
+
+
+def faults_of(described: schema.PolarisFaults, start_us: int | None) -> PolarisFaults:
+    """Faults of a robot description.
+
+    Args:
+        described: the `polaris_faults` section.
+        start_us: when its times count from; None leaves out what is timed.
+    """
+    lasting = PolarisFaults(
+        shuffle=described.shuffle,
+        phantoms=described.phantoms,
+        occlusion=described.occlusion,
+        bad_crc=described.bad_crc,
+    )
+    if start_us is None:
+        return lasting
+
+    def spans_us(spans_s: Sequence[tuple[float, float]]) -> tuple[Span, ...]:
+        return tuple((_at(start_us, begin), _at(start_us, end)) for begin, end in spans_s)
+
+    return replace(
+        lasting,
+        occluded_us=spans_us(described.occluded_s),
+        out_of_volume_us=spans_us(described.out_of_volume_s),
+        silent_us=spans_us(described.silent_s),
+        unplugged_us=spans_us(described.unplugged_s),
+        resets_us=tuple(_at(start_us, time_s) for time_s in described.reset_s),
+    )
+
+
+def _at(start_us: int, time_s: float) -> int:
+    return start_us + round(time_s * 1e6)
+
+
+def change_faults(line: PolarisLine, faults: PolarisFaults, tracker: Tracker) -> None:
+    """From now on these go wrong, besides `tracker.dropout`."""
+    line.device.sensor.faults = _with_dropout(faults, tracker)
+
+
+def make_polaris(
+    tracker: Tracker,
+    seed: np.random.SeedSequence,
+    *,
+    faults: PolarisFaults = NO_FAULTS,
+    paced: bool = True,
+) -> PolarisLine:
+    """An emulated Vicra with the noise, latency and misalignment of a robot description.
+
+    Its rate is the Vicra's 20 Hz, whatever `tracker.rate_hz` says. `tracker.dropout` is the share
+    of exposures that it skips, besides those of `faults.frozen`.
+
+    Args:
+        tracker: the `tracker` section of the robot description.
+        seed: of noise and faults.
+        faults: what else goes wrong.
+        paced: False where the bytes travel over TCP.
+    """
+    optics_seed, line_seed = seed.spawn(2)
+    sensor = PositionSensor(
+        np.random.default_rng(optics_seed),
+        placement=Placement(rotation_deg=tracker.rotation_deg),
+        noise_mm=tracker.noise_mm,
+        latency_us=round(tracker.latency_ms * 1000),
+        faults=_with_dropout(faults, tracker),
+    )
+    return PolarisLine(PolarisDevice(sensor), np.random.default_rng(line_seed), paced=paced)
+
+
+def _with_dropout(faults: PolarisFaults, tracker: Tracker) -> PolarisFaults:
+    skipped = 1.0 - (1.0 - faults.frozen) * (1.0 - tracker.dropout)
+    return replace(faults, frozen=skipped)

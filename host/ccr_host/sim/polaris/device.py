@@ -1,0 +1,266 @@
+"""The camera's control unit: commands in, replies out, without bytes on a wire."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from ccr_host.core.crc import crc16_arc
+from ccr_host.sim.polaris.faults import is_within
+from ccr_host.sim.polaris.handles import BLOCK_BYTES, ErrorCode, PortHandle, PortHandles, Refusal
+from ccr_host.sim.polaris.sensor import Image, PositionSensor, is_in_volume
+from ccr_host.sim.polaris.tx_report import (
+    SUPPORTED_MODE,
+    TRANSFORMS,
+    StrayList,
+    ToolLine,
+    format_tx,
+)
+
+RESET_BAUD = 9600
+ODD_FRAMES_OFFSET = 0xFFFF0000
+_BAUDS = {
+    "0": 9600,
+    "1": 14_400,
+    "2": 19_200,
+    "3": 38_400,
+    "4": 57_600,
+    "5": 115_200,
+    "6": 921_600,
+    "7": 1_228_739,
+    "A": 230_400,
+}
+_COMM_8N1 = re.compile(r"([0-7A])000[01]")
+_WITH_CRC = re.compile(rb"([A-Z][A-Z0-9]*):(.*)([0-9A-F]{4})", re.DOTALL)
+_WITHOUT_CRC = re.compile(rb"([A-Z][A-Z0-9]*)(?: (.*))?", re.DOTALL)
+_PASSIVE_PORT = re.compile(r"[*0-9A-F]{8}[*0-9][*1][*0-9A-Z]{2}[*0-9]{2}")
+
+_STATUS_DIAGNOSTIC = 0x0100
+_STATUS_TEMPERATURE = 0x0200
+
+MARKER_PARTS = {"CCR-M1": 0, "CCR-M2": 1, "CCR-M3": 2}
+"""Part numbers of tools that stand on a marker of the robot; any other tool is not in sight."""
+
+
+class Mode(Enum):
+    """Which commands are allowed."""
+
+    OFF = "not initialised"
+    SETUP = "setup"
+    TRACKING = "tracking"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the device says, and what happens to the line afterwards."""
+
+    text: str
+    new_baud: int | None = None
+    reset: bool = False
+
+
+class PolarisDevice:
+    """A Vicra.
+
+    INIT while tracking is refused: the API guide is silent, and so the host has to cope.
+
+    Args:
+        sensor: its optics.
+    """
+
+    def __init__(self, sensor: PositionSensor) -> None:
+        self.sensor = sensor
+        self.reset()
+        setup, tracking = Mode.SETUP, Mode.TRACKING
+        self._commands: dict[str, tuple[Callable[[str], str], tuple[Mode, ...]]] = {
+            "INIT": (self._init, (Mode.OFF, setup)),
+            "PHSR": (self._phsr, (setup,)),
+            "PHF": (self._phf, (setup,)),
+            "PHRQ": (self._phrq, (setup,)),
+            "PVWR": (self._pvwr, (setup,)),
+            "PINIT": (self._pinit, (setup,)),
+            "PENA": (self._pena, (setup,)),
+            "PDIS": (self._pdis, (setup,)),
+            "TSTART": (self._tstart, (setup,)),
+            "TX": (self._tx, (tracking,)),
+            "TSTOP": (self._tstop, (tracking,)),
+            "VER": (self._ver, (setup,)),
+        }
+
+    def reset(self) -> None:
+        """As after power-up."""
+        self.mode = Mode.OFF
+        self.handles = PortHandles()
+        self._image: Image | None = None
+        self._count_offset = 0
+        self._time_us = 0
+        self.sensor.illuminated = False
+
+    def execute(self, line: bytes, time_us: int) -> Answer:
+        """Carry out a command given without its carriage return."""
+        self._time_us = time_us
+        try:
+            name, arguments = _parse(line)
+            if name == "RESET":
+                return Answer("RESET", new_baud=RESET_BAUD, reset=True)
+            if name == "COMM":
+                if self.sensor.faults.comm_refused:
+                    raise Refusal(ErrorCode.NO_SUCH_COMMUNICATION)
+                return Answer("OKAY", new_baud=_baud(arguments))
+            return Answer(self._dispatch(name, arguments))
+        except Refusal as refusal:
+            return Answer(f"ERROR{refusal.code:02X}")
+
+    def _dispatch(self, name: str, arguments: str) -> str:
+        if name not in self._commands:
+            raise Refusal(ErrorCode.INVALID_COMMAND)
+        action, modes = self._commands[name]
+        if self.mode not in modes:
+            off = self.mode is Mode.OFF
+            raise Refusal(ErrorCode.NO_INIT if off else ErrorCode.WRONG_MODE)
+        return action(arguments)
+
+    def _init(self, _arguments: str) -> str:
+        self.mode = Mode.SETUP
+        return "OKAY"
+
+    def _ver(self, _arguments: str) -> str:
+        return "Polaris Vicra Control Firmware (emulated by ccr-host)"
+
+    def _phsr(self, arguments: str) -> str:
+        wanted = _hex(arguments[:2] or "00", 2)
+        handles = [handle for handle in self.handles.all() if _is_wanted(handle, wanted)]
+        return f"{len(handles):02X}" + "".join(f"{h.number:02X}{h.status:03X}" for h in handles)
+
+    def _phf(self, arguments: str) -> str:
+        self.handles.free(_hex(arguments, 2))
+        return "OKAY"
+
+    def _phrq(self, arguments: str) -> str:
+        if not _PASSIVE_PORT.fullmatch(arguments):
+            raise Refusal(ErrorCode.PARAMETERS)
+        return f"{self.handles.request().number:02X}"
+
+    def _pvwr(self, arguments: str) -> str:
+        handle, address = self.handles[_hex(arguments[:2], 2)], _hex(arguments[2:6], 4)
+        block = arguments[6:]
+        if len(block) != 2 * BLOCK_BYTES:
+            raise Refusal(ErrorCode.PARAMETERS)
+        handle.write(address, _hex(block, len(block)).to_bytes(BLOCK_BYTES, "big"))
+        return "OKAY"
+
+    def _pinit(self, arguments: str) -> str:
+        self.handles[_hex(arguments, 2)].initialise()
+        return "WARNING05" if self.sensor.faults.pinit_warning else "OKAY"
+
+    def _pena(self, arguments: str) -> str:
+        if arguments[2:] not in ("S", "D", "B"):
+            raise Refusal(ErrorCode.PARAMETERS)
+        self.handles[_hex(arguments[:2], 2)].enable()
+        return "OKAY"
+
+    def _pdis(self, arguments: str) -> str:
+        handle = self.handles[_hex(arguments, 2)]
+        if not handle.enabled:
+            raise Refusal(ErrorCode.NOT_ENABLED)
+        handle.enabled = False
+        return "OKAY"
+
+    def _tstart(self, arguments: str) -> str:
+        self.mode = Mode.TRACKING
+        self.sensor.illuminated = bool(self.handles.enabled())
+        if arguments == "80":
+            image = self.sensor.newest(self._time_us)
+            self._count_offset = image.count if image else 0
+        return "OKAY"
+
+    def _tstop(self, _arguments: str) -> str:
+        self.mode = Mode.SETUP
+        self.sensor.illuminated = False
+        return "OKAY"
+
+    def _tx(self, arguments: str) -> str:
+        mode = _hex(arguments, 4) if arguments else TRANSFORMS
+        if mode & ~SUPPORTED_MODE:
+            raise Refusal(ErrorCode.OUT_OF_RANGE)
+        image = self.sensor.newest(self._time_us)
+        tools = [self._tool(handle, image) for handle in self.handles.enabled()]
+        faults = self.sensor.faults
+        status = (
+            _STATUS_TEMPERATURE * faults.too_hot + _STATUS_DIAGNOSTIC * faults.diagnostic_pending
+        )
+        return format_tx(mode, tools, self._strays(image), status, faults.bit_order)
+
+    def _tool(self, handle: PortHandle, image: Image | None) -> ToolLine:
+        frame = image.count - self._count_offset if image else 0
+        if is_within(self._time_us, self.sensor.faults.odd_frames_us):
+            frame += ODD_FRAMES_OFFSET
+        marker = MARKER_PARTS.get(handle.part_number)
+        if image is None or marker is None or not image.visible[marker]:
+            return ToolLine(handle.number, handle.status, frame)
+        position_mm = image.markers_mm[marker]
+        return ToolLine(
+            handle.number,
+            handle.status,
+            frame,
+            position_mm,
+            image.quaternion,
+            bool(is_in_volume(position_mm)[0]),
+        )
+
+    def _strays(self, image: Image | None) -> StrayList:
+        """Markers that belong to no enabled tool, and phantoms."""
+        if image is None:
+            return StrayList(np.zeros((0, 3)), np.zeros(0, dtype=bool))
+        shown = np.append(image.visible, np.ones(len(image.phantoms_mm), dtype=bool))
+        for handle in self.handles.enabled():
+            if (marker := MARKER_PARTS.get(handle.part_number)) is not None:
+                shown[marker] = False
+        order = np.argsort(image.ranks[: len(shown)][shown])
+        points_mm = np.vstack([image.markers_mm, image.phantoms_mm])[shown][order]
+        return StrayList(points_mm, is_in_volume(points_mm))
+
+
+def _parse(line: bytes) -> tuple[str, str]:
+    """Name and arguments, after the CRC where there must be one."""
+    if match := _WITH_CRC.fullmatch(line):
+        if crc16_arc(line[:-4]) != int(match[3], 16):
+            raise Refusal(ErrorCode.BAD_CRC)
+    elif b":" in line:
+        raise Refusal(ErrorCode.BAD_CRC)
+    elif not (match := _WITHOUT_CRC.fullmatch(line)):
+        raise Refusal(ErrorCode.INVALID_COMMAND)
+    return match[1].decode("ascii"), (match[2] or b"").decode("ascii", "replace")
+
+
+def _baud(arguments: str) -> int:
+    match = _COMM_8N1.fullmatch(arguments)
+    if match is None:
+        raise Refusal(ErrorCode.OUT_OF_RANGE)
+    return _BAUDS[match[1]]
+
+
+def _hex(text: str, digits: int) -> int:
+    if not re.fullmatch(rf"[0-9A-F]{{{digits}}}", text):
+        raise Refusal(ErrorCode.PARAMETERS)
+    return int(text, 16)
+
+
+def _is_wanted(handle: PortHandle, mode: int) -> bool:
+    """Selection of PHSR: all, to be freed, to be initialised, to be enabled, enabled."""
+    match mode:
+        case 0x00:
+            return True
+        case 0x01:
+            return False
+        case 0x02:
+            return not handle.initialised
+        case 0x03:
+            return handle.initialised and not handle.enabled
+        case 0x04:
+            return handle.enabled
+    raise Refusal(ErrorCode.OUT_OF_RANGE)

@@ -1,0 +1,217 @@
+"""The wire between host and emulated camera, with the time that bytes take on it.
+
+The host's end is the driver's port; in process it runs in virtual time, behind a server in real
+time.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from ccr_host.core.crc import crc16_arc
+from ccr_host.core.errors import TrackerError
+from ccr_host.core.units import bytes_in, wire_time_us
+from ccr_host.sim.polaris.device import RESET_BAUD, Answer, PolarisDevice
+from ccr_host.sim.polaris.faults import is_within
+
+PROCESSING_US = 1000
+"""From the last byte of a command to the first of its reply; our assumption."""
+RESET_US = 1_500_000
+"""From a reset to its message; our assumption, a real one may take twice as long."""
+
+_CR = b"\r"
+_LONGEST_COMMAND_BYTES = 1024
+_NEVER_US = 1 << 62
+
+
+@dataclass(slots=True)
+class _Sending:
+    start_us: int
+    data: bytes
+    baud: int
+    taken: int = 0
+
+
+class PolarisLine:
+    """Serial line to a camera; with `paced=False` a line on which bytes take no time, as on TCP.
+
+    Args:
+        device: at the other end.
+        rng: of garbled bytes.
+        paced: bytes take their time at the baud rate, which host and camera must share.
+    """
+
+    name = "ndi-emulator:"
+
+    def __init__(
+        self, device: PolarisDevice, rng: np.random.Generator, *, paced: bool = True
+    ) -> None:
+        self.device = device
+        self.has_baud = self.has_break = paced
+        self.device_baud = RESET_BAUD
+        self._rng = rng
+        self._paced = paced
+        self._host_baud: int | None = None
+        self._now_us = 0
+        self._to_device: deque[tuple[int, bytes]] = deque()
+        self._host_free_us = self._device_free_us = 0
+        self._command = bytearray()
+        self._replies: deque[_Sending] = deque()
+        self._reset_us = _NEVER_US
+        self._power_failed_us = -1
+        self._in_break = False
+
+    @property
+    def next_event_us(self) -> int:
+        """When something happens next if the host stays silent."""
+        events = [
+            self.device.sensor.next_exposure_us,
+            self._reset_us,
+            self._next_power_failure_us(),
+        ]
+        if self._to_device:
+            events.append(self._to_device[0][0])
+        if self._replies:
+            head = self._replies[0]
+            events.append(head.start_us + self._wire_time_us(len(head.data), head.baud))
+        return min(events)
+
+    def advance_to(self, time_us: int) -> None:
+        """Bring wire and device to `time_us`."""
+        while (event_us := self._next_input_us()) <= time_us:
+            self._now_us = max(self._now_us, event_us)
+            if self._next_power_failure_us() <= event_us:
+                self._power_failed_us = event_us
+                self._begin_reset(event_us)
+            elif self._reset_us <= event_us:
+                self._reset_us = _NEVER_US
+                self._send(event_us, "RESET")
+            else:
+                self._receive(*self._to_device.popleft())
+        self._now_us = time_us
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the wire now; garbled where the rates differ."""
+        self._require_plug()
+        baud = self._host_baud or self.device_baud
+        start_us = max(self._now_us, self._host_free_us)
+        self._host_free_us = start_us + self._wire_time_us(len(data), baud)
+        if self._differs(self.device_baud):
+            data = self._garbage(len(data))
+        self._to_device.append((self._host_free_us, data))
+
+    def read(self) -> bytes:
+        """Bytes that have arrived from the device."""
+        self._require_plug()
+        taken = bytearray()
+        while self._replies:
+            head = self._replies[0]
+            passed_us = self._now_us - head.start_us
+            sent = len(head.data) if not self._paced else bytes_in(max(passed_us, 0), head.baud)
+            sent = 0 if passed_us < 0 else min(sent, len(head.data))
+            fresh = head.data[head.taken : sent]
+            taken += self._garbage(len(fresh)) if self._differs(head.baud) else fresh
+            head.taken = sent
+            if sent < len(head.data):
+                break
+            self._replies.popleft()
+        return bytes(taken)
+
+    def set_baud(self, baud: int) -> None:
+        """Set the host's rate; until then it is taken to be the device's, as on a pty."""
+        if self._paced:
+            self._host_baud = baud
+
+    def set_break(self, on: bool) -> None:
+        """A break resets the device when it ends."""
+        if self._in_break and not on:
+            self._begin_reset(self._now_us)
+        self._in_break = on
+
+    def open(self) -> Self:
+        """The host's end, as a driver opens it.
+
+        Raises:
+            TrackerError: the port is gone.
+        """
+        self._require_plug()
+        return self
+
+    def open_port(self, _boot_loader_us: int = 0) -> None:
+        """Nothing happens to a camera when its port is opened."""
+
+    def close(self) -> None:
+        """Let the camera alone; the next host opens the same line."""
+        self._host_baud = None
+
+    def _next_input_us(self) -> int:
+        first_us = self._to_device[0][0] if self._to_device else _NEVER_US
+        return min(first_us, self._reset_us, self._next_power_failure_us())
+
+    def _next_power_failure_us(self) -> int:
+        resets_us = self.device.sensor.faults.resets_us
+        return min((at for at in resets_us if at > self._power_failed_us), default=_NEVER_US)
+
+    def _require_plug(self) -> None:
+        if is_within(self._now_us, self.device.sensor.faults.unplugged_us):
+            self._replies.clear()
+            raise TrackerError(f"{self.name} the port is gone", "plug the camera in again")
+
+    def _receive(self, time_us: int, data: bytes) -> None:
+        self._command += data
+        while _CR in self._command:
+            line, _, rest = bytes(self._command).partition(_CR)
+            self._command = bytearray(rest)
+            self._carry_out(line, time_us)
+        if len(self._command) > _LONGEST_COMMAND_BYTES:
+            self._command.clear()
+
+    def _carry_out(self, line: bytes, time_us: int) -> None:
+        is_deaf = self._reset_us != _NEVER_US
+        if is_deaf or is_within(time_us, self.device.sensor.faults.silent_us):
+            return
+        answer = self.device.execute(line, time_us + PROCESSING_US)
+        if answer.reset:
+            self._begin_reset(time_us)
+            return
+        self._send(time_us + PROCESSING_US, answer.text)
+        self._change_baud(answer)
+
+    def _begin_reset(self, time_us: int) -> None:
+        self.device.reset()
+        self.device_baud = RESET_BAUD
+        self._command.clear()
+        self._reset_us = time_us + RESET_US
+
+    def _change_baud(self, answer: Answer) -> None:
+        """The answer to COMM still goes out at the old rate."""
+        if answer.new_baud is not None:
+            self.device_baud = answer.new_baud
+
+    def _send(self, time_us: int, text: str) -> None:
+        payload = text.encode("ascii")
+        data = b"%s%04X\r" % (payload, crc16_arc(payload))
+        if self._rng.random() < self.device.sensor.faults.bad_crc:
+            data = self._with_a_changed_byte(data)
+        start_us = max(time_us, self._device_free_us)
+        self._device_free_us = start_us + self._wire_time_us(len(data), self.device_baud)
+        self._replies.append(_Sending(start_us, data, self.device_baud))
+
+    def _with_a_changed_byte(self, data: bytes) -> bytes:
+        at = int(self._rng.integers(len(data) - 1))
+        changed = data[at] ^ int(self._rng.integers(1, 128))
+        return data[:at] + bytes([changed]) + data[at + 1 :]
+
+    def _wire_time_us(self, count: int, baud: int) -> int:
+        return wire_time_us(count, baud) if self._paced else 0
+
+    def _differs(self, baud: int) -> bool:
+        return self._host_baud is not None and self._host_baud != baud
+
+    def _garbage(self, count: int) -> bytes:
+        """What a UART makes of another rate; a carriage return is not among it."""
+        return bytes(self._rng.integers(0x80, 0x100, count, dtype=np.uint8))

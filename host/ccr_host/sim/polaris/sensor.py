@@ -1,0 +1,171 @@
+"""The optics: exposes the scene, delivers what can be seen of it after a latency.
+
+Has the face of the twin's camera, so a twin's scene exposes it at exact times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.sim.polaris.faults import NO_FAULTS, PolarisFaults, is_within
+from ccr_host.tracking.rotation import quaternion
+from ccr_host.tracking.sources.ndi.replies import VICRA
+
+Array = NDArray[np.float64]
+Vector3 = tuple[float, float, float]
+
+IN_FRONT_MM: Vector3 = (0.0, 50.0, -900.0)
+"""Puts a robot of 100 mm that hangs along -y into the middle of a Vicra's volume."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A camera turned by R against the robot's frame measures R^T p + t, as the twin's does."""
+
+    rotation_deg: Vector3 = (0.0, 0.0, 0.0)
+    """Rotation vector of R."""
+    base_mm: Vector3 = IN_FRONT_MM
+    """t: the robot's origin in the camera's frame."""
+
+    def quaternion(self) -> Array:
+        """(4,): w, x, y, z of R^T."""
+        return quaternion(-np.radians(self.rotation_deg))
+
+    def to_camera(self, points_mm: Array) -> Array:
+        """Points of the robot's frame, (n, 3), in the camera's."""
+        w, *v = self.quaternion()
+        vector = np.array(v)
+        twice = 2 * np.cross(vector, points_mm)
+        turned: Array = points_mm + w * twice + np.cross(vector, twice)
+        turned += np.array(self.base_mm)
+        return turned
+
+
+MarkerSource = Callable[[int], Array]
+"""True marker positions, (n, 3), in the robot's frame at a time in us."""
+
+COUNTER_HZ = 60
+COUNTS_PER_EXPOSURE = 3
+"""A Vicra delivers 20 frames a second and counts 60."""
+
+_BEYOND_FAR_END_MM = (0.0, 0.0, -700.0)
+_PHANTOM_SPREAD_MM = 150.0
+_DETECTION_DEPTH_MM = 3000.0
+"""Nothing is seen further away than this, in the volume or not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """What one exposure shows."""
+
+    count: int
+    """60 Hz counter since power-up."""
+    markers_mm: Array
+    """(n, 3) measured in the camera's frame; row i is marker i."""
+    visible: NDArray[np.bool_]
+    """(n,)."""
+    phantoms_mm: Array
+    """(m, 3)."""
+    ranks: Array
+    """(n + m,): strays are sent in the order of these."""
+    quaternion: Array
+    """(4,) of the robot's frame, for tools."""
+
+
+class PositionSensor:
+    """Exposes at 20 Hz whatever the device does; dark images show nothing.
+
+    Args:
+        placement: of the camera.
+        noise_mm: RMS length of the error of a vector between two markers.
+        latency_us: from an exposure to its image being available.
+        rng: of noise and faults.
+        faults: of the optics.
+    """
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        *,
+        placement: Placement | None = None,
+        noise_mm: float = 0.25,
+        latency_us: int = 40_000,
+        faults: PolarisFaults = NO_FAULTS,
+    ) -> None:
+        self._rng = rng
+        self._placement = placement or Placement()
+        self._noise_per_coordinate_mm = noise_mm / math.sqrt(6)
+        self._latency_us = latency_us
+        self.faults = faults
+        self.illuminated = False
+        """Set by the device; a dark exposure shows no passive marker."""
+        self._exposures = 0
+        self._in_flight: deque[tuple[int, Image]] = deque()
+        self._newest: Image | None = None
+
+    @property
+    def next_exposure_us(self) -> int:
+        """When to call `expose` next; the first exposure is at 0."""
+        return round(self._exposures * COUNTS_PER_EXPOSURE * 1e6 / COUNTER_HZ)
+
+    def expose(self, time_us: int, markers_mm: Array) -> None:
+        """Take a picture of the markers, (n, 3), one a row, in the robot's frame."""
+        count = self._exposures * COUNTS_PER_EXPOSURE
+        self._exposures += 1
+        image = self._picture(count, time_us, markers_mm)
+        if self._rng.random() >= self.faults.frozen:
+            self._in_flight.append((time_us + self._latency_us, image))
+
+    def newest(self, time_us: int) -> Image | None:
+        """Latest image available by a time; times must not go backwards."""
+        while self._in_flight and self._in_flight[0][0] <= time_us:
+            self._newest = self._in_flight.popleft()[1]
+        return self._newest
+
+    def _picture(self, count: int, time_us: int, markers_mm: Array) -> Image:
+        rng, faults = self._rng, self.faults
+        noise_mm = self._noise_per_coordinate_mm * rng.standard_normal(markers_mm.shape)
+        hidden = rng.random(len(markers_mm)) < faults.occlusion
+        measured_mm = self._placement.to_camera(markers_mm) + noise_mm
+        if faults.out_of_volume or is_within(time_us, faults.out_of_volume_us):
+            measured_mm = measured_mm + np.array(_BEYOND_FAR_END_MM)
+        seen = self.illuminated & ~hidden & (measured_mm[:, 2] > -_DETECTION_DEPTH_MM)
+        if is_within(time_us, faults.occluded_us):
+            seen &= False
+        spread_mm = rng.uniform(-1, 1, (faults.phantoms, 3)) * _PHANTOM_SPREAD_MM
+        phantoms_mm = measured_mm.mean(axis=0) + spread_mm
+        ranks = np.arange(len(markers_mm) + faults.phantoms, dtype=np.float64)
+        if faults.shuffle:
+            ranks = rng.permutation(ranks)
+        return Image(
+            count=count,
+            markers_mm=measured_mm,
+            visible=seen,
+            phantoms_mm=phantoms_mm if self.illuminated else phantoms_mm[:0],
+            ranks=ranks,
+            quaternion=self._placement.quaternion(),
+        )
+
+
+class Exposer:
+    """Drives a sensor by any function of time; part of the world."""
+
+    def __init__(self, sensor: PositionSensor, source: MarkerSource) -> None:
+        self._sensor = sensor
+        self._source = source
+
+    def advance_to(self, time_us: int) -> None:
+        """Take the pictures due by now."""
+        while (exposure_us := self._sensor.next_exposure_us) <= time_us:
+            self._sensor.expose(exposure_us, self._source(exposure_us))
+
+
+def is_in_volume(points_mm: Array) -> NDArray[np.bool_]:
+    """Which points, (n, 3), a Vicra measures accurately."""
+    return VICRA.contains(points_mm)

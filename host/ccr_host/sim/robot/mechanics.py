@@ -1,0 +1,188 @@
+"""MuJoCo behind a small typed interface: tendons and loads in, positions out."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.errors import CcrError, ConfigError
+from ccr_host.description.schema import Twin
+from ccr_host.sim.robot.mjcf import DISKS, MARKERS, TIP, robot_mjcf
+
+Array = NDArray[np.float64]
+
+
+def linear_step_limit_s(
+    model: mujoco.MjModel, data: mujoco.MjData, tendon_stiffness_n_m: float
+) -> float:
+    """Longest stable step h about the pose of ``data``, all tendons taut.
+
+    Semi-implicit Euler with implicit damping is stable while 4 M + 2 h C - h^2 K is positive
+    definite (M inertia, C damping, K stiffness). ``data`` must be up to date (mj_forward).
+    """
+    inertia = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    damping = np.diag(model.dof_damping)
+    routes = _tendon_jacobian(model, data)
+    stiffness = np.diag(model.jnt_stiffness) + tendon_stiffness_n_m * routes.T @ routes
+    stable_s, unstable_s = 1e-9, 1.0
+    while unstable_s > 1.001 * stable_s:
+        step_s = float(np.sqrt(stable_s * unstable_s))
+        margin = 4 * inertia + 2 * step_s * damping - step_s**2 * stiffness
+        if np.linalg.eigvalsh(margin)[0] > 0:
+            stable_s = step_s
+        else:
+            unstable_s = step_s
+    return stable_s
+
+
+def _tendon_jacobian(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """(tendons, joints): change of the tendons' lengths with the joint angles, m/rad."""
+    jacobian = np.zeros((model.ntendon, model.nv))
+    for row, (start, count) in enumerate(zip(model.ten_J_rowadr, model.ten_J_rownnz, strict=True)):
+        columns = model.ten_J_colind[start : start + count]
+        jacobian[row, columns] = data.ten_J[start : start + count]
+    return jacobian
+
+
+_MM_PER_M = 1e3
+_KG_PER_G = 1e-3
+
+_STABLE_SHARE = 0.3
+"""Of the linear limit of the time step: with tendons going taut and slack, nearly undamped
+structures were seen to fail from about 0.5 on."""
+_SHORTEST_STEP_US = 5
+"""Below it 80 s of run would take minutes."""
+
+_SETTLED_RAD_S = 1e-7
+_SETTLE_LIMIT_S = 100.0
+_SETTLE_CHUNK_STEPS = 50
+_SETTLE_DAMPING_S = 0.1
+"""Damping over stiffness of each flexure while settling: about critical for the slowest mode."""
+
+
+class UnfitTwinError(ConfigError):
+    """The description cannot be simulated."""
+
+
+class Mechanics:
+    """The structure and its tendons, at rest under gravity with the pulleys at zero.
+
+    Args:
+        twin: the ``twin`` section of the robot description.
+        payload_g: mass on the tip from the start.
+
+    Raises:
+        UnfitTwinError: these parameters cannot be simulated.
+    """
+
+    def __init__(self, twin: Twin, payload_g: float) -> None:
+        self._twin = twin
+        # MuJoCo would print and log the blow-up that `advance` reports.
+        mujoco.set_mju_user_warning(_ignore)
+        self._model = mujoco.MjModel.from_xml_string(robot_mjcf(twin))
+        self._data = mujoco.MjData(self._model)
+        mujoco.mj_forward(self._model, self._data)
+        slack_lengths_m = self._data.ten_length + np.divide(twin.slack_mm, _MM_PER_M)
+        self._slack_lengths_m: list[float] = slack_lengths_m.tolist()
+        self._tendon_lengths_m = self._data.ctrl  # views: numpy's ways to a few numbers are long
+        self._angles_rad = self._data.qpos
+        self._tip = self._model.body(TIP).id
+        self._markers = [self._model.site(name).id for name in MARKERS]
+        disks = range(sum(twin.flexures) + 1)
+        self._disks = [self._model.site(DISKS.format(number)).id for number in disks]
+        self.step_us = self._choose_step_us()
+        self._model.opt.timestep = self.step_us * 1e-6
+        self.set_payload(payload_g)
+        self.pull(0.0, 0.0)
+        self._settle()
+
+    def pull(self, pulley_1_rad: float, pulley_2_rad: float) -> None:
+        """Turn the pulleys: equation (2), each winds up one tendon and lets out its opposite."""
+        radius_m = self._twin.pulley_radius_mm / _MM_PER_M
+        lengths_m, slack_m = self._tendon_lengths_m, self._slack_lengths_m
+        lengths_m[0] = slack_m[0] - radius_m * pulley_1_rad
+        lengths_m[1] = slack_m[1] - radius_m * pulley_2_rad
+        lengths_m[2] = slack_m[2] + radius_m * pulley_1_rad
+        lengths_m[3] = slack_m[3] + radius_m * pulley_2_rad
+
+    def set_payload(self, payload_g: float) -> None:
+        """Hang a point mass on the centre of the last disk."""
+        self._model.body_mass[self._tip] = payload_g * _KG_PER_G
+        # On scratch data: mj_setConst leaves what it is given in the straight pose.
+        mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
+
+    def push(self, force_n: tuple[float, float, float]) -> None:
+        """Push on the centre of the last disk, in the frame of (10), until told otherwise."""
+        self._data.xfrc_applied[self._tip, :3] = force_n
+
+    def advance(self, steps: int) -> None:
+        """Simulate some steps of ``step_us``.
+
+        Raises:
+            CcrError: the simulation became unstable.
+        """
+        mujoco.mj_step(self._model, self._data, nstep=steps)
+        # A flexure bent by more than half a turn is as far from physics as a NaN.
+        for angle_rad in self._angles_rad.tolist():
+            if not -math.pi < angle_rad < math.pi:
+                raise CcrError(
+                    f"the twin became unstable at a step of {self.step_us / 1000:g} ms",
+                    "raise twin.joint_damping, or lower twin.time_step_ms, the load or the "
+                    "stiffness",
+                )
+
+    def markers_mm(self) -> Array:
+        """(3, 3): positions of M1, M2 and M3, one a row."""
+        return self._site_positions_mm(self._markers)
+
+    def backbone_mm(self) -> Array:
+        """(1 + flexures, 3): centres of the disks from the base to the tip."""
+        return self._site_positions_mm(self._disks)
+
+    def _site_positions_mm(self, sites: list[int]) -> Array:
+        # mj_step leaves positions one step behind the state.
+        mujoco.mj_kinematics(self._model, self._data)
+        positions: Array = self._data.site_xpos[sites] * _MM_PER_M
+        return positions
+
+    def _settle(self) -> None:
+        """Come to rest under a damping of its own, undisturbed by friction."""
+        model = self._model
+        damping, friction = model.dof_damping.copy(), model.tendon_frictionloss.copy()
+        model.dof_damping[:] = model.jnt_stiffness * _SETTLE_DAMPING_S
+        model.tendon_frictionloss[:] = 0.0
+        for _ in range(round(_SETTLE_LIMIT_S * 1e6 / self.step_us / _SETTLE_CHUNK_STEPS)):
+            try:
+                self.advance(_SETTLE_CHUNK_STEPS)
+            except CcrError as error:
+                raise UnfitTwinError(error.cause, error.cure) from None
+            if np.abs(self._data.qvel).max() < _SETTLED_RAD_S:
+                break
+        else:
+            raise UnfitTwinError(
+                f"the twin found no rest within {_SETTLE_LIMIT_S:g} s",
+                "raise twin.bending_stiffness_nm_rad, lower the masses or shorten the segments",
+            )
+        model.dof_damping[:], model.tendon_frictionloss[:] = damping, friction
+
+    def _choose_step_us(self) -> int:
+        """Take ``time_step_ms``, or what is stable where that is less."""
+        wanted_us = max(1, round(self._twin.time_step_ms * 1000))
+        limit_s = linear_step_limit_s(self._model, self._data, self._twin.tendon_stiffness_n_m)
+        stable_us = int(_STABLE_SHARE * limit_s * 1e6)
+        step_us = min(wanted_us, max(stable_us, _SHORTEST_STEP_US))
+        if step_us > stable_us:
+            raise UnfitTwinError(
+                f"this twin needs time steps below {_SHORTEST_STEP_US} us",
+                "lower twin.tendon_stiffness_n_m, twin.bending_stiffness_nm_rad or twin.flexures, "
+                "or raise twin.disk_mass_g",
+            )
+        return step_us
+
+
+def _ignore(_: str) -> None:
+    pass

@@ -1,0 +1,180 @@
+"""The twin's mechanics as an MJCF text (MuJoCo's model format).
+
+Rigid disks on hinge flexures, straight along -y at zero bending, gravity along -z. Segment 1 bends
+in the y-z plane and segment 2 in its local x-y plane, with the signs of equation (10): positive
+angles lift the tip and move it towards +x. MJCF counts in m, kg, s, N.
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as ET
+
+from ccr_host.description.schema import Twin
+
+DISKS = "disk{}"
+TIP = "tip"
+MARKERS = ("M1", "M2", "M3")
+TENDONS = ("tendon1", "tendon2", "tendon3", "tendon4")
+
+_MM = 1e-3
+_MS = 1e-3
+_G = 1e-3
+_DISK_RIM_MM = 1.5
+"""From the centre of the cable hole to the edge of the disk; only enters the disk's inertia."""
+_DISK_THICKNESS_MM = 2.0
+_MARKER_RADIUS_MM = 5.75
+"""NDI's passive spheres are 11.5 mm across."""
+_ARMATURE_KG_M2 = 1e-8
+"""Inertia of the flexure material itself, about that of a 0.3 g piece 5 mm long."""
+_FRICTION_SOLREF = "0.001 1"
+_FRICTION_SOLIMP = "0.9999 0.9999 0.001"
+"""Nearly hard: MuJoCo's dry friction creeps; so the tip does by about 1 um/s (docs/twin.md)."""
+_BENDING_AXES = ("-1 0 0", "0 0 1")
+
+
+def robot_mjcf(twin: Twin) -> str:
+    """Describe the unloaded robot for MuJoCo.
+
+    Sites ``M1`` to ``M3`` are the markers, ``disk0`` ... ``diskN`` the centres of the disks from
+    the base to the tip. The massless body ``tip`` at the last centre takes the push and the
+    payload. Actuator i pulls tendon i towards its control value, a length in m; MuJoCo gives the
+    tendons' lengths at zero bending, without slack.
+    """
+    root = ET.Element("mujoco", model="tendon-driven continuum robot")
+    _add_options(root, twin)
+    base = ET.SubElement(ET.SubElement(root, "worldbody"), "body", name="base")
+    _add_disk_sites(base, twin, number=0, y_mm=0.0)
+    _add_marker_site(base, twin, MARKERS[0], y_mm=0.0)
+    _add_segments(base, twin)
+    _add_tendons(root, twin)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _add_options(root: ET.Element, twin: Twin) -> None:
+    option = ET.SubElement(
+        root,
+        "option",
+        timestep=_numbers(twin.time_step_ms * _MS),
+        gravity=_numbers(0.0, 0.0, -twin.gravity_m_s2),
+        integrator="implicitfast",
+    )
+    # Nothing touches anything; bad numbers are reported (mechanics.py), not hidden by a reset.
+    flags = {"contact": "disable", "autoreset": "disable"}
+    if twin.friction == 0:
+        flags["constraint"] = "disable"
+    ET.SubElement(option, "flag", flags)
+
+
+def _add_segments(base: ET.Element, twin: Twin) -> None:
+    """Chain the disks of both segments, each flexure half a pitch before its disk."""
+    parent, number, half_pitch_before_mm = base, 0, 0.0
+    for segment in (0, 1):
+        flexures = twin.flexures[segment]
+        half_pitch_mm = twin.segment_lengths_mm[segment] / flexures / 2
+        for _ in range(flexures):
+            number += 1
+            body = ET.SubElement(
+                parent,
+                "body",
+                name=DISKS.format(number),
+                pos=_millimetres(0.0, -half_pitch_before_mm - half_pitch_mm, 0.0),
+            )
+            _add_flexure(body, twin, segment)
+            _add_disk(body, twin, y_mm=-half_pitch_mm)
+            _add_disk_sites(body, twin, number, y_mm=-half_pitch_mm)
+            parent, half_pitch_before_mm = body, half_pitch_mm
+        _add_marker(parent, twin, MARKERS[segment + 1], y_mm=-half_pitch_mm)
+    _add_tip(parent, y_mm=-half_pitch_before_mm)
+
+
+def _add_tip(last_disk: ET.Element, y_mm: float) -> None:
+    tip = ET.SubElement(last_disk, "body", name=TIP, pos=_millimetres(0.0, y_mm, 0.0))
+    # Without it MuJoCo places the centre of mass elsewhere.
+    ET.SubElement(tip, "inertial", pos="0 0 0", mass="0", diaginertia="0 0 0")
+
+
+def _add_flexure(body: ET.Element, twin: Twin, segment: int) -> None:
+    # Springs in series: n flexures of stiffness n k make a segment of stiffness k.
+    stiffness = twin.flexures[segment] * twin.bending_stiffness_nm_rad[segment]
+    ET.SubElement(
+        body,
+        "joint",
+        type="hinge",
+        axis=_BENDING_AXES[segment],
+        stiffness=_numbers(stiffness),
+        damping=_numbers(twin.joint_damping),
+        armature=_numbers(_ARMATURE_KG_M2),
+    )
+
+
+def _add_disk(body: ET.Element, twin: Twin, y_mm: float) -> None:
+    radius_mm = twin.tendon_radius_mm + _DISK_RIM_MM
+    ET.SubElement(
+        body,
+        "geom",
+        type="cylinder",
+        size=_millimetres(radius_mm, _DISK_THICKNESS_MM / 2),
+        pos=_millimetres(0.0, y_mm, 0.0),
+        euler="90 0 0",
+        mass=_numbers(twin.disk_mass_g * _G),
+    )
+
+
+def _add_disk_sites(body: ET.Element, twin: Twin, number: int, y_mm: float) -> None:
+    r_c = twin.tendon_radius_mm
+    holes = ((0.0, r_c), (r_c, 0.0), (0.0, -r_c), (-r_c, 0.0))
+    ET.SubElement(body, "site", name=DISKS.format(number), pos=_millimetres(0.0, y_mm, 0.0))
+    for tendon, (x_mm, z_mm) in zip(TENDONS, holes, strict=True):
+        ET.SubElement(body, "site", name=_hole(tendon, number), pos=_millimetres(x_mm, y_mm, z_mm))
+
+
+def _add_marker(body: ET.Element, twin: Twin, name: str, y_mm: float) -> None:
+    ET.SubElement(
+        body,
+        "geom",
+        type="sphere",
+        size=_millimetres(_MARKER_RADIUS_MM),
+        pos=_millimetres(0.0, y_mm, twin.marker_offset_mm),
+        mass=_numbers(twin.marker_mass_g * _G),
+    )
+    _add_marker_site(body, twin, name, y_mm)
+
+
+def _add_marker_site(body: ET.Element, twin: Twin, name: str, y_mm: float) -> None:
+    ET.SubElement(body, "site", name=name, pos=_millimetres(0.0, y_mm, twin.marker_offset_mm))
+
+
+def _add_tendons(root: ET.Element, twin: Twin) -> None:
+    """Tendons 1 and 3 end on the last disk of segment 1, tendons 2 and 4 on that of segment 2."""
+    tendons = ET.SubElement(root, "tendon")
+    actuators = ET.SubElement(root, "actuator")
+    last_disks = (twin.flexures[0], sum(twin.flexures)) * 2
+    for name, last_disk in zip(TENDONS, last_disks, strict=True):
+        spatial = ET.SubElement(tendons, "spatial", name=name)
+        if twin.friction > 0:
+            spatial.set("frictionloss", _numbers(twin.friction))
+            spatial.set("solreffriction", _FRICTION_SOLREF)
+            spatial.set("solimpfriction", _FRICTION_SOLIMP)
+        for number in range(last_disk + 1):
+            ET.SubElement(spatial, "site", site=_hole(name, number))
+        ET.SubElement(
+            actuators,
+            "position",
+            name=name,
+            tendon=name,
+            kp=_numbers(twin.tendon_stiffness_n_m),
+            forcerange=_numbers(-twin.tendon_force_max_n, 0.0),
+        )
+
+
+def _hole(tendon: str, disk: int) -> str:
+    return f"{tendon}_disk{disk}"
+
+
+def _millimetres(*lengths_mm: float) -> str:
+    return _numbers(*(length * _MM for length in lengths_mm))
+
+
+def _numbers(*values: float) -> str:
+    return " ".join(f"{value:.12g}" for value in values)

@@ -1,0 +1,148 @@
+"""Where the twin rests for every pair of motor angles."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import zipfile
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.user_file import replacing
+from ccr_host.description.schema import Twin
+from ccr_host.sim.robot.equilibrium import LONGEST_LEG_RAD, Equilibrium
+
+Array = NDArray[np.float64]
+
+GRID_STEP_DEG = 1.0
+"""Floors on it lie 0.4 to 3 % above those of ever finer grids (docs/twin.md)."""
+
+_MAP_VERSION = 2
+"""Part of the cache's key; raise it when the map of the same twin changes."""
+
+_MOST_MAPS_KEPT = 100
+"""Of 0.7 MB each."""
+
+
+@dataclass(frozen=True)
+class StaticMap:
+    """Rest positions of the tip over a regular grid of motor angles.
+
+    ``axis_1_rad`` (A,), ``axis_2_rad`` (B,), ``tip_mm`` (A, B, 3): M3 - M1, the f of (10).
+    """
+
+    axis_1_rad: Array
+    axis_2_rad: Array
+    tip_mm: Array
+
+
+def compute_static_map(
+    twin: Twin, lower_deg: Array, upper_deg: Array, step_deg: float = GRID_STEP_DEG
+) -> StaticMap:
+    """Rest positions over a grid that covers the motor limits, (2,) each.
+
+    Raises:
+        CcrError: some motor angles leave the twin without a rest pose.
+    """
+    axis_1, axis_2 = (
+        np.radians(np.linspace(low, high, 1 + math.ceil((high - low) / step_deg)))
+        for low, high in zip(lower_deg, upper_deg, strict=True)
+    )
+    equilibrium = Equilibrium(twin)
+    is_fine = axis_2[1] - axis_2[0] <= LONGEST_LEG_RAD
+    tip_mm = np.empty((len(axis_1), len(axis_2), 3))
+    # There and back, so that each search starts next to its solution.
+    for row, motor_1_rad in enumerate(axis_1):
+        columns = range(len(axis_2)) if row % 2 == 0 else range(len(axis_2) - 1, -1, -1)
+        poses_rad: deque[Array] = deque(maxlen=3)
+        for column in columns:
+            if is_fine and len(poses_rad) == poses_rad.maxlen:
+                equilibrium.joints_rad = _extrapolated(*poses_rad)
+            tip_mm[row, column] = equilibrium.tip_mm(motor_1_rad, axis_2[column])
+            poses_rad.append(equilibrium.joints_rad)
+    return StaticMap(axis_1, axis_2, tip_mm)
+
+
+def load_static_map(
+    twin: Twin,
+    lower_deg: Array,
+    upper_deg: Array,
+    cache: Path | None,
+    step_deg: float = GRID_STEP_DEG,
+) -> StaticMap:
+    """The static map from the cache folder, or computed and left there.
+
+    A cache that cannot be read or written is done without.
+
+    Args:
+        twin: the ``twin`` section of the robot description.
+        lower_deg: of the motor angles, (2,).
+        upper_deg: of the motor angles, (2,).
+        cache: folder that keeps the maps; None computes without keeping.
+        step_deg: of the grid.
+
+    Raises:
+        CcrError: some motor angles leave the twin without a rest pose.
+    """
+    if cache is None:
+        return compute_static_map(twin, lower_deg, upper_deg, step_deg)
+    file = cache / f"static-map-{_key(twin, lower_deg, upper_deg, step_deg)}.npz"
+    kept = _read(file)
+    if kept is not None:
+        return kept
+    found = compute_static_map(twin, lower_deg, upper_deg, step_deg)
+    _write(file, found)
+    return found
+
+
+def default_cache() -> Path:
+    """Folder for what can be computed again."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ccr-host"
+
+
+def _extrapolated(before_last: Array, last: Array, here: Array) -> Array:
+    """The parabola through three poses at equal distances, one on."""
+    return 3 * (here - last) + before_last
+
+
+def _read(file: Path) -> StaticMap | None:
+    try:
+        with np.load(file) as kept:
+            return StaticMap(kept["axis_1_rad"], kept["axis_2_rad"], kept["tip_mm"])
+    except (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile):
+        return None
+
+
+def _write(file: Path, found: StaticMap) -> None:
+    with suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(file) as draft, draft.open("wb") as opened:
+            np.savez(opened, **vars(found))
+        kept = sorted(file.parent.glob("static-map-*.npz"), key=lambda map_: map_.stat().st_mtime)
+        for oldest in kept[:-_MOST_MAPS_KEPT]:
+            oldest.unlink()
+
+
+_STATIC_KEYS = (
+    "flexures", "segment_lengths_mm", "tendon_radius_mm", "marker_offset_mm", "pulley_radius_mm",
+    "bending_stiffness_nm_rad", "disk_mass_g", "marker_mass_g", "payload_g", "payload_start_s",
+    "slack_mm", "tendon_stiffness_n_m", "tendon_force_max_n", "gravity_m_s2",
+)  # fmt: skip
+"""What a rest pose depends on."""
+
+
+def _key(twin: Twin, lower_deg: Array, upper_deg: Array, step_deg: float) -> str:
+    content = (
+        _MAP_VERSION,
+        twin.model_dump_json(include=set(_STATIC_KEYS)),
+        np.asarray(lower_deg, dtype=np.float64).tolist(),
+        np.asarray(upper_deg, dtype=np.float64).tolist(),
+        step_deg,
+    )
+    return hashlib.sha256(repr(content).encode()).hexdigest()[:16]

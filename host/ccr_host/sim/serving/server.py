@@ -1,0 +1,255 @@
+"""Serves emulated devices to other programs, in real time: on pseudo-terminals or on TCP.
+
+Opening its port resets a board as the DTR line resets an UNO. Without a client the board goes on.
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from threading import Thread
+from types import TracebackType
+from typing import Protocol, Self
+
+from ccr_host.core.clock import Clock, Steppable
+
+
+class WorldLine:
+    """Whoever advances the line advances the world of which the board is a part.
+
+    Args:
+        line: to the board.
+        world: moves board, servos, robot and camera in the order of their events.
+    """
+
+    def __init__(self, line: Line, world: Steppable) -> None:
+        self._line = line
+        self._world = world
+
+    def advance_to(self, time_us: int) -> None:
+        """Bring the world to `time_us`."""
+        self._world.advance_to(time_us)
+
+    @property
+    def next_event_us(self) -> int:
+        """When to look again if the host stays silent."""
+        return self._line.next_event_us
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the wire now."""
+        self._line.write(data)
+
+    def read(self) -> bytes:
+        """Bytes that have arrived from the board."""
+        return self._line.read()
+
+    def open_port(self, boot_loader_us: int = 0) -> None:
+        """Reset the board as an UNO is reset when its port is opened."""
+        self._line.open_port(boot_loader_us)
+
+
+BOOT_LOADER_US = 1_000_000
+"""Time for which the UNO's boot loader waits for an upload after a reset (optiboot's time-out)."""
+
+AdvanceObserver = Callable[[int], None]
+"""Called with the time in us up to which the board has been advanced."""
+
+
+class Line(Protocol):
+    """The wire to a board, which moves with it."""
+
+    def advance_to(self, time_us: int) -> None:
+        """Bring wire and board to `time_us`."""
+
+    @property
+    def next_event_us(self) -> int:
+        """When to look again if the host stays silent."""
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the wire now."""
+
+    def read(self) -> bytes:
+        """Bytes that have arrived from the board."""
+
+    def open_port(self, boot_loader_us: int = 0) -> None:
+        """Reset the board as an UNO is reset when its port is opened."""
+
+
+class PortListener(Protocol):
+    """What a port tells of its client."""
+
+    def opened(self) -> None:
+        """A client is there."""
+
+    def received(self, data: bytes) -> None:
+        """Bytes from the client."""
+
+
+class Port(Protocol):
+    """Where at most one client at a time finds the board."""
+
+    uri: str
+    """How `--device` reaches it."""
+
+    def register(self, selector: selectors.BaseSelector, listener: PortListener) -> None:
+        """Watch for clients; the selector's keys carry the function to call when ready."""
+
+    def look_for_client(self) -> None:
+        """Find out what cannot be waited for; called at least once a control tick."""
+
+    def send(self, data: bytes) -> None:
+        """Give bytes to the client; dropped where there is none or it does not read."""
+
+    def close(self) -> None:
+        """Send the client away and close."""
+
+
+class Station:
+    """One line behind one port.
+
+    Args:
+        line: to the emulated device.
+        port: for the client.
+        boot_loader_us: how long the device is deaf after its port was opened.
+    """
+
+    def __init__(self, line: Line, port: Port, *, boot_loader_us: int = 0) -> None:
+        self.line = line
+        self.port = port
+        self._boot_loader_us = boot_loader_us
+
+    def opened(self) -> None:
+        """A client has opened the port: a board is reset."""
+        self.line.open_port(self._boot_loader_us)
+
+    def received(self, data: bytes) -> None:
+        """Bytes from the client go onto the wire."""
+        self.line.write(data)
+
+    def deliver(self) -> None:
+        """Hand over what has arrived from the device."""
+        self.port.send(self.line.read())
+        self.port.look_for_client()
+
+
+class BoardServer:
+    """An emulated board behind its port, and whatever else is served beside it.
+
+    Args:
+        line: to the board.
+        port: for the client.
+        clock: real.
+        boot_loader_us: how long the board is deaf after its port was opened.
+        on_advance: lets a twin ride along.
+        beside: further devices, moved along after the board.
+    """
+
+    def __init__(
+        self,
+        line: Line,
+        port: Port,
+        clock: Clock,
+        *,
+        boot_loader_us: int = BOOT_LOADER_US,
+        on_advance: AdvanceObserver | None = None,
+        beside: Sequence[Station] = (),
+    ) -> None:
+        self._stations = (Station(line, port, boot_loader_us=boot_loader_us), *beside)
+        self._clock = clock
+        self._on_advance = on_advance
+        self._stopping = False
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_write, False)
+
+    @property
+    def uri(self) -> str:
+        """Device URI of the board."""
+        return self._stations[0].port.uri
+
+    def run(self) -> None:
+        """Serve until :meth:`stop`; then close the ports."""
+        with selectors.SelectSelector() as selector:  # epoll rounds time-outs up to 1 ms
+            selector.register(self._wake_read, selectors.EVENT_READ, self._note_stop)
+            for station in self._stations:
+                station.port.register(selector, station)
+            try:
+                while not self._stopping:
+                    self._advance()
+                    self._wait(selector)
+            finally:
+                for station in self._stations:
+                    station.port.close()
+                os.close(self._wake_read)
+                os.close(self._wake_write)
+
+    def run_until_signal(self) -> None:
+        """Serve until SIGINT or SIGTERM; in the main thread only."""
+        with _signals_call(self.stop, signal.SIGINT, signal.SIGTERM):
+            self.run()
+
+    def stop(self) -> None:
+        """End :meth:`run`, from a signal handler or another thread."""
+        os.write(self._wake_write, b"\0")
+
+    def _note_stop(self) -> None:
+        self._stopping = True
+
+    def _advance(self) -> None:
+        now_us = self._advance_lines()
+        if self._on_advance:
+            self._on_advance(now_us)
+        for station in self._stations:
+            station.deliver()
+
+    def _advance_lines(self) -> int:
+        now_us = self._clock.now_us()
+        for station in self._stations:
+            station.line.advance_to(now_us)
+        return now_us
+
+    def _wait(self, selector: selectors.BaseSelector) -> None:
+        event_us = min(station.line.next_event_us for station in self._stations)
+        ready = selector.select(max(event_us - self._clock.now_us(), 0) * 1e-6)
+        self._advance_lines()  # what was received now is on the wire from now
+        for key, _ in ready:
+            key.data()
+
+
+class BackgroundServer:
+    """Runs a server in a thread for as long as a `with` block lasts."""
+
+    def __init__(self, server: BoardServer) -> None:
+        self._server = server
+        self._thread = Thread(target=server.run, name="emulated board", daemon=True)
+
+    @property
+    def uri(self) -> str:
+        """Device URI of the board."""
+        return self._server.uri
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._thread.is_alive():
+            self._server.stop()
+        self._thread.join()
+
+
+@contextmanager
+def _signals_call(function: Callable[[], None], *signals: signal.Signals) -> Iterator[None]:
+    before = [signal.signal(number, lambda *_: function()) for number in signals]
+    try:
+        yield
+    finally:
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)

@@ -1,0 +1,168 @@
+"""What is to be put into the flash: an ELF file or Intel HEX."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.user_file import read_bytes
+
+_BUILT = Path(".pio/build/uno/firmware.elf")
+_CHECKOUT = Path(__file__).parents[4]
+RELEASED_FIRMWARE = Path(__file__).parents[2] / "firmware" / "uno.hex"
+"""What scripts/release puts into the package; a checkout has none."""
+
+
+def find_firmware(given: str = "") -> Path:
+    """The firmware's ELF or HEX file: the given one, what `pio run` has built, or the released one.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    if given:
+        return Path(given)
+    for file in (Path.cwd() / _BUILT, _CHECKOUT / _BUILT, RELEASED_FIRMWARE):
+        if file.exists():
+            return file
+    raise ConfigError(
+        f"simavr: no firmware binary {_BUILT}", "build it with pio run, or write simavr:FILE.elf"
+    )
+
+
+def cache_folder() -> Path:
+    """Of what is built on this machine on demand."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "ccr-host"
+
+
+FLASH_BYTES: Final = 32 * 1024
+_MOST_BYTES = 16_000_000
+"""Of an ELF file with all its debugging information."""
+_ELF_MAGIC = b"\x7fELF\x01\x01"
+"""32 bits, little-endian."""
+_EM_AVR = 83
+_PT_LOAD = 1
+_SHT_SYMTAB = 2
+_DATA_SPACE = 0x800000
+"""Where avr-gcc's linker puts the data address space."""
+
+
+@dataclass(frozen=True)
+class FlashImage:
+    """Bytes for the flash.
+
+    Attributes:
+        segments: byte address and content.
+        symbols: byte addresses by name, of functions in flash, of variables in the data space;
+            only an ELF file has them.
+    """
+
+    segments: tuple[tuple[int, bytes], ...]
+    symbols: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def start(self) -> int:
+        """Lowest address."""
+        return min(address for address, _ in self.segments)
+
+
+def read_flash_image(path: Path) -> FlashImage:
+    """Read an ELF or a HEX file, told apart by their content.
+
+    Raises:
+        ConfigError: it cannot be read, is not for an AVR, or is too long for an UNO.
+    """
+    content = read_bytes(path, "firmware", "build it first: pio run", _MOST_BYTES)
+    try:
+        image = _read_elf(content) if content[:4] == _ELF_MAGIC[:4] else _read_hex(content)
+    except (ValueError, IndexError, struct.error) as error:
+        raise ConfigError(
+            f"firmware {path}: neither an ELF file for AVR nor Intel HEX ({error})",
+            "give firmware.elf or firmware.hex of a build for the UNO",
+        ) from None
+    if any(address + len(data) > FLASH_BYTES for address, data in image.segments):
+        raise ConfigError(f"firmware {path}: longer than {FLASH_BYTES} bytes", "build it for uno")
+    return image
+
+
+class _Section(NamedTuple):
+    kind: int
+    offset: int
+    size: int
+    link: int
+    entry_size: int
+
+
+def _read_elf(content: bytes) -> FlashImage:
+    if content[:6] != _ELF_MAGIC or struct.unpack_from("<H", content, 18)[0] != _EM_AVR:
+        raise ValueError("another machine")
+    program_offset, section_offset = struct.unpack_from("<II", content, 28)
+    program_size, program_count, section_size, section_count = struct.unpack_from(
+        "<4H", content, 42
+    )
+    segments = []
+    for index in range(program_count):
+        kind, offset, _, address, size = struct.unpack_from(
+            "<5I", content, program_offset + index * program_size
+        )
+        if kind == _PT_LOAD and size and address < _DATA_SPACE:
+            segments.append((address, content[offset : offset + size]))
+    if not segments:
+        raise ValueError("no program in it")
+    sections = [
+        _section(content, section_offset + index * section_size) for index in range(section_count)
+    ]
+    symbols = {
+        name: address
+        for section in sections
+        if section.kind == _SHT_SYMTAB
+        for name, address in _symbols(content, section, sections[section.link])
+    }
+    return FlashImage(tuple(segments), symbols)
+
+
+def _section(content: bytes, at: int) -> _Section:
+    _, kind, _, _, offset, size, link, _, _, entry_size = struct.unpack_from("<10I", content, at)
+    return _Section(kind, offset, size, link, entry_size)
+
+
+def _symbols(content: bytes, table: _Section, names: _Section) -> Iterator[tuple[str, int]]:
+    for at in range(table.offset, table.offset + table.size, table.entry_size):
+        name_offset, value = struct.unpack_from("<II", content, at)
+        if name_offset:
+            begin = names.offset + name_offset
+            name = content[begin : content.index(b"\0", begin)].decode("ascii", "replace")
+            yield name, value - _DATA_SPACE if value >= _DATA_SPACE else value
+
+
+_HEX_DATA = 0
+_HEX_END = 1
+_HEX_SEGMENT = 2
+_HEX_LINEAR = 4
+
+
+def _read_hex(content: bytes) -> FlashImage:
+    segments: list[tuple[int, bytes]] = []
+    base = 0
+    for number, line in enumerate(content.decode("ascii").split(), start=1):
+        record = bytes.fromhex(line.removeprefix(":"))
+        if line[0] != ":" or sum(record) % 256 != 0 or len(record) != record[0] + 5:
+            raise ValueError(f"line {number} is damaged")
+        address, kind = struct.unpack_from(">HB", record, 1)
+        data = record[4:-1]
+        if kind == _HEX_DATA:
+            segments.append((base + address, data))
+        elif kind == _HEX_SEGMENT:
+            base = int.from_bytes(data) << 4
+        elif kind == _HEX_LINEAR:
+            base = int.from_bytes(data) << 16
+        elif kind == _HEX_END:
+            break
+    if not segments:
+        raise ValueError("no program in it")
+    return FlashImage(tuple(segments))

@@ -1,0 +1,107 @@
+"""The wire between host and simulated UNO; its host end is a transport."""
+
+from __future__ import annotations
+
+from ccr_host.core.errors import DeviceError
+from ccr_host.link.messages import BAUD, ResetCause
+from ccr_host.sim.board.serial_line import LineNoise
+from ccr_host.sim.robot.scene import TwinScene
+from ccr_host.sim.simavr.board import Pulse, SimavrBoard
+
+
+class SimavrCoSimulation:
+    """Wires the servo pins to the twin's servos.
+
+    A servo knows a pulse when it has ended. Nothing goes from the robot to the board, so the board
+    may run ahead by a slice of the clock and the pulses of that slice are then played to the robot.
+    """
+
+    def __init__(self, line: SimavrLine, scene: TwinScene) -> None:
+        self._line = line
+        self._scene = scene
+        self._pulses: list[Pulse] = []
+        self._half_us = [0, 0]
+        line.board.observe_pulses(self._pulses.append)
+
+    def advance_to(self, time_us: int) -> None:
+        """Bring wire, board, servos, structure and camera to ``time_us``."""
+        self._line.advance_to(time_us)
+        for pulse in sorted(self._pulses, key=lambda pulse: pulse.end_cycle):
+            self._scene.advance_to(self._line.board.time_us(pulse.end_cycle))
+            self._half_us[pulse.pin] = pulse.half_us
+            self._scene.set_pulses_half_us((self._half_us[0], self._half_us[1]))
+        self._pulses.clear()
+        self._scene.advance_to(time_us)
+
+
+_BUSY_US = 100
+"""While something is said, a program in real time looks so often: a byte takes 40 us at least."""
+_QUIET_US = 1000
+_ANSWER_US = 2000
+"""Time after the last byte within which an answer may be on its way."""
+
+
+class SimavrLine:
+    """Same face as the emulator's line; the bytes' times are those of the simulated UART.
+
+    Args:
+        board: at the other end.
+        baud: of the host; None follows what the firmware sets, as a boot loader's is another one.
+        noise: on both ways.
+    """
+
+    name = "simavr"
+
+    def __init__(
+        self, board: SimavrBoard, *, baud: int | None = BAUD, noise: LineNoise | None = None
+    ) -> None:
+        self.board = board
+        self.noise = noise
+        self._baud = baud
+        self._plugged_in = True
+        self._quiet_since_us = board.now_us
+
+    def advance_to(self, time_us: int) -> None:
+        """Bring wire and board to `time_us`."""
+        self.board.advance_to(time_us)
+        if self.board.line_is_busy:
+            self._quiet_since_us = time_us
+
+    @property
+    def next_event_us(self) -> int:
+        """When to look again if the host stays silent."""
+        now_us = self.board.now_us
+        talking = now_us - self._quiet_since_us < _ANSWER_US
+        return now_us + (_BUSY_US if talking else _QUIET_US)
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the wire now."""
+        self._require_plug()
+        self.board.receive(self.noise.corrupt(data) if self.noise else data, self._baud)
+        self._quiet_since_us = self.board.now_us
+
+    def read(self) -> bytes:
+        """Bytes that have arrived from the board."""
+        self._require_plug()
+        data = self.board.take_output()
+        return self.noise.corrupt(data) if self.noise and data else data
+
+    def close(self) -> None:
+        """Let the board alone; it goes on as an UNO on a power supply would."""
+
+    def open_port(self, boot_loader_us: int = 0) -> None:
+        """Reset the board as an UNO is reset (DTR) when its port is opened.
+
+        Args:
+            boot_loader_us: without meaning; the board has a real boot loader or none.
+        """
+        self.board.forget_unsent()
+        self.board.reset(ResetCause.EXTERNAL)
+
+    def unplug(self) -> None:
+        """From now on the port is gone."""
+        self._plugged_in = False
+
+    def _require_plug(self) -> None:
+        if not self._plugged_in:
+            raise DeviceError(f"{self.name}: the port is gone", "plug the board in again")

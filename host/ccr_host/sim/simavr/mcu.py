@@ -1,0 +1,309 @@
+"""The microcontroller in libsimavr, in cycles of its clock, through the C shim."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.errors import DeviceError
+from ccr_host.link.messages import ResetCause
+from ccr_host.sim.simavr.flash_image import cache_folder
+
+_SOURCES = Path(__file__).parent / "shim"
+_COMPILE = ("-std=gnu11", "-O2", "-fPIC", "-shared")
+_SIMAVR = ("-I/usr/include/simavr", "-I/usr/local/include/simavr", "-L/usr/local/lib", "-lsimavr")
+_CURE = "sudo apt install gcc libsimavr-dev libelf-dev"
+
+
+def built_shim() -> Path:
+    """The shared object, built if this state of its source never was.
+
+    It links libsimavr and is therefore under the GPL-3: for use on this machine only.
+
+    Raises:
+        DeviceError: compiler or libsimavr are missing.
+    """
+    folder = cache_folder()
+    library = folder / f"librig-{_digest()}.so"
+    if not library.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        _build(library)
+    return library
+
+
+def _build(library: Path) -> None:
+    compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        raise DeviceError("simavr: no C compiler", _CURE)
+    with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
+        unfinished = Path(scratch) / library.name
+        sources = sorted(str(source) for source in _SOURCES.glob("*.c"))
+        result = subprocess.run(
+            [compiler, *_COMPILE, *sources, *_SIMAVR, "-o", str(unfinished)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if result.returncode != 0:
+            raise DeviceError(f"simavr: the rig does not build: {_gist(result.stderr)}", _CURE)
+        unfinished.replace(library)
+
+
+def _gist(messages: str) -> str:
+    """The line that tells what is wrong."""
+    lines = messages.splitlines() or ["the compiler says nothing"]
+    return next((line for line in lines if "error:" in line or "cannot find" in line), lines[-1])
+
+
+def _digest() -> str:
+    digest = hashlib.sha256()
+    for source in sorted(_SOURCES.glob("*.[ch]")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+CLOCK_HZ: Final = 16_000_000
+CYCLES_PER_US: Final = 16
+CYCLES_PER_HALF_US: Final = 8
+VECTORS: Final = 26
+SERVO_PINS: Final = 2
+"""0 is OC1A, the UNO's pin 9; 1 is OC1B, pin 10."""
+SERVO_SUPPLY_PIN: Final = 2
+"""The UNO's pin 8."""
+LED_PIN: Final = 3
+"""The UNO's pin 13."""
+
+_MCUSR_FLAGS: Final = {
+    ResetCause.UNKNOWN: 0,
+    ResetCause.POWER_ON: 1 << 0,
+    ResetCause.EXTERNAL: 1 << 1,
+    ResetCause.BROWN_OUT: 1 << 2,
+    ResetCause.WATCHDOG: 1 << 3,
+}
+_ROOM = 4096
+_EDGE = np.dtype([("cycle", "u8"), ("pin", "u1"), ("level", "u1")], align=True)
+_DEPARTURE = np.dtype([("start_cycle", "u8"), ("end_cycle", "u8"), ("value", "u1")], align=True)
+_EEPROM_WRITE = np.dtype([("address", "u2"), ("value", "u1")], align=True)
+_ESCAPE_SEQUENCE = re.compile(r"\x1b\[[0-9;]*m")
+
+Records = NDArray[np.void]
+_Take = Callable[[int, int, int], int]
+
+
+class News:
+    """Bits of what has come up while running, as in rig.h; plain integers for speed."""
+
+    TROUBLE: Final = 1 << 0
+    EDGES: Final = 1 << 1
+    EEPROM_WRITES: Final = 1 << 2
+    LINE_BUSY: Final = 1 << 3
+
+
+class _Statistics(ctypes.Structure):
+    _fields_ = (
+        ("cycle", ctypes.c_uint64),
+        ("slept_cycles", ctypes.c_uint64),
+        ("resets", ctypes.c_uint64),
+        ("overruns", ctypes.c_uint64),
+        ("last_arrival_cycle", ctypes.c_uint64),
+        ("interrupts", ctypes.c_uint64 * VECTORS),
+        ("longest_masked_cycles", ctypes.c_uint64),
+        ("longest_masked_pc", ctypes.c_uint32),
+        ("least_stack_pointer", ctypes.c_uint16),
+    )
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Counted since the start or since :meth:`Mcu.forget_statistics`.
+
+    Attributes:
+        cycle: of the clock, since the start.
+        slept_cycles: of these asleep.
+        resets: of any cause.
+        overruns: bytes that the receiver has lost because they were not read in time.
+        last_arrival_cycle: end of the last stop bit sent to the board.
+        interrupts: served, per vector number.
+        longest_masked_cycles: longest time with interrupts off; only while profiling.
+        longest_masked_pc: byte address where that time began; only while profiling.
+        least_stack_pointer: only while profiling.
+    """
+
+    cycle: int
+    slept_cycles: int
+    resets: int
+    overruns: int
+    last_arrival_cycle: int
+    interrupts: tuple[int, ...]
+    longest_masked_cycles: int
+    longest_masked_pc: int
+    least_stack_pointer: int
+
+
+class Mcu:
+    """An ATmega328P at 16 MHz with erased flash and EEPROM, held at cycle 0.
+
+    Raises:
+        DeviceError: the shim cannot be built or loaded.
+    """
+
+    def __init__(self) -> None:
+        self._shim = _load()
+        self._rig = self._shim.rig_new()
+        if not self._rig:
+            raise DeviceError("simavr: libsimavr has no ATmega328P", "install another libsimavr")
+        self._departures = np.empty(_ROOM, _DEPARTURE)
+        self._edges = np.empty(_ROOM, _EDGE)
+        self._eeprom_writes = np.empty(_ROOM, _EEPROM_WRITE)
+        self.flash = self._view("flash")
+        self.eeprom = self._view("eeprom")
+        self.memory = self._view("memory")
+        """Registers, I/O and SRAM by data address; writing has no side effects."""
+
+    def close(self) -> None:
+        """Free it; nothing else may be called any more."""
+        if self._rig:
+            self._shim.rig_free(self._rig)
+            self._rig = None
+
+    def __del__(self) -> None:
+        self.close()
+
+    def start_at(self, address: int) -> None:
+        """Where the program starts after a reset (fuse BOOTRST)."""
+        self._shim.rig_set_reset_vector(self._rig, address)
+
+    def profile(self, on: bool) -> None:
+        """Watch stack and interrupt mask after each instruction; several times slower."""
+        self._shim.rig_set_profiling(self._rig, on)
+
+    def reset(self, cause: ResetCause) -> None:
+        """Reset; SRAM and EEPROM stay as they are."""
+        self._shim.rig_reset(self._rig, _MCUSR_FLAGS[cause])
+
+    def fill_sram(self, value: int) -> None:
+        """Give all registers and SRAM one value."""
+        self._shim.rig_fill_sram(self._rig, value)
+
+    def run_until(self, cycle: int) -> int:
+        """Run to `cycle`, not including events of that cycle; returns bits of :class:`News`.
+
+        Raises:
+            DeviceError: the program has left its memory.
+        """
+        news: int = self._shim.rig_run_until(self._rig, cycle)
+        if news & News.TROUBLE:
+            text = self._shim.rig_trouble(self._rig).decode("utf-8", "replace")
+            text = " ".join(_ESCAPE_SEQUENCE.sub("", text).split())
+            raise DeviceError(f"simavr: the firmware crashed: {text}", "look at that address")
+        return news
+
+    def send(self, cycle: int, data: bytes, bit_cycles: int) -> None:
+        """Put bytes onto the wire to the board from `cycle` on; 0: at the board's own baud."""
+        self._shim.rig_send(self._rig, cycle, data, len(data), bit_cycles)
+
+    def open_switch(self, is_open: bool) -> None:
+        """Open or close the switch between pin 7 and ground."""
+        self._shim.rig_open_switch(self._rig, is_open)
+
+    def set_voltage_mv(self, voltage_mv: int) -> None:
+        """Voltage at pin A0."""
+        self._shim.rig_set_voltage(self._rig, voltage_mv)
+
+    def forget_unsent(self) -> None:
+        """Drop what waits for the wire."""
+        self._shim.rig_forget_unsent(self._rig)
+
+    def take_departures(self) -> Records:
+        """Bytes that have left: `start_cycle` of the start bit, `end_cycle` of the stop bit."""
+        return self._take(self._shim.rig_take_departures, self._departures)
+
+    def take_edges(self) -> Records:
+        """Changes of the pins: `cycle`, `pin`, `level`."""
+        return self._take(self._shim.rig_take_edges, self._edges)
+
+    def take_eeprom_writes(self) -> Records:
+        """Bytes written to EEPROM: `address`, `value`."""
+        return self._take(self._shim.rig_take_eeprom_writes, self._eeprom_writes)
+
+    def wear_out_eeprom(self, address: int) -> None:
+        """From now on writes to this address do not take."""
+        self._shim.rig_wear_out_eeprom(self._rig, address)
+
+    def statistics(self) -> Statistics:
+        """What has been counted."""
+        raw = _Statistics()
+        self._shim.rig_statistics(self._rig, ctypes.byref(raw))
+        values = {name: getattr(raw, name) for name, *_ in raw._fields_}
+        return Statistics(**{**values, "interrupts": tuple(raw.interrupts)})
+
+    def forget_statistics(self) -> None:
+        """Count again."""
+        self._shim.rig_forget_statistics(self._rig)
+
+    def _take(self, take: _Take, room: Records) -> Records:
+        count = take(self._rig, room.ctypes.data, len(room))
+        if count < len(room):
+            return room[:count].copy() if count else room[:0]
+        return np.concatenate((room.copy(), self._take(take, room)))
+
+    def _view(self, name: str) -> NDArray[np.uint8]:
+        size = {
+            "flash": self._shim.rig_flash_size,
+            "eeprom": self._shim.rig_eeprom_size,
+            "memory": self._shim.rig_memory_size,
+        }[name](self._rig)
+        return np.ctypeslib.as_array(getattr(self._shim, f"rig_{name}")(self._rig), (size,))
+
+
+def _load() -> ctypes.CDLL:
+    path = built_shim()
+    try:
+        shim = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise DeviceError(f"simavr: {error}", "sudo apt install libsimavr-dev libelf-dev") from None
+    rig, size, count = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32
+    bytes_of_rig = ctypes.POINTER(ctypes.c_uint8)
+    signatures: dict[str, tuple[Any, tuple[Any, ...]]] = {
+        "rig_new": (rig, ()),
+        "rig_free": (None, (rig,)),
+        "rig_flash_size": (count, (rig,)),
+        "rig_flash": (bytes_of_rig, (rig,)),
+        "rig_eeprom_size": (count, (rig,)),
+        "rig_eeprom": (bytes_of_rig, (rig,)),
+        "rig_memory_size": (count, (rig,)),
+        "rig_memory": (bytes_of_rig, (rig,)),
+        "rig_set_reset_vector": (None, (rig, count)),
+        "rig_set_profiling": (None, (rig, ctypes.c_bool)),
+        "rig_reset": (None, (rig, ctypes.c_int)),
+        "rig_fill_sram": (None, (rig, ctypes.c_uint8)),
+        "rig_run_until": (ctypes.c_uint, (rig, ctypes.c_uint64)),
+        "rig_trouble": (ctypes.c_char_p, (rig,)),
+        "rig_send": (None, (rig, ctypes.c_uint64, ctypes.c_char_p, size, count)),
+        "rig_forget_unsent": (None, (rig,)),
+        "rig_open_switch": (None, (rig, ctypes.c_bool)),
+        "rig_set_voltage": (None, (rig, count)),
+        "rig_take_departures": (size, (rig, ctypes.c_void_p, size)),
+        "rig_take_edges": (size, (rig, ctypes.c_void_p, size)),
+        "rig_take_eeprom_writes": (size, (rig, ctypes.c_void_p, size)),
+        "rig_wear_out_eeprom": (None, (rig, ctypes.c_uint16)),
+        "rig_statistics": (None, (rig, ctypes.c_void_p)),
+        "rig_forget_statistics": (None, (rig,)),
+    }
+    for name, (result, arguments) in signatures.items():
+        function = getattr(shim, name)
+        function.restype = result
+        function.argtypes = arguments
+    return shim

@@ -1,0 +1,135 @@
+"""Serves a simulated UNO in real time, so that other programs find it like a board on a cable."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from ccr_host.core.clock import LaggingClock
+from ccr_host.core.errors import ConfigError, DeviceError
+from ccr_host.sim.board.eeprom import EepromFile
+from ccr_host.sim.serving.ports import PtyPort
+from ccr_host.sim.serving.server import BoardServer
+from ccr_host.sim.simavr.board import SimavrBoard
+from ccr_host.sim.simavr.flash_image import FlashImage, cache_folder, read_flash_image
+from ccr_host.sim.simavr.line import SimavrLine
+
+_FOLDER = Path("bootloaders/optiboot")
+_CORES = (
+    Path.home() / ".platformio/packages/framework-arduino-avr",
+    Path("/usr/share/arduino/hardware/arduino/avr"),
+)
+"""The Arduino core as PlatformIO and as Debian install it."""
+_START = 0x7C00
+"""Of a boot section of 1 KB."""
+_COMPILE = (
+    *("-w", "-Os", "-mmcu=atmega328p", "-DF_CPU=16000000L", "-DBAUD_RATE=115200"),
+    *("-DLED_START_FLASHES=3", "-fno-inline-small-functions", "-fno-split-wide-types"),
+    *("-mshort-calls", "-nostartfiles", "-nostdlib", "-Wl,--relax"),
+    *(f"-Wl,--section-start=.text={_START:#x}", "-Wl,--section-start=.version=0x7ffe"),
+)
+"""As in optiboot's Makefile but for the start."""
+
+
+def optiboot() -> FlashImage:
+    """Optiboot, built from the source that comes with the Arduino core.
+
+    Debian's binaries are of no use: that of Debian 12 is 20 bytes too long for the 512 bytes of
+    boot section for which it is linked, that of Debian 13 is for an ATmega8.
+
+    Raises:
+        ConfigError: there is no Arduino core, or no avr-gcc.
+    """
+    for core in _CORES:
+        source = core / _FOLDER / "optiboot.c"
+        if source.exists():
+            return read_flash_image(_built(source))
+    raise ConfigError(
+        "simavr: no boot loader", "sudo apt install arduino-core-avr gcc-avr avr-libc"
+    )
+
+
+def _built(source: Path) -> Path:
+    elf = cache_folder() / f"optiboot-{_START:04x}.elf"
+    if elf.exists() and elf.stat().st_mtime > source.stat().st_mtime:
+        return elf
+    if shutil.which("avr-gcc") is None:
+        raise ConfigError(
+            "simavr: no avr-gcc for the boot loader", "sudo apt install gcc-avr avr-libc"
+        )
+    elf.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=elf.parent) as scratch:
+        unfinished = Path(scratch) / elf.name
+        result = subprocess.run(
+            ["avr-gcc", *_COMPILE, str(source), "-o", str(unfinished)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if result.returncode != 0:
+            raise DeviceError(
+                f"simavr: the boot loader does not build: {result.stderr.strip()}",
+                "sudo apt install gcc-avr avr-libc",
+            )
+        unfinished.replace(elf)
+    return elf
+
+
+_IDLE_SKETCH = FlashImage(((0, bytes.fromhex("81e0 83bf 8895 fecf")),))
+"""ldi r24, 1; out SMCR, r24; sleep; rjmp .-4: erased flash would be run through, into the middle of
+the boot loader."""
+_GET_SYNC = b"0 "
+"""What avrdude says after each pulse on DTR, which makes an UNO reset."""
+_AVRDUDE_WAITS_US = 50_000
+"""From the pulse to the call, so that the boot loader is ready for it."""
+_BOOT_LOADER_WAITS_US = 1_000_000
+
+
+class FlashableLine(SimavrLine):
+    """Avrdude's call for the boot loader resets the board: a pseudo-terminal has no DTR.
+
+    The reset on opening the port is not enough: if avrdude comes too late after it, none of its
+    further attempts would find the boot loader.
+    """
+
+    _reset_us = 0
+
+    def open_port(self, boot_loader_us: int = 0) -> None:
+        """Reset the board as an UNO is reset (DTR) when its port is opened."""
+        super().open_port(boot_loader_us)
+        self._reset_us = self.board.now_us
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the wire now."""
+        is_call = data and not data.replace(_GET_SYNC, b"")
+        if is_call and self.board.now_us - self._reset_us > _BOOT_LOADER_WAITS_US:
+            self.open_port()
+            self.advance_to(self._reset_us + _AVRDUDE_WAITS_US)
+            data = _GET_SYNC
+        super().write(data)
+
+
+def open_pty_server(
+    firmware: Path | None, *, eeprom_file: Path | None = None, boot_loader: bool = True
+) -> BoardServer:
+    """Make a board on a pseudo-terminal, ready to run; opening that resets it.
+
+    Args:
+        firmware: in the flash at the start; None for an UNO that has to be flashed first.
+        eeprom_file: kept across runs; None for an erased EEPROM each time.
+        boot_loader: optiboot is in the flash, so that avrdude can upload; it waits for that for a
+            second after each reset.
+
+    Raises:
+        ConfigError: a file cannot be used.
+        DeviceError: the simulator is not there.
+    """
+    board = SimavrBoard(
+        read_flash_image(firmware) if firmware else _IDLE_SKETCH,
+        boot_loader=optiboot() if boot_loader else None,
+        eeprom=EepromFile(eeprom_file) if eeprom_file else None,
+    )
+    line = (FlashableLine if boot_loader else SimavrLine)(board, baud=None)
+    return BoardServer(line, PtyPort(), LaggingClock(), boot_loader_us=0)

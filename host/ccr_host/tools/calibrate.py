@@ -1,0 +1,256 @@
+"""``ccr-host calibrate --by-eye``: the user leads each servo to known angles and marks them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from ccr_host.core.errors import ConfigError
+from ccr_host.description.schema import Description, Pair, Servo
+from ccr_host.link.messages import StateReport, StatusFlags
+from ccr_host.run.open_rig import Rig
+from ccr_host.tools.jog import JogView, jog
+from ccr_host.tools.servo_fit import ServoFit
+
+Array = NDArray[np.float64]
+
+ANGLES_DEG = (0.0, 45.0, -45.0)
+"""Easy to see against a set square."""
+_LIMIT_MARGIN_DEG = 1.0
+"""So far the marks may miss the rest pose, which then is the limit."""
+_STRAIGHT_DEG = 3.0
+"""Greatest distance of a mark from the line: a servo's own error and that of the eye."""
+_LEAST_SPAN_US = 100.0
+_AXES = 2
+_USUAL_RATIO = 1.25
+"""Servos of one robot, and a servo and its description, agree so well in scale."""
+_USUAL_NEUTRAL_DEG = 20.0
+"""Further off, the horn sits on a wrong tooth of its spline, which has one each 14.4 deg."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """One pose that the user is asked to lead a servo to."""
+
+    axis: int
+    text: str
+
+
+def _questions() -> tuple[Question, ...]:
+    bends = ("segment 1 towards the markers' side", "segment 2 to +x")
+    listed = []
+    for axis in range(_AXES):
+        horn = f"motor {axis + 1}: horn at"
+        listed += [
+            Question(axis, f"{horn} 0 deg, segment {axis + 1} straight"),
+            Question(axis, f"{horn} +45 deg, which bends {bends[axis]}"),
+            Question(axis, f"{horn} -45 deg, to the other side"),
+            Question(axis, f"motor {axis + 1}: the lowest angle that it may ever have"),
+            Question(axis, f"motor {axis + 1}: the highest angle that it may ever have"),
+        ]
+    return tuple(listed)
+
+
+QUESTIONS = _questions()
+
+
+def check_marks(servo: Servo, pulses_us: Sequence[float]) -> None:
+    """Judge the answers given so far, as soon as a motor's line or limits are complete.
+
+    Raises:
+        ConfigError: marks that no servo would give.
+    """
+    axis, last = divmod(len(pulses_us) - 1, len(QUESTIONS) // _AXES)
+    marked_us = np.array(pulses_us[len(pulses_us) - 1 - last :])
+    if last >= len(ANGLES_DEG) - 1:
+        line = _line(axis, marked_us[: len(ANGLES_DEG)])
+        if last == len(QUESTIONS) // _AXES - 1:
+            _limits_deg(axis, marked_us[len(ANGLES_DEG) :], line, servo.rest_deg[axis])
+
+
+def doubts_about(before: Servo, found: Servo) -> list[str]:
+    """What of a calibration is so unusual that the user should be asked; each a clause."""
+    scales_us = np.abs(found.pulse_per_90_deg_us)
+    doubts = []
+    if scales_us.max() > _USUAL_RATIO * scales_us.min():
+        first, second = scales_us
+        doubts.append(f"90 deg are {first:g} us of motor 1 but {second:g} us of motor 2")
+    for axis in range(_AXES):
+        described_us, scale_us = abs(before.pulse_per_90_deg_us[axis]), scales_us[axis]
+        if not 1.0 / _USUAL_RATIO <= scale_us / described_us <= _USUAL_RATIO:
+            doubts.append(
+                f"90 deg of motor {axis + 1} were {described_us:g} us and are {scale_us:g} us"
+            )
+        moved_us = found.neutral_pulse_us[axis] - before.neutral_pulse_us[axis]
+        moved_deg = 90.0 * moved_us / scale_us
+        if abs(moved_deg) > _USUAL_NEUTRAL_DEG:
+            doubts.append(f"motor {axis + 1} stands straight {abs(moved_deg):.0f} deg off its zero")
+    return doubts
+
+
+def servo_from_marks(servo: Servo, pulses_us: Sequence[float]) -> Servo:
+    """The calibration through the marks; all but calibration and angle limits as before.
+
+    Args:
+        servo: as described so far.
+        pulses_us: answers to ``QUESTIONS``, in their order.
+
+    Raises:
+        ConfigError: marks that no servo would give.
+    """
+    marks_us = np.reshape(np.asarray(pulses_us, dtype=np.float64), (_AXES, -1))
+    lines = [_line(axis, marks_us[axis, : len(ANGLES_DEG)]) for axis in range(_AXES)]
+    neutral_us, per_90_us = zip(*lines, strict=True)
+    limits_deg = [
+        _limits_deg(axis, marks_us[axis, len(ANGLES_DEG) :], lines[axis], servo.rest_deg[axis])
+        for axis in range(_AXES)
+    ]
+    return Servo.model_validate(
+        servo.model_dump()
+        | {
+            "neutral_pulse_us": _to_half_us(neutral_us),
+            "pulse_per_90_deg_us": _to_half_us(per_90_us),
+            "angle_min_deg": _rounded([low for low, _ in limits_deg]),
+            "angle_max_deg": _rounded([high for _, high in limits_deg]),
+        }
+    )
+
+
+def _limits_deg(axis: int, marked_us: Array, line: Pair, rest_deg: float) -> tuple[float, float]:
+    neutral_us, per_90_us = line
+    low, high = sorted(90.0 * (marked_us - neutral_us) / per_90_us)
+    if not low - _LIMIT_MARGIN_DEG <= rest_deg <= high + _LIMIT_MARGIN_DEG:
+        raise ConfigError(
+            f"motor {axis + 1}: its rest pose of {rest_deg:g} deg is outside of the range marked, "
+            f"{low:.1f} to {high:.1f} deg",
+            "mark the limits again, or correct servo.rest_deg",
+        )
+    return min(low, rest_deg), max(high, rest_deg)
+
+
+def _line(axis: int, marked_us: Array) -> Pair:
+    """Neutral pulse and pulse per 90 deg of one servo."""
+    per_deg_us, neutral_us = np.polyfit(ANGLES_DEG, marked_us, 1)
+    if abs(marked_us[1] - marked_us[2]) < _LEAST_SPAN_US:
+        raise ConfigError(
+            f"motor {axis + 1}: +45 and -45 deg were marked at nearly the same pulse",
+            "move the motor with the arrow keys before pressing Enter",
+        )
+    off_deg = np.abs(marked_us - neutral_us - per_deg_us * np.array(ANGLES_DEG)) / abs(per_deg_us)
+    if off_deg.max() > _STRAIGHT_DEG:
+        raise ConfigError(
+            f"motor {axis + 1}: the marks at -45, 0 and 45 deg miss a line by {off_deg.max():.1f} "
+            "deg",
+            "mark them again; a servo that still does so has slipped on its horn",
+        )
+    return float(neutral_us), float(90.0 * per_deg_us)
+
+
+def _to_half_us(pulses_us: Sequence[float]) -> Pair:
+    first, second = (round(2.0 * pulse) / 2.0 for pulse in pulses_us)
+    return first, second
+
+
+def _rounded(angles_deg: Sequence[float]) -> Pair:
+    first, second = (round(float(angle), 1) for angle in angles_deg)
+    return first, second
+
+
+def calibration_table(fit: ServoFit, description: Description) -> Table:
+    """A line for each servo."""
+    robot = description.robot
+    described_gain = robot.pulley_radius_mm / robot.tendon_radius_mm
+    table = Table(
+        title="mounting of the servos",
+        title_justify="left",
+        caption=f"{fit.residual}; +-: standard deviation; take-up: motor "
+        "angle, and length of tendon, that takes up the slack; gain: bending over motor angle, "
+        f"described {described_gain:.2f} (r_p / r_c)",
+        caption_justify="left",
+    )
+    for heading in ("motor", "direction", "neutral (deg)", "take-up", "gain"):
+        table.add_column(heading, justify="right")
+    for axis in (0, 1):
+        take_up_rad = fit.take_up_rad[axis]
+        table.add_row(
+            str(axis + 1),
+            "as described" if fit.direction[axis] > 0 else "reversed",
+            f"{np.degrees(fit.neutral_rad[axis]):.2f} "
+            f"+- {np.degrees(fit.neutral_deviation_rad[axis]):.2f}",
+            f"{np.degrees(take_up_rad):.1f} deg, {take_up_rad * robot.pulley_radius_mm:.2f} mm",
+            f"{fit.gain[axis]:.2f}",
+        )
+    return table
+
+
+Show = Callable[[JogView, str], None]
+"""Draws the robot and what is asked."""
+
+
+def calibrate_by_eye(
+    rig: Rig, description: Description, pressed: Callable[[], Iterable[str]], show: Show
+) -> Servo | None:
+    """Ask all questions; None if the user leaves before the last one.
+
+    Raises:
+        DeviceError: the board cannot be armed or disarmed.
+    """
+    dialogue = _Dialogue(description.servo)
+
+    def show_question(view: JogView) -> None:
+        show(view, dialogue.asked)
+
+    done = jog(rig, description, pressed, show_question, dialogue.mark, dialogue.back)
+    return dialogue.servo() if done else None
+
+
+class _Dialogue:
+    """Questions and answers; marks that no servo would give are asked for again."""
+
+    def __init__(self, servo: Servo) -> None:
+        self._before = servo
+        self._pulses_us: list[float] = []
+        self._refused = ""
+        """Why the last marks have to be made again; empty if they need not."""
+
+    @property
+    def asked(self) -> str:
+        """The question that is to be answered, with whatever the user has to know first."""
+        number = len(self._pulses_us)
+        if number == len(QUESTIONS):
+            doubts = "; ".join(self._doubts())
+            return f"{doubts}.\nEnter keeps this, b goes back, q leaves" if doubts else ""
+        question = f"{number + 1} of {len(QUESTIONS)}: {QUESTIONS[number].text}, then Enter"
+        return f"{self._refused}\n{question}" if self._refused else question
+
+    def mark(self, report: StateReport) -> bool:
+        """Take the present pulse for an answer, or the user's word that all of them are right."""
+        if len(self._pulses_us) == len(QUESTIONS):
+            return True
+        half_us = report.pulse_half_us[QUESTIONS[len(self._pulses_us)].axis]
+        if not half_us or report.flags & StatusFlags.MOVING:
+            return False
+        self._pulses_us.append(half_us / 2)
+        self._refused = ""
+        try:
+            check_marks(self._before, self._pulses_us)
+        except ConfigError as error:
+            self._refused = str(error)
+            self.back()
+        return len(self._pulses_us) == len(QUESTIONS) and not self._doubts()
+
+    def back(self) -> None:
+        """Take the last answer back."""
+        if self._pulses_us:
+            self._pulses_us.pop()
+
+    def servo(self) -> Servo:
+        """As marked, once all questions are answered."""
+        return servo_from_marks(self._before, self._pulses_us)
+
+    def _doubts(self) -> list[str]:
+        return doubts_about(self._before, self.servo())

@@ -1,0 +1,220 @@
+"""`ccr-host flash`: from an UNO on a cable to a board that answers."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Protocol
+
+import numpy as np
+from serial.tools import list_ports
+
+from ccr_host.core.clock import RealClock
+from ccr_host.core.errors import ConfigError, DeviceError
+from ccr_host.link.client import Client, drawn_session
+from ccr_host.link.messages import HelloReply
+from ccr_host.link.transport import open_transport, parse_device_uri
+from ccr_host.sim.simavr.flash_image import RELEASED_FIRMWARE, read_flash_image
+
+_UNO: Final = frozenset(
+    {(0x2341, 0x0043), (0x2341, 0x0001), (0x2A03, 0x0043), (0x2341, 0x0243), (0x2341, 0x006A)}
+)
+"""USB vendor and product, from boards.txt of the Arduino core."""
+_BRIDGE: Final = frozenset({(0x1A86, 0x7523), (0x0403, 0x6001), (0x10C4, 0xEA60)})
+"""USB-to-serial chips of compatible boards, and of much else: CH340, FT232R, CP2102."""
+
+
+class PortInfo(Protocol):
+    """What pyserial tells of a port."""
+
+    device: str
+    vid: int | None
+    pid: int | None
+
+
+def choose_port(given: str | None, ports: Iterable[PortInfo] | None = None) -> str:
+    """The given port, or the only one that an UNO can be on.
+
+    Args:
+        given: path of a port, which need not be a USB port; None to look for one.
+        ports: to choose from; None for those of this machine.
+
+    Raises:
+        ConfigError: several fit.
+        DeviceError: none fits, or it cannot be opened.
+    """
+    if given is None:
+        given = _only_candidate(list_ports.comports() if ports is None else ports)
+    open_transport(parse_device_uri(f"serial:{given}")).close()
+    return given
+
+
+def _only_candidate(ports: Iterable[PortInfo]) -> str:
+    known = list(ports)
+    for kind in (_UNO, _BRIDGE):
+        fitting = [port.device for port in known if (port.vid, port.pid) in kind]
+        if len(fitting) == 1:
+            return fitting[0]
+        if fitting:
+            raise ConfigError(
+                f"several boards: {', '.join(sorted(fitting))}", "name one with --port"
+            )
+    raise DeviceError(
+        "no UNO found among the USB ports", "plug it in, or name its port with --port"
+    )
+
+
+_UPLOAD_TIMEOUT_S = 600
+"""The first build may download a tool chain."""
+_OPTIBOOT_BAUD = "115200"
+_CHECKOUT = Path(__file__).parents[3]
+_INSTALL_AVRDUDE: Final = {
+    "darwin": "brew install avrdude",
+    "win32": "winget install AVRDudes.AVRDUDE",
+}
+"""By sys.platform; elsewhere with apt."""
+
+
+def find_project() -> Path | None:
+    """Folder of platformio.ini: this one, or the checkout that the host runs from."""
+    folders = (Path.cwd(), _CHECKOUT)
+    return next((folder for folder in folders if (folder / "platformio.ini").exists()), None)
+
+
+def upload_project(port: str, project: Path, *, pio: str = "pio") -> None:
+    """Build the firmware if need be, and upload it: `pio run -t upload`.
+
+    Args:
+        port: of the board.
+        project: folder of platformio.ini.
+        pio: the program.
+
+    Raises:
+        ConfigError: there is no PlatformIO.
+        DeviceError: the upload failed.
+    """
+    program = shutil.which(pio)
+    if program is None:
+        raise ConfigError(f"{pio} is not installed", "pip install platformio")
+    _run([program, "run", "-t", "upload", "--upload-port", port], project, port)
+
+
+def upload_file(port: str, firmware: Path) -> None:
+    """Upload an ELF or HEX file through the boot loader, and read it back.
+
+    Raises:
+        ConfigError: it is not a file for an UNO, or there is no avrdude.
+        DeviceError: the upload failed.
+    """
+    read_flash_image(firmware)
+    kind = "e" if firmware.suffix == ".elf" else "i"
+    _run(
+        [
+            *_avrdude(),
+            *("-q", "-D", "-p", "m328p", "-c", "arduino", "-b", _OPTIBOOT_BAUD),
+            *("-P", port, "-U", f"flash:w:{firmware}:{kind}"),
+        ],
+        Path.cwd(),
+        port,
+    )
+
+
+def _avrdude() -> list[str]:
+    """The system's avrdude, or PlatformIO's with its configuration file."""
+    if program := shutil.which("avrdude"):
+        return [program]
+    core = Path(os.environ.get("PLATFORMIO_CORE_DIR") or Path.home() / ".platformio")
+    package = core / "packages" / "tool-avrdude"
+    if program := shutil.which("avrdude", path=f"{package}{os.pathsep}{package / 'bin'}"):
+        return [program, "-C", str(package / "avrdude.conf")]
+    raise ConfigError(
+        "avrdude is not installed", _INSTALL_AVRDUDE.get(sys.platform, "sudo apt install avrdude")
+    )
+
+
+def _run(command: list[str], folder: Path, port: str) -> None:
+    """What the program says goes to standard error: standard output is for the summary."""
+    cure = "press no button, close other programs on the port, then try again"
+    try:
+        result = subprocess.run(
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=sys.stderr,
+            timeout=_UPLOAD_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise DeviceError(f"{port}: no end of the upload", cure) from None
+    if result.returncode != 0:
+        raise DeviceError(f"{port}: {Path(command[0]).name} failed, see above", cure)
+
+
+@dataclass(frozen=True)
+class FlashReport:
+    """What is now on the board."""
+
+    port: str
+    identity: HelloReply
+
+    @property
+    def firmware_version(self) -> str:
+        """As in the board's answer."""
+        return ".".join(map(str, self.identity.firmware_version))
+
+    def summary(self) -> dict[str, object]:
+        """For `--json`."""
+        return {
+            "port": self.port,
+            "firmware_version": self.firmware_version,
+            "protocol_version": self.identity.protocol_version,
+            "spec_hash": f"{self.identity.spec_hash:08x}",
+            "eeprom_status": self.identity.eeprom_status.name.lower(),
+        }
+
+
+def flash_board(
+    port: str | None = None,
+    firmware: Path | None = None,
+    *,
+    project: Path | None = None,
+    pio: str = "pio",
+) -> FlashReport:
+    """Find the board, upload, and let it say hello.
+
+    Args:
+        port: of the board; None to look for it.
+        firmware: HEX or ELF file for avrdude; None to build the project with PlatformIO, or where
+            there is none to take the file that came with this installation.
+        project: folder of platformio.ini; None for this folder or the checkout of the host.
+        pio: PlatformIO's program.
+
+    Raises:
+        ConfigError: something is missing on this machine, or several boards are there.
+        DeviceError: no board, upload failed, or the board does not answer.
+        SpecMismatchError: it answers, but was built from another spec than this host.
+    """
+    chosen = choose_port(port)
+    project = project or find_project()
+    if firmware is not None or project is None:
+        upload_file(chosen, firmware or RELEASED_FIRMWARE)
+    else:
+        upload_project(chosen, project, pio=pio)
+    return FlashReport(chosen, say_hello(chosen))
+
+
+def say_hello(port: str) -> HelloReply:
+    """Open the port, which resets the board, and ask until it answers.
+
+    Raises:
+        DeviceError: it does not.
+    """
+    clock = RealClock()
+    transport = open_transport(parse_device_uri(f"serial:{port}"))
+    with Client(transport, clock, drawn_session(np.random.default_rng())) as client:
+        return client.connect(telemetry_period_ticks=0)

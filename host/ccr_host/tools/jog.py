@@ -1,0 +1,208 @@
+"""``ccr-host jog``: move the motors by hand."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.errors import DeviceError
+from ccr_host.description.schema import Description
+from ccr_host.link.client import Client
+from ccr_host.link.messages import StateReport
+from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.open_rig import Rig
+from ccr_host.tools.keyboard import DOWN, ESCAPE, LEFT, RIGHT, UP
+from ccr_host.tracking.tracker import Sample
+
+STEPS_DEG = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
+_FIRST_STEP = 2
+
+HELP = (
+    ("up, down", "motor 1"),
+    ("right, left", "motor 2"),
+    ("+, -", "greater or smaller step"),
+    ("0", "to the rest pose"),
+    ("space, Esc", "STOP: no pulses from now on"),
+    ("c", "clear a stop or a fault and arm again"),
+    ("q", "disarm and leave"),
+)
+
+HELP_BACK = ("b, Backspace", "back to the question before")
+
+_MOVES = {UP: (1, 0), DOWN: (-1, 0), RIGHT: (0, 1), LEFT: (0, -1)}
+
+
+class Wish(enum.Enum):
+    """What a key asks for besides another angle."""
+
+    MOVE = enum.auto()
+    STOP = enum.auto()
+    CLEAR = enum.auto()
+    ENTER = enum.auto()
+    BACK = enum.auto()
+    LEAVE = enum.auto()
+
+
+_WISHES = {
+    " ": Wish.STOP,
+    ESCAPE: Wish.STOP,
+    "c": Wish.CLEAR,
+    "q": Wish.LEAVE,
+    "\n": Wish.ENTER,
+    "\r": Wish.ENTER,
+    "b": Wish.BACK,
+    "\b": Wish.BACK,
+    "\x7f": Wish.BACK,
+}
+
+
+@dataclass(frozen=True)
+class JogTarget:
+    """Motor angles asked for, and how far one key moves them."""
+
+    q_rad: NDArray[np.float64]
+    """(2,)."""
+    limits: MotorLimits
+    rest_rad: NDArray[np.float64]
+    """(2,)."""
+    step: int = _FIRST_STEP
+    """Index into `STEPS_DEG`."""
+
+    @property
+    def step_deg(self) -> float:
+        """How far one key moves a motor."""
+        return STEPS_DEG[self.step]
+
+    def after(self, key: str) -> JogTarget:
+        """The target once a key was pressed; keys without a meaning change nothing."""
+        if key in _MOVES:
+            motion_rad = np.radians(self.step_deg) * np.array(_MOVES[key])
+            return replace(self, q_rad=self.limits.clip(self.q_rad + motion_rad))
+        if key in ("+", "-"):
+            step = self.step + (1 if key == "+" else -1)
+            return replace(self, step=min(max(step, 0), len(STEPS_DEG) - 1))
+        return replace(self, q_rad=self.rest_rad) if key == "0" else self
+
+
+def wish_of(key: str) -> Wish:
+    """What to do about a key."""
+    return _WISHES.get(key, Wish.MOVE)
+
+
+_PERIOD_US = 50_000
+_VALIDITY_MS = 500
+"""The board holds by itself when the host is gone for so long."""
+
+
+@dataclass(frozen=True)
+class JogView:
+    """What is shown of the robot while it is jogged."""
+
+    target: JogTarget
+    report: StateReport | None
+    sample: Sample | None
+    sample_age_us: int | None
+    trouble: str
+    """Why the robot does not move; empty while it does."""
+
+
+Entered = Callable[[StateReport], bool]
+"""Told of the board's state when Enter is pressed; whether that was the last one wanted."""
+
+
+def _nothing_wanted(_: StateReport) -> bool:
+    return False
+
+
+def _nowhere() -> None:
+    pass
+
+
+def jog(
+    rig: Rig,
+    description: Description,
+    pressed: Callable[[], Iterable[str]],
+    show: Callable[[JogView], None],
+    entered: Entered = _nothing_wanted,
+    back: Callable[[], None] = _nowhere,
+) -> bool:
+    """Arm, follow the keys until one asks to leave, disarm.
+
+    After a stop or a fault, also one from before, the board stays as it is until the key for
+    clearing is pressed.
+
+    Args:
+        rig: board and tracker.
+        description: limits and rest pose.
+        pressed: keys since it was called last.
+        show: draws; called once a period.
+        entered: called when Enter is pressed while the robot moves as asked.
+        back: called when the key for going back is pressed.
+
+    Returns:
+        Whether all that was wanted was entered.
+
+    Raises:
+        DeviceError: the board cannot be disarmed at last.
+    """
+    rest_rad = np.radians(description.servo.rest_deg)
+    target = JogTarget(rest_rad, MotorLimits.of(description.servo), rest_rad)
+    trouble = _armed(rig.client)
+    done = False
+    while not done:
+        due_us = rig.clock.now_us()
+        keys = list(pressed())
+        wishes = [wish_of(key) for key in keys]
+        target = reduce(JogTarget.after, keys, target)
+        try:
+            if Wish.STOP in wishes:
+                rig.client.stop()
+                trouble = "stopped by key"
+            elif Wish.LEAVE in wishes:
+                break
+            elif Wish.BACK in wishes:
+                back()
+            elif Wish.CLEAR in wishes and trouble:
+                rig.client.clear_fault()
+                target, trouble = replace(target, q_rad=rest_rad), _armed(rig.client)
+            if not trouble:
+                _send(rig, target)
+                if Wish.ENTER in wishes:
+                    done = entered(rig.client.read_state())
+            show(_view(rig, target, trouble))
+            rig.clock.sleep_until_us(due_us + _PERIOD_US)
+        except DeviceError as error:
+            trouble = error.cause
+    if not trouble:
+        rig.client.disarm()
+    return done
+
+
+def _armed(client: Client) -> str:
+    """Arm; why the board cannot be, empty if it is."""
+    try:
+        client.arm()
+    except DeviceError as error:
+        return error.cause
+    return ""
+
+
+def _send(rig: Rig, target: JogTarget) -> None:
+    rig.client.set_target(target.q_rad, ramp_ms=_PERIOD_US // 1000, validity_ms=_VALIDITY_MS)
+
+
+def _view(rig: Rig, target: JogTarget, trouble: str) -> JogView:
+    sample = rig.tracker.newest()
+    telemetry = rig.client.telemetry
+    return JogView(
+        target=target,
+        report=None if telemetry is None else telemetry.report,
+        sample=sample,
+        sample_age_us=None if sample is None else rig.clock.now_us() - sample.exposed_us,
+        trouble=trouble,
+    )

@@ -1,0 +1,86 @@
+"""``ccr-host register``: move the robot through safe poses and find out how the camera stands.
+
+The rig's tracker must give markers in the camera's own frame: open it without a registration.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.errors import TrackerError
+from ccr_host.description.schema import Description
+from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.open_rig import Rig
+from ccr_host.run.rest_motion import OnPose, visit
+from ccr_host.tracking.markers.check import MarkerCheck
+from ccr_host.tracking.registration import Registration, RestPose, register
+
+Array = NDArray[np.float64]
+
+SECTION = "registration"
+"""Of the robot description."""
+
+_SWING_DEG = 40.0
+"""Of motor 1, inside the +-43 deg that the paper's paths need."""
+_SIDEWAYS_DEG = 20.0
+"""Of motor 2."""
+_SHARE_OF_LIMITS = 0.6
+"""Neither motor goes further than this share of the way to its limit."""
+_SWINGS = (0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0)
+"""Poses of motor 1, each from both sides so that friction cancels."""
+_SIDES = (1.0, -1.0)
+
+
+def safe_poses_rad(limits: MotorLimits) -> Array:
+    """Motor angles to visit, (K, 2): small, symmetric about the middle of the limits or zero."""
+    reach = _SHARE_OF_LIMITS * np.minimum(-limits.lower_rad, limits.upper_rad)
+    swing, sideways = np.minimum(np.radians([_SWING_DEG, _SIDEWAYS_DEG]), np.maximum(reach, 0.0))
+    return np.array(
+        [(share * swing, 0.0) for share in _SWINGS] + [(0.0, share * sideways) for share in _SIDES]
+    )
+
+
+def register_robot(rig: Rig, description: Description, on_pose: OnPose) -> Registration:
+    """Arm the robot, visit the poses, disarm, fit and judge.
+
+    Raises:
+        DeviceError: the board refused, was lost or latched a fault.
+        TrackerError: no markers, or none of this robot.
+        RegistrationError: the poses give no rotation that could be trusted.
+    """
+    poses = collect_rest_poses(rig, description, on_pose)
+    return register(poses, description.robot)
+
+
+def collect_rest_poses(rig: Rig, description: Description, on_pose: OnPose) -> Sequence[RestPose]:
+    """Measure the robot at rest in each of the safe poses; those without markers are left out.
+
+    Raises:
+        DeviceError: the board refused, was lost or latched a fault.
+        TrackerError: no markers in any pose, or none of this robot.
+        RegistrationError: the robot does not come to rest.
+    """
+    check = MarkerCheck(description, in_robot_frame=False)
+    tour = visit(rig, check, safe_poses_rad(MotorLimits.of(description.servo)), on_pose)
+    if not tour.poses:
+        raise TrackerError(
+            f"no markers from {rig.tracker.name} in any pose",
+            "check line of sight and the camera's volume; see ccr-host monitor",
+        )
+    return tour.poses
+
+
+def registration_section(registration: Registration, date: datetime.date) -> dict[str, Any]:
+    """The keys of ``[registration]``, rounded to what they are good for."""
+    return {
+        "camera_to_robot_deg": [round(float(v), 4) for v in registration.camera_to_robot_deg],
+        "uncertainty_deg": [round(float(v), 2) for v in registration.uncertainty_deg],
+        "residual_mm": round(registration.residual_mm, 3),
+        "scale": round(registration.scale, 4),
+        "date": date,
+    }

@@ -1,0 +1,182 @@
+"""One tour for all that a camera can tell of a new robot.
+
+How the camera stands follows from the shapes alone, whatever the servos' zeros and directions.
+Those follow from the same rests, once turned into the robot's frame. And the rests themselves are
+what controller `adaptive` begins with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.control.adaptive.identification import Rests, Scaling
+from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.control.adaptive.tour_stops import tour_stops_rad
+from ccr_host.core.errors import ConfigError
+from ccr_host.description.file import file_to_keep_in, keep_in
+from ccr_host.description.schema import Description, Servo
+from ccr_host.link.board_config import board_config
+from ccr_host.link.client import Client
+from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.open_rig import Rig
+from ccr_host.run.rest_motion import OnPose, RestTour, visit
+from ccr_host.tools.register import safe_poses_rad
+from ccr_host.tools.servo_fit import ServoFit, fit_servos
+from ccr_host.tracking.markers.check import MarkerCheck
+from ccr_host.tracking.registration import Registration, register
+
+_KEYS = ("neutral_pulse_us", "pulse_per_90_deg_us", "angle_min_deg", "angle_max_deg")
+
+
+def file_for_calibration(robot: str | None, out: Path | None) -> Path:
+    """Where a calibration goes, to be asked before any work is done.
+
+    Args:
+        robot: as given with ``--robot``.
+        out: as given with ``--out``.
+
+    Raises:
+        ConfigError: no file of the user's was given, or it could not be written.
+    """
+    file = file_to_keep_in(robot, out)
+    if file is None:
+        raise ConfigError(
+            "a calibration belongs to one robot, and no file of yours was given",
+            "give --out FILE, or your own description with --robot FILE",
+        )
+    return file
+
+
+def calibrated_section(servo: Servo) -> dict[str, Any]:
+    """The keys of ``[servo]`` that a calibration decides."""
+    return {key: list(getattr(servo, key)) for key in _KEYS}
+
+
+def keep_calibration(
+    client: Client, description: Description, servo: Servo, file: Path, robot: str | None
+) -> None:
+    """Set the board, let it save, then rewrite the description.
+
+    Args:
+        client: of the board.
+        description: as it was; only its servos are replaced.
+        servo: as calibrated.
+        file: of `file_for_calibration`.
+        robot: as given with ``--robot``.
+
+    Raises:
+        ConfigError: the board cannot take it, or the file cannot be written.
+        DeviceError: the board refuses, or its EEPROM fails.
+    """
+    client.configure(board_config(description.model_copy(update={"servo": servo})))
+    client.save_config()
+    keep_in(file, {"servo": calibrated_section(servo)}, robot)
+
+
+def measure_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
+    """Arm, visit the rests of the controller's own tour, averaging at each, disarm.
+
+    Raises:
+        DeviceError: the board refused, was lost or latched a fault.
+        RegistrationError: the robot does not come to rest.
+        TrackerError: the markers are not those of the robot, or exchanged.
+    """
+    check = MarkerCheck(description)
+    return rests_of(visit(rig, check, identification_stops_rad(description), on_pose), np.eye(3))
+
+
+def identification_stops_rad(description: Description) -> NDArray[np.float64]:
+    """Motor angles of the controller's own tour, (N, 2)."""
+    prior = Scaling(description.robot).parameters(np.zeros(COUNT))
+    return tour_stops_rad(prior, MotorLimits.of(description.servo))
+
+
+def rests_of(tour: RestTour, to_robot: NDArray[np.float64]) -> Rests:
+    """A tour as the controller's model sees it.
+
+    Args:
+        tour: as measured.
+        to_robot: (3, 3), turns vectors of the tour's frame into that of (10).
+    """
+    poses = tour.poses
+    markers_mm = np.array([pose.markers_mm[1:] - pose.markers_mm[0] for pose in poses])
+    return Rests(
+        start_rad=tour.start_rad,
+        setpoint_rad=np.array([pose.q_rad for pose in poses]).reshape(-1, 2),
+        markers_mm=markers_mm.reshape(-1, 2, 3) @ to_robot.T,
+        count=np.array([pose.count for pose in poses], dtype=np.float64),
+    )
+
+
+def calibrate_by_tracker(rig: Rig, description: Description, on_pose: OnPose) -> ServoFit:
+    """Arm, visit the poses of the tour that the limits allow, disarm, fit.
+
+    Raises:
+        DeviceError: the board refused, was lost or latched a fault.
+        RegistrationError: the robot does not come to rest.
+        CalibrationError: the poses give no calibration that could be trusted.
+    """
+    rests = measure_rests(rig, description, on_pose)
+    return fit_servos(rests, description, registered=description.registration is not None)
+
+
+def corrected(servo: Servo, fit: ServoFit) -> Servo:
+    """The servos with neutral pulse and direction as found; scale and limits as before."""
+    per_90_us = np.array(servo.pulse_per_90_deg_us)
+    neutral_us = np.array(servo.neutral_pulse_us) + per_90_us * fit.neutral_rad / np.radians(90.0)
+    return servo.model_copy(
+        update={
+            "neutral_pulse_us": tuple((np.round(2.0 * neutral_us) / 2.0).tolist()),
+            "pulse_per_90_deg_us": tuple((per_90_us * fit.direction).tolist()),
+        }
+    )
+
+
+_AGREEMENT_RAD = np.radians(0.5)
+"""What is left of a zero that was corrected: about what a tour can tell of motor 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What one tour has told."""
+
+    registration: Registration
+    servos: ServoFit
+    rests: Rests
+    """In the robot's frame."""
+
+    @property
+    def servos_are_as_described(self) -> bool:
+        """Whether there is nothing to correct."""
+        return bool(
+            np.all(self.servos.direction > 0.0)
+            and np.all(np.abs(self.servos.neutral_rad) < _AGREEMENT_RAD)
+        )
+
+
+def survey(rig: Rig, description: Description, on_pose: OnPose) -> Survey:
+    """Arm, visit the poses of registration and identification, disarm, fit.
+
+    Args:
+        rig: with samples in the camera's own frame.
+        description: of the robot; how its servos turn and where they stand need not be right.
+        on_pose: is told of the poses.
+
+    Raises:
+        DeviceError: the board refused, was lost or latched a fault.
+        TrackerError: the markers are not those of the robot, or exchanged.
+        RegistrationError: the robot does not rest, or its shapes tell no rotation.
+        CalibrationError: the rests tell nothing certain of the servos.
+    """
+    safe_rad = safe_poses_rad(MotorLimits.of(description.servo))
+    stops_rad = np.concatenate([safe_rad, identification_stops_rad(description)])
+    check = MarkerCheck(description, in_robot_frame=False)
+    tour = visit(rig, check, stops_rad, on_pose)
+    registration = register(tour.poses, description.robot)
+    rests = rests_of(tour, registration.camera_to_robot)
+    return Survey(registration, fit_servos(rests, description, registered=True), rests)

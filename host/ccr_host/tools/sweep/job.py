@@ -1,0 +1,181 @@
+"""Runs one twin under everything that drives it."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.clock import CpuStopwatch
+from ccr_host.core.errors import CcrError
+from ccr_host.description.schema import Servo
+from ccr_host.link.messages import TICK_US, StateReport
+from ccr_host.run.execute import execute, reference_of
+from ccr_host.run.observer import RunObserver, RunSetup, StepRecord, true_errors_mm
+from ccr_host.run.summary import RunResult, ratio_to_twin_floor, summarise
+from ccr_host.run.twin_floor import floor_on_map_mm, static_map_of
+from ccr_host.sim.robot.mechanics import UnfitTwinError
+from ccr_host.sim.robot.static_map import StaticMap
+from ccr_host.tools.sweep.costs import CpuSeconds, cpu_seconds_of
+from ccr_host.tools.sweep.plan import Drive, TwinJob
+
+_CDEG_PER_DEG = 100.0
+_CDEG_ROUNDING = 1.0
+_PULSE_ROUNDING_US = 0.5
+_RAD_ROUNDING = 1e-9
+
+
+class LimitWatch(RunObserver):
+    """Checks commands, and the board's targets, setpoints, rates and pulses, against the limits."""
+
+    def __init__(self) -> None:
+        self.violations: set[str] = set()
+        """What was outside: command, target, setpoint, slew, pulse."""
+        self._last: StateReport | None = None
+
+    def begin(self, setup: RunSetup) -> None:
+        servo = setup.description.servo
+        self._low_deg, self._high_deg = np.array(servo.angle_min_deg), np.array(servo.angle_max_deg)
+        self._slew_deg_s = np.array(servo.slew_deg_s)
+        self._low_us, self._high_us = _pulse_limits_us(servo)
+
+    def step(self, record: StepRecord) -> None:
+        self._check_angles("command", np.degrees(record.q_rad), np.degrees(_RAD_ROUNDING))
+
+    def state(self, time_us: int, report: StateReport) -> None:
+        rounding_deg = _CDEG_ROUNDING / _CDEG_PER_DEG
+        setpoint_deg = np.array(report.setpoint_cdeg) / _CDEG_PER_DEG
+        self._check_angles("target", np.array(report.target_cdeg) / _CDEG_PER_DEG, rounding_deg)
+        self._check_angles("setpoint", setpoint_deg, rounding_deg)
+        if self._last is not None:
+            travel_deg = setpoint_deg - np.array(self._last.setpoint_cdeg) / _CDEG_PER_DEG
+            period_s = (report.tick - self._last.tick) * TICK_US * 1e-6
+            self._check("slew", np.abs(travel_deg) <= self._slew_deg_s * period_s + rounding_deg)
+        pulses_us = np.array(report.pulse_half_us) / 2
+        inside = (pulses_us >= self._low_us) & (pulses_us <= self._high_us)
+        self._check("pulse", inside | (pulses_us == 0))
+        self._last = report
+
+    def _check_angles(self, what: str, angles_deg: NDArray[np.float64], rounding: float) -> None:
+        low, high = self._low_deg - rounding, self._high_deg + rounding
+        self._check(what, (angles_deg >= low) & (angles_deg <= high))
+
+    def _check(self, what: str, good: NDArray[np.bool_]) -> None:
+        if not good.all():
+            self.violations.add(what)
+
+
+def _pulse_limits_us(servo: Servo) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Shortest and longest pulse that the limits of angle and pulse leave, (2,) each."""
+    at_limits_us = np.array(servo.neutral_pulse_us) + np.array(
+        [servo.angle_min_deg, servo.angle_max_deg]
+    ) / 90.0 * np.array(servo.pulse_per_90_deg_us)
+    low = np.maximum(at_limits_us.min(axis=0), servo.pulse_min_us) - _PULSE_ROUNDING_US
+    high = np.minimum(at_limits_us.max(axis=0), servo.pulse_max_us) + _PULSE_ROUNDING_US
+    return low, high
+
+
+Row = dict[str, Any]
+
+_NO_FIGURES = (
+    "path", "controller", "planned_steps", "device", "tracker", "laps", "open", "faults",
+    "skipped_steps", "board_holds", "board_relaxes", "clamped_commands",
+)  # fmt: skip
+"""Of the JSON summary: told otherwise, the same for all runs, or a matter of real time."""
+
+LOST_MM = 15.0
+"""So far above its floor over the last quarter of the path a run counts as diverged: two thirds of
+what the open loop of the paper leaves, twice what its controller does."""
+
+
+def run_job(job: TwinJob) -> list[Row]:
+    """One row for each drive, the twin's static map made once for all of them.
+
+    Raises:
+        ConfigError: something of the job exists only on another machine.
+    """
+    stopwatch = CpuStopwatch()
+    static_map = _static_map(job)
+    map_s = stopwatch.elapsed_s()
+    return [{**_run(job, drive, static_map), "map_cpu_s": map_s} for drive in job.drives]
+
+
+def row_of_a_lost_job(job: TwinJob, drive: Drive, why: str) -> Row:
+    """The row of a run that came to nothing."""
+    return {**_identity(job, drive), "diverged": False, "within_limits": True, "fault": why}
+
+
+def _static_map(job: TwinJob) -> StaticMap | None:
+    try:
+        return static_map_of(job.options(job.drives[0]).description(), cache=None)
+    except CcrError:
+        return None
+
+
+def _run(job: TwinJob, drive: Drive, static_map: StaticMap | None) -> Row:
+    options = job.options(drive)
+    description, reference = options.description(), reference_of(options)
+    floor_mm = None if static_map is None else floor_on_map_mm(static_map, description, reference)
+    watch = LimitWatch()
+    try:
+        with cpu_seconds_of(options) as spent:
+            result = execute(options, watch, lambda *_: None)
+    except UnfitTwinError as error:
+        return row_of_a_lost_job(job, drive, str(error))
+    summary = summarise(result, twin_floor_mm=floor_mm)
+    end_error_mm = _last_quarter_mm(result)
+    return {
+        **_identity(job, drive),
+        **_flat(summary),
+        "ratio": ratio_to_twin_floor(summary),
+        "end_error_mm": end_error_mm,
+        "diverged": end_error_mm is not None and end_error_mm > (floor_mm or 0.0) + LOST_MM,
+        "within_limits": not watch.violations,
+        "violations": " ".join(sorted(watch.violations)),
+        "fault": summary["faults"][0] if summary["faults"] else "",
+        **_cpu_columns(spent),
+    }
+
+
+def _identity(job: TwinJob, drive: Drive) -> Row:
+    rate_hz, controller = drive
+    return {
+        "index": job.index,
+        "path": job.path,
+        "rate_hz": rate_hz,
+        "controller": controller,
+        "seed": job.seed,
+        "overrides": json.dumps(job.overrides),
+        "command": job.command(drive),
+    }
+
+
+def _flat(summary: dict[str, Any]) -> Row:
+    """Figures of the JSON summary, nested ones as ``outer_inner``."""
+    flat: Row = {}
+    for key, value in summary.items():
+        if isinstance(value, dict):
+            flat |= {f"{key}_{inner}": figure for inner, figure in value.items()}
+        elif key not in _NO_FIGURES:
+            flat[key] = value
+    return flat
+
+
+def _last_quarter_mm(result: RunResult) -> float | None:
+    """Mean true error over the last quarter of the steps that were done."""
+    errors_mm = true_errors_mm(result.records)
+    if errors_mm is None or not len(errors_mm):
+        return None
+    quarter = -(-len(errors_mm) // 4)
+    return float(np.linalg.norm(errors_mm[-quarter:], axis=1).mean())
+
+
+def _cpu_columns(spent: CpuSeconds) -> Row:
+    parts = spent.parts
+    rest = spent.total - sum(parts.values())
+    return {
+        "cpu_s": spent.total,
+        **{f"cpu_{part}_s": seconds for part, seconds in {**parts, "rest": rest}.items()},
+    }

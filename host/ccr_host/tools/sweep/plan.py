@@ -1,0 +1,150 @@
+"""What a sweep runs: its twins, and what each of them is driven by."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ccr_host.control.registry import make_controller
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.user_file import lines_of, read_text
+from ccr_host.description import schema
+from ccr_host.run.execute import reference_of
+from ccr_host.run.options import RunOptions
+from ccr_host.tools.sweep.random_twin import Settings, as_overrides, draw_twin
+
+_MOST_BYTES = 64_000_000
+_DURATION_RATE_HZ = 10.0
+"""Samples the path to see how long it takes: the same twin at every control rate."""
+
+Drive = tuple[float, str]
+"""Control rate in Hz, and controller."""
+
+
+@dataclass(frozen=True)
+class TwinJob:
+    """One twin on one path, under some rates and controllers; small and picklable."""
+
+    index: int
+    seed: int
+    path: str
+    robot: str | None
+    overrides: tuple[str, ...]
+    """Of the whole description: the sweep's own, then the twin's."""
+    drives: tuple[Drive, ...]
+
+    def options(self, drive: Drive) -> RunOptions:
+        """One of its runs."""
+        rate_hz, controller = drive
+        return RunOptions(
+            path=self.path,
+            controller=controller,
+            robot=self.robot,
+            overrides=self.overrides,
+            rate_hz=rate_hz,
+            seed=self.seed,
+        )
+
+    def command(self, drive: Drive) -> str:
+        """The command line that repeats one of its runs exactly."""
+        rate_hz, controller = drive
+        robot = ["--robot", self.robot] if self.robot else []
+        sets = [word for override in self.overrides for word in ("--set", override)]
+        words = ["--controller", controller, "--rate", f"{rate_hz:g}", "--seed", str(self.seed)]
+        words.append("--unchecked")
+        return shlex.join(["ccr-host", "track", self.path, *words, *robot, *sets])
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """All of a sweep but how many of its twins are run, and under what.
+
+    Twin number ``index`` follows from ``seed`` and ``index`` alone; the paths take turns.
+    """
+
+    seed: int
+    paths: tuple[str, ...]
+    robot: str | None = None
+    overrides: tuple[str, ...] = ()
+    twins: tuple[Settings, ...] | None = None
+    """Given ones; None draws them."""
+
+    def jobs(self, indices: Sequence[int], drives: Sequence[Drive]) -> list[TwinJob]:
+        """One job a twin.
+
+        Raises:
+            ConfigError: the description, a path, a rate, a controller or a given twin is no good.
+        """
+        base = schema.load(self.robot, self.overrides)
+        for name in {controller for _, controller in drives}:
+            make_controller(name, base)
+        for path in self.paths:
+            for rate_hz in {rate_hz for rate_hz, _ in drives}:
+                reference_of(self._plain_run(path, rate_hz))
+        durations_s = {
+            path: float(reference_of(self._plain_run(path, _DURATION_RATE_HZ)).time_s[-1])
+            for path in self.paths
+        }
+        return [self._job(index, tuple(drives), base, durations_s) for index in indices]
+
+    def as_json(self) -> dict[str, Any]:
+        """All that decides what the runs of an index are."""
+        return {
+            "seed": self.seed,
+            "paths": list(self.paths),
+            "description": schema.load(self.robot, self.overrides).model_dump(mode="json"),
+            "twins": None if self.twins is None else list(self.twins),
+        }
+
+    def _plain_run(self, path: str, rate_hz: float) -> RunOptions:
+        return RunOptions(path=path, robot=self.robot, overrides=self.overrides, rate_hz=rate_hz)
+
+    def _job(
+        self,
+        index: int,
+        drives: tuple[Drive, ...],
+        base: schema.Description,
+        durations_s: Mapping[str, float],
+    ) -> TwinJob:
+        twin_seed, run_seed = np.random.SeedSequence(self.seed, spawn_key=(index,)).spawn(2)
+        path = self.paths[index % len(self.paths)]
+        if self.twins is None:
+            settings = draw_twin(np.random.default_rng(twin_seed), base, durations_s[path])
+        else:
+            settings = self.twins[index]
+        overrides = self.overrides + as_overrides(settings)
+        schema.load(self.robot, overrides)
+        seed = int(run_seed.generate_state(1)[0])
+        return TwinJob(index, seed, path, self.robot, overrides, drives)
+
+
+def read_twins(file: Path) -> tuple[Settings, ...]:
+    """Your own twins: a JSON object with dotted keys on each line.
+
+    Raises:
+        ConfigError: the file cannot be read, or names the line that is no such object.
+    """
+    text, _ = read_text(file, "--twins", "give a file of JSON lines", _MOST_BYTES)
+    twins = [_twin(file, n, line) for n, line in enumerate(lines_of(text), 1) if line.strip()]
+    if not twins:
+        raise ConfigError(f"--twins {file}: empty", "give one JSON object a line")
+    return tuple(twins)
+
+
+def _twin(file: Path, number: int, line: str) -> Settings:
+    try:
+        twin = json.loads(line)
+    except (ValueError, RecursionError):
+        twin = None
+    if not isinstance(twin, dict):
+        raise ConfigError(
+            f"--twins {file}, line {number}: not a JSON object",
+            'write e.g. {"twin.slack_mm": 0.8, "tracker.latency_ms": 60}',
+        )
+    return twin

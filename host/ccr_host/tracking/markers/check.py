@@ -1,0 +1,212 @@
+"""Whether M1, M2 and M3 are where they can be on the robot, and not each other's.
+
+A camera that names bodies (tools, tags, devices of a server) is believed as to where they are, not
+as to which is which: names are given by people. What a robot of the described geometry cannot do,
+whatever its tendons, its load and the camera:
+
+- Two markers are further apart than the segments between them allow. At rest, where no segment is
+  bent by more than `_REST_BENDING_RAD`, they are no nearer than such a bending brings them either.
+- At rest M3 is on the other side of M1 than the backbone leaves the base.
+- From one sample to the next two markers change places.
+
+The tolerance of a distance is `_LENGTH_TOLERANCE` of it (print; sweeps draw as much around a
+description), `_GLUE_MM` for each of its two markers, and `_SIGMAS` of the camera's noise.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.errors import TrackerError
+from ccr_host.description.schema import Description, Robot
+from ccr_host.robot.arc import arc_derivatives
+from ccr_host.robot.marker_shape import seen_lengths_mm
+from ccr_host.tracking.markers.labelling import MARKERS
+from ccr_host.tracking.tracker import Sample
+
+Array = NDArray[np.float64]
+Order = tuple[int, ...]
+"""Which of the three seen markers are M1, M2 and M3."""
+
+_AS_NAMED: Order = (0, 1, 2)
+_EXCHANGES: tuple[Order, ...] = tuple(order for order in permutations(_AS_NAMED))[1:]
+_TURNED_ROUND: Order = (2, 1, 0)
+_FROM, _TO = (0, 1, 0), (1, 2, 2)
+"""The three pairs of markers."""
+
+_LENGTH_TOLERANCE = 0.1
+_GLUE_MM = 1.0
+_SIGMAS = 4.0
+_REST_BENDING_RAD = math.radians(120.0)
+"""More than the paper's paths need: a robot may have been left so."""
+_REVERSED = 0.34
+"""Sine by which M3 is beyond the base: more than even such a bending makes."""
+_JUMP_RATIO = 0.3
+"""Of how far markers are from each other's last places to how far they are from their own."""
+_JUMP_MM = 20.0
+_SAMPLES = 3
+_CONFIRMED_US = 300_000
+"""So many samples over so long are no outliers."""
+_RENAME = (
+    "exchange their names: tracker.tool_files, the tags on the robot, or the names in the server"
+)
+
+
+class MarkerCheck:
+    """Looks at each sample before it is used.
+
+    Args:
+        description: of the robot and its camera.
+        in_robot_frame: whether samples are turned into the robot's frame; otherwise their direction
+            tells nothing.
+    """
+
+    def __init__(self, description: Description, *, in_robot_frame: bool = True) -> None:
+        self._robot = description.robot
+        self._in_robot_frame = in_robot_frame
+        tolerance_mm = 2 * _GLUE_MM + _SIGMAS * description.tracker.noise_mm
+        self._low_mm, self._high_mm = _bounds_mm(description.robot, tolerance_mm)
+        self._moves = False
+        self._last: Array | None = None
+        """(3, 3): markers that fitted."""
+        self._misfits = 0
+        self._misfit_since_us = 0
+
+    def robot_moves(self) -> None:
+        """From now on the robot need not be near its rest."""
+        self._moves = True
+
+    def accepts(self, sample: Sample) -> bool:
+        """Whether a sample can be used; to be asked about each one once, in order.
+
+        Raises:
+            TrackerError: several in a row do not fit; tells which markers are exchanged, or what
+                else is wrong.
+        """
+        trouble = self.trouble(sample.markers_mm)
+        if trouble is None:
+            lost = np.isnan(sample.markers_mm)
+            before = sample.markers_mm if self._last is None else self._last
+            self._last = np.where(lost, before, sample.markers_mm)
+            self._misfits = 0
+            return True
+        if self._misfits == 0:
+            self._misfit_since_us = sample.exposed_us
+        self._misfits += 1
+        lasted_us = sample.exposed_us - self._misfit_since_us
+        if self._misfits >= _SAMPLES and lasted_us >= _CONFIRMED_US:
+            raise TrackerError(*trouble)
+        return False
+
+    def trouble(self, markers_mm: Array) -> tuple[str, str] | None:
+        """Cause and cure where markers, (3, 3), NaN if lost, cannot be this robot's."""
+        if (jump := self._jump(markers_mm)) is not None:
+            return f"markers {_names(jump)} have changed places", _RENAME
+        fits, is_reversed = self._fits(markers_mm), self._is_reversed(markers_mm)
+        if fits and not is_reversed:
+            return None
+        exchange = self._exchange(markers_mm)
+        told = self._told(markers_mm)
+        if exchange is not None:
+            return f"markers {_names(exchange)} are exchanged: {told}", _RENAME
+        if not fits:
+            return (
+                f"the markers are not those of this robot: {told}",
+                "check robot.segment_lengths_mm, which body is M1, M2, M3, and tracker.tag_size_mm",
+            )
+        if self._gain_mm(markers_mm, _TURNED_ROUND) < -2 * _GLUE_MM:
+            return (
+                f"the camera is turned: M3 is on the other side of the base than at rest ({told})",
+                "find out how the camera stands: ccr-host register",
+            )
+        return (
+            f"markers M1 and M3 are exchanged, or the camera is turned: M3 is on the other side of "
+            f"the base than at rest ({told})",
+            f"{_RENAME}; or find out how the camera stands: ccr-host register",
+        )
+
+    def _exchange(self, markers_mm: Array) -> Order | None:
+        """How the names must be exchanged to fit the robot, and its lengths clearly better."""
+        fitting = [
+            order
+            for order in _EXCHANGES
+            if self._fits(markers_mm[list(order)])
+            and not self._is_reversed(markers_mm[list(order)])
+        ]
+        best = max(fitting, key=lambda order: self._gain_mm(markers_mm, order), default=None)
+        if best is None or not self._gain_mm(markers_mm, best) > 2 * _GLUE_MM:
+            return None
+        return best
+
+    def _gain_mm(self, markers_mm: Array, order: Order) -> float:
+        """By how much an exchange brings the segments nearer to their lengths; NaN if unknown."""
+        named, exchanged = (
+            seen_lengths_mm(markers_mm[list(one)], self._robot) - self._robot.segment_lengths_mm
+            for one in (_AS_NAMED, order)
+        )
+        return float(np.abs(named).sum() - np.abs(exchanged).sum())
+
+    def _fits(self, markers_mm: Array) -> bool:
+        """By its distances; those of lost markers, NaN, fit."""
+        distances = _distances_mm(markers_mm)
+        too_near = distances < self._low_mm
+        too_far = distances > self._high_mm
+        return not bool(too_far.any() or (too_near.any() and not self._moves))
+
+    def _is_reversed(self, markers_mm: Array) -> bool:
+        tip_mm = markers_mm[2] - markers_mm[0]
+        beyond = bool(tip_mm[1] > _REVERSED * np.linalg.norm(tip_mm))
+        return beyond and self._in_robot_frame and not self._moves
+
+    def _jump(self, markers_mm: Array) -> Order | None:
+        """Which markers are now where others were in the last sample that fitted."""
+        if self._last is None:
+            return None
+        moved_mm = np.linalg.norm(markers_mm[:, None] - self._last, axis=2)
+        own_mm = np.diag(moved_mm)
+        for order in _EXCHANGES:
+            others_mm = moved_mm[list(order), _AS_NAMED]
+            moved = [place for place in _AS_NAMED if order[place] != place]
+            limit_mm = _JUMP_RATIO * (own_mm[moved].sum() - _JUMP_MM)
+            if others_mm[moved].sum() < limit_mm:
+                return order
+        return None
+
+    def _told(self, markers_mm: Array) -> str:
+        seen = ", ".join(
+            f"{MARKERS[start]}-{MARKERS[end]} {distance:.0f} mm"
+            for start, end, distance in zip(_FROM, _TO, _distances_mm(markers_mm), strict=True)
+            if not math.isnan(distance)
+        )
+        described = " and ".join(f"{length:g}" for length in self._robot.segment_lengths_mm)
+        return f"{seen}, segments of {described} mm"
+
+
+def _bounds_mm(geometry: Robot, tolerance_mm: float) -> tuple[Array, Array]:
+    """Least and greatest distances, (3,) each, with both segments bent up to the limit."""
+    angles = np.linspace(-_REST_BENDING_RAD, _REST_BENDING_RAD, 121)
+    length_1, length_2 = geometry.segment_lengths_mm
+    arc, turn = arc_derivatives(angles)[0], np.exp(1j * angles)
+    to_2 = length_1 * arc + 1j * geometry.marker_offset_mm * (turn - 1)
+    to_3 = to_2[:, None] + length_2 * arc.real * turn[:, None]
+    ranges = (np.abs(to_2), length_2 * np.abs(arc), np.hypot(np.abs(to_3), length_2 * arc.imag))
+    least, most = (np.array([extreme(one) for one in ranges]) for extreme in (np.min, np.max))
+    return (
+        least * (1 - _LENGTH_TOLERANCE) - tolerance_mm,
+        most * (1 + _LENGTH_TOLERANCE) + tolerance_mm,
+    )
+
+
+def _distances_mm(markers_mm: Array) -> Array:
+    """(3,): M1-M2, M2-M3, M1-M3."""
+    distances: Array = np.linalg.norm(markers_mm[list(_TO)] - markers_mm[list(_FROM)], axis=1)
+    return distances
+
+
+def _names(order: Order) -> str:
+    *most, last = (MARKERS[place] for place in _AS_NAMED if order[place] != place)
+    return f"{', '.join(most)} and {last}"

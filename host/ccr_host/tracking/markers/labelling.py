@@ -1,0 +1,225 @@
+"""Which of the points that a camera sees are M1, M2 and M3.
+
+Three single spheres have no identity. What they have: M1 does not move; M2 and M3 hang on M1 by
+the robot, which has only two degrees of freedom; and markers persist while phantoms do not. So the
+three are not labelled frame by frame. A handful of hypotheses about the whole history are carried
+on (``hypotheses``), each frame continues each of them in every way it can (all labels at once,
+since every marker tells of the others), and a marker is only given when the hypotheses that
+disagree about it are together less likely than `DOUBT`. Everything in doubt is lost.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ccr_host.description.schema import Robot
+from ccr_host.tracking.markers.hypotheses import (
+    MISSING,
+    NEAR_MM,
+    Hypothesis,
+    Scene,
+    births,
+    continuations,
+    jumps,
+)
+from ccr_host.tracking.markers.motion_models import ChainModel, FreeModel, MotionModel
+
+Array = NDArray[np.float64]
+
+DOUBT = 1e-4
+"""Probability of being wrong above which a marker counts as lost."""
+HARMLESS_MM = 2.0
+"""A marker also counts as lost if a phantom taken for it could be further off than this. Wherever
+the robot may have moved far since the last frame, the next frame has to confirm the point. Where
+phantoms are rare the limit is wider by as much."""
+BASE_MEMORY_US = 3_000_000
+"""Time for which M1 is taken to be where it was seen last."""
+
+_LOG_DOUBT = math.log(DOUBT)
+_TRUST = 35.0
+"""Highest score: no history makes a hypothesis so sure that ten frames cannot refute it."""
+_FADED = 15.0
+"""A hypothesis so much less likely than the best is dropped (3e-7)."""
+_MOST = 12
+"""Hypotheses carried on."""
+_PROVEN_FRAMES = 4
+"""Complete frames before a hypothesis is believed."""
+_MOST_POINTS = 50
+"""A Polaris reports no more strays."""
+_STIR_S = 0.1
+"""Servos follow their commands within about so long."""
+_PHANTOMS_AT_START = 1.0
+_PHANTOMS_FLOOR = 0.3
+"""Never fewer are expected near a marker, however clean the camera's view has been."""
+_PHANTOM_FRAMES = 100
+"""Over which they are counted."""
+_CLEAN_FRAMES = 40
+"""Without a fourth point in view before phantoms are taken to be rare; one is enough to doubt."""
+_PHANTOM_MARGIN = 3.0
+"""As many times more are expected as were counted: a mistake costs more than a lost frame."""
+
+MARKERS = ("M1", "M2", "M3")
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """The markers of one exposure as far as they are certain."""
+
+    exposed_us: int
+    markers_mm: Array
+    """(3, 3): M1, M2 and M3 in the camera's frame, one a row; NaN where lost. M1 is the mean of
+    its latest sightings."""
+    base_age_us: int
+    """Since M1 itself was seen."""
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """Names of the markers that are not certain."""
+        gone = np.isnan(self.markers_mm[:, 0])
+        return tuple(name for name, is_gone in zip(MARKERS, gone, strict=True) if is_gone)
+
+    @property
+    def tip_mm(self) -> Array | None:
+        """(3,): M3 - M1 in the camera's frame; None unless both are certain."""
+        tip: Array = self.markers_mm[2] - self.markers_mm[0]
+        return None if np.isnan(tip[0]) else tip
+
+
+class Identifier:
+    """Labels the points of frame after frame.
+
+    Args:
+        geometry: the robot as the controller believes it.
+        camera_to_robot: the registered rotation, (3, 3); None before registration, when only
+            distances are used and fewer frames come out certain.
+    """
+
+    def __init__(self, geometry: Robot, camera_to_robot: Array | None = None) -> None:
+        self._model: MotionModel = (
+            FreeModel(geometry) if camera_to_robot is None else ChainModel(geometry)
+        )
+        self._camera_to_robot = np.eye(3) if camera_to_robot is None else camera_to_robot
+        self._hypotheses: list[Hypothesis] = []
+        self._time_us: int | None = None
+        self._q_rad: Array | None = None
+        self._stir_rad: Array = np.zeros(2)
+        self._phantoms = _PHANTOMS_AT_START
+        self._clean_frames = 0
+
+    def identify(self, exposed_us: int, points_mm: ArrayLike, q_rad: ArrayLike) -> Identified:
+        """Take the next frame.
+
+        Args:
+            exposed_us: later than that of the frame before.
+            points_mm: (n, 3), in the camera's frame, in any order.
+            q_rad: (2,), motor angles believed at the exposure.
+
+        Raises:
+            ValueError: time goes back.
+        """
+        if self._time_us is not None and exposed_us <= self._time_us:
+            raise ValueError(f"frame exposed at {exposed_us} us after one at {self._time_us} us")
+        duration_s = 0.0 if self._time_us is None else (exposed_us - self._time_us) * 1e-6
+        self._time_us = exposed_us
+        points = np.asarray(points_mm, dtype=np.float64).reshape(-1, 3)[:_MOST_POINTS]
+        scene = self._scene(points, exposed_us, np.asarray(q_rad, dtype=np.float64), duration_s)
+        self._hypotheses = _pruned(self._grown(scene, duration_s))
+        self._count_phantoms(scene)
+        return self._verdict(scene)
+
+    def _scene(self, points: Array, exposed_us: int, q_rad: Array, duration_s: float) -> Scene:
+        moved = np.zeros(2) if self._q_rad is None else np.abs(q_rad - self._q_rad)
+        self._q_rad = q_rad
+        self._stir_rad = self._stir_rad * math.exp(-duration_s / _STIR_S) + moved
+        self._clean_frames = self._clean_frames + 1 if len(points) <= len(MARKERS) else 0
+        clean = self._clean_frames >= _CLEAN_FRAMES
+        expected = 0.0 if clean else _PHANTOM_MARGIN * self._phantoms
+        return Scene(
+            points_mm=points,
+            time_us=exposed_us,
+            camera_to_robot=self._camera_to_robot,
+            q_rad=q_rad,
+            motor_motion_rad=self._stir_rad,
+            phantoms=max(expected, _PHANTOMS_FLOOR),
+            clean=clean,
+        )
+
+    def _count_phantoms(self, scene: Scene) -> None:
+        """What the best hypothesis leaves over near M2 or M3; without one, all points."""
+        found = float(len(scene.points_mm))
+        if self._hypotheses:
+            best = self._hypotheses[0]
+            left_over = np.delete(
+                scene.relative(best.base), [p for p in best.points if p != MISSING], axis=0
+            )
+            distances = np.linalg.norm(left_over[:, None] - best.expected_mm.reshape(2, 3), axis=2)
+            found = float(np.max(np.sum(distances < NEAR_MM, axis=0)))
+        self._phantoms += (found - self._phantoms) / _PHANTOM_FRAMES
+
+    def _grown(self, scene: Scene, duration_s: float) -> Iterable[Hypothesis]:
+        grown = [
+            child
+            for parent in self._hypotheses
+            if scene.time_us - parent.base.seen_us <= BASE_MEMORY_US
+            for child in continuations(parent, scene, duration_s, self._model)
+        ]
+        best = max(grown, key=lambda one: one.score, default=None)
+        if best is None or best.complete_frames < _PROVEN_FRAMES:
+            grown.extend(births(scene, self._model))
+        if best is not None and MISSING in best.points[1:]:
+            parent = max(self._hypotheses, key=lambda one: one.score)
+            grown.extend(jumps(parent, scene, self._model))
+        return grown
+
+    def _verdict(self, scene: Scene) -> Identified:
+        markers = np.full((3, 3), np.nan)
+        if not self._hypotheses:
+            return Identified(scene.time_us, markers, 0)
+        best = self._hypotheses[0]
+        base_age_us = scene.time_us - best.base.seen_us
+        if best.complete_frames >= _PROVEN_FRAMES and self._is_certain(
+            _same_base(best, self._hypotheses)
+        ):
+            markers[0] = best.base.place_mm
+            for marker in (1, 2):
+                point = best.points[marker]
+                agreeing = [one.points[marker] == point for one in self._hypotheses]
+                harmless = best.harm_mm[marker - 1] <= HARMLESS_MM / min(1.0, scene.phantoms)
+                if point != MISSING and harmless and self._is_certain(agreeing):
+                    markers[marker] = scene.points_mm[point]
+        return Identified(scene.time_us, markers, base_age_us)
+
+    def _is_certain(self, agreeing: list[bool]) -> bool:
+        """Whether it can be neglected that hypotheses that do not agree are true, or none is."""
+        scores = np.array([one.score for one in self._hypotheses])
+        favour = np.logaddexp.reduce(scores[np.array(agreeing)])
+        against = np.logaddexp.reduce([0.0, *scores[~np.array(agreeing)]])
+        return bool(against - favour < _LOG_DOUBT)
+
+
+def _same_base(best: Hypothesis, hypotheses: list[Hypothesis]) -> list[bool]:
+    return [
+        bool(np.linalg.norm(one.base.place_mm - best.base.place_mm) < 1.0) for one in hypotheses
+    ]
+
+
+def _pruned(grown: Iterable[Hypothesis]) -> list[Hypothesis]:
+    """Best first; twins merged, unlikely ones dropped, scores kept below `_TRUST`."""
+    kept: list[Hypothesis] = []
+    for one in sorted(grown, key=lambda one: -one.score):
+        if kept and (one.score < kept[0].score - _FADED or len(kept) == _MOST):
+            break
+        for index, better in enumerate(kept):
+            if better.resembles(one):
+                score = float(np.logaddexp(better.score, one.score))
+                kept[index] = replace(better, score=score)
+                break
+        else:
+            kept.append(one)
+    excess = max(0.0, kept[0].score - _TRUST) if kept else 0.0
+    return [replace(one, score=one.score - excess) for one in kept]

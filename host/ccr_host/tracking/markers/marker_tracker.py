@@ -1,0 +1,135 @@
+"""From a camera's frames to samples: identification, then registration."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.description.schema import Robot
+from ccr_host.tracking.markers.labelling import MARKERS, Identifier
+from ccr_host.tracking.tracker import MarkerFrame, RawTracker, Sample, TrackerHealth
+
+Array = NDArray[np.float64]
+
+BelievedAngles = Callable[[], Array]
+"""Motor angles as they are believed now, rad, (2,)."""
+
+_BELIEFS_KEPT = 64
+
+
+class MarkerTracker:
+    """Takes every new frame of a camera; a frame that shows the tip becomes a sample.
+
+    Attach it to the clock behind the camera. Bodies named M1 to M3 are taken for the markers;
+    a camera that names none of them has its points identified. Points out of its volume are not
+    used. M2 of a sample may be lost (NaN).
+
+    Args:
+        camera: started by somebody else.
+        geometry: the robot as the controller believes it.
+        camera_to_robot: the registered rotation, (3, 3); None before registration, when samples
+            stay in the camera's frame.
+        believed_rad: asked at least once a slice of the clock.
+    """
+
+    def __init__(
+        self,
+        camera: RawTracker,
+        geometry: Robot,
+        camera_to_robot: Array | None,
+        believed_rad: BelievedAngles,
+    ) -> None:
+        self.name = camera.name
+        self._camera = camera
+        self._camera_to_robot = camera_to_robot
+        self._identifier = Identifier(geometry, camera_to_robot)
+        self._beliefs = _BeliefHistory(believed_rad)
+        self._names_markers = False
+        self._frame: MarkerFrame | None = None
+        self._lost: tuple[str, ...] = MARKERS
+        self._sample: Sample | None = None
+
+    @property
+    def health(self) -> TrackerHealth:
+        """Of the camera."""
+        return self._camera.health
+
+    @property
+    def frame(self) -> MarkerFrame | None:
+        """The newest frame, with all that it shows."""
+        return self._frame
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """Markers that the newest frame does not show with certainty."""
+        return self._lost
+
+    def advance_to(self, time_us: int) -> None:
+        """Take a new frame if there is one."""
+        self._beliefs.note(time_us)
+        frame = self._camera.newest_frame()
+        last = self._frame
+        if frame is None or (last is not None and frame.exposed_us <= last.exposed_us):
+            return
+        self._frame = frame
+        markers_mm = self._markers_mm(frame)
+        gone = np.isnan(markers_mm[:, 0])
+        self._lost = tuple(name for name, is_gone in zip(MARKERS, gone, strict=True) if is_gone)
+        if not (gone[0] or gone[2]):
+            if self._camera_to_robot is not None:
+                markers_mm = markers_mm @ self._camera_to_robot.T
+            self._sample = Sample(frame.exposed_us, markers_mm)
+
+    def newest(self) -> Sample | None:
+        """Newest sample, whatever its age."""
+        return self._sample
+
+    def trouble(self) -> str:
+        """Why there may be no newer sample."""
+        health, frame = self.health, self._frame
+        told = list(health.warnings)
+        if not health.tracking or frame is None:
+            told = [f"camera: {health.state}", health.last_error, *told]
+        elif self._lost:
+            seen, outside = len(frame.points_mm) + len(frame.tools), int(frame.out_of_volume.sum())
+            told.append(f"of M1, M2, M3 the newest frame lacks {', '.join(self._lost)}")
+            told.append(f"it shows {seen} markers and tools")
+            if outside:
+                told.append(f"{outside} of them outside the camera's volume")
+            unnamed = len(frame.points_mm) - outside
+            if unnamed >= len(MARKERS) and MARKERS[0] in self._lost and not self._names_markers:
+                told.append("if they are the robot's, find out how the camera stands: register")
+        return "; ".join(text for text in told if text)
+
+    def _markers_mm(self, frame: MarkerFrame) -> Array:
+        """(3, 3) in the camera's frame, NaN where lost."""
+        named = {name: pose for name, pose in frame.tools.items() if name in MARKERS}
+        self._names_markers |= bool(named)
+        if self._names_markers:
+            unseen = np.full(3, np.nan)
+            return np.array([named[m].position_mm if m in named else unseen for m in MARKERS])
+        points_mm = frame.points_mm[~frame.out_of_volume]
+        believed_rad = self._beliefs.at(frame.exposed_us)
+        found = self._identifier.identify(frame.exposed_us, points_mm, believed_rad)
+        return found.markers_mm
+
+
+class _BeliefHistory:
+    """What was believed about the motors when an older frame was exposed."""
+
+    def __init__(self, believed_rad: BelievedAngles) -> None:
+        self._believed_rad = believed_rad
+        self._since: deque[tuple[int, Array]] = deque(maxlen=_BELIEFS_KEPT)
+
+    def note(self, time_us: int) -> None:
+        believed = self._believed_rad()
+        if not self._since or not np.array_equal(self._since[-1][1], believed):
+            self._since.append((time_us, believed))
+
+    def at(self, time_us: int) -> Array:
+        """The belief held at a time; the oldest one before that."""
+        held = (belief for since_us, belief in reversed(self._since) if since_us <= time_us)
+        return next(held, self._since[0][1])

@@ -1,0 +1,364 @@
+"""Tracker `aruco:N`: ArUco or AprilTag markers under webcam N, through OpenCV.
+
+The frame is OpenCV's: x to the right, y down, z away from the camera, mm.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.errors import ConfigError, TrackerError
+from ccr_host.core.optional import import_optional
+from ccr_host.core.user_file import read_text
+from ccr_host.tracking.frame_count import FrameCount
+from ccr_host.tracking.rotation import quaternion
+from ccr_host.tracking.tracker import FloatArray, MarkerFrame, Pose, StartsAndStops, TrackerHealth
+
+Image = NDArray[np.uint8]
+
+DEFAULT_LATENCY_US = 60_000
+"""From the middle of an exposure to its image in the host; our estimate, two frames at 30 Hz."""
+_RETRY_US = 1_000_000
+_CAMERA_FILE_BYTES = 1_000_000
+_MATRIX_NUMBERS = 9
+DISTORTION_COUNTS = (4, 5, 8, 12, 14)
+"""As many numbers as OpenCV's models have."""
+_DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
+"""ROS's names of OpenCV's models."""
+_OFF_CENTRE = 0.25
+"""Share of the image by which the optical axis may miss its middle."""
+_ASPECT_TOLERANCE = 0.005
+"""Rounding to whole pixels."""
+_PIXEL_CENTRE_PX = 0.5
+"""That refinement counts from a pixel's corner, the rest of OpenCV from its centre."""
+_POLL_NS = 1
+"""OpenCV takes 0 for «wait for ever»."""
+
+
+@dataclass(frozen=True)
+class ArucoSettings:
+    """What hangs on the robot, and how it is looked for."""
+
+    tag_size_mm: float
+    """Edge of the black square."""
+    dictionary: str = "DICT_APRILTAG_36h11"
+    """Name of the OpenCV dictionary."""
+    tags: Mapping[int, str] = field(default_factory=lambda: {0: "M1", 1: "M3", 2: "M2"})
+    """Names by tag number; f of (10) needs M1 (base) and M3 (tip), registration M2 as well."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """Pinhole with distortion, as OpenCV calibrates it."""
+
+    matrix: FloatArray
+    """(3, 3), pixels."""
+    distortion: FloatArray
+    """(k,): OpenCV's coefficients, k one of `DISTORTION_COUNTS`."""
+    size_px: tuple[int, int] | None = None
+    """Width and height of the images of the calibration; None if the file does not tell."""
+
+    def of_images(self, width_px: int, height_px: int) -> CameraModel:
+        """The model of smaller or larger images of the same view.
+
+        Raises:
+            ConfigError: such images cannot come from the calibrated camera, or only cropped.
+        """
+        delivered = f"the camera delivers {width_px} x {height_px} pixels"
+        if self.size_px is None:
+            shares = self.matrix[:2, 2] / (width_px, height_px)
+            if np.max(np.abs(shares - 0.5)) > _OFF_CENTRE:
+                raise ConfigError(
+                    f"{delivered}, but the optical axis of the calibration is at "
+                    f"({self.matrix[0, 2]:.0f}, {self.matrix[1, 2]:.0f})",
+                    "calibrate the camera with images of that size",
+                )
+            return self
+        by_width, by_height = width_px / self.size_px[0], height_px / self.size_px[1]
+        if abs(by_width / by_height - 1) > _ASPECT_TOLERANCE:
+            raise ConfigError(
+                f"{delivered}, its calibration is of {self.size_px[0]} x {self.size_px[1]}, "
+                "which is another aspect ratio",
+                "calibrate the camera with images of the size that it delivers",
+            )
+        scaling = np.diag([by_width, by_height, 1.0])
+        # Pixels are counted from their centres, the image begins half a pixel before the first.
+        scaling[:2, 2] = (scaling[[0, 1], [0, 1]] - 1) / 2
+        return CameraModel(scaling @ self.matrix, self.distortion, (width_px, height_px))
+
+
+class ImageSource(Protocol):
+    """A camera that never makes anybody wait; `TrackerError` means that it is lost."""
+
+    def newest_image(self) -> Image | None:
+        """Image that has arrived since the last call."""
+
+    def close(self) -> None:
+        """Let go of the camera."""
+
+
+CameraOpener = Callable[[], ImageSource]
+
+
+class TagDetector:
+    """Poses of tags in an image.
+
+    Raises:
+        ConfigError: OpenCV is not installed, or it has no such dictionary.
+    """
+
+    def __init__(self, model: CameraModel, settings: ArucoSettings) -> None:
+        self._cv2 = cv2 = _opencv()
+        self._calibrated = model
+        self._model = model
+        self._size_px: tuple[int, int] | None = None
+        self._settings = settings
+        number = getattr(cv2.aruco, settings.dictionary, None)
+        if number is None:
+            raise ConfigError(
+                f"dictionary {settings.dictionary}: not known to OpenCV",
+                "use e.g. DICT_APRILTAG_36h11 or DICT_4X4_50",
+            )
+        parameters = cv2.aruco.DetectorParameters()
+        # Fits lines to the whole edges: on rendered tags ten times better in depth than SUBPIX.
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
+        self._detector = cv2.aruco.ArucoDetector(
+            cv2.aruco.getPredefinedDictionary(number), parameters
+        )
+        half = settings.tag_size_mm / 2
+        # From the top left corner clockwise, as the detector lists them.
+        self._corners_mm = np.array(
+            [(-half, half, 0), (half, half, 0), (half, -half, 0), (-half, -half, 0)]
+        )
+
+    def poses(self, image: Image) -> dict[str, Pose]:
+        """Known tags by name; a tag that appears twice counts as not seen.
+
+        Raises:
+            ConfigError: the calibration is not that of such images.
+        """
+        height_px, width_px = image.shape[:2]
+        if self._size_px != (width_px, height_px):
+            self._model = self._calibrated.of_images(width_px, height_px)
+            self._size_px = width_px, height_px
+        corners, numbers, _ = self._detector.detectMarkers(image)
+        if numbers is None:
+            return {}
+        found = [int(number) for number in np.ravel(numbers)]
+        poses = {}
+        for number, corner in zip(found, corners, strict=True):
+            name = self._settings.tags.get(number)
+            if name is not None and found.count(number) == 1:
+                pose = self._pose(np.reshape(corner, (4, 2)) - _PIXEL_CENTRE_PX)
+                if pose is not None:
+                    poses[name] = pose
+        return poses
+
+    def _pose(self, corners_px: FloatArray) -> Pose | None:
+        cv2, model = self._cv2, self._model
+        solved, rotation, position_mm = cv2.solvePnP(
+            self._corners_mm,
+            corners_px,
+            model.matrix,
+            model.distortion,
+            flags=cv2.SOLVEPNP_IPPE_SQUARE,
+        )
+        if not solved or not np.isfinite(position_mm).all():
+            return None
+        return Pose(np.ravel(position_mm).astype(np.float64), quaternion(np.ravel(rotation)))
+
+
+class ArucoTracker(StartsAndStops):
+    """Tags under a camera; each image with at least one known tag is a frame.
+
+    Args:
+        name: tracker URI, for messages.
+        open_camera: makes the image source; called again after it was lost.
+        detector: of tags.
+        latency_us: from the middle of an exposure to its image.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        open_camera: CameraOpener,
+        detector: TagDetector,
+        latency_us: int = DEFAULT_LATENCY_US,
+    ) -> None:
+        self.name = name
+        self._open_camera = open_camera
+        self._detector = detector
+        self._latency_us = latency_us
+        self._camera: ImageSource | None = None
+        self._frames = FrameCount()
+        self._images = 0
+        self._openings = 0
+        self._retry_us = 0
+        self._running = False
+        self._last_error = ""
+
+    @property
+    def health(self) -> TrackerHealth:
+        """How it is doing now."""
+        tracking = self._camera is not None and self._frames.count > 0
+        state = "stopped" if not self._running else ("tracking" if tracking else "looking for tags")
+        return TrackerHealth(
+            state=state,
+            tracking=tracking,
+            rate_hz=self._frames.rate_hz,
+            frames=self._frames.count,
+            lost_frames=self._images - self._frames.count,
+            reconnections=max(0, self._openings - 1),
+            last_error=self._last_error,
+        )
+
+    def start(self) -> None:
+        """Open the camera.
+
+        Raises:
+            TrackerError: there is none.
+        """
+        self._open()
+        self._running = True
+
+    def advance_to(self, time_us: int) -> None:
+        """Look at an image that has arrived; open the camera again where it was lost."""
+        if not self._running or time_us < self._retry_us:
+            return
+        try:
+            camera = self._camera or self._open()
+            image = camera.newest_image()
+        except TrackerError as error:
+            self._last_error = str(error)
+            self._close()
+            self._retry_us = time_us + _RETRY_US
+            return
+        if image is None:
+            return
+        self._images += 1
+        try:
+            poses = self._detector.poses(image)
+        except ConfigError as error:
+            self._last_error = f"{self.name}: {error}"
+            if self._frames.count:  # in mid-run the robot is made safe as for any lost marker
+                return
+            self._running = False
+            raise ConfigError(f"{self.name}: {error.cause}", error.cure) from None
+        if poses:
+            self._frames.add_poses(time_us - self._latency_us, poses)
+
+    def newest_frame(self) -> MarkerFrame | None:
+        """Newest frame, whatever its age; None before the first."""
+        return self._frames.newest
+
+    def stop(self) -> None:
+        self._running = False
+        self._close()
+
+    def _open(self) -> ImageSource:
+        self._camera = camera = self._open_camera()
+        self._openings += 1
+        return camera
+
+    def _close(self) -> None:
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+
+class Webcam:
+    """A camera of the operating system, asked only when an image is there (Linux, V4L2).
+
+    Raises:
+        TrackerError: there is no such camera.
+    """
+
+    def __init__(self, number: int) -> None:
+        self._cv2 = _opencv()
+        self._number = number
+        self._capture: Any = self._cv2.VideoCapture(number, self._cv2.CAP_V4L2)
+        if not self._capture.isOpened():
+            raise TrackerError(f"aruco:{number}: no such camera", "plug it in; see ls /dev/video*")
+        self._capture.set(self._cv2.CAP_PROP_BUFFERSIZE, 1)  # an older image helps nobody
+
+    def newest_image(self) -> Image | None:
+        ready, _ = self._cv2.VideoCapture.waitAny([self._capture], timeoutNs=_POLL_NS)
+        if not ready:
+            return None
+        taken, image = self._capture.retrieve()
+        if not taken:
+            raise TrackerError(f"aruco:{self._number}: the camera is gone", "check its cable")
+        pixels: Image = image
+        return pixels
+
+    def close(self) -> None:
+        self._capture.release()
+
+
+def load_camera_file(path: Path) -> CameraModel:
+    """Read the file that OpenCV's calibration writes (YAML, XML or JSON), or ROS's (YAML).
+
+    Raises:
+        ConfigError: no such file, or no calibration in it that could be used; tells why.
+    """
+    cure = "calibrate the camera, see docs/trackers.md"
+    text, _ = read_text(path, "camera file", cure, _CAMERA_FILE_BYTES)
+
+    def refused(why: str) -> ConfigError:
+        return ConfigError(f"camera file {path}: {why}", cure)
+
+    matrix = _numbers_of("camera_matrix", text)
+    distortion = _numbers_of("distortion_coefficients", text)
+    if matrix is None or len(matrix) != _MATRIX_NUMBERS or distortion is None:
+        raise refused(
+            "no camera_matrix (3 x 3) and distortion_coefficients in it, as OpenCV or ROS write it"
+        )
+    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
+        raise refused("numbers that are not finite")
+    if len(distortion) not in DISTORTION_COUNTS:
+        *most, last = map(str, DISTORTION_COUNTS)
+        raise refused(
+            f"{len(distortion)} distortion_coefficients, OpenCV's model has "
+            f"{', '.join(most)} or {last} of them: k1, k2, p1, p2, k3, ..."
+        )
+    model = (
+        "fisheye" if _word_of("fisheye_model", text) == "1" else _word_of("distortion_model", text)
+    )
+    if model not in ("", *_DISTORTION_MODELS):
+        raise refused(f"distortion_model {model}; {' and '.join(_DISTORTION_MODELS)} can be used")
+    camera = matrix.reshape(3, 3)
+    if min(camera[0, 0], camera[1, 1]) <= 0 or camera[2].tolist() != [0, 0, 1]:
+        raise refused("its camera_matrix has no focal lengths: the camera was never calibrated")
+    width, height = (_word_of(f"image_{side}", text) for side in ("width", "height"))
+    size = (int(width), int(height)) if width.isdecimal() and height.isdecimal() else None
+    return CameraModel(camera, distortion, size if size and min(size) > 0 else None)
+
+
+def _numbers_of(name: str, text: str) -> FloatArray | None:
+    """The data of a matrix; None if it is not there.
+
+    OpenCV's own reader takes the process with it where a file is nested deeply.
+    """
+    form = rf"\b{name}\b[\s\S]{{1,300}}?\bdata\b[\"\s:>\[]*([-+.\dE,\s]*)"
+    found = re.search(form, text, re.IGNORECASE)
+    try:
+        return np.array(found[1].replace(",", " ").split(), dtype=np.float64) if found else None
+    except ValueError:
+        return None
+
+
+def _word_of(name: str, text: str) -> str:
+    """The value of a key; empty if it is not there."""
+    found = re.search(rf"\b{name}\b[\"\s:>]*([\w.]+)", text, re.IGNORECASE)
+    return "" if found is None else found[1]
+
+
+def _opencv() -> Any:  # noqa: ANN401 - OpenCV has no types
+    return import_optional("cv2", "aruco", "tracker aruco:")

@@ -1,0 +1,290 @@
+"""Tracker `igtl://HOST:PORT`: OpenIGTLink servers such as PLUS and 3D Slicer.
+
+TRANSFORM messages become tools, POINT messages become single markers; both are in mm.
+
+A server that hangs may say again and again what it has said before. So only messages with a new
+time stamp count, and stamps are remembered across connections.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from ccr_host.core.addresses import joined
+from ccr_host.core.errors import TrackerError
+from ccr_host.tracking.clock_fit import ClockFit
+from ccr_host.tracking.frame_count import FrameCount
+from ccr_host.tracking.rotation import quaternion, rotation_vector
+from ccr_host.tracking.sources.igtl_stream import POSE_TYPES, Message, igtl_opener
+from ccr_host.tracking.tracker import (
+    FloatArray,
+    ForeignPeerError,
+    MarkerFrame,
+    Pose,
+    StartsAndStops,
+    TrackerHealth,
+)
+
+DEFAULT_LATENCY_US = 60_000
+"""Exposure to time stamp plus the fastest way here; our estimate, PLUS adds its own buffers."""
+SAME_EXPOSURE_S = 10e-3
+"""Between the stamps of one frame: many servers stamp each transform when they send it, a few
+milliseconds after each other."""
+
+_SILENCE_US = 2_000_000
+_RETRY_US = 1_000_000
+_STAMPS_REMEMBERED = 4096
+_NO_STAMPS = "messages without time stamp are ignored; switch time stamps on in the server"
+
+
+class Stream(Protocol):
+    """A connection to a server; see `IgtlStream`."""
+
+    skipped_types: set[str]
+    damaged: int
+
+    def messages(self) -> list[Message]:
+        """Poses and points that have arrived since the last call."""
+
+    def close(self) -> None:
+        """Let go of the connection."""
+
+
+class IgtlTracker(StartsAndStops):
+    """Markers from an OpenIGTLink server.
+
+    A device name such as `M1ToTracker` gives the tool `M1`. Messages whose stamps differ by no more
+    than `SAME_EXPOSURE_S` make up a frame, which is complete when a later one arrives or the server
+    has told of all expected tools. A transform whose metadata say anything but OK (PLUS sends
+    `TransformStatus` and `TransformValid`) gives no pose.
+
+    Args:
+        host: of the server.
+        port: of the server.
+        expected_tools: the only ones that are used; a frame with all of them is complete.
+        latency_us: from an exposure to the earliest arrival of its message.
+        open_stream: for tests.
+
+    Raises:
+        ConfigError: pyigtl is not installed.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        *,
+        expected_tools: Sequence[str] = ("M1", "M2", "M3"),
+        latency_us: int = DEFAULT_LATENCY_US,
+        open_stream: Callable[[], Stream] | None = None,
+    ) -> None:
+        self.name = f"igtl://{joined(host, port)}"
+        self._open_stream = open_stream or igtl_opener(host, port)
+        self._expected = tuple(expected_tools)
+        self._latency_us = latency_us
+        self._stream: Stream | None = None
+        self._streams_opened = 0
+        self._retry_us = 0
+        self._heard_us = 0
+        self._running = self._tracking = False
+        self._last_error = ""
+        self._damaged = 0
+        self._unstamped = False
+        self._tool_names: set[str] = set()
+        self._skipped_types: set[str] = set()
+        self._statuses: dict[str, str] = {}
+        self._stamps = _Stamps()
+        self._fit = ClockFit()
+        self._frames = FrameCount()
+        self._clear_frame()
+
+    def _clear_frame(self) -> None:
+        self._told: set[str] = set()
+        self._tools: dict[str, Pose] = {}
+        self._points: list[FloatArray] = []
+        self._stamp_s = math.nan
+        self._arrived_us = 0
+
+    @property
+    def health(self) -> TrackerHealth:
+        """How it is doing now."""
+        if not self._running:
+            state = "stopped"
+        else:
+            state = "tracking" if self._tracking else "waiting for messages"
+        return TrackerHealth(
+            state=state,
+            tracking=self._tracking,
+            rate_hz=self._frames.rate_hz if self._tracking else 0.0,
+            frames=self._frames.count,
+            damaged_replies=self._damaged + (0 if self._stream is None else self._stream.damaged),
+            reconnections=max(0, self._streams_opened - 1),
+            warnings=tuple(self._warnings()),
+            last_error=self._last_error,
+        )
+
+    def start(self) -> None:
+        """Connect to the server.
+
+        Raises:
+            TrackerError: nobody listens there.
+        """
+        self._connect(0)
+        self._running = True
+
+    def advance_to(self, time_us: int) -> None:
+        """Take what has arrived; connect again where the server went away or has nothing new."""
+        if not self._running or time_us < self._retry_us:
+            return
+        try:
+            stream = self._stream or self._connect(time_us)
+            messages = stream.messages()
+            self._skipped_types |= stream.skipped_types
+            for message in sorted(messages, key=lambda one: float(one.timestamp)):
+                self._take(message, time_us)
+            self._require_news(time_us)
+        except TrackerError as error:
+            self._let_go()
+            if isinstance(error, ForeignPeerError) and not self._frames.count:
+                self._running = False
+                raise
+            self._last_error = str(error)
+            self._retry_us = time_us + _RETRY_US
+
+    def newest_frame(self) -> MarkerFrame | None:
+        """Newest frame, whatever its age; None before the first."""
+        return self._frames.newest
+
+    def stop(self) -> None:
+        self._running = False
+        self._let_go()
+
+    def _connect(self, time_us: int) -> Stream:
+        self._stream = stream = self._open_stream()
+        self._streams_opened += 1
+        self._heard_us = time_us
+        self._stamps.begin_connection()
+        return stream
+
+    def _let_go(self) -> None:
+        self._tracking = False
+        self._clear_frame()
+        if self._stream is not None:
+            self._damaged += self._stream.damaged
+            self._stream.close()
+            self._stream = None
+
+    def _require_news(self, time_us: int) -> None:
+        if time_us - self._heard_us > _SILENCE_US:
+            raise TrackerError(
+                f"{self.name}: connected, but no new message of {' or '.join(self._expected)} "
+                f"for {_SILENCE_US / 1e6:g} s",
+                "see what the server sends, and whether it hangs",
+            )
+
+    def _take(self, message: Message, time_us: int) -> None:
+        device, stamp_s = str(message.device_name), float(message.timestamp)
+        is_tool = message.message_type == "TRANSFORM"
+        name = device.partition("To")[0] if is_tool else device
+        if is_tool:
+            self._tool_names.add(name)
+            if name not in self._expected:
+                return
+        if not math.isfinite(stamp_s) or stamp_s <= 0:
+            self._unstamped = True
+            return
+        if not self._stamps.is_new(device, stamp_s):
+            return
+        self._heard_us = time_us
+        if self._stamps.has_restarted:
+            self._fit = ClockFit()
+        if name in self._told or stamp_s - self._stamp_s > SAME_EXPOSURE_S:
+            self._publish()
+        if not self._told:
+            self._stamp_s, self._arrived_us = stamp_s, time_us
+        self._told.add(name)
+        self._add(message, name)
+        if self._expected and self._told.issuperset(self._expected):
+            self._publish()
+
+    def _add(self, message: Message, name: str) -> None:
+        if message.message_type == "POINT":
+            points_mm = np.asarray(message.positions, dtype=np.float64).reshape(-1, 3)
+            if np.isfinite(points_mm).all():
+                self._points.append(points_mm)
+            return
+        self._statuses.pop(name, None)
+        matrix = np.asarray(message.matrix, dtype=np.float64)
+        if (status := _status(message)) != "OK":
+            self._statuses[name] = status
+        elif matrix.shape == (4, 4) and np.isfinite(matrix).all():
+            turn = quaternion(rotation_vector(matrix[:3, :3]))
+            self._tools[name] = Pose(matrix[:3, 3].copy(), turn)
+
+    def _publish(self) -> None:
+        stamp_us = round(self._stamp_s * 1e6)
+        self._fit.see(stamp_us, self._arrived_us)
+        points_mm = np.vstack(self._points) if self._points else None
+        exposed_us = self._fit.host_us(stamp_us) - self._latency_us
+        self._frames.add_poses(exposed_us, self._tools, points_mm)
+        self._tracking = True
+        self._clear_frame()
+
+    def _warnings(self) -> Iterator[str]:
+        if self._unstamped:
+            yield _NO_STAMPS
+        for name, status in sorted(self._statuses.items()):
+            yield f"{name} is {status}, says the server"
+        strange = self._tool_names.difference(self._expected)
+        if strange and not self._tool_names.issuperset(self._expected):
+            yield (
+                f"the server sends {', '.join(sorted(self._tool_names))}; expected are "
+                f"{', '.join(self._expected)}, as in {self._expected[0]}ToTracker: "
+                "rename them in the server"
+            )
+        if self._skipped_types and not self._frames.count and not self._tool_names:
+            yield (
+                f"the server sends {', '.join(sorted(self._skipped_types))}; "
+                f"let it send {' or '.join(POSE_TYPES)}"
+            )
+
+
+class _Stamps:
+    """Tells new messages from repeated and late ones, also across connections."""
+
+    def __init__(self) -> None:
+        self._seen: dict[tuple[str, float], None] = {}
+        self._newest_s = -math.inf
+        self._may_restart = False
+        self.has_restarted = False
+        """Whether the newest message showed that the server's clock has begun again."""
+
+    def begin_connection(self) -> None:
+        """The server may be another one by now, with another clock."""
+        self._may_restart = True
+
+    def is_new(self, device: str, stamp_s: float) -> bool:
+        """Whether such a message was not there before, and none later by more than a frame."""
+        key = (device, stamp_s)
+        goes_back = stamp_s < self._newest_s - SAME_EXPOSURE_S
+        if key in self._seen or (goes_back and not self._may_restart):
+            return False
+        self.has_restarted = goes_back
+        self._may_restart = False
+        self._newest_s = stamp_s if goes_back else max(stamp_s, self._newest_s)
+        self._seen[key] = None
+        if len(self._seen) > _STAMPS_REMEMBERED:
+            del self._seen[next(iter(self._seen))]
+        return True
+
+
+def _status(message: Message) -> str:
+    """What PLUS says of a transform; a server that says nothing takes it to be good."""
+    told = {key.lower(): value.strip().upper() for key, value in message.metadata.items()}
+    status = told.get("transformstatus", "OK")
+    is_valid = told.get("transformvalid", "TRUE") in ("TRUE", "1")
+    return "not valid" if status == "OK" and not is_valid else status

@@ -1,0 +1,176 @@
+"""Messages of an OpenIGTLink server as they come over TCP, without ever waiting.
+
+pyigtl unpacks them. Its client is not used: that keeps only the newest message of each device, does
+not notice a server that goes away, and answers anything it does not understand with a traceback.
+"""
+
+from __future__ import annotations
+
+import errno
+import re
+import socket
+from collections.abc import Callable
+from typing import Any
+
+from ccr_host.core.addresses import joined
+from ccr_host.core.errors import TrackerError
+from ccr_host.core.optional import import_optional
+from ccr_host.tracking.tracker import ForeignPeerError
+
+Message = Any
+"""Of pyigtl, which has no types."""
+
+POSE_TYPES = ("TRANSFORM", "POINT")
+"""Types of the messages that are unpacked; the others are skipped."""
+
+_CONNECT_S = 3.0
+_NOT_YET = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EINPROGRESS, errno.ENOTCONN)
+_READ_BYTES = 1 << 16
+_READS_AT_ONCE = 64
+"""So that a server that floods the line cannot hold up the run."""
+
+_HEADER_BYTES = 58
+_HEADER = re.compile(rb"\0[\x01-\x03](?P<type>[A-Z][A-Z0-9_]*)\0*")
+"""Version and type; a name, a time stamp, the length of the body and its check sum follow."""
+_TYPE_END, _LENGTH = 14, slice(42, 50)
+_LONGEST_BODY_BYTES = 1 << 31
+"""More than any image."""
+_LONGEST_POSE_BYTES = 1 << 16
+"""More than any transform with its metadata, or any list of the points that a camera sees."""
+_SHOWN_BYTES = 24
+
+Unpack = Callable[[bytes, bytes], Message]
+"""Makes a message of header and body."""
+
+
+class IgtlStream:
+    """One connection.
+
+    Args:
+        name: tracker URI, for messages.
+        connection: it need not stand yet.
+        unpack: pyigtl's.
+    """
+
+    def __init__(self, name: str, connection: socket.socket, unpack: Unpack) -> None:
+        connection.setblocking(False)
+        self._name = name
+        self._connection = connection
+        self._unpack = unpack
+        self._received = bytearray()
+        self._to_skip = 0
+        self.skipped_types: set[str] = set()
+        """Types of the messages that carry no pose."""
+        self.damaged = 0
+        """Messages that could not be unpacked."""
+
+    def messages(self) -> list[Message]:
+        """Poses and points that have arrived since the last call, in the order of their arrival.
+
+        Raises:
+            ForeignPeerError: what listens there does not speak OpenIGTLink.
+            TrackerError: the connection is lost, and all that came before has been given.
+        """
+        lost = self._receive()
+        messages = []
+        while (whole := self._next_pose()) is not None:
+            try:
+                messages.append(self._unpack(*whole))
+            except Exception:  # pyigtl raises whatever its unpacking ends in
+                self.damaged += 1
+        if lost is not None and not messages:
+            raise lost
+        return messages
+
+    def close(self) -> None:
+        """Let go of the connection."""
+        self._connection.close()
+
+    def _receive(self) -> TrackerError | None:
+        """Take in what has arrived; tells why nothing more will come."""
+        cause = ""
+        try:
+            for _ in range(_READS_AT_ONCE):
+                data = self._connection.recv(_READ_BYTES)
+                if not data:
+                    cause = "the server has closed the connection"
+                    break
+                self._received += data
+                self._skip()
+        except OSError as error:
+            if error.errno not in _NOT_YET:
+                cause = f"no connection ({error.strerror})"
+        cure = "check that an OpenIGTLink server runs there: PLUS, 3D Slicer"
+        return TrackerError(f"{self._name}: {cause}", cure) if cause else None
+
+    def _skip(self) -> None:
+        count = min(self._to_skip, len(self._received))
+        del self._received[:count]
+        self._to_skip -= count
+
+    def _next_pose(self) -> tuple[bytes, bytes] | None:
+        """Header and body of the next message of `POSE_TYPES`; None while it is not there."""
+        received = self._received
+        while True:
+            self._skip()
+            if received and received[0] != 0:
+                raise self._foreign()
+            if self._to_skip or len(received) < _HEADER_BYTES:
+                return None
+            form = _HEADER.fullmatch(received, 0, _TYPE_END)
+            length = int.from_bytes(received[_LENGTH], "big")
+            if form is None or length > _LONGEST_BODY_BYTES:
+                raise self._foreign()
+            kind = form["type"].decode("ascii")
+            if kind in POSE_TYPES and length <= _LONGEST_POSE_BYTES:
+                end = _HEADER_BYTES + length
+                if len(received) < end:
+                    return None
+                whole = bytes(received[:_HEADER_BYTES]), bytes(received[_HEADER_BYTES:end])
+                del received[:end]
+                return whole
+            self.skipped_types.add(kind)
+            self._to_skip = _HEADER_BYTES + length
+
+    def _foreign(self) -> ForeignPeerError:
+        shown = bytes(self._received[:_SHOWN_BYTES])
+        return ForeignPeerError(
+            f"{self._name}: what answers there does not speak OpenIGTLink (it sent {shown!r})",
+            "check address and port of the server; 18944 is usual",
+        )
+
+
+def igtl_opener(host: str, port: int) -> Callable[[], IgtlStream]:
+    """Opens connections to a server, one after another: the first one waits until it stands.
+
+    Raises:
+        ConfigError: pyigtl is not installed.
+    """
+    base = import_optional("pyigtl", "igtl", "tracker igtl://").MessageBase
+    name = f"igtl://{joined(host, port)}"
+    peer: tuple[int, Any] | None = None
+
+    def unpack(header: bytes, body: bytes) -> Message:
+        fields = base.parse_header(header)
+        message = base.create_message(fields["message_type"])
+        message.unpack(fields, body)
+        return message
+
+    def open_stream() -> IgtlStream:
+        nonlocal peer
+        try:
+            if peer is None:
+                connection = socket.create_connection((host, port), timeout=_CONNECT_S)
+                peer = connection.family, connection.getpeername()
+            else:
+                connection = socket.socket(peer[0])
+                connection.setblocking(False)
+                connection.connect_ex(peer[1])
+        except OSError as error:
+            raise TrackerError(
+                f"{name}: cannot be reached ({error.strerror or error})",
+                "start the OpenIGTLink server (PLUS, 3D Slicer), check address and port",
+            ) from None
+        return IgtlStream(name, connection, unpack)
+
+    return open_stream

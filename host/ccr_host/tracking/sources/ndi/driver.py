@@ -1,0 +1,346 @@
+"""A Polaris as a raw tracker: keeps a session alive and turns its replies into frames."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from ccr_host.core.errors import TrackerError
+from ccr_host.tracking.clock_fit import ClockFit
+from ccr_host.tracking.frame_count import FrameCount
+from ccr_host.tracking.sources.ndi.port import Port, PortOpener
+from ccr_host.tracking.sources.ndi.replies import (
+    VICRA,
+    MeasurementVolume,
+    SystemStatus,
+    TxReply,
+    system_warnings,
+)
+from ccr_host.tracking.sources.ndi.script import Conversation, Reply
+from ccr_host.tracking.sources.ndi.session import SessionLog, Tool, farewell, session
+from ccr_host.tracking.tracker import (
+    ForeignPeerError,
+    MarkerFrame,
+    Pose,
+    StartsAndStops,
+    TrackerHealth,
+)
+
+COUNTER_HZ = 60
+"""The frame counter of every Polaris, whatever its rate of new data."""
+
+
+class ExposureClock:
+    """Knows when a frame is available in the device, and when it was exposed.
+
+    Args:
+        latency_us: from an exposure to its being available in the device.
+    """
+
+    def __init__(self, latency_us: int) -> None:
+        self._latency_us = latency_us
+        self._fit = ClockFit()
+
+    def see(self, frame_number: int, seen_us: int) -> int:
+        """Take note of a new frame; return when it was exposed."""
+        self._fit.see(_counted_us(frame_number), seen_us)
+        return self.available_us(frame_number) - self._latency_us
+
+    def available_us(self, frame_number: int) -> int:
+        """When a frame was or will be available; there must have been one before."""
+        return self._fit.host_us(_counted_us(frame_number))
+
+
+def _counted_us(frame_number: int) -> int:
+    return round(frame_number * 1_000_000 / COUNTER_HZ)
+
+
+POLL_AGAIN_US = 2_000
+"""After a poll that found nothing new."""
+_AIM_US = 1_000
+"""After the earliest time at which a frame is known to be available: one slice of the clock."""
+_PROBE_AIM_US = -1_500
+_FRAMES_BETWEEN_PROBES = 16
+"""Costs a sixteenth of the frames 12 ms of age; follows the drift of two quartzes easily."""
+_POLLS_KEPT = 8
+
+
+class PollPace:
+    """Learns the rate of new frames from their numbers, and their phase by probing."""
+
+    def __init__(self) -> None:
+        self._steps: deque[int] = deque(maxlen=_POLLS_KEPT)
+        self._responses_us: deque[int] = deque(maxlen=_POLLS_KEPT)
+        self._asked_us: int | None = None
+        self._probing = True
+        self._since_probe = 0
+
+    @property
+    def frame_step(self) -> int | None:
+        """Counts from one frame to the next; None before there were two."""
+        return min(self._steps, default=None)
+
+    def after_step(self, counts: int) -> None:
+        """Take note of how many counts a new frame is after the last one."""
+        self._steps.append(counts)
+
+    def pause_after_nothing_us(self, now_us: int) -> int:
+        """Until the next poll, where the last one found nothing new."""
+        if self._steps:
+            self._probing = False
+        return self._pause(now_us, POLL_AGAIN_US)
+
+    def pause_after_frame_us(self, now_us: int, seen_us: int, next_available_us: int) -> int:
+        """Until the next poll, where the last one found a frame.
+
+        A probe that succeeds is followed by another one.
+
+        Args:
+            now_us: when the reply had arrived.
+            seen_us: when the camera took the frame for it.
+            next_available_us: when the next frame will be available at the latest.
+        """
+        if self._asked_us is not None:
+            self._responses_us.append(max(0, seen_us - self._asked_us))
+        self._since_probe += 1
+        if self._since_probe >= _FRAMES_BETWEEN_PROBES:
+            self._probing = True
+        aim_us = _PROBE_AIM_US if self._probing else _AIM_US
+        if self._probing:
+            self._since_probe = 0
+        due_us = next_available_us + aim_us - min(self._responses_us, default=0)
+        return self._pause(now_us, max(due_us - now_us, POLL_AGAIN_US))
+
+    def _pause(self, now_us: int, pause_us: int) -> int:
+        self._asked_us = now_us + pause_us
+        return pause_us
+
+
+DEFAULT_LATENCY_US = 40_000
+"""From an exposure to its data being available: lower end of our estimate of 40 to 100 ms."""
+
+_RETRY_US = 1_000_000
+_RESYNCHRONISE_US = 1_000_000
+_COUNTER_SLACK = 2 * COUNTER_HZ
+"""Counts by which a frame number may be ahead of the time that has passed."""
+_BITS_PER_BYTE = 10
+
+
+@dataclass(frozen=True)
+class NdiSettings:
+    """What a lab can choose."""
+
+    tools: Sequence[Tool] = ()
+    """Rigid bodies; without any, a dummy tool lights the illuminators for single spheres."""
+    latency_us: int = DEFAULT_LATENCY_US
+    """From an exposure to its data being available in the device."""
+    volume: MeasurementVolume = VICRA
+    """Points outside it are marked as such."""
+
+
+class NdiTracker(StartsAndStops):
+    """Driver of one camera.
+
+    A camera that falls silent, is reset or unplugged is started again each time;
+    `health` tells of it.
+
+    Args:
+        name: tracker URI, for messages.
+        open_port: makes the line to the camera; called again after the port was lost.
+        settings: what a lab can choose.
+    """
+
+    def __init__(
+        self, name: str, open_port: PortOpener, settings: NdiSettings | None = None
+    ) -> None:
+        self.name = name
+        self._open_port = open_port
+        self._settings = settings or NdiSettings()
+        self._port: Port | None = None
+        self._conversation: Conversation | None = None
+        self._log = SessionLog()
+        self._frames = _FrameMaker(self._settings)
+        self._damaged_before = 0
+        self._sessions = 0
+        self._retry_us = 0
+        self._last_error = ""
+        self._running = False
+
+    @property
+    def health(self) -> TrackerHealth:
+        """How it is doing now."""
+        frames, log = self._frames, self._log
+        return TrackerHealth(
+            state=log.doing,
+            tracking=log.tracking,
+            rate_hz=frames.made.rate_hz if log.tracking else 0.0,
+            frames=frames.made.count,
+            lost_frames=frames.lost,
+            damaged_replies=self._damaged_before + log.damaged_replies,
+            reconnections=max(0, self._sessions - 1),
+            odd_frame_numbers=frames.odd_numbers,
+            warnings=tuple(self._warnings()),
+            last_error=self._last_error,
+        )
+
+    def _warnings(self) -> Iterator[str]:
+        yield from self._log.warnings
+        yield from system_warnings(self._frames.system_status)
+        if count := self._frames.odd_numbers:
+            yield f"the camera's frame counter has jumped, {count} times so far; tracking goes on"
+
+    def start(self) -> None:
+        """Open the port; the conversation begins when the clock goes on.
+
+        Raises:
+            TrackerError: the port cannot be opened.
+        """
+        self._port = self._open_port()
+        self._running = True
+
+    def advance_to(self, time_us: int) -> None:
+        """Take what has arrived, go on with the conversation, begin again where it has failed."""
+        if not self._running or time_us < self._retry_us:
+            return
+        try:
+            if self._port is None:
+                self._port = self._open_port()
+            if self._conversation is None:
+                self._conversation = self._begin_session(self._port)
+            self._conversation.advance_to(time_us)
+        except TrackerError as error:
+            is_hopeless = self._port is not None and not self._port.has_baud
+            self._give_up_session(error)
+            if isinstance(error, ForeignPeerError) and is_hopeless and not self._frames.made.count:
+                self._running = False
+                raise ForeignPeerError(f"{self.name}: {error.cause}", error.cure) from None
+            self._retry_us = time_us + _RETRY_US
+
+    def newest_frame(self) -> MarkerFrame | None:
+        """Newest frame, whatever its age; None before the first."""
+        return self._frames.made.newest
+
+    def stop(self) -> None:
+        """End tracking and close the port."""
+        self._running = False
+        self._conversation = None
+        if self._port is None:
+            return
+        try:
+            self._port.write(farewell())
+        except TrackerError as error:
+            self._last_error = str(error)
+        self._port.close()
+        self._port = None
+        self._log = SessionLog("stopped")
+
+    def _begin_session(self, port: Port) -> Conversation:
+        self._sessions += 1
+        self._damaged_before += self._log.damaged_replies
+        self._log = log = SessionLog()
+        self._frames.begin_session(log, has_baud=port.has_baud)
+        script = session(port, self._settings.tools, log, self._frames.take)
+        return Conversation(port, script)
+
+    def _give_up_session(self, error: TrackerError) -> None:
+        self._last_error = str(error)
+        self._log.doing = "trying again"
+        self._log.tracking = False
+        self._conversation = None
+        if self._port is not None:
+            self._port.close()  # a cable that was pulled comes back as another device
+            self._port = None
+
+
+class _FrameMaker:
+    """Turns TX replies into frames: no repeats, exposure times, own volume check, pace of polls."""
+
+    def __init__(self, settings: NdiSettings) -> None:
+        self._settings = settings
+        self.made = FrameCount()
+        self.lost = 0
+        self.odd_numbers = 0
+        self.system_status = SystemStatus(0)
+
+    def begin_session(self, log: SessionLog, *, has_baud: bool) -> None:
+        """The device counts from 0 again."""
+        self._log = log
+        self._has_baud = has_baud
+        self._clock = ExposureClock(self._settings.latency_us)
+        self._last_number: int | None = None
+        self._last_us = 0
+        self._odd: tuple[int, int] | None = None
+        """First of the numbers that do not follow the last one, and when it came."""
+        self._pace = PollPace()
+
+    def take(self, reply: TxReply, source: Reply) -> int:
+        """Make a frame if the reply has a new one; return the pause until the next poll, us.
+
+        Number 0 is none: TSTART has just set the counter, and no exposure belongs to it.
+        """
+        self.system_status = reply.system_status
+        number = reply.frame
+        if not number or not self._is_next(number, source.arrived_us):
+            return self._pace.pause_after_nothing_us(source.arrived_us)
+        seen_us = source.arrived_us - self._wire_us(source.length)
+        exposed_us = self._clock.see(number, seen_us)
+        self.made.add(
+            MarkerFrame(
+                exposed_us=self.made.not_before_last(exposed_us),
+                frame_number=number,
+                points_mm=reply.strays_mm,
+                out_of_volume=~self._settings.volume.contains(reply.strays_mm),
+                tools=self._tools(reply),
+            )
+        )
+        self._count(number)
+        self._last_us = source.arrived_us
+        step = self._pace.frame_step
+        if step is None:
+            return POLL_AGAIN_US
+        next_us = self._clock.available_us(number + step)
+        return self._pace.pause_after_frame_us(source.arrived_us, seen_us, next_us)
+
+    def _is_next(self, number: int, now_us: int) -> bool:
+        """Whether it is the number of a new frame.
+
+        One that does not follow the last one in the time that has passed is not believed: it may be
+        damage that no check sum shows, and all that follow would seem old. Once such numbers have
+        been counting up for a second, the counter has changed: it is followed from there.
+        """
+        if self._last_number is None:
+            return True
+        ahead = number - self._last_number
+        if ahead == 0:
+            return False
+        passed = (now_us - self._last_us) * COUNTER_HZ // 1_000_000
+        if 0 < ahead <= 2 * passed + _COUNTER_SLACK:
+            self._odd = None
+            return True
+        if self._odd is None or number < self._odd[0]:
+            self.odd_numbers += 1
+            self._odd = number, now_us
+        first, since_us = self._odd
+        if number == first or now_us - since_us < _RESYNCHRONISE_US:
+            return False
+        self.begin_session(self._log, has_baud=self._has_baud)
+        return True
+
+    def _tools(self, reply: TxReply) -> dict[str, Pose]:
+        names = self._log.handles or {}
+        return {
+            names[tool.handle]: tool.pose
+            for tool in reply.tools
+            if tool.pose is not None and names.get(tool.handle)
+        }
+
+    def _count(self, number: int) -> None:
+        if self._last_number is not None:
+            counts = number - self._last_number
+            self._pace.after_step(counts)
+            self.lost += counts // (self._pace.frame_step or counts) - 1
+        self._last_number = number
+
+    def _wire_us(self, length: int) -> int:
+        return length * _BITS_PER_BYTE * 1_000_000 // self._log.baud if self._has_baud else 0

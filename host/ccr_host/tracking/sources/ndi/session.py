@@ -1,0 +1,273 @@
+"""What is said to a Polaris, from the first byte to the endless stream of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+
+from ccr_host.core.errors import TrackerError
+from ccr_host.tracking.sources.ndi.device_errors import BAD_COMMAND_CRC, NOT_INITIALISED
+from ccr_host.tracking.sources.ndi.port import Port
+from ccr_host.tracking.sources.ndi.replies import (
+    REPLY_MODE,
+    CommandRefusedError,
+    DamagedReplyError,
+    TxReply,
+    encode_command,
+    parse_tx,
+)
+from ccr_host.tracking.sources.ndi.rom import dummy_passive_rom, rom_blocks
+from ccr_host.tracking.sources.ndi.script import (
+    Hear,
+    NoReplyError,
+    NotACameraError,
+    Pause,
+    Reply,
+    Say,
+    Script,
+    SetBaud,
+    SetBreak,
+    Step,
+)
+
+RESET_BAUD = 9600
+FAST_BAUD = 115_200
+_FAST_BAUD_ARGUMENTS = "50000"
+"""115200 baud, 8 data bits, no parity, 1 stop bit, no handshake."""
+_KNOWN_BAUDS = (RESET_BAUD, FAST_BAUD, 921_600, 230_400, 57_600, 38_400, 19_200, 14_400, 1_228_739)
+"""All that a COMM of some Polaris can have set, the usual ones first."""
+
+_BREAK_US = 300_000
+"""A break is any low level longer than a byte; 250 ms is what serial drivers send."""
+_RESET_TIMEOUT_US = 7_000_000
+"""As long as NDI's own samples wait."""
+_LINES_BEFORE_RESET = 10
+_PROBE_TIMEOUT_US = 300_000
+_TIMEOUT_US = 2_000_000
+_BAUD_CHANGE_US = 100_000
+"""The device answers COMM at the old rate and changes within this time (API guide)."""
+_TX_TIMEOUT_US = 400_000
+"""The longest reply, 50 strays and 6 tools, takes 130 ms at 115200 baud."""
+_ATTEMPTS = 3
+_DAMAGED_IN_A_ROW = 20
+"""So much is no longer noise: the device may have been reset to its slow rate."""
+_DONE = "OKAY"
+_RESET = "RESET"
+"""Said by a device that has just been reset, whatever it was asked."""
+_FRESH_FRAMES = "80"
+"""Argument of TSTART: count frames from 0."""
+_WARNING_RESERVED_BITS = "WARNING05"
+"""PINIT found reserved bits set in the .rom; the tool works."""
+
+Talk = Generator[Step, Reply | None, Reply]
+ReplySink = Callable[[TxReply, Reply], int]
+"""Takes a reply and tells how long to pause before the next poll, us."""
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A rigid body to be tracked."""
+
+    name: str
+    rom: bytes
+
+
+@dataclass
+class SessionLog:
+    """What a session has to tell while it runs."""
+
+    doing: str = "not started"
+    tracking: bool = False
+    baud: int = RESET_BAUD
+    """At which it goes; without meaning on TCP."""
+    damaged_replies: int = 0
+    warnings: tuple[str, ...] = ()
+    """One readable line each."""
+    handles: dict[int, str] | None = None
+    """Tool names by port handle."""
+
+
+def session(port: Port, tools: Sequence[Tool], log: SessionLog, on_reply: ReplySink) -> Script:
+    """Whatever state the device is in, make it track, and poll it for ever.
+
+    Args:
+        port: tells what it can do; its bytes go through the steps.
+        tools: to be tracked besides strays; with none, a dummy lights the illuminators.
+        log: kept up to date.
+        on_reply: called with every parsed TX reply; returns the pause until the next poll in us.
+
+    Raises:
+        TrackerError: no camera, or one that refuses or went silent; begin again.
+    """
+    log.doing = "looking for the camera"
+    log.baud = yield from _make_contact(port)
+    log.doing = "initialising"
+    yield from _initialise()
+    if port.has_baud:
+        yield from _hasten(log)
+    log.doing = "loading tools"
+    yield from _free_all_handles()
+    log.handles = {}
+    for tool in tools or (Tool("", dummy_passive_rom()),):
+        handle = yield from _load(tool)
+        log.handles[handle] = tool.name
+    log.doing = "starting to track"
+    yield from _order("TSTART", _FRESH_FRAMES)
+    log.doing = "tracking"
+    log.tracking = True
+    yield from _poll_for_ever(log, on_reply)
+
+
+def farewell() -> bytes:
+    """What leaves the device quiet; nobody waits for the answer."""
+    return encode_command("TSTOP")
+
+
+def _make_contact(port: Port) -> Generator[Step, Reply | None, int]:
+    """Leave the device initialisable at the rate at which the host speaks; gives that rate.
+
+    A device that an earlier program left at another rate hears a break; where there is no break
+    or it is not heard, the known rates are tried.
+    """
+    if port.has_break:
+        yield SetBaud(RESET_BAUD)
+        yield SetBreak(True)
+        yield Pause(_BREAK_US)
+        yield SetBreak(False)
+        if (yield from _is_reset_heard()):
+            return RESET_BAUD
+    command, heard = encode_command("INIT"), b""
+    for baud in _KNOWN_BAUDS if port.has_baud else (0,):
+        try:
+            yield SetBaud(baud)
+        except TrackerError:  # not every adapter has every rate
+            continue
+        for _ in range(2):  # a first command may be spoilt by what the wrong rates left behind
+            yield Say(command)
+            try:
+                if (yield from _hear(_PROBE_TIMEOUT_US)).text == _DONE:
+                    return baud
+                heard = heard or command
+            except CommandRefusedError:
+                return baud  # it speaks the language
+            except DamagedReplyError as error:
+                heard = heard or error.line
+            except NoReplyError as error:
+                heard = heard or error.unfinished
+    raise NotACameraError(heard) if heard else NoReplyError()
+
+
+def _is_reset_heard() -> Generator[Step, Reply | None, bool]:
+    for _ in range(_LINES_BEFORE_RESET):
+        try:
+            if (yield from _hear(_RESET_TIMEOUT_US)).text == _RESET:
+                return True
+        except NoReplyError:
+            return False
+        except (CommandRefusedError, DamagedReplyError):
+            continue  # the end of an earlier conversation
+    return False
+
+
+def _hear(timeout_us: int) -> Talk:
+    reply = yield Hear(timeout_us)
+    assert reply is not None
+    return reply
+
+
+def _initialise() -> Generator[Step, Reply | None, None]:
+    try:
+        yield from _order("INIT")
+    except CommandRefusedError:  # still tracking for an earlier program
+        yield from _order("TSTOP")
+        yield from _order("INIT")
+
+
+def _hasten(log: SessionLog) -> Generator[Step, Reply | None, None]:
+    """Ask for the fast rate; a camera that refuses it goes on at the rate it has."""
+    try:
+        yield from _order("COMM", _FAST_BAUD_ARGUMENTS)
+    except CommandRefusedError as refusal:
+        log.warnings += (
+            f"it stays at {log.baud} baud, with fewer frames a second: {refusal.cause}",
+        )
+        return
+    yield Pause(_BAUD_CHANGE_US)
+    yield SetBaud(FAST_BAUD)
+    log.baud = FAST_BAUD
+
+
+def _free_all_handles() -> Generator[Step, Reply | None, None]:
+    """Also those of an earlier program, which would fill the table."""
+    reply = yield from _talk("PHSR", "00")
+    for at in range(2, len(reply.text), 5):
+        yield from _order("PHF", reply.text[at : at + 2])
+
+
+def _load(tool: Tool) -> Generator[Step, Reply | None, int]:
+    """Upload, initialise and enable a passive tool; return its port handle."""
+    handle = (yield from _talk("PHRQ", "*********1****")).text
+    if len(handle) != 2:  # noqa: PLR2004 - two hexadecimal digits
+        raise DamagedReplyError("port handle")
+    for address, block in rom_blocks(tool.rom):
+        yield from _order("PVWR", f"{handle}{address:04X}{block.hex().upper()}")
+    outcome = yield from _talk("PINIT", handle)
+    if outcome.text not in (_DONE, _WARNING_RESERVED_BITS):
+        raise TrackerError(
+            f"tool {tool.name or 'dummy'} cannot be initialised: {outcome.text}",
+            "check its .rom file",
+        )
+    yield from _order("PENA", f"{handle}D")
+    return int(handle, 16)
+
+
+def _poll_for_ever(log: SessionLog, on_reply: ReplySink) -> Script:
+    command = encode_command("TX", REPLY_MODE)
+    timeout_us = _TX_TIMEOUT_US if log.baud >= FAST_BAUD else _TIMEOUT_US
+    silent = damaged = 0
+    while True:
+        yield Say(command)
+        try:
+            reply = yield from _hear(timeout_us)
+            parsed = parse_tx(reply.text)
+        except NoReplyError:
+            silent += 1
+            if silent == _ATTEMPTS:
+                raise
+        except (DamagedReplyError, CommandRefusedError) as error:
+            _pass_on_unless_noise(error)
+            damaged += 1
+            log.damaged_replies += 1
+            if damaged == _DAMAGED_IN_A_ROW:
+                raise
+        else:
+            silent = damaged = 0
+            yield Pause(on_reply(parsed, reply))
+
+
+def _talk(name: str, arguments: str = "") -> Talk:
+    """Ask until a whole answer comes; every command used here may be repeated."""
+    command = encode_command(name, arguments)
+    for _ in range(_ATTEMPTS - 1):
+        yield Say(command)
+        try:
+            return (yield from _hear(_TIMEOUT_US))
+        except (DamagedReplyError, NoReplyError, CommandRefusedError) as error:
+            _pass_on_unless_noise(error)
+    yield Say(command)
+    return (yield from _hear(_TIMEOUT_US))
+
+
+def _order(name: str, arguments: str = "") -> Generator[Step, Reply | None, None]:
+    """Ask for something that is answered with OKAY."""
+    answer = (yield from _talk(name, arguments)).text
+    if answer == _RESET:
+        raise CommandRefusedError(NOT_INITIALISED)
+    if answer != _DONE:
+        raise TrackerError(f"the camera answered {answer!r} to {name}", "power it off and on")
+
+
+def _pass_on_unless_noise(error: TrackerError) -> None:
+    """Asking again cures a damaged command or reply, but nothing else."""
+    if isinstance(error, CommandRefusedError) and error.code != BAD_COMMAND_CRC:
+        raise error

@@ -1,0 +1,116 @@
+"""Tracker ``twin:``, the simulated camera read without a protocol."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.clock import Clock
+from ccr_host.description.schema import Tracker
+from ccr_host.tracking.rotation import rotation_matrix
+from ccr_host.tracking.tracker import Sample, TrackerHealth
+
+Array = NDArray[np.float64]
+
+
+class Camera:
+    """Exposes the markers at a fixed rate and delivers each sample after a latency.
+
+    The generator is used once an exposure, whatever becomes of the sample.
+
+    Args:
+        tracker: the ``tracker`` section of the robot description.
+        rng: source of noise and dropout.
+    """
+
+    def __init__(self, tracker: Tracker, rng: np.random.Generator) -> None:
+        self._tracker = tracker
+        self._rng = rng
+        # M3 - M1 has six independent components of error.
+        self._noise_per_coordinate_mm = tracker.noise_mm / math.sqrt(6)
+        self._robot_to_camera = rotation_matrix(np.radians(tracker.rotation_deg)).T
+        self._latency_us = round(tracker.latency_ms * 1000)
+        self._exposures = 0
+        self.next_exposure_us = 0
+        """When to call ``expose`` next."""
+        self._in_flight: deque[Sample] = deque()
+        self._newest: Sample | None = None
+
+    @property
+    def rate_hz(self) -> float:
+        """Exposures a second."""
+        return self._tracker.rate_hz
+
+    @property
+    def next_arrival_us(self) -> int:
+        """Before then ``newest`` gives nothing new."""
+        exposed_us = self._in_flight[0].exposed_us if self._in_flight else self.next_exposure_us
+        return exposed_us + self._latency_us
+
+    def expose(self, time_us: int, markers_mm: Array) -> None:
+        """Take a picture of the markers, (3, 3), one a row, in the robot's frame."""
+        self._exposures += 1
+        self.next_exposure_us = round(self._exposures * 1e6 / self._tracker.rate_hz)
+        noise_mm = self._noise_per_coordinate_mm * self._rng.standard_normal((3, 3))
+        dropped = self._rng.random() < self._tracker.dropout
+        if not dropped:
+            seen_mm = markers_mm @ self._robot_to_camera.T + noise_mm
+            self._in_flight.append(Sample(time_us, seen_mm))
+
+    def newest(self, time_us: int) -> Sample | None:
+        """Return the latest sample that has arrived by a time; times must not go backwards."""
+        while self._in_flight and self._in_flight[0].exposed_us + self._latency_us <= time_us:
+            self._newest = self._in_flight.popleft()
+        return self._newest
+
+
+class TwinTracker:
+    """Reads the camera of a twin.
+
+    Args:
+        camera: exposed by the twin's scene.
+        clock: of the run.
+        camera_to_robot: the registered rotation, (3, 3); None leaves samples in the camera's frame.
+    """
+
+    name = "twin:"
+
+    def __init__(
+        self, camera: Camera, clock: Clock, camera_to_robot: NDArray[np.float64] | None = None
+    ) -> None:
+        self._camera = camera
+        self._clock = clock
+        self._camera_to_robot = camera_to_robot
+        self._seen: Sample | None = None
+        self._newest: Sample | None = None
+
+    @property
+    def health(self) -> TrackerHealth:
+        """What can be told without a protocol."""
+        rate_hz = self._camera.rate_hz
+        return TrackerHealth(state="tracking", tracking=True, rate_hz=rate_hz)
+
+    def newest(self) -> Sample | None:
+        """Newest sample that has arrived."""
+        sample = self._camera.newest(self._clock.now_us())
+        if sample is not self._seen:
+            self._seen = sample
+            self._newest = None if sample is None else self._turned(sample)
+        return self._newest
+
+    @property
+    def next_arrival_us(self) -> int:
+        """Before then ``newest`` gives nothing new."""
+        return self._camera.next_arrival_us
+
+    def trouble(self) -> str:
+        """The simulated camera has none but those that the description gives it."""
+        return ""
+
+    def _turned(self, sample: Sample) -> Sample:
+        if self._camera_to_robot is None:
+            return sample
+        return Sample(sample.exposed_us, sample.markers_mm @ self._camera_to_robot.T)

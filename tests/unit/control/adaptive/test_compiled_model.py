@@ -1,0 +1,88 @@
+"""The compiled model against the plain one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccr_host.control.adaptive.compiled import CompiledModel
+from ccr_host.control.adaptive.identification import Rests, Scaling
+from ccr_host.control.adaptive.model import PLAIN
+from ccr_host.control.adaptive.motion import first_rest
+from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.description.schema import Robot
+
+SCALING = Scaling(Robot())
+LONGEST_RAD = 1.2
+HERE = np.array([0.1, -0.2])
+
+seeds = st.integers(0, 2**32 - 1)
+same = settings(max_examples=60, deadline=None)
+
+
+@pytest.fixture(scope="module")
+def compiled():
+    return CompiledModel()
+
+
+def _drawn(seed):
+    """A generator and a believable robot; every other one without friction."""
+    rng = np.random.default_rng(seed)
+    p = SCALING.parameters(SCALING.bounded(rng.standard_normal(COUNT)))
+    return rng, p if seed % 2 else p._replace(friction_1=0.0)
+
+
+@pytest.mark.long
+@same
+@given(seed=seeds)
+def test_both_models_move_alike(compiled, seed):
+    rng, p = _drawn(seed)
+    plain = again = first_rest(p, rng.uniform(-LONGEST_RAD, LONGEST_RAD, 2))
+    for setpoint_rad in rng.uniform(-LONGEST_RAD, LONGEST_RAD, (3, 2)):
+        plain, again = PLAIN.moved(p, plain, setpoint_rad), compiled.moved(p, again, setpoint_rad)
+        assert again.theta_rad == pytest.approx(plain.theta_rad, abs=1e-7)
+        for ours, theirs in zip(again.drive, plain.drive, strict=True):
+            assert ours == pytest.approx(theirs, abs=1e-7)
+        held = compiled.held_after(p, again, HERE), PLAIN.held_after(p, plain, HERE)
+        assert held[0].drive.lag == pytest.approx(held[1].drive.lag, abs=1e-7)
+
+
+@same
+@given(seed=seeds)
+def test_both_models_have_the_same_slopes(compiled, seed):
+    rng, _ = _drawn(seed)
+    score = SCALING.bounded(rng.standard_normal(COUNT))
+    rest = first_rest(SCALING.parameters(score), rng.uniform(-LONGEST_RAD, LONGEST_RAD, 2))
+    rate_rad_s = rng.uniform(-1.0, 1.0, 2)
+    plain = PLAIN.sensitivity(SCALING, score, rest, rate_rad_s)
+    again = compiled.sensitivity(SCALING, score, rest, rate_rad_s)
+    assert again.tip == pytest.approx(plain.tip, abs=1e-6)
+    assert again.theta_rad == pytest.approx(plain.theta_rad, abs=1e-6)
+
+
+@pytest.mark.long
+@settings(max_examples=10, deadline=None)
+@given(seed=seeds)
+def test_both_models_predict_the_same_rests(compiled, seed):
+    rng, p = _drawn(seed)
+    stops_rad = rng.uniform(-LONGEST_RAD, LONGEST_RAD, (8, 2))
+    rests = Rests(np.array([0.1, 0.0]), stops_rad, np.zeros((8, 2, 3)), np.ones(8))
+    plain_mm, again_mm = PLAIN.predicted_mm(p, rests), compiled.predicted_mm(p, rests)
+    assert again_mm.shape == (8, 2, 3)
+    assert again_mm == pytest.approx(plain_mm, abs=1e-5)
+    near = SCALING.perturbed(np.zeros(COUNT), 1e-4)
+    again_mm = compiled.predicted_mm(near, rests)
+    assert again_mm.shape == (8, COUNT + 1, 2, 3)
+    assert again_mm == pytest.approx(PLAIN.predicted_mm(near, rests), abs=1e-5)
+
+
+@same
+@given(seed=seeds)
+def test_both_models_polish_alike(compiled, seed):
+    rng, p = _drawn(seed)
+    theta_rad, target_mm = rng.uniform(-2.0, 2.0, (2, 3, 2)), rng.uniform(-90.0, 90.0, (2, 3, 3))
+    for at in (np.s_[:], np.s_[0, 0]):
+        arguments = p, theta_rad[at], target_mm[at], 4
+        assert compiled.polished(*arguments) == pytest.approx(PLAIN.polished(*arguments), abs=1e-9)

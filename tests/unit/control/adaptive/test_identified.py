@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+from ccr_host.control.adaptive.control_law import AdaptiveStatics
+from ccr_host.control.adaptive.excitation import tour_bending_rad
+from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
+from ccr_host.control.adaptive.identified import identified_rests
+from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.control.adaptive.statics import unhindered_setpoints_for
+from ccr_host.control.base import Observation
+from ccr_host.core.errors import ConfigError, TrackerError
+from ccr_host.description.schema import Description, Identified
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.paths import load_path
+from ccr_host.robot.workspace import MotorLimits
+from ccr_host.tools.identify import identified_section, trial_fit
+
+BELIEVED = Description()
+PRIOR = Scaling(BELIEVED.robot).parameters(np.zeros(COUNT))
+TRUTH = PRIOR._replace(slack_1_rad=0.12, tip_per_mm=0.003)
+
+
+def _rests(count=20):
+    stops = unhindered_setpoints_for(PRIOR, tour_bending_rad())[:count]
+    rests = Rests(np.zeros(2), stops, np.zeros((len(stops), 2, 3)), np.full(len(stops), 30.0))
+    return Rests(rests.start_rad, stops, predicted_mm(TRUTH, rests), rests.count)
+
+
+def _identified(description=BELIEVED):
+    section = identified_section(_rests(), description, "2026-01-02")
+    plain = {key: getattr(value, "unwrap", lambda v=value: v)() for key, value in section.items()}
+    return description.model_copy(update={"identified": Identified.model_validate(plain)})
+
+
+def test_rests_come_back_as_they_were_measured():
+    found, measured = identified_rests(_identified()), _rests()
+    assert found.setpoint_rad == pytest.approx(measured.setpoint_rad, abs=1e-6)
+    assert found.tip_mm == pytest.approx(measured.tip_mm, abs=1e-4)
+    assert found.count == pytest.approx(measured.count)
+
+
+@pytest.mark.parametrize(
+    ("section", "change"),
+    [
+        ("robot", {"marker_offset_mm": 14.0}),
+        ("servo", {"neutral_pulse_us": (1510.0, 1500.0)}),
+    ],
+)
+def test_rests_of_another_robot_are_refused(section, change):
+    other = _identified().model_copy(
+        update={section: getattr(BELIEVED, section).model_copy(update=change)}
+    )
+    with pytest.raises(ConfigError, match="identify again"):
+        AdaptiveStatics(other)
+
+
+def test_limits_may_change_after_identification():
+    narrow = BELIEVED.servo.model_copy(update={"angle_max_deg": (60.0, 60.0)})
+    AdaptiveStatics(_identified().model_copy(update={"servo": narrow}))
+
+
+def _end_of_approach(controller):
+    """Where an approach without any measurement leads, and when it is over."""
+    q_rad, time_us = np.zeros(2), 0
+    while (command := controller.approach(Observation(0, time_us, None, 0, q_rad))) is not None:
+        q_rad, time_us = command.q_rad, time_us + 50_000
+    return controller.step(Observation(0, time_us, None, 0, q_rad)), time_us
+
+
+@pytest.mark.long
+def test_an_identified_robot_is_known_without_a_tour():
+    controller = AdaptiveStatics(_identified())
+    model, limits = ConstantCurvature(BELIEVED.robot), MotorLimits.of(BELIEVED.servo)
+    controller.start(load_path("8shape", 1.0, model, limits))
+    command, duration_us = _end_of_approach(controller)
+    there = Rests(np.zeros(2), command.q_rad[None], np.zeros((1, 2, 3)), np.ones(1))
+    known_mm, prior_mm = (predicted_mm(p, there)[0, 1] for p in (TRUTH, PRIOR))
+    off_prior_mm = np.linalg.norm(prior_mm - known_mm)
+    assert duration_us < 5_000_000
+    assert np.linalg.norm(command.predicted_mm - known_mm) < 0.3 < off_prior_mm
+
+
+def test_rests_of_no_such_robot_are_not_kept():
+    measured = _rests()
+    upside_down = Rests(
+        measured.start_rad, measured.setpoint_rad, -measured.markers_mm, measured.count
+    )
+    for rests in (upside_down, _rests(count=5)):
+        with pytest.raises(TrackerError, match="no robot as described"):
+            trial_fit(rests, BELIEVED)

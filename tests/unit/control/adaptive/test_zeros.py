@@ -1,0 +1,68 @@
+"""A servo whose horn sits some degrees off is found, and costs the path next to nothing."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ccr_host.control.adaptive.excitation import tour_bending_rad
+from ccr_host.control.adaptive.identification import Rests, Scaling, StaticsFit, predicted_mm
+from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.control.adaptive.statics import unhindered_setpoints_for, zeros_rad
+from ccr_host.description import schema
+from ccr_host.run.execute import execute_quietly
+from ccr_host.run.observer import true_errors_mm
+from ccr_host.run.options import RunOptions
+
+OFF = "twin.servo_neutral_us=[1533,1467]"
+"""By 3 deg, one each way."""
+UNEQUAL = "twin.slack_mm=[1.6,0.9,0.8,1.5]"
+REGISTERED = (
+    "registration.camera_to_robot_deg=[0,0,0]",
+    "registration.uncertainty_deg=[0.28,0.07,0.14]",
+)
+
+
+@cache
+def error_mm(path: str, *overrides: str) -> float:
+    result = execute_quietly(RunOptions(path=path, overrides=overrides))
+    errors_mm = true_errors_mm(result.records)
+    assert errors_mm is not None
+    return float(np.linalg.norm(errors_mm, axis=1).mean())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("path", ["ellipse", "8shape", "star"])
+@pytest.mark.parametrize("wrong", [OFF, UNEQUAL])
+def test_under_a_registered_camera_zeros_cost_little(path: str, wrong: str) -> None:
+    assert error_mm(path, *REGISTERED, wrong) < 1.15 * error_mm(path, *REGISTERED)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("path", ["ellipse", "8shape", "star"])
+def test_under_a_camera_that_was_never_registered_too(path: str) -> None:
+    assert error_mm(path, OFF) < 1.15 * error_mm(path)
+
+
+def test_the_end_of_segment_1_tells_a_zero_from_a_turned_camera() -> None:
+    scaling = Scaling.of(schema.load())
+    truth = scaling.parameters(np.zeros(COUNT))._replace(zero_1_rad=0.06, turn_x_rad=-0.05)
+    stops_rad = unhindered_setpoints_for(truth, tour_bending_rad())
+    empty = np.full((len(stops_rad), 2, 3), np.nan)
+    rests = Rests(np.zeros(2), stops_rad, empty, np.full(len(stops_rad), 6.0))
+    seen_mm = predicted_mm(truth, rests)
+    off_rad = []
+    for first in (0, 1):  # with M2, and without
+        rests.markers_mm[:, first:] = seen_mm[:, first:]
+        rests.markers_mm[:, :first] = np.nan
+        found = scaling.parameters(StaticsFit(scaling, rests).finish().score)
+        off_rad.append([abs(found.turn_x_rad + 0.05), abs(zeros_rad(found)[0] - 0.06)])
+    assert np.all(off_rad[0] < np.multiply(off_rad[1], 0.7))
+
+
+def test_a_registered_rotation_is_believed_as_precisely_as_it_was_stated() -> None:
+    turned = Scaling.of(schema.load(None, REGISTERED)).parameters(np.ones(COUNT))
+    found_deg = np.degrees([turned.turn_x_rad, turned.turn_y_rad, turned.turn_z_rad])
+    assert found_deg == pytest.approx((0.28, 0.1, 0.14))
+    unknown = Scaling.of(schema.load(None, [])).parameters(np.ones(COUNT))
+    assert np.degrees(unknown.turn_x_rad) > 3.0

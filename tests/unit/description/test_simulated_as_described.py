@@ -1,0 +1,68 @@
+"""Without hardware the robot that is described is simulated, unless told otherwise."""
+
+import numpy as np
+import pytest
+
+from ccr_host.description import schema
+from ccr_host.description.schema import Description, Tracker, Twin, followed_key
+from ccr_host.run.execute import execute_quietly
+from ccr_host.run.observer import true_errors_mm
+from ccr_host.run.options import RunOptions
+from ccr_host.tools.sweep.random_twin import as_overrides, draw_twin
+
+OWN = {
+    "robot.segment_lengths_mm": "[70.0, 50.0]",
+    "robot.tendon_radius_mm": "5.0",
+    "robot.marker_offset_mm": "12.0",
+    "robot.pulley_radius_mm": "15.0",
+    "servo.neutral_pulse_us": "[1540.0, 1460.0]",
+    "servo.pulse_per_90_deg_us": "[-950.0, 1050.0]",
+    "registration.camera_to_robot_deg": "[40.0, -100.0, 70.0]",
+}
+FOLLOWERS = {
+    followed_key(field): (section, name)
+    for section, model in (("twin", Twin), ("tracker", Tracker))
+    for name, field in model.model_fields.items()
+    if followed_key(field)
+}
+
+
+def value(description: Description, key: str) -> object:
+    section, name = key.split(".")
+    return getattr(getattr(description, section), name)
+
+
+def test_every_key_that_is_followed_is_tried_here() -> None:
+    assert FOLLOWERS.keys() == OWN.keys()
+
+
+@pytest.mark.parametrize("key", OWN)
+def test_the_simulation_follows_the_description(key: str) -> None:
+    description = schema.load(None, [f"{key}={OWN[key]}"])
+    assert value(description, ".".join(FOLLOWERS[key])) == value(description, key)
+
+
+@pytest.mark.parametrize("key", OWN)
+def test_what_is_set_wins_even_if_it_is_the_default(key: str) -> None:
+    section, name = FOLLOWERS[key]
+    usual = value(Description(), f"{section}.{name}")
+    text = str(list(usual) if isinstance(usual, tuple) else usual)
+    description = schema.load(None, [f"{key}={OWN[key]}", f"{section}.{name}={text}"])
+    assert value(description, f"{section}.{name}") == usual
+
+
+@pytest.mark.long
+def test_a_robot_of_other_measures_is_followed_without_hardware() -> None:
+    overrides = tuple(f"{key}={value}" for key, value in OWN.items())
+    result = execute_quietly(RunOptions(path="8shape", overrides=overrides))
+    errors_mm = true_errors_mm(result.records)
+    assert errors_mm is not None
+    assert np.linalg.norm(errors_mm, axis=1).mean() < 1.5
+
+
+def test_a_sweep_draws_what_is_believed_and_leaves_the_robot_as_it_is() -> None:
+    base = schema.load(None, ["robot.segment_lengths_mm=[70, 50]"])
+    drawn = draw_twin(np.random.default_rng(1), base, 80.0)
+    description = schema.load(None, as_overrides(drawn))
+    assert description.twin.segment_lengths_mm == (70.0, 50.0)
+    assert description.robot.segment_lengths_mm != (70.0, 50.0)

@@ -1,0 +1,280 @@
+"""Every key of the twin changes the robot the way its physics says."""
+
+import numpy as np
+import pytest
+
+from ccr_host.core.errors import CcrError, ConfigError
+from ccr_host.description.schema import Push, Twin
+from ccr_host.sim.robot.robot import TwinRobot
+
+X, Y, Z = 0, 1, 2
+
+CHANGED = {
+    "flexures": (7, 5),
+    "segment_lengths_mm": (60.0, 43.5),
+    "tendon_radius_mm": 4.6,
+    "marker_offset_mm": 16.0,
+    "pulley_radius_mm": 12.0,
+    "bending_stiffness_nm_rad": (0.02, 0.021),
+    "joint_damping": 3e-4,
+    "friction": 0.1,
+    "disk_mass_g": 0.9,
+    "marker_mass_g": 3.1,
+    "payload_g": 1.0,
+    "payload_start_s": 0.5,
+    "slack_mm": 1.0,
+    "tendon_stiffness_n_m": 4100.0,
+    "tendon_force_max_n": 1.0,
+    "servo_rate_deg_s": 200.0,
+    "servo_deadband_deg": 0.5,
+    "servo_neutral_us": (1500.0, 1510.0),
+    "servo_us_per_90_deg": (-1000.0, 1000.0),
+    "gravity_m_s2": 9.7,
+    "push": Push(force_n=(0, 0, 0.01), start_s=0.0, end_s=1.0),
+    "time_step_ms": 0.4,
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("key", Twin.model_fields)
+def test_no_key_is_without_effect(pulses_half_us, key):
+    def swing_mm(twin: Twin):
+        robot = TwinRobot(twin)
+        robot.start_path_clock(0)
+        robot.set_pulses_half_us(pulses_half_us(15, 25))
+        robot.advance_to(100_000)
+        return robot.tip_mm()
+
+    usual = Twin(payload_g=0.5)
+    changed = usual.model_copy(update={key: CHANGED[key]})
+    assert np.linalg.norm(swing_mm(changed) - swing_mm(usual)) > 1e-3
+
+
+def test_gravity_droops_and_its_sign_turns_the_droop(tip):
+    assert tip(gravity_m_s2=9.81)[Z] < -10
+    assert tip(gravity_m_s2=0.0)[Z] == pytest.approx(0, abs=1e-6)
+    assert tip(gravity_m_s2=-9.81)[Z] > 10
+
+
+def test_droop_of_a_stiff_slack_robot_is_inverse_to_its_stiffness(tip):
+    free = {"slack_mm": 50.0}
+    droop = tip(bending_stiffness_nm_rad=0.4, **free)[Z]
+    assert tip(bending_stiffness_nm_rad=0.8, **free)[Z] == pytest.approx(droop / 2, rel=0.01)
+
+
+def test_stiffness_of_each_segment_acts_on_that_segment(posed):
+    robot, softer_second = (
+        posed(slack_mm=50.0, bending_stiffness_nm_rad=(0.4, second)) for second in (0.4, 0.1)
+    )
+    # Gravity bends only segment 1; segment 2 bends sideways, so only its tendons show it.
+    np.testing.assert_allclose(robot.tip_mm(), softer_second.tip_mm(), atol=1e-6)
+    push = Push(force_n=(0.01, 0, 0), start_s=0, end_s=9)
+    soft, stiff = (
+        posed(slack_mm=50.0, bending_stiffness_nm_rad=(0.4, k), push=push) for k in (0.1, 0.4)
+    )
+    for pushed in (soft, stiff):
+        pushed.start_path_clock(0)
+        pushed.advance_to(2_000_000)
+    assert soft.tip_mm()[X] == pytest.approx(4 * stiff.tip_mm()[X], rel=0.02)
+
+
+def test_payload_droops_like_its_weight(tip):
+    # Cantilever of a segment with uniform flexures, free tendons, small angles.
+    stiff = {"slack_mm": 50.0, "bending_stiffness_nm_rad": 2.0, "gravity_m_s2": 9.81}
+    added = tip(payload_g=20.0, **stiff)[Z] - tip(payload_g=0.0, **stiff)[Z]
+    flexure_y = 58.5 / 6 * (np.arange(6) + 0.5)
+    arms_m = (102 - flexure_y) * 1e-3
+    compliance_m_n = np.sum(arms_m**2) / (6 * 2.0)
+    assert added == pytest.approx(-compliance_m_n * 0.020 * 9.81 * 1e3, rel=0.01)
+
+
+@pytest.mark.parametrize("key", ["disk_mass_g", "marker_mass_g"])
+def test_more_mass_droops_more(tip, key):
+    mass = getattr(Twin(), key)
+    assert tip(**{key: 2 * mass})[Z] < tip(**{key: mass})[Z] - 1.0
+
+
+def test_payload_drops_the_tip_from_its_start_in_path_time(posed):
+    robot = posed(payload_g=10.0, payload_start_s=1.0)
+    robot.advance_to(5_000_000)
+    unloaded = robot.tip_mm()
+    robot.start_path_clock(5_000_000)
+    robot.advance_to(6_000_000)
+    np.testing.assert_allclose(robot.tip_mm(), unloaded, atol=1e-5)
+    robot.advance_to(9_000_000)
+    np.testing.assert_allclose(robot.tip_mm(), posed(payload_g=10.0).tip_mm(), atol=0.05)
+
+
+@pytest.mark.parametrize("axis", [X, Z])
+def test_push_moves_the_tip_along_its_force_during_its_span(posed, axis):
+    force = [0.0, 0.0, 0.0]
+    force[axis] = 0.05
+    robot = posed(push=Push(force_n=tuple(force), start_s=1.0, end_s=3.0))
+    rest = robot.tip_mm()
+    robot.start_path_clock(0)
+    robot.advance_to(1_000_000)
+    np.testing.assert_allclose(robot.tip_mm(), rest, atol=1e-5)
+    robot.advance_to(3_000_000)
+    assert robot.tip_mm()[axis] - rest[axis] > 1.0
+    robot.advance_to(6_000_000)
+    np.testing.assert_allclose(robot.tip_mm(), rest, atol=0.05)
+
+
+def test_push_waits_for_the_path_clock(posed):
+    robot = posed(push=Push(force_n=(0.1, 0, 0), start_s=0.0, end_s=9.0))
+    rest = robot.tip_mm()
+    robot.advance_to(2_000_000)
+    np.testing.assert_allclose(robot.tip_mm(), rest, atol=1e-5)
+
+
+def test_slack_is_wound_up_before_the_robot_bends(tip):
+    # 12.5 mm pulley: 1 mm of slack is 4.58 deg.
+    slack = {"gravity_m_s2": 0.0, "slack_mm": 1.0}
+    assert tip(0, 4.4, **slack)[X] == pytest.approx(0, abs=1e-6)
+    assert tip(0, 6.0, **slack)[X] > 0.5
+    assert tip(0, 4.4, gravity_m_s2=0.0, slack_mm=0.0)[X] > 2
+
+
+def test_softer_tendons_bend_the_robot_less(tip):
+    stiff, soft = (tip(0, 25, tendon_stiffness_n_m=k)[X] for k in (8000.0, 1000.0))
+    assert soft < stiff - 3
+
+
+def test_tendon_force_is_limited(tip):
+    # 1 N on 4.5 mm bends a segment of 0.02 N m/rad by 0.225 rad; the straight tendon between two
+    # disks lies further inside than its holes by half a pitch (4.35 mm) times the half angle.
+    bending_rad = 4.5e-3 / (0.02 / 1.0 - 4.35e-3 / 10)
+    free = {"gravity_m_s2": 0.0, "slack_mm": 0.0}
+    x, y, _ = tip(0, 40, tendon_force_max_n=1.0, **free)
+    assert 2 * np.arctan2(x, -(y + 58.5)) == pytest.approx(bending_rad, rel=0.002)
+
+
+@pytest.mark.parametrize(("key", "larger"), [("pulley_radius_mm", 15.0), ("tendon_radius_mm", 3.5)])
+def test_transmission_ratio_bends_more(tip, key, larger):
+    rest = {"slack_mm": 0.0}
+    assert tip(0, 15, **{key: larger}, **rest)[X] > 1.1 * tip(0, 15, **rest)[X]
+
+
+def test_segment_lengths_make_the_robot_longer(tip):
+    np.testing.assert_allclose(
+        tip(segment_lengths_mm=(70.0, 50.0), gravity_m_s2=0.0), (0, -120, 0), atol=1e-6
+    )
+
+
+@pytest.mark.long
+def test_stuck_tendons_leave_the_tip_on_either_side(posed, pulses_half_us):
+    def gap_mm(friction: float) -> float:
+        robot = posed(friction=friction)
+        tips = []
+        for second, past_deg in ((1, 30), (2, 10), (3, -10), (4, 10)):
+            robot.set_pulses_half_us(pulses_half_us(0, past_deg))
+            robot.advance_to(second * 2_000_000)
+            tips.append(robot.tip_mm()[X])
+        from_above, from_below = tips[1], tips[3]
+        return from_above - from_below
+
+    assert abs(gap_mm(0.0)) < 0.05
+    assert gap_mm(0.2) > 0.3
+    assert gap_mm(0.4) > 1.5 * gap_mm(0.2)
+
+
+def test_friction_holds_a_small_push_without_creep(posed):
+    robot = posed(friction=0.5, push=Push(force_n=(0, 0, 0.03), start_s=0, end_s=99))
+    robot.start_path_clock(0)
+    robot.advance_to(1_000_000)
+    after_1_s = robot.tip_mm()
+    robot.advance_to(5_000_000)
+    assert np.linalg.norm(robot.tip_mm() - after_1_s) < 0.02
+
+
+def test_friction_does_not_move_the_start(tip):
+    np.testing.assert_allclose(tip(friction=0.5), tip(friction=0.0), atol=1e-4)
+
+
+def test_damping_calms_the_ringing_after_a_move(pulses_half_us):
+    def ringing_mm(damping: float) -> float:
+        robot = TwinRobot(Twin(joint_damping=damping))
+        robot.set_pulses_half_us(pulses_half_us(15, 15))
+        heights = []
+        for time_us in range(1_000_000, 1_500_000, 10_000):
+            robot.advance_to(time_us)
+            heights.append(robot.tip_mm()[Z])
+        return float(np.ptp(heights))
+
+    assert ringing_mm(2e-3) < 0.3 * ringing_mm(1e-4)
+
+
+def test_damping_does_not_move_the_rest(tip):
+    np.testing.assert_allclose(tip(joint_damping=1e-3), tip(joint_damping=2e-2), atol=0.01)
+
+
+def test_servo_rate_sets_when_the_shaft_arrives(pulses_half_us):
+    robot = TwinRobot(Twin(servo_rate_deg_s=90.0))
+    robot.set_pulses_half_us(pulses_half_us(45, -18))
+    robot.advance_to(100_000)
+    np.testing.assert_allclose(np.degrees(robot.servo_angles_rad()), (9, -9), atol=1e-9)
+    robot.advance_to(600_000)
+    np.testing.assert_allclose(np.degrees(robot.servo_angles_rad()), (45, -18), atol=1e-9)
+
+
+def test_servo_deadband_leaves_the_shaft_short(pulses_half_us):
+    robot = TwinRobot(Twin(servo_deadband_deg=2.0))
+    robot.set_pulses_half_us(pulses_half_us(18, 1.8))
+    robot.advance_to(500_000)
+    np.testing.assert_allclose(np.degrees(robot.servo_angles_rad()), (16, 0), atol=1e-9)
+
+
+def test_more_flexures_keep_the_segment_as_stiff(tip):
+    free = {"slack_mm": 50.0, "bending_stiffness_nm_rad": 0.4}
+    # Half the disk mass on twice the disks: the same weight, spread as evenly.
+    coarse = tip(flexures=(10, 8), disk_mass_g=0.8, **free)[Z]
+    fine = tip(flexures=(20, 16), disk_mass_g=0.4, **free)[Z]
+    assert fine == pytest.approx(coarse, rel=0.03)
+
+
+def test_time_step_hardly_moves_the_motion(pulses_half_us):
+    def swing_mm(step_ms: float):
+        robot = TwinRobot(Twin(time_step_ms=step_ms))
+        robot.set_pulses_half_us(pulses_half_us(10, 10))
+        robot.advance_to(100_000)
+        return robot.tip_mm()
+
+    np.testing.assert_allclose(swing_mm(0.5), swing_mm(0.1), atol=0.6)
+    assert not np.array_equal(swing_mm(0.5), swing_mm(0.1))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"time_step_ms": 2.0},
+        {"tendon_stiffness_n_m": 100_000.0, "time_step_ms": 2.0},
+        {"bending_stiffness_nm_rad": 0.2},
+        {"flexures": (15, 12)},
+        {"disk_mass_g": 0.1, "marker_mass_g": 0.1},
+        {"joint_damping": 1e-5},
+    ],
+)
+def test_step_shrinks_where_the_structure_needs_it(pulses_half_us, keys):
+    robot = TwinRobot(Twin(**keys))
+    for k, angles_deg in enumerate([(20, 40), (-20, -40), (0, 60), (15, 0)]):
+        robot.set_pulses_half_us(pulses_half_us(*angles_deg))
+        robot.advance_to((k + 1) * 500_000)
+    assert np.linalg.norm(robot.tip_mm()) < 110
+
+
+def test_unstable_structure_is_reported_with_cause_and_cure(pulses_half_us, capfd, tmp_path):
+    robot = TwinRobot(Twin(joint_damping=0.0))
+    with pytest.raises(CcrError) as error:
+        for k in range(200):
+            robot.set_pulses_half_us(pulses_half_us(30 * (-1) ** k, 80 * (-1) ** (k // 2)))
+            robot.advance_to((k + 1) * 250_000)
+    assert "unstable" in error.value.cause
+    assert "twin.joint_damping" in error.value.cure
+    assert capfd.readouterr().err == ""
+
+
+def test_structure_beyond_any_step_is_refused():
+    with pytest.raises(ConfigError, match="time steps") as error:
+        TwinRobot(Twin(bending_stiffness_nm_rad=(100.0, 100.0)))
+    assert "twin.tendon_stiffness_n_m" in error.value.cure

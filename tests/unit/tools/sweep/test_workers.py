@@ -1,0 +1,28 @@
+"""Who may use the workers of a sweep on this machine."""
+
+import asyncio
+
+import pytest
+from distributed import Security
+from distributed.core import rpc
+
+from ccr_host.tools.sweep.workers import local_workers
+
+
+async def ask(address: str, security: Security) -> None:
+    arguments = security.get_connection_args("client")
+    async with rpc(address, timeout=3, connection_args=arguments) as peer:
+        await asyncio.wait_for(peer.identity(), 3)
+
+
+@pytest.mark.long
+def test_nobody_without_its_certificates_reaches_the_scheduler_of_a_sweep() -> None:
+    with local_workers(1) as client:
+        address = client.scheduler.address
+        assert client.submit(sum, [1, 2]).result() == 3
+        asyncio.run(ask(address, client.security))
+        for stranger in (Security(), Security.temporary()):
+            with pytest.raises((OSError, TypeError, RuntimeError)):
+                asyncio.run(ask(address, stranger))
+        with pytest.raises(OSError):
+            asyncio.run(ask(address.replace("tls://", "tcp://"), Security()))

@@ -1,0 +1,87 @@
+"""Tracker URIs."""
+
+import pytest
+
+from ccr_host.core import optional
+from ccr_host.core.errors import ConfigError
+from ccr_host.tracking.open_tracker import TrackerKind, TrackerUri, open_tracker, parse_tracker_uri
+from ccr_host.tracking.sources.ndi.driver import NdiTracker
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "address"),
+    [
+        ("twin:", TrackerKind.TWIN, ""),
+        ("ndi-emulator:", TrackerKind.NDI_EMULATOR, ""),
+        ("ndi:/dev/ttyUSB0", TrackerKind.NDI_SERIAL, "/dev/ttyUSB0"),
+        ("ndi:COM3", TrackerKind.NDI_SERIAL, "COM3"),
+        ("ndi+tcp://camera.lab:8765", TrackerKind.NDI_TCP, "camera.lab:8765"),
+        ("igtl://localhost:18944", TrackerKind.IGTL, "localhost:18944"),
+        ("aruco:0", TrackerKind.ARUCO, "0"),
+        ("replay:runs/a:b/log_0000.mcap", TrackerKind.REPLAY, "runs/a:b/log_0000.mcap"),
+    ],
+)
+def test_known_forms_are_read_and_written_back(text, kind, address):
+    uri = parse_tracker_uri(text)
+    assert uri == TrackerUri(kind, address)
+    assert str(uri) == text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "twin",
+        "twin:1",
+        "ndi-emulator:x",
+        "ndi:",
+        "ndi+tcp:host:1",
+        "ndi+tcp://host",
+        "ndi+tcp://host:0",
+        "ndi+tcp://host:65536",
+        "igtl://:1",
+        "aruco:",
+        "aruco:x",
+        "replay:",
+        "vicon://host",
+    ],
+)
+def test_other_forms_are_refused_with_an_example(text):
+    with pytest.raises(ConfigError) as refusal:
+        parse_tracker_uri(text)
+    assert refusal.value.cure
+
+
+def test_ndi_is_opened_only_when_started():
+    uri = parse_tracker_uri("ndi:/dev/nosuchport")
+    assert isinstance(open_tracker(uri, latency_us=40_000), NdiTracker)
+
+
+def test_aruco_without_calibration_says_what_to_set():
+    with pytest.raises(ConfigError, match="calibration") as refusal:
+        open_tracker(parse_tracker_uri("aruco:0"), latency_us=0)
+    assert "camera_file" in refusal.value.cure
+
+
+def test_twin_needs_the_twin():
+    with pytest.raises(ConfigError, match="needs the twin"):
+        open_tracker(parse_tracker_uri("twin:"), latency_us=0)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [("igtl://localhost:1", "ccr-host[igtl]"), ("aruco:0", "ccr-host[aruco]")],
+)
+def test_missing_package_gives_the_line_that_installs_it(text, line, monkeypatch, tmp_path):
+    def missing(name: str) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr(optional.importlib, "import_module", missing)
+    camera_file = tmp_path / "camera.yaml"
+    camera_file.write_text(
+        "camera_matrix:\n  data: [600, 0, 320, 0, 600, 240, 0, 0, 1]\n"
+        "distortion_coefficients:\n  data: [0, 0, 0, 0, 0]\n"
+    )
+    with pytest.raises(ConfigError, match="not installed") as refusal:
+        open_tracker(parse_tracker_uri(text), latency_us=0, camera_file=camera_file, tag_size_mm=20)
+    assert line in refusal.value.cure
