@@ -1,3 +1,5 @@
 """Control stack for tendon-driven continuum robots."""
 
-__version__ = "0.1.0"
+from ccr_host.core.version import VERSION as __version__
+
+__all__ = ["__version__"]

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from ccr_host import __version__
 from ccr_host.commands.calibrate import calibrate
 from ccr_host.commands.compare import compare
 from ccr_host.commands.doctor import doctor
@@ -25,6 +24,7 @@ from ccr_host.commands.track import track
 from ccr_host.commands.view import view, with_default_address
 from ccr_host.commands.workspace import workspace
 from ccr_host.core.errors import ConfigError
+from ccr_host.core.version import VERSION
 
 app = typer.Typer(
     name="ccr-host",
@@ -43,7 +43,7 @@ for command in _COMMANDS:
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"ccr-host {__version__}")
+        typer.echo(f"ccr-host {VERSION}")
         raise typer.Exit
 
 

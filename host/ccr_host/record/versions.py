@@ -5,14 +5,14 @@ from __future__ import annotations
 import platform
 from importlib.metadata import version
 
-import ccr_host
+from ccr_host.core.version import VERSION
 from ccr_host.link import messages
 
 
 def versions() -> dict[str, str]:
     """Version of everything that decides a run's figures."""
     return {
-        "ccr_host": ccr_host.__version__,
+        "ccr_host": VERSION,
         "protocol": f"{messages.PROTOCOL_VERSION}, spec {messages.SPEC_HASH:08x}",
         "python": platform.python_version(),
         **{package: version(package) for package in ("numpy", "mujoco-core", "daqp")},

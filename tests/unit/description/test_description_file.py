@@ -6,7 +6,8 @@ import pytest
 
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema
-from ccr_host.description.file import file_to_keep_in, keep_in, text_of, updated
+from ccr_host.description.file import file_to_keep_in, keep_in, updated
+from ccr_host.description.source import text_of
 
 REGISTRATION = {
     "camera_to_robot_deg": [1.5, -170.25, 0.0],

@@ -66,7 +66,7 @@ def test_a_paths_y_and_z_are_those_of_the_table(recording, tmp_path):
 
 
 def test_the_dictionary_of_columns_is_current():
-    committed = (Path(__file__).parents[3] / "docs" / "logs.md").read_text(encoding="utf-8")
+    committed = (Path(__file__).parents[4] / "docs" / "logs.md").read_text(encoding="utf-8")
     assert committed.endswith(dictionary()), "renew it: python -m ccr_host.record.log.tables"
     assert all(column.meaning for table in TABLES for column in table.columns.values())
 
