@@ -24,7 +24,7 @@ from ccr_host.commands.track import track
 from ccr_host.commands.view import view, with_default_address
 from ccr_host.commands.workspace import workspace
 from ccr_host.core.errors import ConfigError
-from ccr_host.core.version import VERSION
+from ccr_host.core.version import __version__
 
 app = typer.Typer(
     name="ccr-host",
@@ -43,7 +43,7 @@ for command in _COMMANDS:
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"ccr-host {VERSION}")
+        typer.echo(f"ccr-host {__version__}")
         raise typer.Exit
 
 

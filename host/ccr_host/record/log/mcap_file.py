@@ -37,7 +37,7 @@ from mcap.writer import MCAP0_MAGIC
 from pydantic_core import to_json
 from zstandard import ZstdCompressor
 
-from ccr_host.core.version import VERSION
+from ccr_host.core.version import __version__
 from ccr_host.record.log.topics import Topic
 
 _MESSAGE = int(Opcode.MESSAGE)
@@ -119,7 +119,7 @@ class McapFile:
             Channel(number, topic.name, "json", {}, number)
             for number, topic in enumerate(topics, 1)
         ]
-        header = Header(profile="", library=f"ccr-host {VERSION}")
+        header = Header(profile="", library=f"ccr-host {__version__}")
         try:
             self._append(MCAP0_MAGIC + _packed([header, *self._schemas, *self._channels]))
         except OSError:

@@ -15,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.user_file import is_folder, is_there, read_bytes
-from ccr_host.core.version import VERSION
+from ccr_host.core.version import __version__
 from ccr_host.description.schema import Description
 from ccr_host.record.log import topics
 from ccr_host.record.log.files import (
@@ -161,7 +161,7 @@ class RunRecording:
         writer = self.setup.get("versions", {}).get("ccr_host", "unknown")
         return _unusable(
             self.source,
-            f"written by ccr-host {writer}, with {what} that {VERSION} does not know",
+            f"written by ccr-host {writer}, with {what} that {__version__} does not know",
         )
 
     @cached_property
@@ -265,7 +265,8 @@ def _content(message: PackedMessage, topic: Topic, path: Path) -> dict[str, Any]
         time_s = message.time_ns / _NS_PER_S
         raise _unusable(
             path,
-            f"not the log of a run as ccr-host {VERSION} knows it: {topic.name} at {time_s:.3f} s",
+            f"not the log of a run as ccr-host {__version__} knows it: "
+            f"{topic.name} at {time_s:.3f} s",
         )
     return content
 
