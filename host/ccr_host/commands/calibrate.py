@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ccr_host.description.schema import Description, Servo
-    from ccr_host.run.open_rig import Rig
+    from ccr_host.run.rig import Rig
 
 
 def calibrate(

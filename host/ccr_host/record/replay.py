@@ -31,8 +31,9 @@ from ccr_host.record.playing import (
 )
 from ccr_host.run.loop import follow_path
 from ccr_host.run.observer import Observers, StepRecord
-from ccr_host.run.open_rig import Rig, meet_board
+from ccr_host.run.open_rig import meet_board
 from ccr_host.run.operator import stopping_at_once
+from ccr_host.run.rig import Rig
 from ccr_host.run.tape import Tape, TapeError, TapePiece
 from ccr_host.tracking.tracker import Sample
 
@@ -177,7 +178,7 @@ class _Replay:
             with client, played_end(tape):
                 clock.attach(client)
                 meet_board(client, description, device)
-                rig = Rig(clock, client, tracker, None, Tape(lambda _: None))
+                rig = Rig(clock, client, tracker, Tape(lambda _: None))
                 with stopping_at_once(operator, clock, client, Observers()):
                     follow_path(
                         rig,

@@ -12,10 +12,11 @@ from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits, Workspace
 from ccr_host.run.loop import Progress, follow_path
 from ccr_host.run.observer import Observers, RunObserver, RunSetup, StepRecord
-from ccr_host.run.open_rig import Rig, open_rig
+from ccr_host.run.open_rig import open_rig
 from ccr_host.run.operator import NoOperator, Operator, stopping_at_once
 from ccr_host.run.options import RunOptions
 from ccr_host.run.recording import RecordedOperator
+from ccr_host.run.rig import Rig
 from ccr_host.run.summary import RunResult
 
 

@@ -29,9 +29,9 @@ from ccr_host.description.schema import Description
 from ccr_host.link.device_errors import LinkLossError
 from ccr_host.robot.reference import Reference
 from ccr_host.run.observer import RunObserver, StepRecord, Vector
-from ccr_host.run.open_rig import Rig
 from ccr_host.run.operator import NoOperator, Operator
 from ccr_host.run.options import Checks
+from ccr_host.run.rig import Rig
 from ccr_host.run.robot_check import RobotCheck
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample

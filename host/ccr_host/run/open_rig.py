@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +34,7 @@ from ccr_host.run.recording import (
     recorded_end,
     recorded_frames,
 )
+from ccr_host.run.rig import Rig
 from ccr_host.run.tape import Tape
 from ccr_host.run.tracker_rig import TrackerRig
 from ccr_host.sim.board.board import UnoEmulator
@@ -46,30 +46,6 @@ from ccr_host.sim.simavr.board import SimavrBoard
 from ccr_host.sim.simavr.flash_image import find_firmware, read_flash_image
 from ccr_host.sim.simavr.line import SimavrCoSimulation, SimavrLine
 from ccr_host.tracking.open_tracker import parse_tracker_uri
-from ccr_host.tracking.tracker import Tracker
-
-
-@dataclass(frozen=True)
-class Rig:
-    """What the control loop works with."""
-
-    clock: Clock
-    client: Client
-    tracker: Tracker
-    eyes: TrackerRig | None
-    """The camera, and the simulated robot where there is one; None in a replay."""
-    tape: Tape
-    """Of all that comes to the host through this rig."""
-
-    def start_path_clock(self, time_us: int) -> None:
-        """Zero of the disturbances that the description times."""
-        if self.eyes is not None:
-            self.eyes.start_path_clock(time_us)
-
-    def true_tip_mm(self) -> NDArray[np.float64] | None:
-        """True f, (3,), for the metrics only; None where the robot is real."""
-        scene = None if self.eyes is None else self.eyes.scene
-        return None if scene is None else scene.true_tip_mm()
 
 
 def is_simulated(options: RigOptions) -> bool:
@@ -161,7 +137,7 @@ def open_rig(
         hosts_tracker = RecordedTracker(tracker, clock, tape, observer)
         clock.attach(hosts_tracker)
         eyes.wait_until_tracking(clock)
-        yield Rig(hosts_clock, client, hosts_tracker, eyes, tape)
+        yield Rig(hosts_clock, client, hosts_tracker, tape, eyes.start_path_clock, eyes.true_tip_mm)
 
 
 def meet_board(client: Client, description: Description, device: DeviceUri) -> None:

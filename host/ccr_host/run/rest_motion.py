@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.run.open_rig import Rig
+from ccr_host.run.rig import Rig
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.registration import RegistrationError, RestPose
 from ccr_host.tracking.tracker import Sample

@@ -114,6 +114,10 @@ class TrackerRig:
         if self.camera is not None:
             wait_until_tracking(self.camera, clock)
 
+    def true_tip_mm(self) -> NDArray[np.float64] | None:
+        """True f, (3,); None where the robot is real."""
+        return None if self.scene is None else self.scene.true_tip_mm()
+
     def start_path_clock(self, time_us: int) -> None:
         """Zero of whatever the description times."""
         if self.scene is not None:

@@ -12,7 +12,7 @@ from rich.table import Table
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description, Pair, Servo
 from ccr_host.link.messages import StateReport, StatusFlags
-from ccr_host.run.open_rig import Rig
+from ccr_host.run.rig import Rig
 from ccr_host.tools.jog import JogView, jog
 from ccr_host.tools.servo_fit import ServoFit
 

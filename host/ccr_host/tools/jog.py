@@ -15,7 +15,7 @@ from ccr_host.description.schema import Description
 from ccr_host.link.client import Client
 from ccr_host.link.messages import StateReport
 from ccr_host.robot.workspace import MotorLimits
-from ccr_host.run.open_rig import Rig
+from ccr_host.run.rig import Rig
 from ccr_host.tools.keyboard import DOWN, ESCAPE, LEFT, RIGHT, UP
 from ccr_host.tracking.tracker import Sample
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ccr_host.core.errors import TrackerError
 from ccr_host.description.schema import Description
 from ccr_host.robot.workspace import MotorLimits
-from ccr_host.run.open_rig import Rig
 from ccr_host.run.rest_motion import OnPose, visit
+from ccr_host.run.rig import Rig
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.registration import Registration, RestPose, register
 

@@ -23,8 +23,8 @@ from ccr_host.description.schema import Description, Servo
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.robot.workspace import MotorLimits
-from ccr_host.run.open_rig import Rig
 from ccr_host.run.rest_motion import OnPose, RestTour, visit
+from ccr_host.run.rig import Rig
 from ccr_host.tools.register import safe_poses_rad
 from ccr_host.tools.servo_fit import ServoFit, fit_servos
 from ccr_host.tracking.markers.check import MarkerCheck

@@ -11,8 +11,9 @@ from ccr_host.link.messages import State
 from ccr_host.robot.reference import Reference
 from ccr_host.run.loop import follow_path
 from ccr_host.run.observer import Observers, StepRecord
-from ccr_host.run.open_rig import Rig, open_rig
+from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
+from ccr_host.run.rig import Rig
 from ccr_host.tracking.tracker import Sample
 
 STEPS = 8

@@ -2,8 +2,9 @@
 
 from ccr_host.link.messages import State
 from ccr_host.run.observer import Observers
-from ccr_host.run.open_rig import Rig, open_rig
+from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
+from ccr_host.run.rig import Rig
 from ccr_host.tools.jog import JogView, jog
 
 OPTIONS = RigOptions()

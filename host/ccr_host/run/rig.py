@@ -1,0 +1,29 @@
+"""What a control loop works with, wherever it comes from: hardware, the twin, a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.core.clock import Clock
+from ccr_host.link.client import Client
+from ccr_host.run.tape import Tape
+from ccr_host.tracking.tracker import Tracker
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A connected board and a tracker, and the clock that both go by."""
+
+    clock: Clock
+    client: Client
+    tracker: Tracker
+    tape: Tape
+    """Records what comes to the host through this rig."""
+    start_path_clock: Callable[[int], None] = lambda _: None
+    """Told the time, in us, from which on the description's timed disturbances count."""
+    true_tip_mm: Callable[[], NDArray[np.float64] | None] = lambda: None
+    """True f, (3,), for the metrics only; None where the robot is real, or recorded."""
