@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track as progress
 from rich.table import Table
+from scipy.spatial.transform import Rotation
 
 from ccr_host.core.errors import CcrError
 from ccr_host.run.observer import Observers
@@ -21,7 +22,6 @@ from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
 from ccr_host.tools.survey import survey
 from ccr_host.tools.sweep.random_twin import as_overrides
-from ccr_host.tracking.rotation import rotation_matrix, rotation_vector
 
 NAMES = ("camera about x", "camera about y", "camera about z", "zero of motor 1", "zero of motor 2")
 ZERO_DEG, SLACK_MM, FRICTION_N, SCALE_US = 10.0, 2.0, 0.3, 1000.0
@@ -60,8 +60,9 @@ def surveyed(seed: int) -> tuple[Array, Array]:
     with open_rig(options, description, Observers(), in_camera_frame=True) as rig:
         found = survey(rig, description, lambda *_: None)
     assert np.array_equal(found.servos.direction, np.sign(scales_us))
-    truth = rotation_matrix(np.radians(rotation_deg))
-    turned_deg = np.degrees(rotation_vector(found.registration.camera_to_robot @ truth.T))
+    truth = Rotation.from_rotvec(rotation_deg, degrees=True)
+    off = Rotation.from_matrix(found.registration.camera_to_robot) * truth.inv()
+    turned_deg = off.as_rotvec(degrees=True)
     off_deg = np.degrees(found.servos.neutral_rad) - zeros_deg
     stated_deg = np.degrees(found.servos.neutral_deviation_rad)
     return (

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ccr_host.run.observer import StepRecord, Vector, measured_errors_mm, true_errors_mm
 
@@ -29,27 +30,19 @@ def why_measured_differs(records: Sequence[StepRecord]) -> str | None:
     if abs(means_mm[0] - means_mm[1]) < max(_MUCH_MM, _MUCH * max(means_mm)):
         return None
     targets = np.array([record.target_mm for record in records])[seen]
-    turn = _best_rotation(targets + truth[seen], targets + measured[seen])
-    unturned_mm = (targets + measured[seen]) @ turn - (targets + truth[seen])
+    turn, _ = Rotation.align_vectors(targets + measured[seen], targets + truth[seen])
+    unturned_mm = turn.inv().apply(targets + measured[seen]) - (targets + truth[seen])
     off_mm, left_mm = _rms_mm(measured[seen] - truth[seen]), _rms_mm(unturned_mm)
     if left_mm < off_mm / 2:
-        angle_deg = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
         return (
-            f"the camera stands turned by {angle_deg:.0f} deg against the robot, so the measured "
-            "error is that in the camera's frame; `ccr-host register` finds the turn"
+            f"the camera stands turned by {np.degrees(turn.magnitude()):.0f} deg against the "
+            "robot, so the measured error is that in the camera's frame; `ccr-host register` finds "
+            "the turn"
         )
     lost = len(records) - np.count_nonzero(seen)
     if lost > len(records) / 10:
         return f"{lost} of {len(records)} steps were not measured"
     return f"noise, delay or misread markers put the measured tip {off_mm:.1f} mm (RMS) off"
-
-
-def _best_rotation(from_mm: Vector, to_mm: Vector) -> Vector:
-    """(3, 3): the rotation R that brings R ``from_mm`` nearest to ``to_mm``, (N, 3) each."""
-    left, _, right = np.linalg.svd(to_mm.T @ from_mm)
-    handedness = np.sign(np.linalg.det(left @ right))
-    rotation: Vector = left @ np.diag((1.0, 1.0, handedness)) @ right
-    return rotation
 
 
 def _rms_mm(vectors_mm: Vector) -> float:

@@ -11,8 +11,14 @@ import numpy as np
 from ccr_host.core.errors import ConfigError
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
-from ccr_host.tracking.frame_count import FrameCount
-from ccr_host.tracking.tracker import FloatArray, MarkerFrame, Pose, StartsAndStops, TrackerHealth
+from ccr_host.tracking.tracker import (
+    FloatArray,
+    FrameCount,
+    MarkerFrame,
+    Pose,
+    StartsAndStops,
+    TrackerHealth,
+)
 
 MARKER_NAMES = ("M1", "M2", "M3")
 _UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
@@ -21,7 +27,7 @@ _UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 class ReplayTracker(StartsAndStops):
     """Delivers each recorded sample once its time has come; time 0 is the first exposure.
 
-    The markers were identified when they were recorded, so they come as tools M1, M2 and M3.
+    The markers were labelled when they were recorded, so they come as tools M1, M2 and M3.
 
     Args:
         path: folder of a run, or one file of its log.

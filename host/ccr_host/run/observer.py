@@ -94,7 +94,7 @@ class RunObserver:
         """A report of the board's state."""
 
     def marker_frame(self, time_us: int, frame: MarkerFrame) -> None:
-        """What a camera has delivered, before its markers are identified."""
+        """What a camera has delivered, before its markers are labelled."""
 
     def tracker_sample(self, time_us: int, sample: Sample) -> None:
         """A sample that has arrived, whether or not the control loop will use it."""

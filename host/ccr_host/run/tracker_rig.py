@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ccr_host.core.clock import Clock
 from ccr_host.core.errors import CodeError, blaming
@@ -23,7 +24,6 @@ from ccr_host.tracking.open_tracker import (
     open_tracker,
     wait_until_tracking,
 )
-from ccr_host.tracking.rotation import rotation_matrix
 from ccr_host.tracking.sources.ndi.driver import NdiSettings, NdiTracker
 from ccr_host.tracking.sources.ndi.rom import load_rom
 from ccr_host.tracking.sources.ndi.session import Tool
@@ -132,7 +132,9 @@ def camera_rotation(description: Description) -> NDArray[np.float64]:
     registration = description.registration
     if registration is None:
         return np.eye(3)
-    return rotation_matrix(np.radians(registration.camera_to_robot_deg))
+    turn = Rotation.from_rotvec(registration.camera_to_robot_deg, degrees=True)
+    matrix: NDArray[np.float64] = turn.as_matrix()
+    return matrix
 
 
 def _ndi_settings(description: Description) -> NdiSettings:

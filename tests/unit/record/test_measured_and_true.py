@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ccr_host.control.base import Outcome
 from ccr_host.record.measured_and_true import why_measured_differs
 from ccr_host.run.observer import StepRecord
-from ccr_host.tracking.rotation import rotation_matrix
 
 RNG = np.random.default_rng(1)
 TIPS_MM = np.array((0.0, -90.0, 0.0)) + RNG.uniform(-25, 25, (40, 3))
@@ -35,7 +35,7 @@ def test_an_honest_camera_needs_no_word() -> None:
 
 @pytest.mark.parametrize("turn_deg", [(3.0, 0.0, 0.0), (0.0, 0.0, -8.0), (2.0, 2.0, 2.0)])
 def test_a_turned_camera_is_found(turn_deg: tuple[float, float, float]) -> None:
-    turn = rotation_matrix(np.radians(turn_deg))
+    turn = Rotation.from_rotvec(turn_deg, degrees=True).as_matrix()
     why = why_measured_differs(run(lambda tip: turn @ tip + RNG.normal(0, 0.1, 3)))
     assert why is not None
     assert f"turned by {np.linalg.norm(turn_deg):.0f} deg" in why
@@ -59,6 +59,6 @@ def test_steps_that_were_not_measured_are_counted() -> None:
 
 
 def test_a_real_robot_has_no_known_truth() -> None:
-    turn = rotation_matrix(np.radians((5.0, 0.0, 0.0)))
+    turn = Rotation.from_rotvec((5.0, 0.0, 0.0), degrees=True).as_matrix()
     real = [replace(record, true_mm=None) for record in run(lambda tip: turn @ tip)]
     assert why_measured_differs(real) is None

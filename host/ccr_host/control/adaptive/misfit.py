@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.identification import (
     ZEROS,
     Fit,
-    FloatArray,
     Rests,
     Scaling,
     StaticsFit,
@@ -204,13 +204,5 @@ def _as_supposed(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> Res
         return led
     expected_mm = predicted_mm(scaling.parameters(np.zeros(COUNT)), led)
     seen = np.isfinite(rests.markers_mm).all(axis=-1)
-    rotation = _rotation_onto(expected_mm[seen], rests.markers_mm[seen])
-    return replace(led, markers_mm=rests.markers_mm @ rotation.T)
-
-
-def _rotation_onto(target: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Rotation, (3, 3), that takes vectors, (N, 3), nearest to their targets, by Kabsch."""
-    u, _, v = np.linalg.svd(target.T @ vectors)
-    handed = np.diag([1.0, 1.0, np.linalg.det(u @ v)])
-    rotation: FloatArray = u @ handed @ v
-    return rotation
+    turn, _ = Rotation.align_vectors(expected_mm[seen], rests.markers_mm[seen])
+    return replace(led, markers_mm=rests.markers_mm @ turn.as_matrix().T)

@@ -9,12 +9,13 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ccr_host.sim.polaris.faults import NO_FAULTS, PolarisFaults, is_within
-from ccr_host.tracking.rotation import quaternion
 from ccr_host.tracking.sources.ndi.replies import VICRA
 
 Array = NDArray[np.float64]
@@ -33,18 +34,20 @@ class Placement:
     base_mm: Vector3 = IN_FRONT_MM
     """t: the robot's origin in the camera's frame."""
 
+    @cached_property
+    def turn(self) -> Rotation:
+        """R^T."""
+        return Rotation.from_rotvec(self.rotation_deg, degrees=True).inv()
+
     def quaternion(self) -> Array:
         """(4,): w, x, y, z of R^T."""
-        return quaternion(-np.radians(self.rotation_deg))
+        quaternion: Array = self.turn.as_quat(canonical=True, scalar_first=True)
+        return quaternion
 
     def to_camera(self, points_mm: Array) -> Array:
         """Points of the robot's frame, (n, 3), in the camera's."""
-        w, *v = self.quaternion()
-        vector = np.array(v)
-        twice = 2 * np.cross(vector, points_mm)
-        turned: Array = points_mm + w * twice + np.cross(vector, twice)
-        turned += np.array(self.base_mm)
-        return turned
+        placed: Array = self.turn.apply(points_mm) + np.array(self.base_mm)
+        return placed
 
 
 MarkerSource = Callable[[int], Array]

@@ -67,7 +67,7 @@ MARKERS = ("M1", "M2", "M3")
 
 
 @dataclass(frozen=True, eq=False)
-class Identified:
+class Labelled:
     """The markers of one exposure as far as they are certain."""
 
     exposed_us: int
@@ -90,7 +90,7 @@ class Identified:
         return None if np.isnan(tip[0]) else tip
 
 
-class Identifier:
+class Labeller:
     """Labels the points of frame after frame.
 
     Args:
@@ -111,7 +111,7 @@ class Identifier:
         self._phantoms = _PHANTOMS_AT_START
         self._clean_frames = 0
 
-    def identify(self, exposed_us: int, points_mm: ArrayLike, q_rad: ArrayLike) -> Identified:
+    def label(self, exposed_us: int, points_mm: ArrayLike, q_rad: ArrayLike) -> Labelled:
         """Take the next frame.
 
         Args:
@@ -176,10 +176,10 @@ class Identifier:
             grown.extend(jumps(parent, scene, self._model))
         return grown
 
-    def _verdict(self, scene: Scene) -> Identified:
+    def _verdict(self, scene: Scene) -> Labelled:
         markers = np.full((3, 3), np.nan)
         if not self._hypotheses:
-            return Identified(scene.time_us, markers, 0)
+            return Labelled(scene.time_us, markers, 0)
         best = self._hypotheses[0]
         base_age_us = scene.time_us - best.base.seen_us
         if best.complete_frames >= _PROVEN_FRAMES and self._is_certain(
@@ -192,7 +192,7 @@ class Identifier:
                 harmless = best.harm_mm[marker - 1] <= HARMLESS_MM / min(1.0, scene.phantoms)
                 if point != MISSING and harmless and self._is_certain(agreeing):
                     markers[marker] = scene.points_mm[point]
-        return Identified(scene.time_us, markers, base_age_us)
+        return Labelled(scene.time_us, markers, base_age_us)
 
     def _is_certain(self, agreeing: list[bool]) -> bool:
         """Whether it can be neglected that hypotheses that do not agree are true, or none is."""

@@ -1,4 +1,4 @@
-"""From a camera's frames to samples: identification, then registration."""
+"""From a camera's frames to samples: labelling, then registration."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.description.schema import Robot
-from ccr_host.tracking.markers.labelling import MARKERS, Identifier
+from ccr_host.tracking.markers.labelling import MARKERS, Labeller
 from ccr_host.tracking.tracker import MarkerFrame, RawTracker, Sample, TrackerHealth
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ class MarkerTracker:
     """Takes every new frame of a camera; a frame that shows the tip becomes a sample.
 
     Attach it to the clock behind the camera. Bodies named M1 to M3 are taken for the markers;
-    a camera that names none of them has its points identified. Points out of its volume are not
+    a camera that names none of them has its points labelled. Points out of its volume are not
     used. M2 of a sample may be lost (NaN).
 
     Args:
@@ -45,7 +45,7 @@ class MarkerTracker:
         self.name = camera.name
         self._camera = camera
         self._camera_to_robot = camera_to_robot
-        self._identifier = Identifier(geometry, camera_to_robot)
+        self._labeller = Labeller(geometry, camera_to_robot)
         self._beliefs = _BeliefHistory(believed_rad)
         self._names_markers = False
         self._frame: MarkerFrame | None = None
@@ -113,7 +113,7 @@ class MarkerTracker:
             return np.array([named[m].position_mm if m in named else unseen for m in MARKERS])
         points_mm = frame.points_mm[~frame.out_of_volume]
         believed_rad = self._beliefs.at(frame.exposed_us)
-        found = self._identifier.identify(frame.exposed_us, points_mm, believed_rad)
+        found = self._labeller.label(frame.exposed_us, points_mm, believed_rad)
         return found.markers_mm
 
 

@@ -1,4 +1,4 @@
-"""How the markers of a tendon robot can be placed and can move: priors for identification.
+"""How the markers of a tendon robot can be placed and can move: priors for labelling.
 
 Two models answer the same questions. `ChainModel` needs the camera's rotation and knows the whole
 robot; `FreeModel` does without and knows distances only. Both take what the motors do only as a

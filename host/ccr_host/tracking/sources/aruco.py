@@ -13,13 +13,19 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.core.optional import import_optional
 from ccr_host.core.user_file import read_text
-from ccr_host.tracking.frame_count import FrameCount
-from ccr_host.tracking.rotation import quaternion
-from ccr_host.tracking.tracker import FloatArray, MarkerFrame, Pose, StartsAndStops, TrackerHealth
+from ccr_host.tracking.tracker import (
+    FloatArray,
+    FrameCount,
+    MarkerFrame,
+    Pose,
+    StartsAndStops,
+    TrackerHealth,
+)
 
 Image = NDArray[np.uint8]
 
@@ -172,7 +178,8 @@ class TagDetector:
         )
         if not solved or not np.isfinite(position_mm).all():
             return None
-        return Pose(np.ravel(position_mm).astype(np.float64), quaternion(np.ravel(rotation)))
+        turn = Rotation.from_rotvec(np.ravel(rotation))
+        return Pose.of(np.ravel(position_mm).astype(np.float64), turn)
 
 
 class ArucoTracker(StartsAndStops):

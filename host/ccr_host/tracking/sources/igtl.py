@@ -13,16 +13,16 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ccr_host.core.addresses import joined
 from ccr_host.core.errors import TrackerError
-from ccr_host.tracking.clock_fit import ClockFit
-from ccr_host.tracking.frame_count import FrameCount
-from ccr_host.tracking.rotation import quaternion, rotation_vector
 from ccr_host.tracking.sources.igtl_stream import POSE_TYPES, Message, igtl_opener
 from ccr_host.tracking.tracker import (
+    ClockFit,
     FloatArray,
     ForeignPeerError,
+    FrameCount,
     MarkerFrame,
     Pose,
     StartsAndStops,
@@ -220,10 +220,13 @@ class IgtlTracker(StartsAndStops):
         self._statuses.pop(name, None)
         matrix = np.asarray(message.matrix, dtype=np.float64)
         if (status := _status(message)) != "OK":
-            self._statuses[name] = status
+            self._statuses[name] = f"{status}, says the server"
         elif matrix.shape == (4, 4) and np.isfinite(matrix).all():
-            turn = quaternion(rotation_vector(matrix[:3, :3]))
-            self._tools[name] = Pose(matrix[:3, 3].copy(), turn)
+            if np.linalg.det(matrix[:3, :3]) <= 0:
+                self._statuses[name] = "no rotation: its matrix is left-handed"
+                return
+            turn = Rotation.from_matrix(matrix[:3, :3])
+            self._tools[name] = Pose.of(matrix[:3, 3].copy(), turn)
 
     def _publish(self) -> None:
         stamp_us = round(self._stamp_s * 1e6)
@@ -238,7 +241,7 @@ class IgtlTracker(StartsAndStops):
         if self._unstamped:
             yield _NO_STAMPS
         for name, status in sorted(self._statuses.items()):
-            yield f"{name} is {status}, says the server"
+            yield f"{name} is {status}"
         strange = self._tool_names.difference(self._expected)
         if strange and not self._tool_names.issuperset(self._expected):
             yield (

@@ -7,10 +7,10 @@ from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ccr_host.core.clock import Clock
 from ccr_host.description.schema import Tracker
-from ccr_host.tracking.rotation import rotation_matrix
 from ccr_host.tracking.tracker import Sample, TrackerHealth
 
 Array = NDArray[np.float64]
@@ -31,7 +31,8 @@ class Camera:
         self._rng = rng
         # M3 - M1 has six independent components of error.
         self._noise_per_coordinate_mm = tracker.noise_mm / math.sqrt(6)
-        self._robot_to_camera = rotation_matrix(np.radians(tracker.rotation_deg)).T
+        turn = Rotation.from_rotvec(tracker.rotation_deg, degrees=True)
+        self._robot_to_camera = turn.inv().as_matrix()
         self._latency_us = round(tracker.latency_ms * 1000)
         self._exposures = 0
         self.next_exposure_us = 0

@@ -1,13 +1,13 @@
-"""The twin's motion as a camera sees it, and an identifier to label it."""
+"""The twin's motion as a camera sees it, and a labeller to label it."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from bench.identification import FRAME_US, NOISE_MM, Motion, at_20_hz, closed_loop
+from bench.labelling import FRAME_US, NOISE_MM, Motion, at_20_hz, closed_loop
 from ccr_host.description.schema import Robot
-from ccr_host.tracking.markers.labelling import Identifier
+from ccr_host.tracking.markers.labelling import Labeller
 
 
 @pytest.fixture(scope="session")
@@ -25,9 +25,9 @@ def jerky_motion() -> Motion:
 class Camera:
     """Shows markers in the robot's frame, and lets tests hide and add points."""
 
-    def __init__(self, identifier: Identifier, seed: int = 1) -> None:
+    def __init__(self, labeller: Labeller, seed: int = 1) -> None:
         self.rng = np.random.default_rng(seed)
-        self.identifier = identifier
+        self.labeller = labeller
         self.frame = 0
 
     def show(self, markers_mm, q_rad=(0.0, 0.0), hidden=(), extra=()):
@@ -35,7 +35,7 @@ class Camera:
         real = markers_mm[seen] + self.rng.normal(0.0, NOISE_MM, (len(seen), 3))
         points = np.concatenate([real, np.asarray(extra, dtype=float).reshape(-1, 3)])
         self.frame += 1
-        return self.identifier.identify(
+        return self.labeller.label(
             self.frame * FRAME_US, points[self.rng.permutation(len(points))], q_rad
         )
 
@@ -47,12 +47,12 @@ class Camera:
 
 @pytest.fixture
 def camera() -> Camera:
-    return Camera(Identifier(Robot(), np.eye(3)))
+    return Camera(Labeller(Robot(), np.eye(3)))
 
 
 @pytest.fixture
 def unregistered_camera() -> Camera:
-    return Camera(Identifier(Robot()))
+    return Camera(Labeller(Robot()))
 
 
 @pytest.fixture(scope="session")

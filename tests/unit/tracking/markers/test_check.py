@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from ccr_host.core.errors import TrackerError
 from ccr_host.description import schema
 from ccr_host.sim.robot.robot import TwinRobot
 from ccr_host.tools.sweep.random_twin import as_overrides, draw_twin
 from ccr_host.tracking.markers.check import MarkerCheck
-from ccr_host.tracking.rotation import rotation_matrix
 from ccr_host.tracking.tracker import Sample
 
 FRAME_US = 50_000
@@ -62,7 +62,7 @@ def test_segments_of_one_length_leave_it_to_the_direction() -> None:
 
 @pytest.mark.parametrize("turn_deg", [(180, 0, 0), (0, 0, 180)])
 def test_a_camera_that_is_turned_round_is_no_exchange(at_rest, turn_deg) -> None:
-    turned = at_rest @ rotation_matrix(np.radians(turn_deg)).T
+    turned = Rotation.from_rotvec(turn_deg, degrees=True).apply(at_rest)
     cause, cure = MarkerCheck(ROBOT).trouble(turned)
     assert cause.startswith("the camera is turned")
     assert "register" in cure
@@ -103,7 +103,7 @@ def test_a_lost_marker_and_a_camera_that_is_moved_are_no_exchange(at_rest) -> No
 def test_no_random_twin_is_refused_in_any_pose_and_exchanges_are_found_at_rest(seed) -> None:
     rng = np.random.default_rng(seed)
     description = schema.load(None, as_overrides(draw_twin(rng, ROBOT, 60.0)))
-    camera = rotation_matrix(np.radians(description.tracker.rotation_deg))
+    camera = Rotation.from_rotvec(description.tracker.rotation_deg, degrees=True).as_matrix()
     robot = TwinRobot(description.twin)
     robot.advance_to(500_000)
     rest = robot.markers_mm() @ camera

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Robot, Twin
 from ccr_host.sim.robot.robot import TwinRobot
 from ccr_host.tracking.markers.marker_tracker import MarkerTracker
-from ccr_host.tracking.rotation import rotation_matrix
 from ccr_host.tracking.tracker import MarkerFrame, Pose, TrackerHealth
 
 FRAME_US = 50_000
-TURN = rotation_matrix([0.4, -1.0, 2.0])
+TURN = Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix()
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 
 

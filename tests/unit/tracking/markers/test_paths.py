@@ -1,8 +1,8 @@
-"""Whole paths in front of a hostile camera; bench/identification.py has more and longer ones."""
+"""Whole paths in front of a hostile camera; bench/labelling.py has more and longer ones."""
 
 import pytest
 
-from bench.identification import Hostility, Motion, Score, judge
+from bench.labelling import Hostility, Motion, Score, judge
 
 HOSTILE = Hostility(occlusion=0.2, phantoms=3, kinds="unm")
 
@@ -44,7 +44,7 @@ def test_before_registration_labels_are_right_too_only_fewer(slow_motion):
 
 @pytest.mark.long
 def test_phantoms_that_come_after_a_long_clear_view_give_no_false_tip(jerky_motion):
-    """A clear view makes the identifier bold; the first phantoms must not profit from it."""
+    """A clear view makes the labeller bold; the first phantoms must not profit from it."""
     score = Score()
     for start in range(0, len(jerky_motion.q_rad) - 90, 60):
         part = slice(start, start + 90)

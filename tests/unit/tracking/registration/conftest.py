@@ -6,13 +6,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Servo, Twin
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.sim.robot.robot import TwinRobot
 from ccr_host.tools.register import safe_poses_rad
 from ccr_host.tracking.registration import RestPose
-from ccr_host.tracking.rotation import rotation_matrix
 
 TURNS = {
     "aligned": (0.0, 0.0, 0.0),
@@ -48,7 +48,8 @@ def seen():
     def poses(turn=(0.0, 0.0, 0.0), noise_mm=0.0, seed=1, **keys) -> list[RestPose]:
         rng = np.random.default_rng(seed)
         # The camera's frame turned by R shows R' p, as the twin's camera does.
-        markers = markers_at_rest(**keys) @ rotation_matrix(turn) + (30.0, -50.0, -900.0)
+        to_robot = Rotation.from_rotvec(turn).as_matrix()
+        markers = markers_at_rest(**keys) @ to_robot + (30.0, -50.0, -900.0)
         noisy = markers + rng.normal(0.0, noise_mm, markers.shape)
         return [RestPose(q, m) for q, m in zip(poses_rad(), noisy, strict=True)]
 

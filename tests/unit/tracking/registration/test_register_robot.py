@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ccr_host.control.registry import make_controller
 from ccr_host.core.errors import TrackerError
@@ -16,7 +17,6 @@ from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
 from ccr_host.tools.register import register_robot, safe_poses_rad
 from ccr_host.tracking.registration import RegistrationError
-from ccr_host.tracking.rotation import rotation_matrix, rotation_vector
 from ccr_host.tracking.tracker import Sample
 from tests.unit.tracking.registration.conftest import TURNS
 
@@ -72,8 +72,8 @@ def mean_errors_mm(options: RunOptions, camera_to_robot) -> tuple[float, float]:
 @pytest.mark.parametrize("robot", ["default", "hard", "loose-tendons", "tool-tip"])
 def test_the_shipped_robots_are_registered_to_a_degree(robot):
     found = registered(turned(TURNS["askew"], robot))
-    error = found.camera_to_robot @ rotation_matrix(TURNS["askew"]).T
-    assert np.max(np.abs(np.degrees(rotation_vector(error)))) < 1.0
+    error = Rotation.from_matrix(found.camera_to_robot) * Rotation.from_rotvec(TURNS["askew"]).inv()
+    assert np.max(np.abs(error.as_rotvec(degrees=True))) < 1.0
 
 
 @pytest.mark.long

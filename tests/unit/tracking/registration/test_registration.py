@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Robot
 from ccr_host.tracking.registration import RegistrationError, RestPose, register
-from ccr_host.tracking.rotation import rotation_matrix, rotation_vector
 from tests.unit.tracking.registration.conftest import TURNS
 
 NOISE_MM = 0.03
@@ -14,7 +14,8 @@ NOISE_MM = 0.03
 
 def error_deg(registration, turn) -> np.ndarray:
     """(3,): about x, y and z of the robot."""
-    return np.degrees(rotation_vector(registration.camera_to_robot @ rotation_matrix(turn).T))
+    error = Rotation.from_matrix(registration.camera_to_robot) * Rotation.from_rotvec(turn).inv()
+    return error.as_rotvec(degrees=True)
 
 
 def changed(poses, q=lambda q: q, markers=lambda m: m):
@@ -30,9 +31,8 @@ def test_any_turn_of_the_camera_is_found_to_half_a_degree(seen, turn):
     assert max(others) < 0.2
     assert found.scale == pytest.approx(1.0, abs=0.005)
     assert found.segment_1_mm == pytest.approx(58.5, abs=0.3)
-    np.testing.assert_allclose(
-        rotation_matrix(np.radians(found.camera_to_robot_deg)), found.camera_to_robot, atol=1e-9
-    )
+    written = Rotation.from_rotvec(found.camera_to_robot_deg, degrees=True)
+    np.testing.assert_allclose(written.as_matrix(), found.camera_to_robot, atol=1e-9)
 
 
 @pytest.mark.long

@@ -256,6 +256,14 @@ def test_infinite_matrix_is_no_pose():
     assert rig.tracker.health.frames == 2
 
 
+def test_a_left_handed_matrix_is_no_pose_and_is_named():
+    rig = Rig()
+    messages = all_three(100.0)
+    messages[0].matrix[:3, :3] = np.diag([1.0, 1.0, -1.0])
+    assert set(rig.send(*messages).tools) == {"M2", "M3"}
+    assert rig.tracker.health.warnings == ("M1 is no rotation: its matrix is left-handed",)
+
+
 def test_rotation_of_a_tool_is_that_of_the_matrix():
     turn = Rotation.from_rotvec((0.3, -0.2, 2.0))
     messages = all_three(100.0)

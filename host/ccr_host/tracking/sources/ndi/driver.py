@@ -7,8 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from ccr_host.core.errors import TrackerError
-from ccr_host.tracking.clock_fit import ClockFit
-from ccr_host.tracking.frame_count import FrameCount
 from ccr_host.tracking.sources.ndi.port import Port, PortOpener
 from ccr_host.tracking.sources.ndi.replies import (
     VICRA,
@@ -20,7 +18,9 @@ from ccr_host.tracking.sources.ndi.replies import (
 from ccr_host.tracking.sources.ndi.script import Conversation, Reply
 from ccr_host.tracking.sources.ndi.session import SessionLog, Tool, farewell, session
 from ccr_host.tracking.tracker import (
+    ClockFit,
     ForeignPeerError,
+    FrameCount,
     MarkerFrame,
     Pose,
     StartsAndStops,

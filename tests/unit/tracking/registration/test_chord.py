@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_bvp
 
 from ccr_host.robot.arc import arc_derivatives
-from ccr_host.tracking.sagging_segment import chord
+from ccr_host.tracking.registration import chord
 
 BENDINGS = np.linspace(-2.0, 2.0, 9)
 

@@ -4,9 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from bench.identification import FRAME_US
+from bench.labelling import FRAME_US
 from ccr_host.description.schema import Robot
-from ccr_host.tracking.markers.labelling import BASE_MEMORY_US, Identifier
+from ccr_host.tracking.markers.labelling import BASE_MEMORY_US, Labeller
 
 ALL = ("M1", "M2", "M3")
 PROVEN = 12
@@ -90,7 +90,7 @@ def test_three_spheres_that_are_no_robot_are_never_labelled(camera, rest, rest_q
 def test_time_that_goes_back_is_refused(camera, rest):
     camera.show(rest)
     with pytest.raises(ValueError, match="after one at"):
-        camera.identifier.identify(FRAME_US, rest, (0.0, 0.0))
+        camera.labeller.label(FRAME_US, rest, (0.0, 0.0))
 
 
 @settings(max_examples=20, deadline=None)
@@ -102,8 +102,8 @@ def test_time_that_goes_back_is_refused(camera, rest):
     )
 )
 def test_every_label_is_a_point_of_the_frame(frames):
-    identifier = Identifier(Robot(), np.eye(3))
+    labeller = Labeller(Robot(), np.eye(3))
     for number, points in enumerate(frames):
-        found = identifier.identify((number + 1) * FRAME_US, points, (0.0, 0.0))
+        found = labeller.label((number + 1) * FRAME_US, points, (0.0, 0.0))
         for marker in found.markers_mm[1:]:
             assert np.isnan(marker).all() or (points == marker).all(axis=1).any()

@@ -1,7 +1,7 @@
-"""Marker identification under occlusion and phantoms, on the motion of the twin.
+"""Marker labelling under occlusion and phantoms, on the motion of the twin.
 
-``python bench/identification.py`` plays the three paths back on the twin, once with the commands
-of a closed loop at 1 Hz and once at 20 Hz, and lets the identifier label what a hostile camera
+``python bench/labelling.py`` plays the three paths back on the twin, once with the commands
+of a closed loop at 1 Hz and once at 20 Hz, and has the labeller name what a hostile camera
 shows of them: markers hidden at random, phantoms in the room and near the markers, no order.
 """
 
@@ -15,6 +15,7 @@ from time import perf_counter_ns
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Robot, Twin
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -23,8 +24,7 @@ from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.options import RunOptions
 from ccr_host.sim.robot.robot import TwinRobot
-from ccr_host.tracking.markers.labelling import Identifier
-from ccr_host.tracking.rotation import rotation_matrix
+from ccr_host.tracking.markers.labelling import Labeller
 
 Array = NDArray[np.float64]
 
@@ -156,15 +156,16 @@ def judge(
 ) -> None:
     """Label a motion seen by a camera at a random angle, registered to about 0.5 deg."""
     rng = np.random.default_rng(seed)
-    to_robot = rotation_matrix(rng.normal(size=3) * 1.5)
-    believed = rotation_matrix(np.radians(rng.normal(0.0, 0.3, 3))) @ to_robot
-    identifier = Identifier(Robot(), believed if registered else None)
+    to_robot = Rotation.from_rotvec(rng.normal(size=3) * 1.5).as_matrix()
+    off = Rotation.from_rotvec(rng.normal(0.0, 0.3, 3), degrees=True)
+    believed = off.as_matrix() @ to_robot
+    labeller = Labeller(Robot(), believed if registered else None)
     in_camera = motion.markers_mm @ to_robot + CAMERA_MM
     since_tip = FRESH_FRAMES
     frames = hostile_frames(in_camera, hostility, rng)
     for number, (points, identity) in enumerate(frames):
         start_ns = perf_counter_ns()
-        found = identifier.identify(number * FRAME_US, points, motion.q_rad[number])
+        found = labeller.label(number * FRAME_US, points, motion.q_rad[number])
         score.times_us.append((perf_counter_ns() - start_ns) / 1000.0)
         _count_labels(found.markers_mm, in_camera[number], points, identity, score)
         score.frames += 1
