@@ -26,8 +26,7 @@ from ccr_host.core.crc import crc16_arc
 from ccr_host.description.schema import Tracker
 from ccr_host.sim.polaris.camera import make_polaris
 from ccr_host.sim.polaris.faults import BitOrder
-from ccr_host.sim.polaris.sensor import Exposer
-from ccr_host.sim.polaris.tx_report import StrayList, ToolLine, format_tx
+from ccr_host.sim.polaris.sensor import Exposer, StrayList, ToolLine, format_tx
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tracking.open_tracker import wait_until_tracking

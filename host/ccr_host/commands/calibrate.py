@@ -83,8 +83,12 @@ def calibrate(
     from ccr_host.run.observer import Observers
     from ccr_host.run.open_rig import open_rig, sees_simulated_robot
     from ccr_host.tools.equipment import EquipmentChange, told_to_board
-    from ccr_host.tools.identify import SECTION
-    from ccr_host.tools.survey import calibrated_section, file_for_calibration, keep_calibration
+    from ccr_host.tools.survey import (
+        IDENTIFIED,
+        calibrated_section,
+        file_for_calibration,
+        keep_calibration,
+    )
 
     change = EquipmentChange(board_name, emergency_stop, supply_divider, supply_min)
     if by_eye and identify:
@@ -113,8 +117,8 @@ def calibrate(
     with open_rig(options, description, Observers()) as rig:
         if identify:
             section = _identify(screen, rig, description)
-            keep_in(file, {SECTION: section}, robot)
-            screen.print(f"kept in {file}, as section {SECTION}")
+            keep_in(file, {IDENTIFIED: section}, robot)
+            screen.print(f"kept in {file}, as section {IDENTIFIED}")
             return
         if by_eye:
             blind = sees_simulated_robot(options)
@@ -136,9 +140,9 @@ def lead_by_eye(
     """Ask for the marks on a terminal; None if the user leaves before the last one."""
     from rich.live import Live
 
+    from ccr_host.commands.jog import jog_panel
     from ccr_host.tools.calibrate import calibrate_by_eye
     from ccr_host.tools.jog import JogView
-    from ccr_host.tools.jog_screen import jog_panel
     from ccr_host.tools.keyboard import Keyboard
 
     with Keyboard() as keyboard, Live(console=screen, auto_refresh=False) as live:
@@ -167,8 +171,7 @@ def _identify(screen: Console, rig: Rig, description: Description) -> dict[str, 
     import datetime
 
     from ccr_host.commands import terminal
-    from ccr_host.tools.identify import identified_section, trial_fit
-    from ccr_host.tools.survey import measure_rests
+    from ccr_host.tools.survey import identified_section, measure_rests, trial_fit
 
     with terminal.steps_progress(console(on_stderr=True), "poses") as on_pose:
         rests = measure_rests(rig, description, on_pose)

@@ -23,7 +23,7 @@ from ccr_host.run.options import RigOptions
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ccr_host.tools.finding import Finding
+    from ccr_host.tools.checks import Finding
 
 _COLOURS = {"good": "green", "warning": "yellow", "failure": "bold red"}
 
@@ -43,8 +43,8 @@ def doctor(
 
     Example: ccr-host doctor --device serial:/dev/ttyACM0 --tracker ndi:/dev/ttyUSB0
     """
+    from ccr_host.tools.checks import exit_status
     from ccr_host.tools.doctor import examine
-    from ccr_host.tools.finding import exit_status
 
     options = RigOptions(
         robot=robot,

@@ -45,7 +45,7 @@ def register(
     from ccr_host.run.observer import Observers
     from ccr_host.run.open_rig import open_rig
     from ccr_host.tools.register import (
-        SECTION,
+        REGISTRATION,
         register_robot,
         registration_section,
         safe_poses_rad,
@@ -74,8 +74,8 @@ def register(
     if file is None:
         screen.print("not kept: no file of yours was given; with --out FILE it is")
     else:
-        keep_in(file, {SECTION: section}, robot)
-        screen.print(f"kept in {file}, as section {SECTION}")
+        keep_in(file, {REGISTRATION: section}, robot)
+        screen.print(f"kept in {file}, as section {REGISTRATION}")
     if as_json:
         print_json(
             {

@@ -107,8 +107,8 @@ class _Guide:
         """Board, firmware and camera, as ``doctor`` does; nothing moves."""
         from ccr_host.commands.doctor import printed
         from ccr_host.link.transport import DeviceKind, parse_device_uri
+        from ccr_host.tools.checks import Severity, exit_status
         from ccr_host.tools.doctor import examine
-        from ccr_host.tools.finding import Severity, exit_status
 
         self._title("board and camera")
         findings = [*printed(examine(self.options, Path()), self.screen)]
@@ -224,13 +224,13 @@ class _Guide:
         import datetime
 
         from ccr_host.description.file import keep_in
-        from ccr_host.tools import identify
-        from ccr_host.tools.register import SECTION, registration_section
+        from ccr_host.tools.register import REGISTRATION, registration_section
+        from ccr_host.tools.survey import IDENTIFIED, identified_section
 
         today, own = datetime.date.today(), str(self.file)
-        keep_in(self.file, {SECTION: registration_section(found.registration, today)}, own)
-        section = identify.identified_section(found.rests, self.options.description(), today)
-        keep_in(self.file, {identify.SECTION: section}, own)
+        keep_in(self.file, {REGISTRATION: registration_section(found.registration, today)}, own)
+        section = identified_section(found.rests, self.options.description(), today)
+        keep_in(self.file, {IDENTIFIED: section}, own)
         self.screen.print(f"kept in {self.file}: camera and rests")
 
     def _title(self, text: str) -> None:

@@ -97,7 +97,7 @@ def sweep(
     Example: ccr-host sweep --runs 100 --controller adaptive --out sweep1
     """
     from ccr_host.core.errors import CcrError, ConfigError
-    from ccr_host.core.optional import import_optional
+    from ccr_host.core.plugins import import_optional
     from ccr_host.core.stop_signals import signals_deferred
     from ccr_host.record.folder import ResultFolder
     from ccr_host.robot.paths import path_names

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ccr_host.control import warm_start
 from ccr_host.control.nlp import Angles, Rollout, Tracking, Weights
 from ccr_host.control.sqp import Bounds, solve
-from ccr_host.core.optional import import_optional
+from ccr_host.core.plugins import import_optional
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference

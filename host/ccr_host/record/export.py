@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from pydantic_core import to_json
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.core.optional import import_optional
+from ccr_host.core.plugins import import_optional
 from ccr_host.core.user_file import replacing
 from ccr_host.record.log.files import LOG_PREFIX, LogFiles, log_files
 from ccr_host.record.log.reader import RunRecording

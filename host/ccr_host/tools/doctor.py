@@ -19,10 +19,16 @@ from ccr_host.record.versions import versions
 from ccr_host.run.open_rig import mismatch_of, open_board
 from ccr_host.run.options import RigOptions
 from ccr_host.run.tracker_rig import TrackerRig
-from ccr_host.tools.board_checks import check_board
-from ccr_host.tools.finding import Finding, failure, good, judged, warning
-from ccr_host.tools.identify import trial_fit
-from ccr_host.tools.tracker_checks import check_tracker
+from ccr_host.tools.checks import (
+    Finding,
+    check_board,
+    check_tracker,
+    failure,
+    good,
+    judged,
+    warning,
+)
+from ccr_host.tools.survey import trial_fit
 from ccr_host.tracking.open_tracker import TrackerKind, TrackerUri, parse_tracker_uri
 
 EXTRAS = {

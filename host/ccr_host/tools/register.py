@@ -22,7 +22,7 @@ from ccr_host.tracking.registration import Registration, RestPose, register
 
 Array = NDArray[np.float64]
 
-SECTION = "registration"
+REGISTRATION = "registration"
 """Of the robot description."""
 
 _SWING_DEG = 40.0

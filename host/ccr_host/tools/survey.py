@@ -7,17 +7,22 @@ what controller `adaptive` begins with.
 
 from __future__ import annotations
 
+import datetime
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
+from tomlkit.items import Array
 
-from ccr_host.control.adaptive.identification import Rests, Scaling
+from ccr_host.control.adaptive.identification import Fit, Rests, Scaling
+from ccr_host.control.adaptive.identified import digest_of
 from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.control.adaptive.rest_survey import fit_to
 from ccr_host.control.adaptive.tour_stops import tour_stops_rad
-from ccr_host.core.errors import ConfigError
+from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.description.file import file_to_keep_in, keep_in
 from ccr_host.description.schema import Description, Servo
 from ccr_host.link.board_config import board_config
@@ -29,6 +34,46 @@ from ccr_host.tools.register import safe_poses_rad
 from ccr_host.tools.servo_fit import ServoFit, fit_servos
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.registration import Registration, register
+
+IDENTIFIED = "identified"
+_ANGLE_DECIMALS, _LENGTH_DECIMALS = 6, 4
+
+
+def trial_fit(rests: Rests, description: Description) -> Fit:
+    """Fit the controller's model as it will do, to see whether the rests are good for it.
+
+    Raises:
+        TrackerError: no robot of the kind rests there.
+    """
+    fit = fit_to(Scaling.of(description), rests)
+    if fit is None:
+        raise TrackerError(
+            f"{len(rests.count)} rests were seen, and no robot as described rests there",
+            "check the markers with ccr-host monitor, and segment lengths and pulleys in [robot]",
+        )
+    return fit.finish()
+
+
+def identified_section(
+    rests: Rests, description: Description, date: datetime.date
+) -> dict[str, Any]:
+    """The keys of ``[identified]``, rounded to less than the board or the camera resolves."""
+    return {
+        "start_rad": rests.start_rad.round(_ANGLE_DECIMALS).tolist(),
+        "setpoint_rad": _rows(rests.setpoint_rad.round(_ANGLE_DECIMALS).tolist()),
+        "tip_mm": _rows(rests.tip_mm.round(_LENGTH_DECIMALS).tolist()),
+        "middle_mm": _rows(rests.markers_mm[:, 0].round(_LENGTH_DECIMALS).tolist()),
+        "count": [int(count) for count in rests.count],
+        "valid_for": digest_of(description),
+        "date": date,
+    }
+
+
+def _rows(rows: list[list[float]]) -> Array:
+    array = tomlkit.array()
+    array.extend(rows)
+    return array.multiline(True)
+
 
 _KEYS = ("neutral_pulse_us", "pulse_per_90_deg_us", "angle_min_deg", "angle_max_deg")
 

@@ -5,13 +5,13 @@ from collections.abc import Iterator
 import pytest
 from rich.console import Console
 
+from ccr_host.commands.jog import jog_panel
 from ccr_host.description.schema import Servo
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
 from ccr_host.tools.calibrate import calibrate_by_eye
 from ccr_host.tools.jog import JogView
-from ccr_host.tools.jog_screen import jog_panel
 from ccr_host.tools.keyboard import DOWN, LEFT, RIGHT, UP
 
 pytestmark = pytest.mark.long

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ccr_host.core import optional
+from ccr_host.core import plugins as optional
 from ccr_host.core.errors import ConfigError
 from ccr_host.tracking.open_tracker import TrackerKind, TrackerUri, open_tracker, parse_tracker_uri
 from ccr_host.tracking.sources.ndi.driver import NdiTracker

@@ -9,7 +9,7 @@ from ccr_host.control.adaptive.identification import Rests, Scaling
 from ccr_host.control.adaptive.motion import Rest
 from ccr_host.control.adaptive.parameters import FloatArray, Parameters
 from ccr_host.control.adaptive.sensitivity import Sensitivity
-from ccr_host.core.optional import import_optional
+from ccr_host.core.plugins import import_optional
 from ccr_host.description.schema import Control
 
 

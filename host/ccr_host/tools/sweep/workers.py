@@ -14,10 +14,9 @@ from distributed.core import rpc
 
 from ccr_host.core.errors import CcrError, ConfigError, why
 from ccr_host.record.folder import FIGURES, ResultFolder
-from ccr_host.tools.sweep.figure import write_sweep_figure
 from ccr_host.tools.sweep.job import Row, run_job
 from ccr_host.tools.sweep.plan import TwinJob
-from ccr_host.tools.sweep.statistics import groups_of
+from ccr_host.tools.sweep.statistics import groups_of, write_sweep_figure
 from ccr_host.tools.sweep.store import GATHERED, SweepFolder
 
 OnCount = Callable[[int], None]

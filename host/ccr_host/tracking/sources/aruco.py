@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ccr_host.core.errors import ConfigError, TrackerError
-from ccr_host.core.optional import import_optional
+from ccr_host.core.plugins import import_optional
 from ccr_host.core.user_file import read_text
 from ccr_host.tracking.tracker import (
     FloatArray,

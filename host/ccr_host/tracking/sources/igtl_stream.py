@@ -14,7 +14,7 @@ from typing import Any
 
 from ccr_host.core.addresses import joined
 from ccr_host.core.errors import TrackerError
-from ccr_host.core.optional import import_optional
+from ccr_host.core.plugins import import_optional
 from ccr_host.tracking.tracker import ForeignPeerError
 
 Message = Any

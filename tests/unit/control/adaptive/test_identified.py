@@ -13,7 +13,7 @@ from ccr_host.description.schema import Description, Identified
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits
-from ccr_host.tools.identify import identified_section, trial_fit
+from ccr_host.tools.survey import identified_section, trial_fit
 
 BELIEVED = Description()
 PRIOR = Scaling(BELIEVED.robot).parameters(np.zeros(COUNT))

@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Tracker, Twin
 from ccr_host.sim.polaris.faults import BitOrder, PolarisFaults
-from ccr_host.sim.polaris.sensor import Placement, PositionSensor
-from ccr_host.sim.polaris.tx_report import StrayList, format_tx
+from ccr_host.sim.polaris.sensor import Placement, PositionSensor, StrayList, format_tx
 from ccr_host.sim.robot.robot import TwinRobot
 from ccr_host.sim.robot.scene import TwinScene
 from ccr_host.tracking.sources.ndi.replies import VICRA

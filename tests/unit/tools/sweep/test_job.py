@@ -5,8 +5,7 @@ from ccr_host.core.errors import CcrError
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.summary import summarise
 from ccr_host.tools.sweep import job as job_module
-from ccr_host.tools.sweep.costs import cpu_seconds_of
-from ccr_host.tools.sweep.job import LOST_MM, run_job
+from ccr_host.tools.sweep.job import LOST_MM, cpu_seconds_of, run_job
 from ccr_host.tools.sweep.plan import SweepPlan
 
 

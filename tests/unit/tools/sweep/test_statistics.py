@@ -1,8 +1,7 @@
 import pytest
 
 from ccr_host.record.figure_style import controller_colours
-from ccr_host.tools.sweep.figure import write_sweep_figure
-from ccr_host.tools.sweep.statistics import groups_of, worst_first
+from ccr_host.tools.sweep.statistics import groups_of, worst_first, write_sweep_figure
 
 
 def test_each_controller_and_rate_has_its_own_distribution(row):

@@ -22,10 +22,9 @@ from ccr_host.run.open_rig import mismatch_of
 from ccr_host.run.options import RigOptions
 from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.serial_line import SerialLine
-from ccr_host.tools.board_checks import check_board
+from ccr_host.tools.checks import Finding, Severity, check_board, exit_status
 from ccr_host.tools.doctor import examine
-from ccr_host.tools.finding import Finding, Severity, exit_status
-from ccr_host.tools.identify import identified_section
+from ccr_host.tools.survey import identified_section
 
 
 def examined(tmp_path, *overrides: str, **options: str) -> dict[str, Finding]:

@@ -1,0 +1,379 @@
+"""Checks of the board and the way to it, and of what the tracker sees at rest."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
+from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.core.clock import Clock
+from ccr_host.core.errors import CcrError, TrackerError
+from ccr_host.description.schema import Description
+from ccr_host.link.board_config import board_config, differences
+from ccr_host.link.client import Client
+from ccr_host.link.device_errors import BoardFaultError, BoardStoppedError, WrongBoardError
+from ccr_host.link.messages import (
+    TICK_US,
+    CountersReply,
+    EepromStatus,
+    Fault,
+    FaultRecord,
+    HelloReply,
+    ResetCause,
+    State,
+    StateReport,
+)
+from ccr_host.link.statistics import LinkStatistics
+from ccr_host.robot.marker_shape import seen_lengths_mm, wrong_segments
+from ccr_host.tools.equipment import described
+from ccr_host.tracking.markers.check import MarkerCheck
+from ccr_host.tracking.tracker import Sample, Tracker
+
+
+class Severity(enum.IntEnum):
+    """How bad it is."""
+
+    GOOD = 0
+    WARNING = 1
+    """A run is possible but not as good or not as safe as it could be."""
+    FAILURE = 2
+    """A run is not possible."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the doctor's report."""
+
+    subject: str
+    """What was looked at, in a word or two."""
+    severity: Severity
+    text: str
+    remedy: str = ""
+    exit_status: int = 0
+    """Of the command if this is a failure; the same as the error's that a run would end with."""
+
+    def as_summary(self) -> dict[str, str]:
+        """For JSON."""
+        return {
+            "subject": self.subject,
+            "severity": self.severity.name.lower(),
+            "text": self.text,
+            "remedy": self.remedy,
+        }
+
+
+def good(subject: str, text: str) -> Finding:
+    """Nothing to do."""
+    return Finding(subject, Severity.GOOD, text)
+
+
+def warning(subject: str, text: str, remedy: str) -> Finding:
+    """To be mended, but not now."""
+    return Finding(subject, Severity.WARNING, text, remedy)
+
+
+def failure(subject: str, error: CcrError) -> Finding:
+    """What would end a run."""
+    return Finding(subject, Severity.FAILURE, error.cause, error.cure, error.exit_status)
+
+
+def judged(subject: str, text: str, *, fine: bool, remedy: str) -> Finding:
+    """Good or a warning."""
+    return good(subject, text) if fine else warning(subject, text, remedy)
+
+
+def exit_status(findings: Iterable[Finding]) -> int:
+    """0 while a run is possible; else that of the first failure."""
+    return next((f.exit_status for f in findings if f.severity is Severity.FAILURE), 0)
+
+
+_WATCH_US = 3_000_000
+_LOOK_US = 5_000
+_RATE_SHARE = 0.9
+_NOISE_FACTOR = 2.0
+_TURN_RAD = np.radians(1.0)
+"""A camera that is aligned, or was registered, is turned by no more."""
+_ZERO_RAD = np.radians(1.0)
+"""Servos that were calibrated are set to zero so well."""
+_SURPRISING = 2.0
+"""Standard deviations."""
+_PROBE = 1e-4
+
+
+def check_tracker(tracker: Tracker, clock: Clock, description: Description) -> Iterator[Finding]:
+    """Watch the robot at rest for a few seconds."""
+    samples, ages_us = _listen(tracker, clock)
+    if not samples:
+        told = tracker.trouble()
+        yield failure(
+            "markers",
+            TrackerError(
+                f"{tracker.name} gives no sample" + (f": {told}" if told else ""),
+                "check line of sight, the camera's volume and the markers; see ccr-host monitor",
+            ),
+        )
+        return
+    yield _rate(samples, description)
+    yield _age(ages_us, description)
+    tips_mm = np.array([sample.tip_mm for sample in samples])
+    yield _noise(tips_mm, description)
+    yield _second_marker(samples)
+    yield from _shape(samples, description)
+    told = tracker.trouble()
+    yield judged("tracker", told or f"{tracker.name} has no complaints", fine=not told, remedy=told)
+
+
+def _listen(tracker: Tracker, clock: Clock) -> tuple[list[Sample], list[int]]:
+    end_us = clock.now_us() + _WATCH_US
+    samples: list[Sample] = []
+    ages_us: list[int] = []
+    while clock.now_us() < end_us:
+        sample = tracker.newest()
+        if sample is not None and (not samples or sample.exposed_us != samples[-1].exposed_us):
+            samples.append(sample)
+            ages_us.append(clock.now_us() - sample.exposed_us)
+        clock.sleep_until_us(clock.now_us() + _LOOK_US)
+    return samples, ages_us
+
+
+def _rate(samples: list[Sample], description: Description) -> Finding:
+    rate_hz = len(samples) / (_WATCH_US * 1e-6)
+    expected_hz = description.tracker.rate_hz
+    return judged(
+        "rate",
+        f"{rate_hz:.1f} samples a second of {expected_hz:g}",
+        fine=_RATE_SHARE * expected_hz <= rate_hz <= expected_hz / _RATE_SHARE,
+        remedy="look for hidden markers and reflections, or correct tracker.rate_hz",
+    )
+
+
+def _age(ages_us: list[int], description: Description) -> Finding:
+    limit_ms = description.control.stale_after_ms
+    oldest_ms = max(ages_us) / 1000
+    return judged(
+        "age",
+        f"samples arrive {np.median(ages_us) / 1000:.0f} ms after their exposure, "
+        f"at most {oldest_ms:.0f} ms",
+        fine=oldest_ms < limit_ms,
+        remedy="check the connection; for a slow tracker raise control.stale_after_ms",
+    )
+
+
+def _noise(tips_mm: NDArray[np.float64], description: Description) -> Finding:
+    noise_mm = float(np.sqrt(np.var(tips_mm, axis=0).sum()))
+    expected_mm = description.tracker.noise_mm
+    return judged(
+        "noise",
+        f"{noise_mm:.2f} mm RMS of M3 - M1 at rest; described: {expected_mm:g}",
+        fine=noise_mm <= _NOISE_FACTOR * max(expected_mm, 0.05),
+        remedy="keep the table still, clean the markers, or correct tracker.noise_mm",
+    )
+
+
+def _second_marker(samples: list[Sample]) -> Finding:
+    seen = np.mean([np.isfinite(sample.markers_mm[1]).all() for sample in samples])
+    return judged(
+        "M2",
+        f"seen in {100 * seen:.0f} % of the samples",
+        fine=bool(seen > _RATE_SHARE),
+        remedy="turn the robot or the camera so that M2 is not hidden",
+    )
+
+
+def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]:
+    """Lengths of the segments, and where the robot points to."""
+    markers_mm = np.nanmedian([sample.markers_mm for sample in samples], axis=0)
+    robot = description.robot
+    if np.isfinite(markers_mm).all():
+        lengths = " and ".join(f"{length:.1f}" for length in seen_lengths_mm(markers_mm, robot))
+        described = " and ".join(f"{length:g}" for length in robot.segment_lengths_mm)
+        told = MarkerCheck(description).trouble(markers_mm)
+        yield judged(
+            "scale",
+            f"the segments measure {lengths} mm, straight; described: {described}",
+            fine=not told and not wrong_segments(markers_mm, robot),
+            remedy="; ".join(told)
+            if told
+            else "measure robot.segment_lengths_mm again; check that each marker is the right one, "
+            "the camera's calibration, and that the robot is at rest (ccr-host jog)",
+        )
+    off_deg, allowed_deg = _askew_deg(markers_mm[2] - markers_mm[0], description)
+    yield judged(
+        "orientation",
+        f"the robot at rest points {off_deg:.0f} deg away from where its model rests; expected: "
+        f"at most {allowed_deg:.0f}",
+        fine=off_deg < allowed_deg,
+        remedy="ccr-host register finds out how the camera stands; check robot.* and servo.* with "
+        "ccr-host calibrate, and that gravity pulls the robot away from its markers",
+    )
+
+
+def _askew_deg(tip_mm: NDArray[np.float64], description: Description) -> tuple[float, float]:
+    """Angle to where the robot should rest, and how much of it would be no surprise."""
+    scaling = Scaling(description.robot, _TURN_RAD, _ZERO_RAD)
+    rest_rad = np.radians(description.servo.rest_deg)
+    rests = Rests(rest_rad, rest_rad[None], np.full((1, 2, 3), np.nan), np.ones(1))
+    near = scaling.perturbed(np.zeros(COUNT), _PROBE)
+    *near_mm, expected_mm = predicted_mm(near, rests)[0, :, 1]
+    slope = (np.array(near_mm) - expected_mm) / _PROBE
+    length_mm = float(np.linalg.norm(expected_mm))
+    aside = tip_mm / np.linalg.norm(tip_mm) - expected_mm / length_mm
+    off_rad = 2.0 * float(np.arcsin(0.5 * np.linalg.norm(aside)))
+    spread_mm = np.linalg.norm(slope @ (aside / max(float(np.linalg.norm(aside)), 1e-9)))
+    return float(np.degrees(off_rad)), float(np.degrees(_SURPRISING * spread_mm / length_mm))
+
+
+_TRIPS = 100
+_LISTEN_US = 1_000_000
+_SLOW_TRIP_US = 20_000
+"""A USB port with its usual 16 ms latency timer stays below."""
+_LEAST_STACK_BYTES = 128
+_NOT_MEASURED = 0xFFFF
+_ODD_RESETS = (ResetCause.BROWN_OUT, ResetCause.WATCHDOG)
+
+
+def check_board(client: Client, clock: Clock, description: Description) -> Iterator[Finding]:
+    """Ask, listen for a second, move nothing.
+
+    Raises:
+        DeviceError: the board does not answer any more.
+    """
+    identity = client.identity
+    assert identity is not None, "connected"
+    yield _identity(identity)
+    yield from _equipment(client, description)
+    yield _state(client.read_state())
+    yield _eeprom(identity)
+    yield good("last faults", _faults(client.read_fault_log(), identity.boot_id))
+    yield _configuration(identity, differences(client.read_config(), board_config(description)))
+    for _ in range(_TRIPS):
+        client.read_state()
+    clock.sleep_until_us(clock.now_us() + _LISTEN_US)
+    yield _round_trips(client.statistics)
+    yield _losses(client.statistics, client.read_counters())
+    yield from _stack(client.read_state())
+
+
+def _identity(identity: HelloReply) -> Finding:
+    version = ".".join(str(part) for part in identity.firmware_version)
+    cause = identity.reset_cause
+    return judged(
+        "board",
+        f"firmware {version}, boot {identity.boot_id}, last reset: {cause.name.lower()}",
+        fine=cause not in _ODD_RESETS,
+        remedy="look at the supply (brown_out) or report a defect (watchdog)",
+    )
+
+
+def _equipment(client: Client, description: Description) -> Iterator[Finding]:
+    equipment = client.read_equipment()
+    yield good("equipment", described(equipment))
+    if equipment.supply_full_dv:
+        supply_dv = client.read_state().supply_dv
+        yield judged(
+            "servo supply",
+            f"{supply_dv / 10:g} V",
+            fine=supply_dv >= equipment.supply_min_dv,
+            remedy="switch it on before arming, unless the board itself does; check the divider",
+        )
+    try:
+        client.require_name(description.robot.board_name)
+    except WrongBoardError as error:
+        yield failure("board's name", error)
+
+
+def _state(report: StateReport) -> Finding:
+    state = report.state
+    if state is State.FAULT:
+        return failure("state", BoardFaultError(report.fault))
+    if state is State.STOPPED:
+        return failure("state", BoardStoppedError())
+    if any(report.pulse_half_us):
+        return warning(
+            "state",
+            f"{state.name.lower()}, the servos get pulses",
+            "another host is at work, or left the robot armed",
+        )
+    return good("state", f"{state.name.lower()}, no pulses")
+
+
+def _eeprom(identity: HelloReply) -> Finding:
+    again = "run ccr-host calibrate again; replace the board if it comes back"
+    match identity.eeprom_status:
+        case EepromStatus.BLANK:
+            return good("EEPROM", "no configuration kept; ccr-host calibrate keeps one")
+        case EepromStatus.LOADED:
+            return good("EEPROM", "configuration loaded")
+        case EepromStatus.ONE_SLOT_BAD:
+            return warning("EEPROM", "one of two copies is corrupt", again)
+        case EepromStatus.BOTH_BAD:
+            return warning("EEPROM", "the configuration is corrupt", again)
+
+
+def _faults(records: list[FaultRecord], boot_id: int) -> str:
+    """The newest first."""
+    return "; ".join(_fault(record, boot_id) for record in records) or "none"
+
+
+def _fault(record: FaultRecord, boot_id: int) -> str:
+    fault = Fault(record.fault).name.lower() if record.fault in list(Fault) else record.fault
+    state = State(record.state).name.lower() if record.state in list(State) else record.state
+    boot = "this boot" if record.boot_id == boot_id else f"boot {record.boot_id}"
+    return f"{fault} in {state}, {record.tick * TICK_US * 1e-6:.1f} s after the start of {boot}"
+
+
+def _configuration(identity: HelloReply, differing: list[str]) -> Finding:
+    """What a board has kept belongs to one robot; firmware's own values belong to none."""
+    if not differing:
+        return good("configuration", "as in the robot description")
+    if identity.eeprom_status is EepromStatus.BLANK:
+        return good("configuration", "the firmware's own; a run sets what is described")
+    return warning(
+        "configuration",
+        f"the board holds other values than described: {'; '.join(differing)}",
+        "check --robot and the board; a run sets what is described, ccr-host calibrate keeps it",
+    )
+
+
+def _round_trips(figures: LinkStatistics) -> Finding:
+    median_us, p99_us = figures.rtt_us_median or 0.0, figures.rtt_us_p99 or 0.0
+    return judged(
+        "round trip",
+        f"median {median_us / 1000:.1f} ms, 99 % below {p99_us / 1000:.1f} ms",
+        fine=p99_us < _SLOW_TRIP_US,
+        remedy="lower the latency timer of the USB port; use no hub",
+    )
+
+
+def _losses(figures: LinkStatistics, counters: CountersReply) -> Finding:
+    lost = {
+        "damaged frames": figures.crc_errors,
+        "repeated requests": figures.retries,
+        "lost reports": figures.lost_telemetry,
+        "bytes lost on the board": counters.overruns,
+        "frames not sent by the board": counters.replies_dropped,
+    }
+    seen = [f"{count} {what}" for what, count in lost.items() if count]
+    reports = _LISTEN_US // TICK_US
+    return judged(
+        "link",
+        ", ".join(seen) or f"nothing lost in {_TRIPS} requests and {reports} reports",
+        fine=not seen,
+        remedy="shorten the cable, keep it off the servos' wires, check the common ground",
+    )
+
+
+def _stack(report: StateReport) -> Iterator[Finding]:
+    free_bytes = report.free_stack_bytes
+    if free_bytes != _NOT_MEASURED:
+        yield judged(
+            "memory",
+            f"at least {free_bytes} bytes of stack left",
+            fine=free_bytes >= _LEAST_STACK_BYTES,
+            remedy="report this as a defect of the firmware",
+        )
