@@ -10,9 +10,8 @@ from collections.abc import Generator
 import hypothesis
 import pytest
 
-from ccr_host.link.messages import REQUIREMENTS
 from tests import without_posix
-from tests.requirement_coverage import Coverage
+from tests.requirement_coverage import REQUIREMENTS, Coverage
 
 DEFAULT_DEVICES = ("emulator:", "simavr:")
 

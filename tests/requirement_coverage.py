@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 
-from ccr_host.link.messages import REQUIREMENTS
+_SPEC = Path(__file__).parents[1] / "protocol" / "spec.toml"
+REQUIREMENTS = tuple(
+    requirement["id"]
+    for requirement in tomllib.loads(_SPEC.read_text(encoding="utf-8"))["requirement"]
+)
+"""Ids of all requirements, as the spec orders them."""
 
 
 @dataclass

@@ -19,39 +19,22 @@ _HEADER = '''"""Messages of the wire protocol. Generated from protocol/spec.toml
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from types import MappingProxyType
-from typing import ClassVar, Final, Literal, Self, TypeAlias
+from typing import ClassVar, Final
 
-from ccr_host.link.payload import Field, Payload, PayloadError
+from ccr_host.link import payload
+from ccr_host.link.payload import Message, Payload, PayloadError, by_id, nested, wire
 
-__all__ = ["Payload", "PayloadError"]  # re-exported; all else is public as it stands
+__all__ = ["Message", "Payload", "PayloadError"]  # re-exported; all else is public as it stands
 '''
 
-_MESSAGE_BASES = '''
-Retry: TypeAlias = Literal["repeat", "once", "never"]
-
-
-class Message(Payload):
-    """A payload with an id of its own."""
-
-    __slots__ = ()
-
-    ID: ClassVar[int]
-
-
-class Request(Message):
+_REQUEST = '''
+class Request(payload.Request):
     """A message to the board, and how the board treats it."""
 
-    __slots__ = ()
-
-    REPLY_ID: ClassVar[int]
-    RETRY: ClassVar[Retry]
-    NEEDS_SESSION: ClassVar[bool]
-    ALLOWED_STATES: ClassVar[frozenset[State]]
+    ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset(State)
 '''
 
 
@@ -61,7 +44,7 @@ def generate(spec: Spec) -> str:
     blocks += [_enumeration(enum) for enum in spec.enums]
     blocks += [_flag_set(flags) for flags in spec.flag_sets]
     blocks += [_struct_class(struct) for struct in spec.structs]
-    blocks += [_MESSAGE_BASES]
+    blocks += [_REQUEST]
     blocks += [_message_class(message, spec) for message in spec.messages]
     blocks += [_tables(spec)]
     return "\n\n".join(block.strip("\n") + "\n" for block in blocks)
@@ -134,61 +117,46 @@ def _flag_set(flags: FlagSet) -> str:
     return "\n".join(lines)
 
 
-def _struct_format(fields: Iterable[Field]) -> str:
-    return "".join(
-        f"{field.count if field.count > 1 else ''}{_STRUCT_CODE[field.type.name]}"
-        for field in fields
-    )
-
-
 def _struct_class(struct: Struct) -> str:
-    lines = [
-        *_class_head(struct, "Payload"),
-        *_field_table(struct.fields),
-        "",
-        *_unpack(struct),
-    ]
+    lines = list(_class_head(struct, "Payload", [f'name="{struct.name}"']))
     if struct.consistency:
         lines += ["", *_inconsistent_axis(struct)]
     return "\n".join(lines)
 
 
 def _message_class(message: Message, spec: Spec) -> str:
-    lines = [
-        *_class_head(message, "Request" if message.rules else "Message"),
-        f"    ID: ClassVar[int] = 0x{message.id:02X}",
-    ]
-    if message.rules:
-        rules = message.rules
-        lines += [
-            f"    REPLY_ID: ClassVar[int] = 0x{spec.message_by_name[rules.reply].id:02X}",
-            f'    RETRY: ClassVar[Retry] = "{rules.retry}"',
-            f"    NEEDS_SESSION: ClassVar[bool] = {rules.session}",
-            *_allowed_states(rules.states, spec),
-        ]
-    lines += _field_table(message.fields)
-    if message.struct:
-        lines.append(f'    NESTED: ClassVar[str | None] = "{message.struct.attribute}"')
-    return "\n".join([*lines, "", *_unpack(message)])
+    arguments = [f'name="{message.name}"', f"number=0x{message.id:02X}"]
+    rules = message.rules
+    if not rules:
+        return "\n".join(_class_head(message, "Message", arguments))
+    arguments += [f"reply=0x{spec.message_by_name[rules.reply].id:02X}", f'retry="{rules.retry}"']
+    if rules.session:
+        arguments.append("session=True")
+    states = "".join(_allowed_states(rules.states, spec))
+    return "\n".join(_class_head(message, "Request", arguments, states))
 
 
-def _class_head(owner: Struct | Message, base: str) -> Iterator[str]:
-    yield "@dataclass(frozen=True, slots=True)"
-    yield f"class {class_name(owner.name)}({base}):"
+def _class_head(
+    owner: Struct | Message, base: str, arguments: Sequence[str], constant: str = ""
+) -> Iterator[str]:
+    head = f"class {class_name(owner.name)}"
+    inside = ", ".join([base, *arguments])
+    if len(head) + len(inside) + 3 <= _WIDTH:
+        yield f"{head}({inside}):"
+    else:
+        yield from (f"{head}(", f"    {inside}", "):")
     yield from _class_docstring(owner.name, owner.prose)
-    yield ""
-    for field in owner.fields:
-        yield f"    {field.name}: {_annotation(field)}"
-        yield from _docstring(field.description, "    ")
     nested = owner.struct if isinstance(owner, Message) else None
-    if nested:
-        yield f"    {nested.attribute}: {class_name(nested.name)}"
+    if constant:
+        yield from ("", f"    {constant}")
     if owner.fields or nested:
         yield ""
-    yield f'    NAME: ClassVar[str] = "{owner.name}"'
-    yield f"    SIZE: ClassVar[int] = {owner.size}"
-    layout = _struct_format(owner.fields)
-    yield f'    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<{layout}")'
+    for field in owner.fields:
+        yield f"    {field.name}: {_annotation(field)} = wire({', '.join(_wire(field))})"
+        yield from _docstring(field.prose, "    ")
+    if nested:
+        name = class_name(nested.name)
+        yield f"    {nested.attribute}: {name} = nested({name})"
 
 
 def _annotation(field: Field) -> str:
@@ -200,96 +168,33 @@ def _annotation(field: Field) -> str:
     return f"tuple[{', '.join([element] * field.count)}]"
 
 
-def _field_table(fields: Sequence[Field]) -> Iterator[str]:
-    if not fields:
-        yield "    FIELDS: ClassVar[tuple[Field, ...]] = ()"
-        return
-    calls = [_field_call(field) for field in fields]
-    one_line = f"    FIELDS: ClassVar[tuple[Field, ...]] = (Field({', '.join(calls[0])}),)"
-    if len(calls) == 1 and len(one_line) <= _WIDTH:
-        yield one_line
-        return
-    yield "    FIELDS: ClassVar[tuple[Field, ...]] = ("
-    for arguments in calls:
-        yield from _call("Field", arguments, " " * 8)
-    yield "    )"
-
-
-def _field_call(field: Field) -> list[str]:
-    arguments = [
-        f'"{field.name}"',
-        f'"{_STRUCT_CODE[field.type.name]}"',
-        str(field.lower),
-        str(field.upper),
-    ]
-    if field.count > 1:
-        arguments.append(f"count={field.count}")
+def _wire(field: Field) -> Iterator[str]:
+    yield f'"{_STRUCT_CODE[field.type.name]}"'
+    yield str(field.lower)
+    yield str(field.upper)
     if field.unit:
-        arguments.append(f'unit="{field.unit}"')
+        yield f'"{field.unit}"'
     if field.scale != 1:
-        arguments.append(f"scale={field.scale}")
-    return arguments
-
-
-def _call(function: str, arguments: Sequence[str], indent: str) -> Iterator[str]:
-    line = f"{indent}{function}({', '.join(arguments)}),"
-    if len(line) <= _WIDTH:
-        yield line
-        return
-    yield f"{indent}{function}("
-    for argument in arguments:
-        yield f"{indent}    {argument},"
-    yield f"{indent}),"
+        yield f"{field.scale}" if field.unit else f"scale={field.scale}"
+    if field.count > 1:
+        yield f"count={field.count}"
+    if field.enum or field.flags:
+        yield f"of={class_name(field.enum or field.flags or '')}"
 
 
 def _allowed_states(states: Sequence[str], spec: Spec) -> Iterator[str]:
-    if set(states) == set(spec.enumerator_names("state")):
-        yield "    ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset(State)"
+    """Nothing where all are allowed, as then the base class says so."""
+    refused = [name for name in spec.enumerator_names("state") if name not in states]
+    if not refused:
         return
-    names = [f"State.{state.upper()}" for state in states]
-    if len(names) == 1:
-        yield f"    ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset({{{names[0]}}})"
-        return
-    yield "    ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset("
-    yield "        {"
-    yield from (f"            {name}," for name in names)
-    yield "        }"
-    yield "    )"
+    if len(refused) < len(states):
+        yield f"ALLOWED_STATES = frozenset(State) - {_state_set(refused)}"
+    else:
+        yield f"ALLOWED_STATES = frozenset({_state_set(states)})"
 
 
-def _unpack(owner: Struct | Message) -> Iterator[str]:
-    nested = owner.struct if isinstance(owner, Message) else None
-    yield "    @classmethod"
-    yield "    def unpack(cls, payload: bytes) -> Self:"
-    arguments = list(_constructor_arguments(owner.fields))
-    if nested:
-        offset = sum(field.size for field in owner.fields)
-        tail = f"payload[{offset}:]" if offset else "payload"
-        arguments.append(f"{class_name(nested.name)}.unpack({tail})")
-    yield f"        {'values = ' if owner.fields else ''}cls._numbers(payload)"
-    if len(arguments) <= 1:
-        yield f"        return cls({', '.join(arguments)})"
-        return
-    yield "        return cls("
-    for argument in arguments:
-        yield f"            {argument},"
-    yield "        )"
-
-
-def _constructor_arguments(fields: Iterable[Field]) -> Iterator[str]:
-    index = 0
-    for field in fields:
-        if field.count > _LONGEST_SPELT_OUT:
-            yield f"values[{index}:{index + field.count}]"
-        elif field.count > 1:
-            yield f"({', '.join(f'values[{index + i}]' for i in range(field.count))})"
-        elif field.enum:
-            yield f'cls._enumerator("{field.name}", {class_name(field.enum)}, values[{index}])'
-        elif field.flags:
-            yield f"{class_name(field.flags)}(values[{index}])"
-        else:
-            yield f"values[{index}]"
-        index += field.count
+def _state_set(names: Iterable[str]) -> str:
+    return "{" + ", ".join(f"State.{name.upper()}" for name in names) + "}"
 
 
 def _inconsistent_axis(struct: Struct) -> Iterator[str]:
@@ -312,46 +217,16 @@ def _clause(clause: Clause) -> str:
 
 
 def _tables(spec: Spec) -> str:
-    lines = ["MESSAGES: Final[Mapping[int, type[Message]]] = MappingProxyType("]
-    lines += ["    {", *(_by_id(message) for message in spec.messages), "    }", ")"]
-    lines += ['"""By id."""', ""]
-    lines += ["REQUESTS: Final[Mapping[int, type[Request]]] = MappingProxyType("]
-    lines += ["    {", *(_by_id(message) for message in spec.requests), "    }", ")"]
-    lines += ['"""By id."""', ""]
+    lines = ["MESSAGES: Final[Mapping[int, type[Message]]] = by_id(globals(), Message)"]
+    lines += ["REQUESTS: Final[Mapping[int, type[Request]]] = by_id(globals(), Request)", ""]
     lines += ["TRANSITIONS: Final[Mapping[tuple[State, Event], State]] = MappingProxyType("]
     lines += ["    {"]
     lines += [
         f"        (State.{t.source.upper()}, Event.{t.event.upper()}): State.{t.target.upper()},"
         for t in spec.transitions
     ]
-    lines += ["    }", ")", '"""What is not listed changes nothing."""', ""]
-    lines += ["REQUIREMENTS: Final[Mapping[str, str]] = MappingProxyType(", "    {"]
-    for requirement in spec.requirements:
-        lines += _requirement(requirement.id, requirement.text)
-    lines += ["    }", ")", '"""Text by id; the conformance suite names the ids."""']
+    lines += ["    }", ")", '"""What is not listed changes nothing."""']
     return "\n".join(lines)
-
-
-def _by_id(message: Message) -> str:
-    return f"        0x{message.id:02X}: {class_name(message.name)},"
-
-
-def _requirement(name: str, text: str) -> Iterator[str]:
-    line = f'        "{name}": "{text}",'
-    if len(line) <= _WIDTH:
-        yield line
-        return
-    yield f'        "{name}": ('
-    for chunk in _chunks(text, _WIDTH - 14):
-        yield f'            "{chunk}"'
-    yield "        ),"
-
-
-def _chunks(text: str, width: int) -> list[str]:
-    if len(text) <= width:
-        return [text]
-    lines = textwrap.wrap(text, width - 1)
-    return [line + " " for line in lines[:-1]] + lines[-1:]
 
 
 def _class_docstring(name: str, prose: str) -> list[str]:

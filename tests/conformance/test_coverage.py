@@ -3,7 +3,7 @@
 import ast
 from pathlib import Path
 
-from ccr_host.link.messages import REQUIREMENTS
+from tests.requirement_coverage import REQUIREMENTS
 
 
 def named_requirements() -> set[str]:

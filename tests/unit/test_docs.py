@@ -13,11 +13,12 @@ import pytest
 from ccr_host.control import base
 from ccr_host.description import schema
 from ccr_host.link.device_errors import BoardFaultError
-from ccr_host.link.messages import REQUIREMENTS, Fault
+from ccr_host.link.messages import Fault
 from ccr_host.run.execute import reference_of
 from ccr_host.run.options import RunOptions
 from ccr_host.tools.jog import Wish, wish_of
 from tests.firmware.pins.mutants import AT_THE_PINS, IN_THE_HOST, INSIDE
+from tests.requirement_coverage import REQUIREMENTS
 
 ROOT = Path(__file__).parents[2]
 FAULT_PAGES = ROOT / "docs" / "faults"

@@ -1,17 +1,26 @@
-"""What all payloads have in common. The messages themselves are generated into `messages`."""
+"""What all messages have in common. The messages themselves are generated into `messages`.
+
+A message is a frozen dataclass whose fields are declared with `wire`, and a struct that it holds
+after them with `nested`. Each class has one format of the `struct` module for all of it.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import struct
-from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import IntEnum
-from typing import Any, ClassVar, Self, TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from enum import IntEnum, IntFlag
+from functools import cache
+from operator import attrgetter
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal, Self, TypeVar, dataclass_transform
 
 from ccr_host.core.errors import CcrError
 
-E = TypeVar("E", bound=IntEnum)
+Retry = Literal["repeat", "once", "never"]
+P = TypeVar("P", bound="Payload")
+M = TypeVar("M", bound="Message")
 
 _OTHER_SPEC = "build host and firmware from the same spec"
 
@@ -26,12 +35,14 @@ class Field:
 
     name: str
     code: str
-    """Of the integer, as in the `struct` module."""
+    """Type of the integer, as in the `struct` module."""
     minimum: int
     maximum: int
-    count: int = 1
     unit: str = ""
     scale: float = 1
+    count: int = 1
+    of: type[IntEnum] | type[IntFlag] | None = None
+    """Type of its enumerators or flags."""
 
     def fits(self, elements: tuple[object, ...]) -> bool:
         """Tell whether the integers fit the wire, in range or not."""
@@ -50,19 +61,65 @@ class Field:
         return f"{integers} from {lower} to {lower + (1 << bits) - 1}"
 
 
-class Payload(ABC):
-    """A fixed list of integers."""
+def wire(
+    code: str,
+    minimum: int,
+    maximum: int,
+    unit: str = "",
+    scale: float = 1,
+    *,
+    count: int = 1,
+    of: type[IntEnum] | type[IntFlag] | None = None,
+) -> Any:  # noqa: ANN401 - of the type that the field is annotated with
+    """Declare a field of a payload; see `Field`."""
+    field = Field("", code, minimum, maximum, unit, scale, count, of)
+    return dataclasses.field(metadata={"field": field})
 
-    __slots__ = ()
+
+def nested(kind: type[P]) -> P:
+    """Declare the struct that follows the fields of a message."""
+    declared: P = dataclasses.field(metadata={"struct": kind})
+    return declared
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(wire, nested))
+class Payload:
+    """A fixed list of integers; subclasses with a name are dataclasses."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
     NAME: ClassVar[str]
-    SIZE: ClassVar[int]
     FIELDS: ClassVar[tuple[Field, ...]]
     """Its own fields; those of the nested struct follow them on the wire."""
-    LAYOUT: ClassVar[struct.Struct]
-    """Of its own fields."""
-    NESTED: ClassVar[str | None] = None
-    """Attribute that holds the struct."""
+    SIZE: ClassVar[int]
+    _LAYOUT: ClassVar[struct.Struct]
+    """All fields, the nested ones too."""
+    _VALUES: ClassVar[tuple[tuple[Field, attrgetter[Any]], ...]]
+    """The same, and how the value of each is reached."""
+    _READERS: ClassVar[tuple[Callable[[int], Any] | None, ...]]
+    """For each of its own fields what makes the enumerator or flags of its integer."""
+    NESTED: ClassVar[tuple[str, type[Payload]] | None]
+    """Attribute and type of the nested struct."""
+
+    def __init_subclass__(cls, *, name: str = "") -> None:
+        super().__init_subclass__()
+        if not name:
+            return
+        dataclass(frozen=True)(cls)
+        declared = dataclasses.fields(cls)
+        own = [one for one in declared if "field" in one.metadata]
+        cls.NAME = name
+        cls.FIELDS = tuple(replace(one.metadata["field"], name=one.name) for one in own)
+        cls._READERS = tuple(None if f.of is None else cache(f.of) for f in cls.FIELDS)
+        cls._VALUES = tuple((field, attrgetter(field.name)) for field in cls.FIELDS)
+        cls.NESTED = None
+        for one in declared[len(own) :]:
+            kind = one.metadata["struct"]
+            cls.NESTED = one.name, kind
+            cls._VALUES += tuple((f, attrgetter(f"{one.name}.{f.name}")) for f in kind.FIELDS)
+        form = "".join(f"{field.count}{field.code}" for field, _ in cls._VALUES)
+        cls._LAYOUT = struct.Struct(f"<{form}")
+        cls.SIZE = cls._LAYOUT.size
 
     def pack(self) -> bytes:
         """Little-endian bytes.
@@ -70,73 +127,120 @@ class Payload(ABC):
         Raises:
             PayloadError: names the field whose value does not fit its integer type.
         """
-        own = [(field, _elements(getattr(self, field.name))) for field in self.FIELDS]
+        integers: list[int] = []
         try:
-            if any(len(elements) != field.count for field, elements in own):
-                raise struct.error
-            packed = self.LAYOUT.pack(*(number for _, elements in own for number in elements))
-        except struct.error:
+            for field, value_of in self._VALUES:
+                value = value_of(self)
+                if field.count == 1:
+                    integers.append(value)
+                elif len(value) == field.count:
+                    integers += value
+                else:
+                    raise self._misfit()
+            return self._LAYOUT.pack(*integers)
+        except (struct.error, TypeError):
             raise self._misfit() from None
-        nested = self._nested()
-        return packed if nested is None else packed + nested.pack()
 
     @classmethod
-    @abstractmethod
     def unpack(cls, payload: bytes) -> Self:
         """Read little-endian bytes; ranges are not checked.
 
         Raises:
             PayloadError: wrong length, or a value that its enumeration does not have.
         """
+        if len(payload) != cls.SIZE:
+            cause = f"{cls.NAME} with {len(payload)} instead of {cls.SIZE} bytes"
+            raise PayloadError(cause, _OTHER_SPEC)
+        return cls._of(cls._LAYOUT.unpack(payload))
 
     def first_out_of_range(self) -> int | None:
         """Index of the first field out of its range; an array is one field."""
-        for index, (field, elements) in enumerate(self._fields_with_elements()):
-            if not all(field.minimum <= element <= field.maximum for element in elements):
-                return index
+        for index, (field, value_of) in enumerate(self._VALUES):
+            value = value_of(self)
+            for element in value if field.count > 1 else (value,):
+                if not field.minimum <= element <= field.maximum:
+                    return index
         return None
 
     def inconsistent_axis(self) -> int | None:
         """Index of the first axis whose fields, each in range, contradict each other."""
-        nested = self._nested()
-        return None if nested is None else nested.inconsistent_axis()
+        held = self._held()
+        return None if held is None else held.inconsistent_axis()
 
-    def _nested(self) -> Payload | None:
-        return None if self.NESTED is None else getattr(self, self.NESTED)
+    @classmethod
+    def _of(cls, integers: tuple[int, ...]) -> Self:
+        values: list[Any] = []
+        at = 0
+        for field, reader in zip(cls.FIELDS, cls._READERS, strict=True):
+            if field.count > 1:
+                values.append(integers[at : at + field.count])
+            elif reader is None:
+                values.append(integers[at])
+            else:
+                try:
+                    values.append(reader(integers[at]))
+                except ValueError:
+                    raise cls._unknown(field, integers[at]) from None
+            at += field.count
+        if cls.NESTED is not None:
+            values.append(cls.NESTED[1]._of(integers[at:]))
+        return cls(*values)
 
-    def _fields_with_elements(self) -> Iterator[tuple[Field, tuple[int, ...]]]:
-        for field in self.FIELDS:
-            yield field, _elements(getattr(self, field.name))
-        nested = self._nested()
-        if nested is not None:
-            yield from nested._fields_with_elements()
+    @classmethod
+    def _unknown(cls, field: Field, number: int) -> PayloadError:
+        assert field.of is not None
+        cause = f"{cls.NAME}.{field.name} = {number} is no {field.of.__name__}"
+        return PayloadError(cause, _OTHER_SPEC)
+
+    def _held(self) -> Payload | None:
+        return None if self.NESTED is None else getattr(self, self.NESTED[0])
 
     def _misfit(self) -> PayloadError:
         for field in self.FIELDS:
             value = getattr(self, field.name)
-            if not field.fits(_elements(value)):
+            if not field.fits(value if isinstance(value, tuple) else (value,)):
                 place = f"{self.NAME}.{field.name}"
                 return PayloadError(
                     f"{place} = {value} does not fit the wire", f"give {field.needs}"
                 )
-        raise AssertionError(f"every field of {self} fits")
-
-    @classmethod
-    def _numbers(cls, payload: bytes) -> tuple[Any, ...]:
-        """Of its own fields, from a payload of exactly the right length."""
-        if len(payload) != cls.SIZE:
-            cause = f"{cls.NAME} with {len(payload)} instead of {cls.SIZE} bytes"
-            raise PayloadError(cause, _OTHER_SPEC)
-        return cls.LAYOUT.unpack_from(payload)
-
-    @classmethod
-    def _enumerator(cls, field: str, enum: type[E], number: int) -> E:
-        try:
-            return enum(number)
-        except ValueError:
-            cause = f"{cls.NAME}.{field} = {number} is no {enum.__name__}"
-            raise PayloadError(cause, _OTHER_SPEC) from None
+        held = self._held()
+        assert held is not None, f"every field of {self} fits"
+        return held._misfit()
 
 
-def _elements(value: Any) -> tuple[Any, ...]:  # noqa: ANN401 - judged by its type
-    return value if isinstance(value, tuple) else (value,)
+class Message(Payload):
+    """A payload with an id of its own."""
+
+    ID: ClassVar[int] = 0
+
+    def __init_subclass__(cls, *, name: str = "", number: int = 0) -> None:
+        super().__init_subclass__(name=name)
+        cls.ID = number
+
+
+class Request(Message):
+    """A message to the board, and how the board treats it."""
+
+    REPLY_ID: ClassVar[int]
+    RETRY: ClassVar[Retry]
+    NEEDS_SESSION: ClassVar[bool]
+
+    def __init_subclass__(
+        cls,
+        *,
+        name: str = "",
+        number: int = 0,
+        reply: int = 0,
+        retry: Retry = "never",
+        session: bool = False,
+    ) -> None:
+        super().__init_subclass__(name=name, number=number)
+        cls.REPLY_ID = reply
+        cls.RETRY = retry
+        cls.NEEDS_SESSION = session
+
+
+def by_id(namespace: Mapping[str, object], base: type[M]) -> Mapping[int, type[M]]:
+    """The messages in a module's namespace."""
+    kinds = [one for one in namespace.values() if isinstance(one, type) and issubclass(one, base)]
+    return MappingProxyType({kind.ID: kind for kind in kinds if kind.ID})

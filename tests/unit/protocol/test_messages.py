@@ -39,8 +39,8 @@ def payloads(cls: type[Payload], *, in_range: bool) -> st.SearchStrategy[Any]:
         for field in cls.FIELDS
     }
     if cls.NESTED is not None:
-        nested = getattr(messages, str(annotations[cls.NESTED]))
-        values[cls.NESTED] = payloads(nested, in_range=in_range)
+        attribute, kind = cls.NESTED
+        values[attribute] = payloads(kind, in_range=in_range)
     return st.builds(cls, **values)
 
 

@@ -95,7 +95,7 @@ class Dispatcher:
         out_of_range = request.first_out_of_range()
         if out_of_range is not None:
             raise Refusal(m.NackCode.OUT_OF_RANGE, out_of_range)
-        axis = _inconsistent_axis(request)
+        axis = request.inconsistent_axis()
         if axis is not None:
             raise Refusal(m.NackCode.INCONSISTENT, axis)
         if isinstance(request, m.OpenSession) and request.spec_hash != self._spec_hash:
@@ -250,16 +250,6 @@ class Dispatcher:
     def _(self, request: m.SaveConfig) -> m.Message:
         self._core.store.begin_save(self._core.configuration)
         return self._ack(request)
-
-
-def _inconsistent_axis(request: m.Request) -> int | None:
-    match request:
-        case m.SetLimits():
-            return request.limits.inconsistent_axis()
-        case m.SetCalibration():
-            return request.calibration.inconsistent_axis()
-        case _:
-            return None
 
 
 def _encode(reply: m.Message, sequence: int) -> bytes:
