@@ -28,8 +28,9 @@ from mcap.reader import make_reader
 from rich.console import Console
 from rich.table import Table
 
+from ccr_host.record.keep import execute_logged
 from ccr_host.record.log.run_log import open_run_log
-from ccr_host.run.execute import execute, execute_logged
+from ccr_host.run.execute import execute
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.options import RunOptions
 from ccr_host.run.tape import Tape, Token

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
 from errno import ENOENT
+from io import BytesIO
 from pathlib import Path
+from typing import NamedTuple
 
-from ccr_host.record.log.mcap_file import Chunk, McapFile
+from mcap.writer import IndexType, Writer
+from pydantic_core import to_json
+
+from ccr_host.core.version import __version__
 from ccr_host.record.log.topics import Topic
 
 LOG_PREFIX = "log"
@@ -21,6 +30,162 @@ TROUBLE = "copied_with"
 """Its key."""
 
 _NS_PER_US = 1000
+_NO_LIMIT = 2**62
+"""Chunks end where the log says, not where the package's writer would cut them."""
+
+
+class Packed(NamedTuple):
+    """One message as it will stand in a file."""
+
+    channel: int
+    sequence: int
+    time_ns: int
+    content: bytes
+
+
+@dataclass
+class Chunk:
+    """Messages on their way into a file, which takes all of them or none."""
+
+    messages: list[Packed] = field(default_factory=list)
+    size: int = 0
+    """Bytes of their contents."""
+
+    def add(self, message: Packed) -> None:
+        """Add one message."""
+        self.messages.append(message)
+        self.size += len(message.content)
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the earliest message."""
+        return min(message.time_ns for message in self.messages)
+
+
+class _AllOrNothing(BytesIO):
+    """Collects what is written and hands it to the operating system when flushed.
+
+    The operating system keeps it if we are killed. A disk that is full leaves the file as it was
+    before the flush that fails.
+
+    Raises:
+        OSError: the disk is full or gone.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.file = path.open("w+b", buffering=0)
+        self.size = 0
+        """Bytes in the file."""
+
+    def tell(self) -> int:
+        return self.size + super().tell()
+
+    def flush(self) -> None:
+        data = self.getvalue()
+        self.seek(0)
+        self.truncate()
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[self.file.write(left) :]
+        except OSError:
+            with suppress(OSError):
+                self.file.truncate(self.size)
+                self.file.seek(self.size)
+            raise
+        self.size += len(data)
+
+
+class McapFile:
+    """A file with a channel for each topic, numbered from 1.
+
+    Raises:
+        OSError: from all methods; the disk is full or gone.
+    """
+
+    def __init__(self, path: Path, topics: Sequence[Topic]) -> None:
+        self._path = path
+        self._stream = _AllOrNothing(path)
+        self._identity = os.fstat(self._stream.file.fileno())
+        self.messages = 0
+        """How many have been written."""
+        self._writer = Writer(self._stream, chunk_size=_NO_LIMIT)
+        self._writer.start(library=f"ccr-host {__version__}")
+        for topic in topics:
+            schema = self._writer.register_schema(
+                topic.schema_name, "jsonschema", to_json(topic.schema)
+            )
+            self._writer.register_channel(topic.name, "json", schema)
+        try:
+            self._flush()
+        except OSError:
+            self._stream.file.close()
+            path.unlink()
+            raise
+
+    @property
+    def size(self) -> int:
+        """Bytes so far."""
+        return self._stream.size
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the file still has its name."""
+        try:
+            return os.path.samestat(self._path.stat(), self._identity)
+        except OSError:
+            return False
+
+    def write_chunk(self, chunk: Chunk) -> None:
+        """Add a chunk."""
+        for channel, sequence, time_ns, content in chunk.messages:
+            self._writer.add_message(channel, time_ns, content, time_ns, sequence)
+        self._flush()
+        self.messages += len(chunk.messages)
+
+    def write_metadata(self, name: str, content: Mapping[str, str]) -> None:
+        """Add a metadata record."""
+        self._writer.add_metadata(name, dict(content))
+        self._flush()
+
+    def finish(self) -> None:
+        """Write the summary, by which readers find their way without reading all, and close.
+
+        A file that was removed meanwhile is written again.
+        """
+        try:
+            self._writer.finish()
+            self._stream.flush()
+            self._put_back()
+        finally:
+            self._stream.file.close()
+
+    def _flush(self) -> None:
+        try:
+            self._writer.flush()
+        except OSError:
+            # The writer's index now names what is not in the file, which has to end without one.
+            self._writer = Writer(
+                self._stream,
+                index_types=IndexType.NONE,
+                repeat_channels=False,
+                repeat_schemas=False,
+                use_chunking=False,
+                use_statistics=False,
+                use_summary_offsets=False,
+            )
+            raise
+
+    def _put_back(self) -> None:
+        if self.is_there:
+            return
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._stream.file.seek(0)
+        with self._path.open("xb") as again:
+            shutil.copyfileobj(self._stream.file, again)
+            self._identity = os.fstat(again.fileno())
 
 
 class LogFiles:
@@ -72,7 +237,7 @@ class LogFiles:
             except OSError as error:
                 self.error = error
         if self.error is not None:
-            self.lost += chunk.messages
+            self.lost += len(chunk.messages)
 
     def close(self, skipped: int = 0, trouble: str = "") -> None:
         """Finish the last file.
@@ -122,7 +287,7 @@ class LogFiles:
 def _opening(repeated: Mapping[int, bytes], time_ns: int) -> Chunk:
     opening = Chunk()
     for channel, content in repeated.items():
-        opening.add(channel, 0, time_ns, content)
+        opening.add(Packed(channel, 0, time_ns, content))
     return opening
 
 

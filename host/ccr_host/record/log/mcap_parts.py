@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from struct import Struct
-from typing import Any, NamedTuple
+from typing import Any
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
@@ -23,15 +23,19 @@ from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     Channel,
+    Chunk,
     DataEnd,
     Header,
     McapRecord,
+    Message,
+    MessageIndex,
     Metadata,
     Schema,
     Statistics,
 )
+from mcap.stream_reader import CRCValidationError, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
-from zstandard import ZstdDecompressor, ZstdError, frame_content_size
+from zstandard import ZstdError, frame_content_size
 
 MOST_FILE_BYTES = 256_000_000
 """Four times what the files of our logs are cut at."""
@@ -43,16 +47,13 @@ _MOST_UNPACKED_BYTES = 2_000_000_000
 _HEADER_BYTES = 64
 
 _HEAD = Struct("<BQ")
-_CHUNK_HEAD = Struct("<QQQII")
-_MESSAGE_HEAD = Struct("<HIQQ")
-_INDEX_HEAD = Struct("<HI")
-_LENGTH64 = Struct("<Q")
 _FOOTER = Struct("<BQQQI")
-_ZSTD, _PLAIN = b"zstd", b""
 _PARSED: dict[int, Any] = {
     Opcode.HEADER: Header,
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
+    Opcode.CHUNK: Chunk,
+    Opcode.MESSAGE_INDEX: MessageIndex,
     Opcode.METADATA: Metadata,
     Opcode.ATTACHMENT: Attachment,
     Opcode.DATA_END: DataEnd,
@@ -66,15 +67,6 @@ _LANDMARK = re.compile(
 numbers of an index may look like the former alone."""
 
 
-class PackedMessage(NamedTuple):
-    """One message as it stands in the file."""
-
-    channel: int
-    sequence: int
-    time_ns: int
-    data: bytes
-
-
 @dataclass(frozen=True)
 class Damage:
     """Bytes that cannot be read."""
@@ -86,7 +78,7 @@ class Damage:
     """Nothing can be read behind it."""
 
 
-Part = Channel | Metadata | PackedMessage | Damage
+Part = Channel | Metadata | Message | Damage
 
 
 class McapParts:
@@ -131,19 +123,19 @@ class McapParts:
                 yield Damage(at, end, reaches_end=landmark is None)
                 at = end
                 continue
-            opcode, content, end = record
-            if opcode == Opcode.DATA_END:
+            parsed, end = record
+            if isinstance(parsed, DataEnd):
                 return
-            if opcode == Opcode.CHUNK:
-                unpacked, why = _unpacked(content)
-                unpacked_bytes += len(unpacked)
+            if isinstance(parsed, Chunk):
+                records, why = _unpacked(parsed)
+                unpacked_bytes += 0 if why else parsed.uncompressed_size
                 if unpacked_bytes > _MOST_UNPACKED_BYTES:
                     why = f"more than {_MOST_UNPACKED_BYTES} bytes unpacked"
                 if why:
                     yield Damage(at, end, why)
                 else:
-                    yield from _in_chunk(unpacked)
-            elif isinstance(parsed := _parsed(opcode, content), Channel | Metadata):
+                    yield from (one for one in records if isinstance(one, Channel | Message))
+            elif isinstance(parsed, Channel | Metadata):
                 yield parsed
             at = end
 
@@ -157,22 +149,22 @@ class McapParts:
             return
         if crc != zlib.crc32(memoryview(self._data)[at : footer_at + _FOOTER.size - 4]):
             return
-        while at < footer_at and (record := self._record(at, in_summary=True)) is not None:
-            opcode, content, at = record
+        while at + _HEAD.size <= footer_at:
+            opcode, length = _HEAD.unpack_from(self._data, at)
+            start, at = at + _HEAD.size, at + _HEAD.size + length
             if opcode in (Opcode.CHANNEL, Opcode.STATISTICS):
-                yield _parsed(opcode, content)
+                yield _parsed(opcode, self._data[start:at])
 
-    def _record(self, at: int, *, in_summary: bool = False) -> tuple[int, bytes, int] | None:
-        """Opcode, content and end of a record; None if none can begin here."""
+    def _record(self, at: int) -> tuple[McapRecord, int] | None:
+        """The record in front of the summary that begins here, and its end; None if none can."""
         if at + _HEAD.size > len(self._data):
             return None
         opcode, length = _HEAD.unpack_from(self._data, at)
         start, end = at + _HEAD.size, at + _HEAD.size + length
         if end > len(self._data):
             return None
-        content = self._data[start:end]
-        is_whole = in_summary or _is_whole(opcode, content)
-        return (opcode, content, end) if is_whole else None
+        record = _parsed(opcode, self._data[start:end])
+        return None if record is None else (record, end)
 
     def _landmark(self, at: int) -> int | None:
         """Where the next record begins that is surely one."""
@@ -182,28 +174,21 @@ class McapParts:
         return None
 
 
-def _is_whole(opcode: int, content: bytes) -> bool:
-    """Whether content of this length can be that of such a record in front of the summary."""
-    if opcode == Opcode.CHUNK:
-        at = _CHUNK_HEAD.size
-        if len(content) < at + _LENGTH64.size:
-            return False
-        at += _CHUNK_HEAD.unpack_from(content)[-1]
-        if at + _LENGTH64.size > len(content):
-            return False
-        return bool(at + _LENGTH64.size + _LENGTH64.unpack_from(content, at)[0] == len(content))
-    if opcode == Opcode.MESSAGE_INDEX:
-        return len(content) >= _INDEX_HEAD.size and (
-            _INDEX_HEAD.unpack_from(content)[1] == len(content) - _INDEX_HEAD.size
-        )
-    return _parsed(opcode, content) is not None
+class _Whole(ReadDataStream):
+    """Does not take less than a length says."""
+
+    def read(self, length: int) -> bytes:
+        data = super().read(length)
+        if len(data) < length:
+            raise EndOfFile
+        return data
 
 
 def _parsed(opcode: int, content: bytes) -> McapRecord | None:
     """The record; None if it is of another kind, or the content is not exactly one."""
     if opcode not in _PARSED:
         return None
-    stream = ReadDataStream(BytesIO(content))
+    stream = _Whole(BytesIO(content))
     try:
         record: McapRecord = _PARSED[opcode].read(stream)
     except _UNPARSABLE:
@@ -211,32 +196,19 @@ def _parsed(opcode: int, content: bytes) -> McapRecord | None:
     return record if stream.count == len(content) else None
 
 
-def _unpacked(chunk: bytes) -> tuple[bytes, str]:
+def _unpacked(chunk: Chunk) -> tuple[list[McapRecord], str]:
     """The records of a chunk, or why they cannot be had."""
-    *_, size, crc, name_length = _CHUNK_HEAD.unpack_from(chunk)
-    start = _CHUNK_HEAD.size + name_length
-    name, packed = chunk[_CHUNK_HEAD.size : start], chunk[start + _LENGTH64.size :]
-    if name not in (_ZSTD, _PLAIN):
-        return b"", f"compressed with {name.decode(errors='replace')!r}"
+    if chunk.compression not in ("zstd", ""):
+        return [], f"compressed with {chunk.compression!r}"
     try:
-        size = frame_content_size(packed) if name == _ZSTD else len(packed)
-        if not 0 <= size <= _MOST_CHUNK_BYTES:
-            return b"", f"a chunk of more than {_MOST_CHUNK_BYTES} bytes"
-        data = ZstdDecompressor().decompress(packed) if name == _ZSTD else packed
+        packed = chunk.data
+        size = frame_content_size(packed) if chunk.compression else len(packed)
+        if not (size == chunk.uncompressed_size <= _MOST_CHUNK_BYTES):
+            return [], "a chunk that is too large, or of another size than it says"
+        return breakup_chunk(chunk, validate_crc=True), ""
+    except CRCValidationError:
+        return [], "wrong check sum"
     except ZstdError as error:
-        return b"", str(error)
-    return (b"", "wrong check sum") if crc not in (0, zlib.crc32(data)) else (data, "")
-
-
-def _in_chunk(data: bytes) -> Iterator[Part]:
-    at = 0
-    while at + _HEAD.size <= len(data):
-        opcode, length = _HEAD.unpack_from(data, at)
-        at += _HEAD.size
-        content = data[at : at + length]
-        at += length
-        if opcode == Opcode.MESSAGE and len(content) >= _MESSAGE_HEAD.size:
-            channel, sequence, time_ns, _ = _MESSAGE_HEAD.unpack_from(content)
-            yield PackedMessage(channel, sequence, time_ns, content[_MESSAGE_HEAD.size :])
-        elif isinstance(record := _parsed(opcode, content), Channel):
-            yield record
+        return [], str(error)
+    except _UNPARSABLE:
+        return [], "a record in it is not whole"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.records import Channel, Metadata
+from mcap.records import Channel, Message, Metadata
 from pydantic import TypeAdapter, ValidationError
 
 from ccr_host.core.errors import ConfigError
@@ -27,7 +27,7 @@ from ccr_host.record.log.files import (
     file_number,
     log_files,
 )
-from ccr_host.record.log.mcap_parts import MOST_FILE_BYTES, Damage, McapParts, PackedMessage, Part
+from ccr_host.record.log.mcap_parts import MOST_FILE_BYTES, Damage, McapParts, Part
 from ccr_host.record.log.topics import LOG_TOPICS, SOLVE_TIME, TIMING_TOPICS, Topic
 from ccr_host.robot.reference import Reference
 from ccr_host.run.options import RunOptions
@@ -191,9 +191,9 @@ class _Account:
         parts, time_s, messages = _parts(path), 0.0, 0
         damages: list[str] = []
         for part, topic in _with_topics(parts, LOG_TOPICS):
-            if isinstance(part, PackedMessage):
+            if isinstance(part, Message):
                 messages += 1
-                time_s = part.time_ns / _NS_PER_S
+                time_s = part.log_time / _NS_PER_S
                 self._count(topic, part.sequence)
             elif isinstance(part, Metadata) and part.name == END_RECORD:
                 self._closing = part
@@ -247,12 +247,12 @@ class _Account:
 def _messages(path: Path, ours: Sequence[Topic], wanted: Collection[str]) -> Iterator[LogMessage]:
     by_name = {topic.name: topic for topic in ours if topic.name in wanted}
     for part, name in _with_topics(_parts(path), ours):
-        if isinstance(part, PackedMessage) and name in by_name:
+        if isinstance(part, Message) and name in by_name:
             content = _content(part, by_name[name], path)
-            yield LogMessage(name, part.time_ns // _NS_PER_US, content)
+            yield LogMessage(name, part.log_time // _NS_PER_US, content)
 
 
-def _content(message: PackedMessage, topic: Topic, path: Path) -> dict[str, Any]:
+def _content(message: Message, topic: Topic, path: Path) -> dict[str, Any]:
     if len(message.data) > _MOST_MESSAGE_BYTES:
         raise _unusable(path, f"a message on {topic.name} has {len(message.data)} bytes")
     try:
@@ -262,7 +262,7 @@ def _content(message: PackedMessage, topic: Topic, path: Path) -> dict[str, Any]
     except (ValueError, RecursionError):
         content = {}
     if not content or not topic.is_message(content):
-        time_s = message.time_ns / _NS_PER_S
+        time_s = message.log_time / _NS_PER_S
         raise _unusable(
             path,
             f"not the log of a run as ccr-host {__version__} knows it: "
@@ -291,11 +291,11 @@ def _with_topics(parts: McapParts, ours: Sequence[Topic]) -> Iterator[tuple[Part
         if isinstance(part, Channel):
             found.setdefault(part.id, part.topic)
             names = None
-        elif isinstance(part, PackedMessage):
+        elif isinstance(part, Message):
             if names is None:
                 others = sum(own.get(number) != name for number, name in found.items())
                 names = own if parts.is_ours and others <= 1 else found
-            yield part, names.get(part.channel, str(part.channel))
+            yield part, names.get(part.channel_id, str(part.channel_id))
         else:
             yield part, ""
 

@@ -11,8 +11,7 @@ from pydantic_core import to_json
 
 from ccr_host.core.stop_signals import signals_deferred
 from ccr_host.record.log import visuals
-from ccr_host.record.log.files import LogFiles
-from ccr_host.record.log.mcap_file import Chunk
+from ccr_host.record.log.files import Chunk, LogFiles, Packed
 from ccr_host.record.log.topics import EVENT, Topic
 
 QUEUE_CHUNKS = 60
@@ -63,19 +62,19 @@ class _Packer:
         full = None
         if self._due_us is None:
             self._due_us = time_us + CHUNK_US
-        elif time_us >= self._due_us or len(self.chunk.data) >= CHUNK_BYTES:
+        elif time_us >= self._due_us or self.chunk.size >= CHUNK_BYTES:
             full = self.take()
             self._due_us = time_us + CHUNK_US
         channel = self._channels[topic]
         sequence = self._sequences[channel] = self._sequences[channel] + 1
         if topic.repeated:
             self._repeated_in_chunk[channel] = content
-        self.chunk.add(channel, sequence, time_us * _NS_PER_US, content)
+        self.chunk.add(Packed(channel, sequence, time_us * _NS_PER_US, content))
         return full
 
     def take(self) -> Taken | None:
         """The chunk as it is; None if it is empty."""
-        if not self.chunk.data:
+        if not self.chunk.messages:
             return None
         taken = self.chunk, dict(self._repeated)
         self._repeated |= self._repeated_in_chunk
@@ -157,7 +156,7 @@ class BackgroundSink:
 
     def _enqueue(self, taken: Taken) -> None:
         if len(self._queue) >= self._queue_chunks:
-            self._skipped += taken[0].messages
+            self._skipped += len(taken[0].messages)
         else:
             self._queue.append(taken)
 

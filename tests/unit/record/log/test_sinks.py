@@ -9,8 +9,7 @@ from threading import Event, Semaphore
 import pytest
 
 from ccr_host.record.log import topics
-from ccr_host.record.log.files import LOG_PREFIX, LogFiles
-from ccr_host.record.log.mcap_file import McapFile
+from ccr_host.record.log.files import LOG_PREFIX, LogFiles, McapFile
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.record.log.sinks import QUEUE_CHUNKS, BackgroundSink, DirectSink
 from ccr_host.record.log.topics import LOG_TOPICS
