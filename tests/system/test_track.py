@@ -141,7 +141,7 @@ def test_laps_of_an_open_path_are_refused(ccr_host: CcrHost) -> None:
     (ccr_host.folder / "open.csv").write_text("t_s,y_mm,z_mm\n0,0,40\n20,20,40\n")
     ended = ccr_host("track", "open.csv", "--laps", "2")
     assert ended.status == 2
-    assert "mm from where it starts" in ended.err
+    assert "mm from its start" in ended.err
     assert "Traceback" not in ended.err
 
 

@@ -1,4 +1,4 @@
-"""What users write for a place: HOST:PORT, and the URIs of devices and trackers."""
+"""Addresses as users write them: HOST:PORT, and the URIs of devices and trackers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _HOST_AND_PORT = re.compile(r"([\w.-]+|\[[\da-fA-F:]+\]):\d+")
 
 
 class Role(Enum):
-    """Which option a URI is given with."""
+    """The option that a URI belongs to."""
 
     DEVICE = "device"
     TRACKER = "tracker"
@@ -48,15 +48,15 @@ _TCP = {Role.DEVICE: ("tcp",), Role.TRACKER: ("ndi+tcp", "igtl")}
 
 
 def known_forms(role: Role) -> str:
-    """All forms of a URI, in words."""
+    """All forms of a URI, for messages."""
     return ", ".join(_FORMS[role].values())
 
 
 def split_uri(role: Role, text: str) -> tuple[str, str]:
-    """Scheme, in small letters, and what follows the colon.
+    """Scheme in lower case, and the text after the colon.
 
     Raises:
-        ConfigError: no scheme of this role; the cure is what was probably meant.
+        ConfigError: not a scheme of this role; the cure suggests what was probably meant.
     """
     scheme, colon, rest = text.partition(":")
     scheme = scheme.lower()
@@ -64,7 +64,7 @@ def split_uri(role: Role, text: str) -> tuple[str, str]:
         raise _unknown_form(role, text)
     if scheme == _SERIAL[role] and _HOST_AND_PORT.fullmatch(rest):
         raise ConfigError(
-            f"{role.value} {text}: a host and a port, but no serial port",
+            f"{role.value} {text}: a host and a port, not a serial port",
             f"write {_on_tcp(role, rest)}",
         )
     return scheme, rest
@@ -99,15 +99,15 @@ def _on_tcp(role: Role, address: str) -> str:
 
 
 def tcp_address(rest: str, subject: str, example: str) -> str:
-    """HOST:PORT from what follows the scheme's colon.
+    """HOST:PORT from the text after the scheme's colon.
 
     Args:
-        rest: as written, with its slashes.
-        subject: what the user has written, for messages.
-        example: of the whole.
+        rest: that text, including the slashes.
+        subject: the text that the user gave, for messages.
+        example: a valid one, for messages.
 
     Raises:
-        ConfigError: tells what is wrong with it.
+        ConfigError: not a valid address.
     """
     if not rest.startswith("//"):
         scheme = example.partition(":")[0]
@@ -118,16 +118,16 @@ def tcp_address(rest: str, subject: str, example: str) -> str:
 
 
 def host_and_port(text: str, subject: str, example: str, least_port: int = 1) -> tuple[str, int]:
-    """Read HOST:PORT; an IPv6 address stands in brackets, which are taken off.
+    """Parse HOST:PORT; the brackets around an IPv6 address are removed.
 
     Args:
         text: HOST:PORT.
-        subject: what the user has written, for messages.
-        example: of the whole.
-        least_port: 0 where the system may choose one.
+        subject: the text that the user gave, for messages.
+        example: a valid one, for messages.
+        least_port: 0 where the system may choose the port.
 
     Raises:
-        ConfigError: tells what is wrong with it.
+        ConfigError: not a valid address.
     """
     host, colon, port = text.rpartition(":")
     bracketed = host.startswith("[") and host.endswith("]")
@@ -139,9 +139,9 @@ def host_and_port(text: str, subject: str, example: str, least_port: int = 1) ->
     elif not bracketed and (":" in host or host.startswith("[")):
         problem = "not a host and a port: an IPv6 address needs brackets, as in [::1]"
     elif not (_is_ipv6(host[1:-1]) if bracketed else _HOST.fullmatch(host)):
-        problem = f"{host} is neither a host's name nor its address"
+        problem = f"{host} is neither a host name nor an address"
     elif not (port.isascii() and port.isdigit()):
-        problem = f"not a host and a port: {port or 'nothing'} is no port number"
+        problem = f"not a host and a port: {port or 'nothing'} is not a port number"
     elif len(port) > len(str(HIGHEST_PORT)) or not least_port <= int(port) <= HIGHEST_PORT:
         problem = f"port {port} is not in {least_port}..{HIGHEST_PORT}"
     if problem:
@@ -150,19 +150,19 @@ def host_and_port(text: str, subject: str, example: str, least_port: int = 1) ->
 
 
 def joined(host: str, port: int) -> str:
-    """HOST:PORT, with brackets where the host is an IPv6 address."""
+    """Format HOST:PORT, with brackets around an IPv6 address."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def listening_socket(host: str, port: int) -> socket.socket:
-    """Listen on an address of this computer, of a host's name the IPv4 one if it has both.
+    """Listen on an address of this computer; a host name's IPv4 address is preferred.
 
     Args:
-        host: name or address; an IPv6 one without brackets.
+        host: name or address; an IPv6 address without brackets.
         port: 0 takes a free one.
 
     Raises:
-        ConfigError: it cannot be had.
+        ConfigError: the address cannot be used.
     """
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
@@ -175,14 +175,14 @@ def listening_socket(host: str, port: int) -> socket.socket:
 
 def _why_not_listening(error: OSError | UnicodeError) -> tuple[str, str]:
     if isinstance(error, socket.gaierror | UnicodeError):
-        return "no host of this name", "give an address of this computer, e.g. 127.0.0.1"
+        return "unknown host name", "give an address of this computer, e.g. 127.0.0.1"
     match error.errno:
         case errno.EADDRINUSE:
             return "already in use", "choose another port; 0 takes a free one"
         case errno.EACCES | errno.EPERM:
             return "not allowed", "choose a port above 1023; 0 takes a free one"
         case errno.EADDRNOTAVAIL | errno.EAFNOSUPPORT:
-            return "no address of this computer", "give one of its own, e.g. 127.0.0.1"
+            return "not an address of this computer", "give one that is, e.g. 127.0.0.1"
     return error.strerror or str(error), "choose another address"
 
 

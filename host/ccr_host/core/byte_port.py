@@ -1,6 +1,6 @@
-"""Serial ports, through pyserial, and TCP sockets, for boards and cameras alike.
+"""Serial ports (through pyserial) and TCP sockets, for boards and cameras.
 
-Whatever goes wrong comes out as one kind of error, with a cause and a cure.
+Every failure is raised as one type of error, with a cause and a cure.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Trouble = tuple[str, str]
 
 _READ_BYTES = 4096
 _WRITE_TIMEOUT_S = 1.0
-"""Longer than any frame takes on the slowest line; only a dead port waits so long."""
+"""Longer than any frame takes on the slowest line; only a dead port takes this long."""
 CONNECT_TIMEOUT_S = 5.0
 _LAST_WORDS_BYTES = 120
 
@@ -54,23 +54,23 @@ _CANNOT_OPEN: Final[Mapping[int, Trouble]] = {
     ),
 }
 _WINDOWS_NUMBERS: Final = {"FileNotFoundError": errno.ENOENT, "PermissionError": errno.EBUSY}
-"""There pyserial gives the name of the system's error, but not its number."""
+"""On Windows, pyserial gives the name of the system's error but not its number."""
 
 
 @dataclass(frozen=True)
 class Peer:
-    """Who is at the other end, for messages."""
+    """The device at the other end, for messages."""
 
     noun: str
     error: type[DeviceError] | type[TrackerError]
     if_refused: str
-    """What to do where nobody listens on a TCP port."""
+    """Cure for a refused TCP connection."""
 
 
 class _Socket:
     """A TCP socket with pyserial's methods.
 
-    pyserial's own throws away what the other end has said at once, as one that is busy does.
+    pyserial's own discards what the other end sends on connecting, such as "busy".
     """
 
     def __init__(self, address: str, connect_timeout_s: float) -> None:
@@ -97,17 +97,17 @@ class _Socket:
 
 
 class BytePort:
-    """An open port; the peer's error from any method means that it is lost.
+    """An open port; the peer's error from any method means that the port is lost.
 
     Args:
-        name: its URI, for messages.
-        address: a device file, or HOST:PORT on TCP.
-        peer: at the other end.
-        baud: to begin with; None on TCP.
-        connect_timeout_s: on TCP, for each address of the host.
+        name: URI of the port, for messages.
+        address: device file, or HOST:PORT for TCP.
+        peer: the device at the other end.
+        baud: initial bit rate; None for TCP.
+        connect_timeout_s: TCP only, for each address of the host.
 
     Raises:
-        DeviceError, TrackerError: the port cannot be opened; the cure tells what to do.
+        DeviceError, TrackerError: the port cannot be opened; the error states the cure.
     """
 
     def __init__(
@@ -134,9 +134,9 @@ class BytePort:
     def write(self, data: bytes) -> None:
         """Send bytes.
 
-        A host that was stopped while it wrote finds its time used up although the port would have
-        taken the bytes, so it tries once more. What was sent twice by that ends in a frame that the
-        peer refuses or repeats its answer to.
+        A process that was stopped while writing times out although the port would have taken the
+        bytes, so the write is tried once more. Bytes sent twice this way end up in a frame that
+        the peer rejects, or to which it repeats its answer.
         """
         with self._told(self._lost):
             try:
@@ -145,7 +145,7 @@ class BytePort:
                 self._port.write(data)
 
     def read(self) -> bytes:
-        """Bytes that have arrived; empty if none have, never waits."""
+        """Return the bytes that have arrived, possibly none; never waits."""
         with self._told(self._lost):
             data: bytes = self._port.read(_READ_BYTES)
         if data and self._is_tcp:
@@ -153,26 +153,26 @@ class BytePort:
         return data
 
     def set_baud(self, baud: int) -> None:
-        """Change the rate of both directions from now on."""
+        """Change the bit rate of both directions."""
         with self._told(self._no_rate):
             self._port.baudrate = baud
 
     def set_break(self, on: bool) -> None:
-        """Hold the line in the break state or let go of it."""
+        """Set or clear the break condition."""
         with self._told(self._lost):
             self._port.break_condition = on
 
     def close(self) -> None:
-        """Let go of the port, which may be gone already."""
+        """Close the port; never raises, even if the port is already gone."""
         with suppress(Exception):
             self._port.close()
 
     @contextmanager
     def _told(self, tell: Callable[[Exception], Trouble]) -> Iterator[None]:
-        """Turn whatever a port can raise into the peer's error.
+        """Turn every exception of a port into the peer's error.
 
-        pyserial lets much through beside its own errors: termios.error, OverflowError of a rate
-        that is no 32-bit number, TypeError once it is closed.
+        pyserial lets many others through: termios.error, OverflowError for a rate that is not a
+        32-bit number, TypeError once the port is closed.
         """
         try:
             yield
@@ -182,7 +182,7 @@ class BytePort:
 
     def _cannot_open(self, error: Exception) -> Trouble:
         if isinstance(error, socket.gaierror):
-            return "no host of this name", "check the spelling, or give the host's address"
+            return "unknown host name", "check the spelling, or give the host's address"
         trouble = _CANNOT_OPEN.get(_system_number(error))
         if trouble is None:
             if isinstance(error, ValueError | OverflowError) or "baud rate" in str(error):
@@ -204,7 +204,7 @@ class BytePort:
         if isinstance(error, serial.SerialTimeoutException | TimeoutError):
             return (
                 f"nothing could be sent for {2 * _WRITE_TIMEOUT_S:g} s",
-                f"check cable and power of the {noun}; if a program serves it, that it is running",
+                f"check cable and power of the {noun}, or that the program that serves it runs",
             )
         if not self._is_tcp:
             return f"the port is gone ({error})", f"check cable and power of the {noun}"
@@ -212,14 +212,14 @@ class BytePort:
         if "busy" in said.lower() or "in use" in said.lower():
             return f'in use by another host ("{said}")', "end that host's program"
         if said:
-            return f'this is no {noun}, it says "{said}"', "check host and port"
+            return f'this is not a {noun}, it says "{said}"', "check host and port"
         return (
             f"the other end has closed the connection ({error})",
-            f"see why it did: end of its program, power of the {noun}, network",
+            f"check the program at the other end, the power of the {noun}, and the network",
         )
 
     def _last_words(self) -> str:
-        """What the other end wrote before it hung up, if that was text."""
+        """Text that the other end sent before it closed the connection; empty if not text."""
         with suppress(Exception):
             self._heard += self._port.read(_READ_BYTES)
         text = self._heard[:_LAST_WORDS_BYTES].decode("ascii", errors="replace")
@@ -228,7 +228,7 @@ class BytePort:
 
 
 def _system_number(error: Exception) -> int:
-    """Of the system's error that pyserial has wrapped, or that has come through as it was; or 0."""
+    """Errno of the system error, whether or not pyserial has wrapped it; 0 if there is none."""
     for one in (error, error.__context__):
         if isinstance(one, TimeoutError):
             return errno.ETIMEDOUT

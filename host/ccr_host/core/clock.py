@@ -1,9 +1,9 @@
 """The only source of time: virtual and stepped, or real.
 
-Whoever waits calls :meth:`Clock.sleep_until_us`. While it waits, the clock lets the rest of the
-world go on: in virtual time it *is* the world's time and moves the emulated board, the wire and the
-twin forward, over stretches in which none of them has anything to do; in real time it lets them
-catch up with the wall clock in short slices.
+All waiting goes through :meth:`Clock.sleep_until_us`, which also advances the simulated parts. In
+virtual time the clock *is* the world's time: it advances the emulated board, the wire and the twin,
+and skips stretches in which none of them has anything to do. In real time it lets them catch up
+with the wall clock in short slices.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ T = TypeVar("T")
 
 
 class Steppable(Protocol):
-    """Part of the world that moves with the clock."""
+    """A simulated part that is advanced by the clock."""
 
     def advance_to(self, time_us: int) -> None:
-        """Bring this part to ``time_us``, which never goes back."""
+        """Advance this part to ``time_us``, which never decreases."""
 
 
 @runtime_checkable
 class Foreseeing(Steppable, Protocol):
-    """Part that knows until when moving it along in one step or in many comes to the same."""
+    """A part that knows until when it can be advanced in one step instead of many."""
 
     @property
     def next_turn_us(self) -> int:
-        """When at the latest it has to be moved along next, provided that no other part moves.
+        """Latest time at which it must be advanced next, provided that no other part changes.
 
-        A time that has passed asks for a turn in every slice, ``NEVER_US`` for none at all.
+        A time in the past requests a turn in every slice, ``NEVER_US`` none at all.
         """
 
 
@@ -41,26 +41,26 @@ NEVER_US = 1 << 62
 
 
 class Parts:
-    """Parts of the world that move together, in the order in which they were attached."""
+    """Simulated parts that advance together, in the order in which they were attached."""
 
     def __init__(self) -> None:
         self._parts: list[Steppable] = []
         self._foreseeing: list[Foreseeing] = []
 
     def attach(self, part: Steppable) -> None:
-        """Move ``part`` along from now on, too."""
+        """Advance ``part`` too from now on."""
         self._parts.append(part)
         if isinstance(part, Foreseeing):
             self._foreseeing.append(part)
 
     def advance_to(self, time_us: int) -> None:
-        """Bring all of them to ``time_us``."""
+        """Advance all parts to ``time_us``."""
         for part in self._parts:
             part.advance_to(time_us)
 
     @property
     def next_turn_us(self) -> int:
-        """Earliest turn that one of them needs; 0, which has passed, if one cannot tell."""
+        """Earliest turn that any part needs; 0 (in the past) if one of them cannot tell."""
         if len(self._foreseeing) < len(self._parts):
             return 0
         return min([part.next_turn_us for part in self._foreseeing], default=NEVER_US)
@@ -75,47 +75,47 @@ class Clock(Protocol):
         """Current time."""
 
     def sleep_until_us(self, time_us: int) -> None:
-        """Return at ``time_us`` or at once if that has passed; the world goes on meanwhile."""
+        """Wait until ``time_us`` while the parts advance; return at once if it has passed."""
 
     def idle(self) -> None:
-        """Let a moment of real time pass; in virtual time the world stands still meanwhile."""
+        """Let a moment of real time pass; virtual time does not advance."""
 
     def attach(self, part: Steppable) -> None:
-        """Move ``part`` along from now on, after the parts attached before it."""
+        """Advance ``part`` from now on, after the parts attached before it."""
 
     def beside(self, work: Callable[[], T], every_us: int, meanwhile: Callable[[], None]) -> T:
-        """The result of computing work, while the world goes on however long that takes.
+        """Return the result of ``work``; the parts keep advancing however long it takes.
 
-        In virtual time computing takes no time. In real time another thread steps in when the work
-        takes long: it moves the parts along and calls ``meanwhile`` every ``every_us``.
+        In virtual time computing takes no time. In real time another thread takes over when the
+        work takes long: it advances the parts and calls ``meanwhile`` every ``every_us``.
 
         Raises:
-            BaseException: whatever the work raises, or, when that is done, what the parts or
-                ``meanwhile`` have raised; after such an error they are left alone.
+            BaseException: whatever ``work`` raises; or, once it has finished, the error of a part
+                or of ``meanwhile``, after which neither is called any more.
         """
 
 
 _SLICE_US = 1000
-"""The parts are moved along at least so often, so that none runs far ahead of the others; in
-virtual time those that foresee their turns get them at multiples of it."""
+"""Longest step of the parts, so that none runs far ahead of the others; in virtual time, parts that
+foresee their turns get them at multiples of it."""
 _COMPUTING_SLICE_S = 0.02
-"""Longer, as the world and the work take turns on one interpreter: a usual step ends before it."""
+"""Longer, as parts and work share one interpreter: a normal step finishes within it."""
 _MINDER_STAYS_SLICES = 100
-"""Without work; it is started again when there is some."""
+"""The minder thread ends after this many slices without work; new work starts it again."""
 _IDLE_US = 20_000
-"""Short for whoever waits for the end of a pause, and hardly any work."""
+"""Short enough for a user waiting for a pause to end, long enough to cost hardly any CPU time."""
 _LONGEST_STEP_US = 20_000
-"""Shorter than anything that a board waits for."""
+"""Shorter than every time-out of a board."""
 
 
 class VirtualClock:
-    """Simulated time: moves only when somebody waits, then as fast as the world can be computed.
+    """Simulated time: advances only during a wait, as fast as the parts can be computed.
 
-    A wait is cut into slices, counted from its beginning. Those before the next turn of any part
-    are skipped; the parts see no other times than if they were moved along in every slice.
+    A wait is divided into slices, counted from its start. Slices before the next turn of any part
+    are skipped; the result is the same as if the parts were advanced in every slice.
 
     Args:
-        slice_us: longest step in which parts are moved along that do not foresee their turns.
+        slice_us: longest step of parts that do not foresee their turns.
     """
 
     realtime = False
@@ -143,13 +143,13 @@ class VirtualClock:
         return work()
 
     def _until_next_turn_us(self) -> int:
-        """Whole slices, at least one."""
+        """Time to the next turn, us, rounded up to whole slices, at least one."""
         slices = -((self._now_us - self._parts.next_turn_us) // self._slice_us)
         return max(slices, 1) * self._slice_us
 
 
 class RealClock:
-    """Wall-clock time, monotonic; goes on while the computer sleeps, as the board's does."""
+    """Monotonic wall-clock time; keeps counting while the computer sleeps, as the board's does."""
 
     realtime = True
 
@@ -195,9 +195,9 @@ class RealClock:
         return result
 
     def _mind(self) -> None:
-        """Let the world go on beside work that takes long.
+        """Keep the parts advancing while work takes long.
 
-        Handing each step to a thread instead costs two changes of thread a step: on a busy machine
+        Handing each step to a thread instead costs two thread switches a step: on a busy machine
         5 % of the steps at 20 Hz were late, against 0.1 % when they are computed in place.
         """
         idle_slices = 0
@@ -213,7 +213,7 @@ class RealClock:
 
 @dataclass
 class _Work:
-    """What is being computed while the world goes on."""
+    """A computation during which the parts keep advancing."""
 
     meanwhile: Callable[[], None]
     every_us: int
@@ -222,7 +222,7 @@ class _Work:
     error: BaseException | None = None
 
     def stand_in(self, parts: Parts, now_us: int) -> None:
-        """Do what whoever computes would do if it were waiting."""
+        """Do what the computing thread would do if it were waiting."""
         if self.error is not None:
             return
         try:
@@ -235,20 +235,20 @@ class _Work:
 
 
 def _elapsed_ns() -> int:
-    """Of a clock that counts the time asleep, where the system has one."""
+    """Time of a clock that includes system sleep, ns, where the system has one."""
     if sys.platform == "linux":
         return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
     if sys.platform == "darwin":
-        # There CLOCK_MONOTONIC counts it, which time.monotonic() does not read.
+        # CLOCK_MONOTONIC includes system sleep here, but time.monotonic() does not read it.
         return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
     return time.monotonic_ns()
 
 
 class LaggingClock(RealClock):
-    """Real time for a simulation that looks often: what it was kept from doing it does later.
+    """Real time for a simulation that polls often and catches up on missed time slowly.
 
-    Where the computer leaves too little time, this clock runs slow instead of letting seconds pass
-    at once, in which those who are served had no chance to speak.
+    When the computer is too busy, this clock runs slow instead of jumping by seconds in which the
+    clients of the simulation had no chance to send anything.
     """
 
     def __init__(self) -> None:
@@ -263,22 +263,22 @@ class LaggingClock(RealClock):
 
 
 class Stopwatch:
-    """Measures computing time; never used for control, which knows only the :class:`Clock`."""
+    """Measures computing time; never used for control, which sees only the :class:`Clock`."""
 
     def __init__(self) -> None:
         self._start_ns = time.perf_counter_ns()
 
     def elapsed_us(self) -> float:
-        """Since this stopwatch was made."""
+        """Time since this stopwatch was created, us."""
         return (time.perf_counter_ns() - self._start_ns) / 1000
 
 
 class CpuStopwatch:
-    """Measures the CPU time of this thread: what something costs, however busy the machine is."""
+    """Measures the CPU time of this thread, independent of the load of the machine."""
 
     def __init__(self) -> None:
         self._start_ns = time.thread_time_ns()
 
     def elapsed_s(self) -> float:
-        """Since this stopwatch was made."""
+        """CPU time since this stopwatch was created, s."""
         return (time.thread_time_ns() - self._start_ns) * 1e-9

@@ -8,7 +8,7 @@ Table = tuple[int, ...]
 
 
 def reflected_table(polynomial_reflected: int) -> Table:
-    """What each byte does to a CRC, (256,)."""
+    """Lookup table of a reflected CRC, one entry per byte value, (256,)."""
     return tuple(_after_a_byte(byte, polynomial_reflected) for byte in range(256))
 
 
@@ -32,7 +32,7 @@ _FINAL_XOR = 0xFFFF
 
 
 def crc16_x25(data: bytes) -> int:
-    """CRC of `data`; that of "123456789" is 0x906E."""
+    """CRC-16/X-25 of `data`; check value for "123456789": 0x906E."""
     return crc16(data, _X25_TABLE, _INITIAL) ^ _FINAL_XOR
 
 
@@ -40,5 +40,5 @@ _ARC_TABLE: Final = reflected_table(0xA001)  # x^16 + x^15 + x^2 + 1, least sign
 
 
 def crc16_arc(data: bytes) -> int:
-    """CRC of `data`; that of "123456789" is 0xBB3D."""
+    """CRC-16/ARC of `data`; check value for "123456789": 0xBB3D."""
     return crc16(data, _ARC_TABLE, 0)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 
 class CcrError(Exception):
-    """Base of everything the host raises on purpose.
+    """Base class of all errors that the host raises on purpose.
 
     Args:
         cause: what is wrong, one line, in the user's words.
@@ -26,7 +26,7 @@ class CcrError(Exception):
         super().__init__(f"{cause} ({cure})" if cure else cause)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Let every subclass pass between processes, whatever its constructor takes."""
+        """Make every subclass picklable, whatever its constructor takes."""
         return _passed_on, (type(self), self.cause, self.cure), self.__dict__
 
 
@@ -45,12 +45,12 @@ class TrackerError(CcrError):
 
 
 class CodeError(CcrError):
-    """A class of the user's own has failed (exit status 2).
+    """A class supplied by the user has failed (exit status 2).
 
     Args:
         cause: what has failed, one line.
-        cure: one line.
-        error: what it has raised; None if it has only answered what cannot be used.
+        cure: what the user can do about it, one line.
+        error: the exception it raised; None if it returned something unusable instead.
     """
 
     exit_status = 2
@@ -62,10 +62,10 @@ class CodeError(CcrError):
 
 @contextmanager
 def blaming(who: str, cure: str) -> Iterator[None]:
-    """Turn whatever a class of the user's own raises into one error that says who has failed.
+    """Turn any exception of a user-supplied class into an error that names the class.
 
     Raises:
-        CodeError: for every exception but ours and an interruption.
+        CodeError: for every exception except ours and an interrupt.
     """
     try:
         yield
@@ -77,12 +77,12 @@ def blaming(who: str, cure: str) -> Iterator[None]:
 
 
 def full_text(error: Exception) -> str:
-    """Cause and cure of ours, kind and text of others."""
+    """Cause and cure of our own errors, type and message of others."""
     return str(error) if isinstance(error, CcrError) else f"{type(error).__name__}: {error}"
 
 
 def why(error: Exception) -> str:
-    """The cause alone, one line, of any error."""
+    """The cause of any error, one line, without its cure."""
     if isinstance(error, CcrError):
         return error.cause
     if isinstance(error, OSError) and error.strerror:

@@ -1,4 +1,4 @@
-"""What other packages bring: extras that may be missing, and plug-ins by entry points."""
+"""Code from other packages: optional dependencies (extras), and plug-ins by entry point."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from ccr_host.core.errors import ConfigError
 
 
 def import_optional(module: str, extra: str, what_for: str) -> ModuleType:
-    """Import a package of an extra.
+    """Import a package that belongs to an extra.
 
     Raises:
-        ConfigError: it is not installed; the cure is the line that installs it.
+        ConfigError: it is not installed; the cure is the command that installs it.
     """
     try:
         return importlib.import_module(module)
@@ -26,7 +26,7 @@ def import_optional(module: str, extra: str, what_for: str) -> ModuleType:
 
 
 def plugin(kind: str, name: str) -> Any:  # noqa: ANN401
-    """What an installed package, this one included, offers as ``ccr_host.<kind>`` by this name.
+    """Load the entry point ``name`` of the group ``ccr_host.<kind>`` from any installed package.
 
     Raises:
         KeyError: there is no such plug-in.

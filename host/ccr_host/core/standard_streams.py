@@ -1,4 +1,4 @@
-"""The standard streams: whatever becomes of them, a command goes on and its status stays."""
+"""The standard streams: their failure never stops a command or changes its exit status."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _LONGEST_MESSAGE = 2000
 
 
 def keep_streams_writable() -> None:
-    """Make standard output and standard error swallow all errors from now on.
+    """Make standard output and standard error ignore all errors from now on.
 
-    The terminal may be closed, the reader of a pipe may end, a disk may be full, the locale may
+    The terminal may be closed, the reader of a pipe may exit, a disk may be full, the locale may
     lack a character. A stream that was closed at the start is connected to the null device, so that
-    no log or port gets its number.
+    no log or port is given its file descriptor.
     """
     _fill_missing_streams()
     if sys.stdin is None:
@@ -32,18 +32,18 @@ def keep_streams_writable() -> None:
 
 
 def lost_output() -> str:
-    """Why standard output has not reached its file; empty if it has, or if its reader left."""
+    """Why standard output was not written; empty if it was, or if the reader of a pipe exited."""
     error = _output_error()
     return "" if error is None or isinstance(error, BrokenPipeError) else str(error.strerror)
 
 
 def is_output_lost() -> bool:
-    """Whether there is no point in printing for ever."""
+    """Whether further printing is pointless."""
     return _output_error() is not None
 
 
 def warn(text: str) -> None:
-    """One line on standard error."""
+    """Write one line to standard error."""
     sys.stderr.write(f"ccr-host: {printable(text, _LONGEST_MESSAGE)}\n")
 
 
@@ -53,13 +53,13 @@ def _output_error() -> OSError | None:
 
 
 class _LastingFile(io.FileIO):
-    """Takes everything, and drops what cannot be written."""
+    """A file that accepts all data and drops what cannot be written."""
 
     error: OSError | None = None
 
     def write(self, data: ReadableBuffer) -> int:
         try:
-            while (written := super().write(data)) is None:  # a pipe that does not block, and full
+            while (written := super().write(data)) is None:  # a non-blocking pipe that is full
                 select.select([], [self], [])
         except OSError as error:
             self.error = error

@@ -1,4 +1,4 @@
-"""Signals that end a command, and moments in which they have to wait."""
+"""Signals that end a command, and sections in which they are deferred."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from threading import current_thread, main_thread
 
 _STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
-"""Windows lacks the last one."""
+"""SIGHUP does not exist on Windows."""
 
 
 @dataclass
@@ -24,13 +24,13 @@ _state = _State()
 
 @contextmanager
 def stop_signals_interrupt() -> Iterator[None]:
-    """A closed terminal or a polite kill ends a command like Ctrl-C: the robot is made safe first.
+    """Make a closed terminal or SIGTERM end a command like Ctrl-C: the robot is made safe first.
 
-    The first signal interrupts; where Python has to swallow that, the next one does. Further ones
-    are ignored, so that the robot is left safe and the results are written, but for those who wait
-    for one: see `interruptible_again`. Signals that are ignored already stay so (nohup, background
-    jobs of a shell). Afterwards all of them are ignored: what is left is a message and the end of
-    the process.
+    The first signal raises KeyboardInterrupt; if Python swallows that, the next one does. Further
+    signals are ignored, so that the robot is left safe and the results are written, except inside
+    `interruptible_again`. Signals that are already ignored stay so (nohup, background jobs of a
+    shell). After the block all of them are ignored: only a message and the end of the process are
+    left.
     """
 
     def interrupt(*_: object) -> None:
@@ -41,7 +41,7 @@ def stop_signals_interrupt() -> Iterator[None]:
 
     def swallowed(unraisable: sys.UnraisableHookArgs) -> None:
         if issubclass(unraisable.exc_type, KeyboardInterrupt):
-            _state.interrupted = False  # in a finalizer, or a callback of C: nothing has ended
+            _state.interrupted = False  # raised in a finalizer or C callback: nothing was ended
         else:
             sys.__unraisablehook__(unraisable)
 
@@ -58,7 +58,7 @@ def stop_signals_interrupt() -> Iterator[None]:
 
 @contextmanager
 def interruptible_again() -> Iterator[None]:
-    """Here, a signal interrupts though one has done so already."""
+    """Let a signal interrupt this block even if one has interrupted before."""
     _state.interruptible_again = True
     try:
         yield
@@ -68,11 +68,11 @@ def interruptible_again() -> Iterator[None]:
 
 @contextmanager
 def signals_deferred() -> Iterator[None]:
-    """Let something be written to the end: what would interrupt it does so afterwards.
+    """Defer signals to the end of the block, so that something is written completely.
 
-    Signals that are ignored, or would end the process at once, do so as before.
+    Signals that are ignored, or that end the process at once, are not deferred.
     """
-    in_main_thread = current_thread() is main_thread()  # no other gets signals
+    in_main_thread = current_thread() is main_thread()  # the only one that receives signals
     before = {number: signal.getsignal(number) for number in _signals() if in_main_thread}
     deferred = {number: handler for number, handler in before.items() if callable(handler)}
     came: list[int] = []

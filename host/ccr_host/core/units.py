@@ -14,15 +14,15 @@ _US_PER_S = 1_000_000
 
 
 def deg_to_cdeg(angle_deg: float) -> int:
-    """Nearest 0.01 deg."""
+    """Angle in units of 0.01 deg, rounded to nearest."""
     return round(angle_deg * CDEG_PER_DEG)
 
 
 def rad_to_cdeg(angle_rad: float) -> int:
-    """Nearest 0.01 deg.
+    """Angle in units of 0.01 deg, rounded to nearest.
 
     Raises:
-        ValueError: not a finite number.
+        ValueError: the angle is not finite.
     """
     if not isfinite(angle_rad):
         raise ValueError(f"an angle of {angle_rad} rad cannot be sent")
@@ -30,15 +30,15 @@ def rad_to_cdeg(angle_rad: float) -> int:
 
 
 def cdeg_to_rad(angles_cdeg: Iterable[int]) -> NDArray[np.float64]:
-    """Angles of all axes in rad, shape (axes,)."""
+    """Angles of all axes, rad, (axes,), from units of 0.01 deg."""
     return np.array([radians(angle / CDEG_PER_DEG) for angle in angles_cdeg])
 
 
 def wire_time_us(count: int, baud: int) -> int:
-    """Time of `count` bytes, rounded up."""
+    """Transmission time of `count` bytes, us, rounded up."""
     return -(-count * _BITS_PER_BYTE * _US_PER_S // baud)
 
 
 def bytes_in(time_us: int, baud: int) -> int:
-    """Whole bytes that pass in `time_us`."""
+    """Number of whole bytes transmitted in `time_us`."""
     return time_us * baud // (_BITS_PER_BYTE * _US_PER_S)

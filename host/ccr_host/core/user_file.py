@@ -1,6 +1,6 @@
-"""Files that a user names.
+"""Files named by the user.
 
-Reading: whatever stands there, nothing hangs and memory is bounded. Writing: at once or not at all.
+Reading never hangs and uses bounded memory, whatever the file is. Writing is atomic.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ccr_host.core.errors import ConfigError
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF32_LE, "utf-32"),  # begins with the mark of UTF-16
+    (codecs.BOM_UTF32_LE, "utf-32"),  # before UTF-16: it starts with the mark of UTF-16
     (codecs.BOM_UTF32_BE, "utf-32"),
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
@@ -36,12 +36,12 @@ _drafts = itertools.count()
 
 
 def is_there(path: Path) -> bool:
-    """Whether anything has this name; False too where nothing can have it or it is out of sight."""
+    """Whether anything exists at this path; False too if the path is invalid or inaccessible."""
     return _mode(path) != 0
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a folder has this name; never raises."""
+    """Whether the path is a folder; never raises."""
     return stat.S_ISDIR(_mode(path))
 
 
@@ -50,20 +50,20 @@ def read_bytes(path: Path, what: str, cure: str, at_most: int) -> bytes:
 
     Args:
         path: as the user gave it.
-        what: the file is, for the message: "path file".
-        cure: what to give instead.
-        at_most: bytes; a longer file is refused before it is read.
+        what: kind of file for the message, e.g. "path file".
+        cure: what to give instead, for the message.
+        at_most: size limit in bytes; a longer file is rejected before it is read.
 
     Raises:
-        ConfigError: there is no such file, it cannot be read, is too long, or is no file: a folder,
-            pipe, socket or device, none of which is opened.
+        ConfigError: the file does not exist, cannot be read, is too long, or is not a regular
+            file: a folder, pipe, socket or device, none of which is opened.
     """
     try:
         mode = path.stat().st_mode
         if not stat.S_ISREG(mode):
             kind = next((name for is_kind, name in _KINDS if is_kind(mode)), "not a file")
             raise ConfigError(f"{what} {path}: {kind}", cure)
-        # Another program may have put a pipe there since.
+        # O_NONBLOCK: another program may have replaced the file with a pipe since.
         handle = os.open(
             path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
         )
@@ -80,13 +80,13 @@ def read_bytes(path: Path, what: str, cure: str, at_most: int) -> bytes:
 
 
 def read_text(path: Path, what: str, cure: str, at_most: int) -> tuple[str, str]:
-    """Read a text in UTF-8, or in UTF-16 or UTF-32 with a byte-order mark.
+    """Read a text file in UTF-8, or in UTF-16 or UTF-32 with a byte-order mark.
 
     Returns:
-        The text with its own line ends, and the encoding that makes the same file of it again.
+        The text with its original line endings, and the encoding that reproduces the file.
 
     Raises:
-        ConfigError: see `read_bytes`; or it is not text.
+        ConfigError: see `read_bytes`; or the file is not text.
     """
     content = read_bytes(path, what, cure, at_most)
     if content.startswith(_ZIP):
@@ -105,16 +105,16 @@ def read_text(path: Path, what: str, cure: str, at_most: int) -> tuple[str, str]
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Write a file at once or not at all.
+    """Write a file atomically.
 
-    What is not a regular file, such as a pipe or /dev/null, is written as it is.
+    A path that is not a regular file, such as a pipe or /dev/null, is written directly.
 
     Yields:
-        A draft to write. It takes the file's place when the block ends; after an error the file is
-        as it was. Whoever looks for files by their suffix does not find a draft.
+        A draft to write. It replaces the file when the block ends; after an error the file is
+        unchanged. Its name has its own suffix, so that searches by suffix do not find it.
 
     Raises:
-        OSError: the draft cannot be written, or cannot take the place.
+        OSError: the draft cannot be written, or cannot replace the file.
     """
     target = Path(os.path.realpath(path))
     mode = _mode(target)
@@ -136,12 +136,12 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def lines_of(text: str) -> list[str]:
-    """Lines ended in any of the three ways, and in no other."""
+    r"""Split at \n, \r\n and \r only, unlike `str.splitlines`."""
     return [line.rstrip("\n") for line in io.StringIO(text, newline=None)]
 
 
 def printable(text: str, at_most: int | None = None) -> str:
-    """On one line, what cannot be printed escaped, cut where it is too long."""
+    """Text on one line: unprintable characters escaped, cut after `at_most` characters."""
     shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
     return shown if at_most is None or len(shown) <= at_most else shown[:at_most] + "..."
 

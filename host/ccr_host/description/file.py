@@ -1,4 +1,4 @@
-"""Keeps what was measured in the user's robot description, and leaves all else in it as it is."""
+"""Writes measured values into the user's robot description and leaves the rest of it unchanged."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ Sections = Mapping[str, Mapping[str, Any]]
 
 
 def file_to_keep_in(robot: str | None, out: Path | None) -> Path | None:
-    """Where a measurement goes: to `out`, else into the user's own description, if there is one.
+    """File for a measurement: `out`, else the user's own description; None if there is neither.
 
-    To be asked before the robot moves.
+    Call it before the robot moves.
 
     Args:
         robot: as given with ``--robot``.
-        out: as given with ``--out``; need not be there yet.
+        out: as given with ``--out``; need not exist yet.
 
     Raises:
-        ConfigError: it could not be written.
+        ConfigError: the file is not writable.
     """
     file = out or own_file(robot)
     if file is not None and not _can_be_replaced(file):
@@ -44,7 +44,7 @@ def file_to_keep_in(robot: str | None, out: Path | None) -> Path | None:
 
 
 def _can_be_replaced(file: Path) -> bool:
-    """Whether there is, or can be, such a file in a folder that takes a draft beside it."""
+    """Whether the file can be written or created, and its folder can hold a draft of it."""
     try:
         is_free = not file.exists() or (file.is_file() and os.access(file, os.W_OK))
         folder = Path(os.path.realpath(file)).parent
@@ -54,14 +54,14 @@ def _can_be_replaced(file: Path) -> bool:
 
 
 def begin_description(file: Path, robot: str | None) -> bool:
-    """Make a robot description where there is none; whether there was none.
+    """Create a robot description if the file does not exist; return whether it was created.
 
     Args:
-        file: of `file_to_keep_in`.
-        robot: as given with ``--robot``; where it is the file itself, that begins with its name.
+        file: as returned by `file_to_keep_in`.
+        robot: as given with ``--robot``; if it is the file itself, the file gets only a name.
 
     Raises:
-        ConfigError: it cannot be made.
+        ConfigError: it cannot be created.
     """
     if file.exists():
         return False
@@ -73,16 +73,16 @@ def begin_description(file: Path, robot: str | None) -> bool:
 
 
 def keep_in(file: Path, sections: Sections, robot: str | None) -> None:
-    """Rewrite a robot description at once or not at all.
+    """Rewrite a robot description atomically.
 
     Args:
-        file: of `file_to_keep_in`; made from the description of `robot` if it is not there.
-        sections: what to put into it.
+        file: as returned by `file_to_keep_in`; created from `robot` if it does not exist.
+        sections: the values to set.
         robot: as given with ``--robot``.
 
     Raises:
-        ConfigError: it cannot be read, would not be a description, or cannot be replaced; it is
-            then as it was.
+        ConfigError: the file cannot be read, would become invalid, or cannot be replaced; it is
+            left unchanged.
     """
     target = file.resolve()
     text, encoding = text_and_encoding_of(str(target) if target.exists() else robot)
@@ -103,10 +103,10 @@ def _write(file: Path, content: bytes) -> None:
 
 
 def updated(text: str, sections: Sections) -> str:
-    """The text of a description with new values; comments, order, line ends and other keys stay.
+    """Text of a description with new values; comments, order, line endings and other keys stay.
 
     Raises:
-        ConfigError: the text is no TOML, or a section is no table.
+        ConfigError: the text is not valid TOML, or a section is not a table.
     """
     try:
         document = tomlkit.parse(text)

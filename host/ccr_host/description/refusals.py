@@ -1,4 +1,4 @@
-"""What is wrong with a robot description, in the words of its user."""
+"""Validation errors of a robot description, in the user's terms."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ _PROBLEMS = {
     "model_type": "not a table",
     "literal_error": "unknown",
 }
-"""By pydantic's types of errors; others speak for themselves."""
+"""Text for pydantic's error types; for others pydantic's own message is used."""
 
 
 def explain(error: ValidationError, whole: Model, where: str) -> tuple[str, str]:
     """Cause and cure of the first error.
 
     Args:
-        error: of validating `whole`.
+        error: raised by validating `whole`.
         whole: model of all sections.
-        where: file that the values come from, as in " in robot.toml"; or nothing.
+        where: file that the values come from, as in " in robot.toml"; may be empty.
     """
     first = error.errors()[0]
     location = first["loc"]
@@ -63,12 +63,12 @@ def explain(error: ValidationError, whole: Model, where: str) -> tuple[str, str]
 
 
 def section_model(annotation: Any) -> Any:  # noqa: ANN401 - pydantic's annotations
-    """The section behind an annotation, also where the section may be left out."""
+    """The section model in an annotation, also if the section is optional."""
     return next((part for part in get_args(annotation) if part is not NoneType), annotation)
 
 
 def bounds(schema: dict[str, Any]) -> str:
-    """Least and greatest value of a key, or what it may be instead, from its JSON schema."""
+    """Range of a key, or its allowed values, from its JSON schema."""
     if "enum" in schema:
         return " or ".join(schema["enum"])
     number = _element(schema)
@@ -78,7 +78,7 @@ def bounds(schema: dict[str, Any]) -> str:
 
 
 def allowed(schema: dict[str, Any]) -> str:
-    """What may be given for a key, from its JSON schema."""
+    """Description of the values allowed for a key, from its JSON schema."""
     schema = schema.get("anyOf", [schema])[0]
     between = bounds(schema)
     if "prefixItems" in schema:
@@ -96,7 +96,7 @@ def allowed(schema: dict[str, Any]) -> str:
 
 
 def _element(schema: dict[str, Any]) -> dict[str, Any]:
-    """The number in a schema of numbers, of tuples of numbers, or of either or nothing."""
+    """Schema of the number itself, from that of a number, a tuple of numbers, or an optional."""
     schema = schema.get("anyOf", [schema])[0]
     return _element(schema["prefixItems"][0]) if "prefixItems" in schema else schema
 
@@ -129,7 +129,7 @@ def _resolved(node: dict[str, Any], root: dict[str, Any]) -> dict[str, Any]:
 
 
 def _known_instead(location: Location, whole: Model) -> str:
-    """The keys that there are in this place, and what is probably meant."""
+    """The known keys in this place, and the ones probably meant."""
     sections = {name: section_model(field.annotation) for name, field in whole.model_fields.items()}
     *_, last = location
     model: Any = whole
@@ -145,20 +145,20 @@ def _known_instead(location: Location, whole: Model) -> str:
 
 
 def did_you_mean(meant: Iterable[str]) -> str:
-    """The beginning of a cure; nothing if nothing is near."""
+    """Start of a cure that suggests names; empty if there are none."""
     names = " or ".join(meant)
     return f"did you mean {names}? " if names else ""
 
 
 def _dotted(location: Location) -> str:
-    """`section.key`, and which of several values."""
+    """`section.key`, with the index of the value if there are several."""
     keys = ".".join(str(part) for part in location if isinstance(part, str))
     members = [str(part + 1) for part in location if isinstance(part, int)]
     return f"{keys} (value {' of '.join(reversed(members))})" if members else keys
 
 
 def _shown(value: object) -> str:
-    """The value about as it was written, on one line and not too long."""
+    """The value roughly as it was written, on one line, shortened."""
     try:
         text = json.dumps(value, default=str)
     except (ValueError, RecursionError):  # more digits than Python will write, or too deep

@@ -1,10 +1,10 @@
 """Robot description: load, validate, override.
 
-One TOML file describes a robot: what the controller believes (``robot``, ``control``), the
-servos and their limits (``servo``, ``link``), how the camera was found to stand
-(``registration``), how the twin and its camera differ from all that (``twin``, ``tracker``), and
-where the robot was found to rest (``identified``). Every key has a unit in its name and a range;
-unknown keys are refused. ``--set section.key=value`` overrides one key.
+One TOML file describes a robot: the controller's model (``robot``, ``control``), the servos and
+their limits (``servo``, ``link``), the measured orientation of the camera (``registration``), how
+the twin and its camera differ from all that (``twin``, ``tracker``), and the measured rest
+positions (``identified``). Every key has a unit in its name and a range; unknown keys are rejected.
+``--set section.key=value`` overrides one key.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ Pair = tuple[float, float]
 Vector3 = tuple[float, float, float]
 T = TypeVar("T")
 LONGEST_BOARD_NAME = 16
-"""Characters that the board has room for."""
+"""Characters that the board can store."""
 
 
 def _both_axes(value: object) -> object:
-    """Let one number stand for both axes."""
+    """Expand one number to both axes."""
     return (value, value) if isinstance(value, int | float) else value
 
 
 def _all_tendons(value: object) -> object:
-    """Let one number stand for all four tendons."""
+    """Expand one number to all four tendons."""
     return (value,) * 4 if isinstance(value, int | float) else value
 
 
 def _within(low: float, high: float) -> FieldInfo:
-    """Bounds of a number; neither a text nor `true` is one."""
+    """Bounds of a number; strict, so that text and `true` are rejected."""
     bounds: FieldInfo = Field(ge=low, le=high, strict=True)
     return bounds
 
@@ -68,23 +68,23 @@ _PulseSpan = Annotated[float, _within(-2000, 2000)]
 _LEAST_SPAN_US = 50.0
 _LEAST_RANGE_DEG = 1.0
 _LEAST_PULSE_RANGE_US = 1.0
-"""The board counts in halves of it."""
+"""The board counts in steps of 0.5 us."""
 _FULL_TURN_DEG = 360
 _MOST_BENDING_DEG = 540
-"""One and a half turns of one segment; the paper's robot bends by 236 deg at its limits."""
+"""1.5 turns of one segment; the paper's robot bends by 236 deg at its limits."""
 _Turn = Annotated[float, _within(-_FULL_TURN_DEG, _FULL_TURN_DEG)]
 _Seconds = Annotated[float, _within(0, 1e6)]
-"""On the path's clock: up to eleven days."""
+"""Time in the path's clock, s, up to eleven days."""
 _Share = Annotated[float, _within(0, 1)]
 
 
 def _as_in(key: str) -> dict[str, Any]:
-    """Marks a key of the simulation that is taken from another section unless it is set."""
+    """Mark a key of the simulation that takes its value from another section unless it is set."""
     return {"as_in": key}
 
 
 def followed_key(field: FieldInfo) -> str | None:
-    """The key, with its section, that a field of the simulation follows unless it is set."""
+    """The ``section.key`` whose value a field of the simulation takes unless it is set."""
     extra = field.json_schema_extra
     return str(extra["as_in"]) if isinstance(extra, dict) and "as_in" in extra else None
 
@@ -96,10 +96,10 @@ class _Section(BaseModel):
 
 
 def checked_board_name(name: str) -> str:
-    """The name, if a board can have it.
+    """Return the name if a board can store it.
 
     Raises:
-        ValueError: it cannot.
+        ValueError: too long, not printable ASCII, or with a space at an end.
     """
     room = LONGEST_BOARD_NAME
     if not (name.isascii() and name.isprintable() and len(name) <= room and name == name.strip()):
@@ -111,18 +111,18 @@ def checked_board_name(name: str) -> str:
 
 
 class Robot(_Section):
-    """Geometry as the controller believes it (the paper's Table I)."""
+    """Geometry in the controller's model (the paper's Table I)."""
 
     segment_lengths_mm: tuple[_SegmentLength, _SegmentLength] = (58.5, 43.5)
     """L_1 and L_2."""
     tendon_radius_mm: _TendonRadius = 4.5
-    """r_c, from the cable hole to the centre of the disk."""
+    """r_c, from the tendon hole to the centre of the disk."""
     marker_offset_mm: _MarkerOffset = 15.0
     """d_m, from the centre of the disk to the marker."""
     pulley_radius_mm: _PulleyRadius = 12.5
-    """r_p of the pulley on the servo."""
+    """r_p, radius of the pulley on the servo."""
     board_name: Annotated[str, AfterValidator(checked_board_name)] = ""
-    """Name that the board has to have, if one is given: see `ccr-host calibrate --board-name`."""
+    """Name that the board must have, unless empty; see `ccr-host calibrate --board-name`."""
 
 
 class Servo(_Section):
@@ -133,20 +133,20 @@ class Servo(_Section):
     angle_max_deg: Both[_Angle] = (85.0, 85.0)
     """Upper limit of the commanded angle."""
     rest_deg: Both[_Angle] = (0.0, 0.0)
-    """Where the board brings the servo when the host stays silent."""
+    """Angle to which the board returns the servo when the host is silent."""
     slew_deg_s: Both[Annotated[float, _within(5, 1000)]] = (300.0, 300.0)
-    """The board's own limit on the commanded rate."""
+    """Limit of the commanded rate, enforced by the board."""
     acceleration_deg_s2: Both[Annotated[float, _within(0, 50_000)]] = (0.0, 0.0)
-    """The board's own limit on the change of that rate: 25 or more; 0 for none. The setpoint then
-    lags behind a ramp, by rate^2 / (2 acceleration) at most, which controllers do not know of."""
+    """Limit of the commanded acceleration, enforced by the board: 25 or more; 0 for none. The
+    setpoint then lags a ramp by up to rate^2 / (2 acceleration), which controllers do not model."""
     neutral_pulse_us: Both[_Pulse] = (1500.0, 1500.0)
     """Pulse width at 0 deg."""
     pulse_per_90_deg_us: Both[_PulseSpan] = (1000.0, 1000.0)
-    """Pulse change for +90 deg; negative for a servo that turns the other way."""
+    """Pulse change for +90 deg; negative for a servo mounted the other way round."""
     pulse_min_us: Both[_Pulse] = (500.0, 500.0)
-    """Shortest pulse that may leave the board, whatever the angle."""
+    """Shortest pulse that the board ever sends, whatever the angle."""
     pulse_max_us: Both[_Pulse] = (2500.0, 2500.0)
-    """Longest pulse that may leave the board, whatever the angle."""
+    """Longest pulse that the board ever sends, whatever the angle."""
 
     @model_validator(mode="after")
     def _limits_are_ordered(self) -> Servo:
@@ -191,25 +191,25 @@ class Servo(_Section):
 
 
 class Link(_Section):
-    """Staged reaction of the board to a silent host."""
+    """The serial link, and the staged reaction of the board to a silent host."""
 
     baud: Annotated[int, _within(9600, 2_000_000)] = 250_000
     """Bit rate of the serial port."""
     target_validity_periods: Annotated[float, _within(1.1, 100)] = 2.5
-    """A target stays fresh for this many control periods; then the board holds its pose."""
+    """A target is valid for this many control periods; after that the board holds its pose."""
     relax_after_ms: Annotated[int, _within(200, 60_000)] = 2000
-    """From hold to the slow return to the rest pose."""
+    """Time from hold to the slow return to the rest pose."""
     relax_slew_deg_s: Annotated[float, _within(5, 250)] = 30.0
     """Rate of that return."""
     arm_axis_ms: Annotated[int, _within(20, 5000)] = 300
-    """Between enabling one servo and the next."""
+    """Time between enabling one servo and the next."""
 
 
 class Control(_Section):
-    """The paper's controller (Section IV-A); angles read as radians, see docs."""
+    """The paper's controller (Section IV-A); its angles are taken as radians, see docs."""
 
     horizon: Annotated[int, _within(2, 100)] = 4
-    """N of (14)."""
+    """N of (14), steps."""
     position_weight: Annotated[float, _within(1e-6, 1e6)] = 1.0
     """Q of (15), per mm^2."""
     effort_weight: Annotated[float, _within(0, 1e6)] = 0.5
@@ -217,35 +217,35 @@ class Control(_Section):
     step_bound_rad: Annotated[float, _within(0.001, 10)] = 2.0
     """|u| of (15), per control step."""
     solver: Literal["daqp", "compiled"] = "daqp"
-    """`compiled`: `mpc` and the model of `adaptive` in machine code (extra `fast`)."""
+    """`compiled` runs `mpc` and the model of `adaptive` as machine code (extra `fast`)."""
     settle_s: Annotated[float, _within(0, 60)] = 2.0
-    """From the first command to the start of the path's clock."""
+    """Time from the first command to the start of the path."""
     stale_after_ms: Annotated[int, _within(1, 60_000)] = 250
     """A sample older than this counts as lost."""
     coast_s: Annotated[float, _within(0, 600)] = 2.0
-    """How long the controller goes on with its model alone while no markers are seen."""
+    """Time for which the controller continues on its model alone while no markers are seen."""
     hold_s: Annotated[float, _within(0, 600)] = 3.0
-    """How long the pose is held after that, before the run ends and the robot is disarmed."""
+    """Time for which the pose is then held before the run ends and the robot is disarmed."""
 
 
 _Force = Annotated[float, _within(-100, 100)]
 
 
 class Push(_Section):
-    """A force on the tip over a span of the run's time."""
+    """A force on the tip during part of the run."""
 
     force_n: tuple[_Force, _Force, _Force]
-    """Along x, y, z of (10), on the centre of the last disk."""
+    """Force along x, y, z of (10), at the centre of the last disk."""
     start_s: _Seconds
-    """Of the path's clock."""
+    """Start in the path's clock."""
     end_s: _Seconds
-    """Of the path's clock."""
+    """End in the path's clock."""
 
     @model_validator(mode="after")
     def _ends_after_its_start(self) -> Push:
         if not self.start_s < self.end_s:
             raise ValueError(
-                f"twin.push.start_s = {self.start_s:g} does not lie below end_s = {self.end_s:g}"
+                f"twin.push.start_s = {self.start_s:g} is not before end_s = {self.end_s:g}"
             )
         return self
 
@@ -257,7 +257,7 @@ _Slack = Annotated[float, _within(0, 100)]
 
 
 class Twin(_Section):
-    """The simulated robot; docs/twin.md tells how each default was chosen."""
+    """The simulated robot; docs/twin.md explains how each default was chosen."""
 
     flexures: tuple[_Flexures, _Flexures] = (6, 5)
     """Hinges of each segment, evenly spaced."""
@@ -276,19 +276,19 @@ class Twin(_Section):
     )
     """True r_p."""
     bending_stiffness_nm_rad: Both[Annotated[float, _within(1e-4, 100)]] = (0.02, 0.02)
-    """Of a whole segment: its moment over its total bending angle."""
+    """Stiffness of a whole segment: moment over total bending angle."""
     joint_damping: Annotated[float, _within(0, 1)] = 2e-4
-    """Of each flexure, N m s/rad."""
+    """Damping of each flexure, N m s/rad."""
     friction: Annotated[float, _within(0, 100)] = 0.0
     """Dry friction of each tendon, N."""
     disk_mass_g: Annotated[float, _within(0.01, 1000)] = 0.8
-    """Of each disk; there are as many as flexures."""
+    """Mass of each disk; there is one per flexure."""
     marker_mass_g: Annotated[float, _within(0.01, 1000)] = 3.0
-    """Of each of the two moving markers."""
+    """Mass of each of the two moving markers."""
     payload_g: Annotated[float, _within(0, 10_000)] = 0.0
-    """Mass on the centre of the last disk."""
+    """Mass at the centre of the last disk."""
     payload_start_s: _Seconds = 0.0
-    """When the payload is hung on, on the path's clock; 0: it is there from power-up."""
+    """Time at which the payload is attached, in the path's clock; 0: present from power-up."""
     slack_mm: Annotated[tuple[_Slack, _Slack, _Slack, _Slack], BeforeValidator(_all_tendons)] = (
         1.2,
         1.2,
@@ -297,27 +297,27 @@ class Twin(_Section):
     )
     """Excess length at rest of tendons 1 to 4, or one number for all of them."""
     tendon_stiffness_n_m: Annotated[float, _within(10, 1e6)] = 4000.0
-    """Pull of a taut tendon over its stretch."""
+    """Force of a taut tendon over its elongation."""
     tendon_force_max_n: Annotated[float, _within(0.1, 1000)] = 60.0
-    """A tendon never pulls harder."""
+    """Maximum force of a tendon."""
     servo_rate_deg_s: Annotated[float, _within(0.001, 10_000)] = 300.0
-    """Speed at which the shaft turns towards its goal."""
+    """Speed at which the shaft turns towards its target."""
     servo_deadband_deg: Annotated[float, _within(0, 45)] = 0.0
-    """The shaft rests while its goal is no further away."""
+    """The shaft does not move while its target is no further away than this."""
     servo_neutral_us: Both[_Pulse] = Field(
         (1500.0, 1500.0), json_schema_extra=_as_in("servo.neutral_pulse_us")
     )
-    """True pulse width at which the shaft stands at 0 deg."""
+    """True pulse width at a shaft angle of 0 deg."""
     servo_us_per_90_deg: Both[_PulseSpan] = Field(
         (1000.0, 1000.0), json_schema_extra=_as_in("servo.pulse_per_90_deg_us")
     )
-    """True pulse change for +90 deg; negative for a servo that turns the other way."""
+    """True pulse change for +90 deg; negative for a servo mounted the other way round."""
     gravity_m_s2: Annotated[float, _within(-100, 100)] = 9.81
-    """Along -z; negative hangs the robot upside down."""
+    """Gravity along -z; negative for a robot mounted upside down."""
     push: Push | None = None
     """A force on the tip, as a table: {force_n = [0, 0, 0.1], start_s = 10, end_s = 12}."""
     time_step_ms: Annotated[float, _within(0.02, 2)] = 0.5
-    """Longest step of the physics; stiff or light robots take a shorter one by themselves."""
+    """Longest simulation step; stiff or light robots automatically use a shorter one."""
 
     @model_validator(mode="after")
     def _servos_turn(self) -> Twin:
@@ -330,89 +330,89 @@ class Twin(_Section):
 
 
 def _rotation(value: object) -> object:
-    """One number turns about the axis (1, 1, 1); three are a rotation vector."""
+    """Expand one number to a rotation about the axis (1, 1, 1); three are a rotation vector."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value
     return (value / 3**0.5,) * 3 if abs(value) <= _FULL_TURN_DEG else value
 
 
 class Tracker(_Section):
-    """The camera: as the twin simulates it, and what a real one needs."""
+    """The camera: how the twin simulates it, and settings of real ones."""
 
     noise_mm: Annotated[float, _within(0, 100)] = 0.25
     """RMS length of the error of the measured vector M3 - M1."""
     rate_hz: Annotated[float, _within(0.1, 1000)] = 20.0
-    """Exposures a second."""
+    """Exposures per second."""
     latency_ms: Annotated[float, _within(0, 10_000)] = 40.0
-    """From an exposure to the earliest time at which the host can have it; of a real camera too."""
+    """Time from an exposure until the host can have it, at least; of a real camera too."""
     dropout: Annotated[float, _within(0, 0.999)] = 0.0
-    """Share of exposures without a sample."""
+    """Fraction of exposures without a sample."""
     rotation_deg: Annotated[tuple[_Turn, _Turn, _Turn], BeforeValidator(_rotation)] = Field(
         (0.0, 0.0, 0.0), json_schema_extra=_as_in("registration.camera_to_robot_deg")
     )
-    """Rotation vector of the camera's frame against the robot's.
+    """Rotation vector of the camera frame relative to the robot frame, simulated cameras only.
 
-    One number turns it about the axis (1, 1, 1). Only simulated cameras are turned; unless told
-    otherwise they stand as the registration says, so that nothing is left to correct.
+    One number is a rotation about the axis (1, 1, 1). By default simulated cameras stand as the
+    registration says, so that no error is left after it.
     """
     tool_files: dict[str, str] = Field(default_factory=dict)
-    """Tool definitions (.rom) of a Polaris by name: M1, M2, M3 stand for the markers, any other
-    one only lights the illuminators."""
+    """Tool definitions (.rom) of a Polaris by name: M1, M2, M3 are the markers, any other only
+    switches on the illuminators."""
     camera_file: str | None = None
-    """Calibration of a webcam, as OpenCV or ROS writes it."""
+    """Calibration file of a webcam, as written by OpenCV or ROS."""
     tag_size_mm: Annotated[float, _within(1, 1000)] | None = None
-    """Edge of the tags under a webcam."""
+    """Edge length of the ArUco tags, for a webcam."""
 
 
 def _ordered(span: Pair) -> Pair:
     if not span[0] < span[1]:
-        raise ValueError(f"the span [{span[0]:g}, {span[1]:g}] does not end after its start")
+        raise ValueError(f"the interval [{span[0]:g}, {span[1]:g}] does not end after its start")
     return span
 
 
 _Span = Annotated[tuple[_Seconds, _Seconds], AfterValidator(_ordered)]
-"""From and to."""
+"""Start and end."""
 
 
 class PolarisFaults(_Section):
-    """What goes wrong with the emulated Polaris; times in s on the path's clock.
+    """Injected faults of the emulated Polaris; times in s in the path's clock.
 
-    Behind ``ccr-host emulate`` they count from its start.
+    With ``ccr-host emulate`` they count from its start.
     """
 
     shuffle: Annotated[bool, Field(strict=True)] = False
-    """Stray markers come in random order."""
+    """Report stray markers in random order."""
     phantoms: Annotated[int, _within(0, 40)] = 0
-    """So many points a frame that are no marker."""
+    """Number of false points per frame."""
     occlusion: _Share = 0.0
-    """Probability that a marker is hidden in an exposure, each by itself."""
+    """Probability that a marker is hidden in an exposure, independently for each marker."""
     bad_crc: _Share = 0.0
-    """Probability that a reply is damaged on its way."""
+    """Probability that a reply is corrupted in transit."""
     occluded_s: tuple[_Span, ...] = ()
-    """Spans in which all markers are hidden, e.g. [[10, 12], [30, 31]]."""
+    """Intervals in which all markers are hidden, e.g. [[10, 12], [30, 31]]."""
     out_of_volume_s: tuple[_Span, ...] = ()
-    """Spans in which the scene is beyond the far end of the volume."""
+    """Intervals in which the scene is beyond the far end of the measurement volume."""
     silent_s: tuple[_Span, ...] = ()
-    """Spans in which the camera hears nothing."""
+    """Intervals in which the camera does not respond."""
     unplugged_s: tuple[_Span, ...] = ()
-    """Spans in which its port is gone."""
+    """Intervals in which its port is gone."""
     reset_s: tuple[_Seconds, ...] = ()
-    """When its power fails for a moment."""
+    """Times at which its power fails for a moment."""
 
 
 class Registration(_Section):
-    """How the camera stands, as ``ccr-host register`` has found out."""
+    """Orientation of the camera, measured by ``ccr-host register``."""
 
     camera_to_robot_deg: tuple[_Turn, _Turn, _Turn]
-    """Rotation vector R: a vector v of the camera's frame is R v in that of (10)."""
+    """Rotation vector of R: a vector v in the camera frame is R v in the frame of (10)."""
     uncertainty_deg: tuple[_Turn, _Turn, _Turn] | None = None
     """Standard deviation about x, y and z of (10)."""
     residual_mm: Annotated[float, _within(0, 1000)] | None = None
     """RMS distance of the markers from the fitted shapes."""
     scale: Annotated[float, _within(0.01, 100)] | None = None
-    """Measured over believed length of segment 2."""
+    """Measured length of segment 2 over its length in the model."""
     date: Annotated[str, BeforeValidator(str)] = ""
-    """Of the registration."""
+    """Date of the registration."""
 
 
 _MotorAngle = Annotated[float, _within(-3, 3)]
@@ -422,25 +422,25 @@ _Place = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 
 class Identified(_Section):
-    """What ``ccr-host calibrate --identify`` has measured; `adaptive` fits its model to it.
+    """Measurements of ``ccr-host calibrate --identify``, to which `adaptive` fits its model.
 
-    Kept as measured, one row a rest, so that it outlives changes of the model.
+    Kept as measured, one row per rest, so that they outlive changes of the model.
     """
 
     start_rad: _Pose
-    """Motor angles that the tour came from."""
+    """Motor angles before the first rest."""
     setpoint_rad: Annotated[tuple[_Pose, ...], Field(min_length=10)]
     """Motor angles of each rest, in the order of the tour."""
     tip_mm: tuple[_Place, ...]
-    """Mean of the tip measured at each rest."""
+    """Mean measured tip position at each rest."""
     middle_mm: tuple[_Place, ...] = ()
-    """Mean of M2 - M1 measured at each rest; none in files of before December 2026."""
+    """Mean measured M2 - M1 at each rest; missing in files from before December 2026."""
     count: tuple[Annotated[int, _within(1, 1e9)], ...]
-    """Of the measurements behind each mean."""
+    """Number of measurements behind each mean."""
     valid_for: str
-    """Digest of the geometry, the servos' pulses and the registration that it was made with."""
+    """Digest of the geometry, the servos' pulses and the registration used for the tour."""
     date: Annotated[str, BeforeValidator(str)] = ""
-    """Of the tour."""
+    """Date of the tour."""
 
     @model_validator(mode="after")
     def _rows_belong_together(self) -> Identified:
@@ -457,7 +457,7 @@ class Description(_Section):
     """A whole robot description."""
 
     name: str = "paper"
-    """Free text that names the robot in run folders."""
+    """Name of the robot in run folders, free text."""
     robot: Robot = Robot()
     servo: Servo = Servo()
     link: Link = Link()
@@ -485,7 +485,7 @@ class Description(_Section):
     @field_validator("twin", "tracker", mode="after")
     @classmethod
     def _simulated_as_described(cls, section: _Section, info: ValidationInfo) -> _Section:
-        """Without hardware a user's robot is simulated, not the paper's."""
+        """Simulate the user's robot instead of the paper's: copy the followed keys."""
         followed: dict[str, Any] = {}
         for name, field in type(section).model_fields.items():
             source, _, key = (followed_key(field) or "").partition(".")
@@ -503,7 +503,7 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Descriptio
         overrides: ``section.key=value``, value in TOML notation.
 
     Raises:
-        ConfigError: names the file or key, what is wrong with it, and what is allowed.
+        ConfigError: states the file or key, what is wrong with it, and what is allowed.
     """
     tree = _tree(text_of(source), source)
     for override in overrides:
@@ -512,7 +512,7 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Descriptio
 
 
 def parse(text: str) -> Description:
-    """A description from its TOML text.
+    """Parse a description from its TOML text.
 
     Raises:
         ConfigError: see :func:`load`.

@@ -1,4 +1,4 @@
-"""Where the text of a robot description comes from: the user's file, or one in the package."""
+"""Source of a robot description's text: the user's file, or one shipped with the package."""
 
 from __future__ import annotations
 
@@ -21,34 +21,30 @@ def shipped_descriptions() -> list[str]:
 
 
 def own_file(source: str | None) -> Path | None:
-    """The user's own description; None where `source` stands for a shipped one.
+    """Path of the user's own description; None if `source` names a shipped one.
 
     Raises:
         ConfigError: `source` is empty.
     """
-    if source == "":  # an unset variable of the shell; the path of nothing is the present folder
+    if source == "":  # an unset shell variable; Path("") would be the current folder
         raise ConfigError("robot description: its name is empty", "name a TOML file")
     return None if (source or _DEFAULT) in shipped_descriptions() else Path(source or _DEFAULT)
 
 
 def text_of(source: str | None) -> str:
-    """The TOML text of a description, with its own line ends.
+    """TOML text of a description, with its original line endings.
 
     Args:
         source: a TOML file, or the name of a shipped description; None for the default.
 
     Raises:
-        ConfigError: there is no such file, or it is not text.
+        ConfigError: the file does not exist or is not text.
     """
     return text_and_encoding_of(source)[0]
 
 
 def text_and_encoding_of(source: str | None) -> tuple[str, str]:
-    """The same, and the encoding of the file.
-
-    Raises:
-        ConfigError: see `text_of`.
-    """
+    """Text of a description, and the encoding of its file; see `text_of`."""
     file = own_file(source)
     if file is None:
         shipped = resources.files("ccr_host.description") / "shipped" / f"{source or _DEFAULT}.toml"

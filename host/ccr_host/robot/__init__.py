@@ -1,1 +1,1 @@
-"""What the controller believes about the robot: kinematics, reach, desired paths."""
+"""The controller's model of the robot: kinematics, workspace, desired paths."""

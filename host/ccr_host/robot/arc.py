@@ -1,11 +1,11 @@
-"""The unit arc: where a backbone of length 1 ends when it bends by theta.
+"""The unit arc: end point of a backbone of length 1 that bends by theta.
 
-Walking the arc adds up its tangents, so its end is E(theta) = integral of exp(i theta s) over
-s in [0, 1] = sin(theta)/theta + i (1 - cos(theta))/theta. E is entire: the straight backbone
-is an ordinary point. Everything in the paper's (10) and its derivatives follows from E, whose
-own derivatives obey theta E^(n) + n E^(n-1) = i^(n-1) exp(i theta): solved upwards away from
-zero, and downwards from the power series of E''' near it, so that nothing divides by a small
-angle.
+The end point is the integral of the tangents, E(theta) = integral of exp(i theta s) over
+s in [0, 1] = sin(theta)/theta + i (1 - cos(theta))/theta. E is entire, so the straight backbone
+is a regular point. Everything in the paper's (10) and its derivatives follows from E, whose
+derivatives obey theta E^(n) + n E^(n-1) = i^(n-1) exp(i theta). The recursion is solved upwards
+away from zero, and downwards from the power series of E''' near it, so that nothing is divided by
+a small angle.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 ComplexArray = NDArray[np.complex128]
 Number = Any
-"""A float, a complex number, or an array of them: the same lines serve one angle and many."""
+"""A float, a complex number, or an array of them: the same code serves one angle and many."""
 
-# At 1 rad both directions are good to a few units in the last place.
+# At 1 rad both directions are accurate to a few units in the last place.
 _SERIES_BELOW_RAD = 1.0
 _TERMS = 18
 _THIRD_DERIVATIVE = [1j ** (3 + k) / (math.factorial(k) * (4 + k)) for k in range(_TERMS)]
@@ -34,7 +34,7 @@ _SERIES_PAIRS = tuple(
 def arc_derivatives(
     theta_rad: ArrayLike,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
-    """E, E', E'', E''', each of the shape of ``theta_rad``."""
+    """E, E', E'', E''', each with the shape of ``theta_rad``."""
     theta = np.asarray(theta_rad, dtype=np.float64)
     small = np.abs(theta) < _SERIES_BELOW_RAD
     turn = np.exp(1j * theta)

@@ -6,8 +6,7 @@ s = -f[1] + i f[2], in which (10) reads
 
     s = L1 E(theta1) + (L2 S(theta2) + i d_m) exp(i theta1) - i d_m,    f[0] = L2 V(theta2)
 
-with E = S + i V the unit arc of ``arc``. The same lines serve one pose (floats) and many
-(arrays).
+with E = S + i V the unit arc of ``arc``. The same code serves one pose (floats) and many (arrays).
 """
 
 from __future__ import annotations
@@ -25,11 +24,11 @@ FloatArray = NDArray[np.float64]
 
 
 class TipJet(NamedTuple):
-    """The tip and its partial derivatives in the motor angles up to third order.
+    """The tip and its partial derivatives by the motor angles up to third order.
 
-    ``across`` is f[0] in mm, ``sagittal`` is s = -f[1] + i f[2] in mm; a suffix names the motors
-    differentiated by (``sagittal_112`` is the third derivative, twice by phi_1, once by phi_2),
-    in mm/rad^n. Partial derivatives that are left out are zero.
+    ``across`` is f[0] in mm, ``sagittal`` is s = -f[1] + i f[2] in mm; a suffix lists the motors
+    of the derivative (``sagittal_112`` is the third derivative, twice by phi_1, once by phi_2), in
+    mm/rad^n. Partial derivatives that are left out are zero.
     """
 
     across: Any
@@ -49,7 +48,7 @@ class TipJet(NamedTuple):
 
     @property
     def tip_mm(self) -> FloatArray:
-        """f of (10), (3,), of a jet at one pose."""
+        """f of (10), (3,), for a jet at one pose."""
         return np.array((self.across, -self.sagittal.real, self.sagittal.imag))
 
 
@@ -61,7 +60,7 @@ def assemble_jet(
     arc_2: tuple[Any, Any, Any, Any],
     turn_1: Any,  # noqa: ANN401 - complex or array, as all of these
 ) -> TipJet:
-    """From the unit arcs of both segments and exp(i theta1)."""
+    """Tip and derivatives from the unit arcs of both segments and ``turn_1`` = exp(i theta1)."""
     length_1, length_2 = lengths_mm
     gain = bending_per_motor
     gain_2 = gain * gain
@@ -94,7 +93,7 @@ class ConstantCurvature:
     """Forward kinematics of the two-segment robot.
 
     Args:
-        geometry: the robot as the controller believes it (Table I).
+        geometry: the controller's model of the robot (Table I).
     """
 
     def __init__(self, geometry: Robot) -> None:
@@ -108,7 +107,7 @@ class ConstantCurvature:
         return np.asarray(q_rad, dtype=np.float64) * self.bending_per_motor
 
     def tip_mm(self, q_rad: ArrayLike) -> FloatArray:
-        """Marker 3 as seen from marker 1, f of (10); ``q_rad`` (..., 2) -> (..., 3)."""
+        """Position of marker 3 relative to marker 1, f of (10); ``q_rad`` (..., 2) -> (..., 3)."""
         jet = self._jet(q_rad)
         return _vector(jet.across, jet.sagittal)
 
@@ -129,7 +128,7 @@ class ConstantCurvature:
         return np.stack(rows, axis=-2)
 
     def jet_at(self, motor_1_rad: float, motor_2_rad: float) -> TipJet:
-        """Tip and derivatives at one pose, in floats and complex numbers."""
+        """Tip and derivatives at one pose, as floats and complex numbers."""
         gain = self.bending_per_motor
         return assemble_jet(
             self.lengths_mm,

@@ -1,4 +1,4 @@
-"""Lengths of the segments as three markers show them, wherever the camera stands."""
+"""Segment lengths measured from three markers, independent of the camera's pose."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from ccr_host.description.schema import Robot
 Array = NDArray[np.float64]
 
 _TOLERANCE = (2.5, 0.02)
-"""mm, and of the length: glue, print, uneven bending. Up to 2.3 mm were seen on random twins."""
+"""Absolute, mm, and relative to the length: glue, print, uneven bending. Random twins showed errors
+of up to 2.3 mm."""
 
 
 def seen_lengths_mm(markers_mm: Array, robot: Robot) -> Array:
-    """Lengths of both segments, (2,), of a robot whose segment 2 is straight.
+    """Lengths of both segments, mm, (2,), of a robot whose segment 2 is straight.
 
-    Then M3 - M2 is the end tangent of segment 1, which an even arc of any bending angle turns by
+    Then M3 - M2 is the end tangent of segment 1, which a circular arc of any bending angle turns by
     twice the angle between M3 - M2 and M2 - M1. Whether it bends towards the markers or away from
-    them cannot be seen; the length nearer to the believed one is given.
+    them is not observable; the solution closer to the length in the model is returned.
 
     Args:
-        markers_mm: M1, M2 and M3, one a row, in any frame.
-        robot: what is believed.
+        markers_mm: M1, M2 and M3, one per row, (3, 3), in any frame.
+        robot: geometry in the model.
     """
     first, second = np.diff(markers_mm, axis=0)
     chord_mm, length_2_mm = (float(np.linalg.norm(vector)) for vector in (first, second))
@@ -38,7 +39,7 @@ def seen_lengths_mm(markers_mm: Array, robot: Robot) -> Array:
 
 
 def wrong_segments(markers_mm: Array, robot: Robot) -> list[int]:
-    """Which segments, 0 or 1, measure something else than believed; see ``seen_lengths_mm``."""
+    """Segments (0 or 1) whose measured length differs from the model; see ``seen_lengths_mm``."""
     absolute_mm, share = _TOLERANCE
     off_mm = np.abs(seen_lengths_mm(markers_mm, robot) - robot.segment_lengths_mm)
     allowed_mm = absolute_mm + share * np.array(robot.segment_lengths_mm)

@@ -1,4 +1,4 @@
-"""Paths from tables of text: a time, y, z and optionally x, in any order, each with its unit."""
+"""Path files: text tables of time, y, z and optionally x, in any order, each with its unit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ccr_host.core.user_file import lines_of, printable, read_text
 
 FloatArray = NDArray[np.float64]
 Line = tuple[int, str]
-"""Number, and content without comments."""
+"""Line number, and content without comments."""
 
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3}
@@ -27,27 +27,27 @@ _OWN = ("s", "mm")
 _REQUIRED = {"t": "t_s", "y": "y_mm", "z": "z_mm"}
 _HEADER = "t_s,y_mm,z_mm[,x_mm]"
 _COLUMN = re.compile(r"(time|[txyz])(?:[\s_]*[(\[]\s*(\w+)\s*[)\]]|[\s_]+(\w+))?")
-"""``t_s``, ``time (ms)``, ``y [mm]``, or ``y`` alone, whose unit has to be asked for."""
+"""``t_s``, ``time (ms)``, ``y [mm]``; or ``y`` alone, which is rejected for its missing unit."""
 _COMMENT = re.compile(r"#(.*)|^\s*(?:%|//)(.*)")
 _SEPARATORS = ";\t,|"
 _NOTHING = re.compile(r"[\s;,|]*|sep=.*", re.IGNORECASE)
-"""Blank, or what spreadsheets write of their own: empty cells, and which separator they use."""
+"""Blank, or added by spreadsheets: empty cells, and the ``sep=`` line."""
 _MOST_BYTES = 40_000_000
 _MOST_ROWS = 1_000_000
 _FEWEST_ROWS = 2
 _LONGEST_SHOWN = 20
 _FARTHEST_MM = 100_000.0
-"""A hundred times the longest segment that a description may have."""
+"""100 times the longest segment that a description may have."""
 _NEAR_MM = 1.0
-"""A path that stays so near to the straight robot has probably been written in metres."""
+"""A path that stays this close to the straight robot was probably written in metres."""
 _SLOW_MM_S, _SPARSE_S = 0.02, 5.0
-"""A path so slow, with rows so far apart, has probably been written in milliseconds: the paper's
+"""A path this slow, with rows this far apart, was probably written in milliseconds: the paper's
 paths run at 3 to 10 mm/s."""
 
 
 @dataclass(frozen=True)
 class SampledPath:
-    """A path as samples, all (N,); ``x_mm`` None where the model decides it."""
+    """A sampled path, arrays of (N,); ``x_mm`` is None if it follows from the model."""
 
     time_s: FloatArray
     y_mm: FloatArray
@@ -55,7 +55,7 @@ class SampledPath:
     x_mm: FloatArray | None
 
     def resampled(self, time_s: FloatArray) -> SampledPath:
-        """Linear between the samples; ``time_s`` counts from the first one."""
+        """Interpolate linearly at ``time_s``, which counts from the first sample."""
         own = self.time_s - self.time_s[0]
         x = None if self.x_mm is None else np.interp(time_s, own, self.x_mm)
         y, z = np.interp(time_s, own, self.y_mm), np.interp(time_s, own, self.z_mm)
@@ -67,9 +67,9 @@ class _Header:
     separator: str | None
     """None for spaces."""
     written: list[str]
-    """Names as they stand in the file."""
+    """Column names as written in the file."""
     names: list[str]
-    """``t``, ``y``, ``z`` or ``x``, for each column."""
+    """``t``, ``y``, ``z`` or ``x`` for each column."""
     units: list[str]
 
 
@@ -77,10 +77,10 @@ def read_path_file(file: Path) -> SampledPath:
     """Read and check a path file.
 
     Commas, semicolons, tabs or spaces separate the columns; quotes, comments, capitals and decimal
-    commas are read where they can mean one thing only.
+    commas are accepted where they are unambiguous.
 
     Raises:
-        ConfigError: names the file, the line, what is wrong with it and the cure.
+        ConfigError: states the file, the line, what is wrong with it and the cure.
     """
     text, _ = read_text(
         file, "path file", f"give a text file with the columns {_HEADER}", _MOST_BYTES
@@ -114,7 +114,7 @@ def read_path_file(file: Path) -> SampledPath:
 
 
 def _without_comments(text: str) -> tuple[list[Line], Line | None]:
-    """The lines that say something, and the last comment above them."""
+    """The lines with content, and the last comment above them."""
     lines: list[Line] = []
     comment: Line | None = None
     for number, whole in enumerate(lines_of(text), 1):
@@ -128,7 +128,7 @@ def _without_comments(text: str) -> tuple[list[Line], Line | None]:
 
 
 def _header(line: str) -> _Header | str:
-    """What the columns are, or why that is not clear."""
+    """The columns, or why they are not clear."""
     separators = [None, *(separator for separator in _SEPARATORS if separator in line)][::-1]
     found = [_columns(separator, _cells(line, separator)) for separator in separators]
     return next((header for header in found if isinstance(header, _Header)), found[0])
@@ -173,7 +173,7 @@ def _cells(line: str, separator: str | None) -> list[str]:
 
 
 def _table(file: Path, header: _Header, rows: list[Line]) -> dict[str, FloatArray]:
-    """Columns in s and mm, by name."""
+    """Columns by name, in s and mm."""
     values = array("d")
     decimal_mark = ""
     for line, text in rows:
@@ -212,7 +212,7 @@ def _table(file: Path, header: _Header, rows: list[Line]) -> dict[str, FloatArra
 
 
 def _require_plausible_units(file: Path, header: _Header, table: dict[str, FloatArray]) -> None:
-    """Ask where the file has our own units, and in these the path makes no sense."""
+    """Reject coordinates out of reach, and paths in s and mm that were probably meant otherwise."""
     own = {name for name, unit in zip(header.names, header.units, strict=True) if unit in _OWN}
     mm = np.stack([table[name] for name in "yzx" if name in table])
     largest_mm = float(np.abs(mm).max())
@@ -239,8 +239,8 @@ def _require_plausible_units(file: Path, header: _Header, table: dict[str, Float
 
 
 def _number(text: str) -> float:
-    """NaN where it is none."""
-    if "_" in text:  # which Python reads over
+    """The number that the text stands for; NaN if it is not a number."""
+    if "_" in text:  # Python would ignore it
         return math.nan
     try:
         return float(text.replace(",", ".").replace("\N{MINUS SIGN}", "-"))
@@ -253,7 +253,7 @@ def _is_number(text: str) -> bool:
 
 
 def _shown(text: str) -> str:
-    """At most as much of a cell as fits a line, control characters escaped."""
+    """A cell for messages: shortened, control characters escaped."""
     return repr(text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "...")
 
 

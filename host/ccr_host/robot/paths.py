@@ -27,9 +27,9 @@ FloatArray = NDArray[np.float64]
 
 MIN_SAMPLES = 2
 MIN_RATE_HZ = 0.1
-"""The board's protocol carries ramps of up to 10 s."""
+"""The board's protocol supports ramps of up to 10 s."""
 MAX_RATE_HZ = 1000.0
-"""Twenty targets a servo pulse; the link carries no more than some 1500 a second."""
+"""20 targets per servo pulse; the link carries about 1500 per second at most."""
 _LONGEST_TITLE = 60
 
 
@@ -37,7 +37,7 @@ _LONGEST_TITLE = 60
 class _Shape:
     duration_s: float
     lateral_mm: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-    """Path y and z over time."""
+    """Map times, s, to path y and z, mm."""
 
 
 def _ellipse(t: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -75,9 +75,9 @@ def load_path(
 
     Args:
         name_or_file: one of ``path_names()`` or a file, see `path_file`.
-        rate_hz: control steps a second.
-        model: the robot as the controller believes it.
-        limits: of the motor angles.
+        rate_hz: control rate.
+        model: the controller's model of the robot.
+        limits: limits of the motor angles.
 
     Raises:
         ConfigError: unknown name, unusable file, or a rate that gives no sensible path.
@@ -94,14 +94,14 @@ def load_path(
         return _reference(name_or_file, rate_hz, SampledPath(time_s, y, z, None), model, limits)
     rows = read_path_file(_existing_file(name_or_file))
     duration_s = float(rows.time_s[-1]) - float(rows.time_s[0])
-    # A file names both of its ends, so the last row is a sample too.
+    # A file includes both ends, so the last row is a sample too.
     time_s = _clock(name_or_file, duration_s * rate_hz + 1.0, rate_hz)
     name = _title(Path(name_or_file))
     return _reference(name, rate_hz, rows.resampled(time_s), model, limits)
 
 
 def _title(file: Path) -> str:
-    """Short and printable, and never that of a built-in path, to which the paper has results."""
+    """A short, printable name, different from the built-in paths, which have published results."""
     name = file.stem if file.stem not in _SHAPES else f"{file.stem} (file)"
     return printable(name, _LONGEST_TITLE)
 
@@ -118,7 +118,7 @@ def _existing_file(name_or_file: str) -> Path:
 
 
 def _clock(name: str, samples: float, rate_hz: float) -> FloatArray:
-    """Sample times from 0; a count that misses a whole number by rounding is that number."""
+    """Sample times from 0, s; the tolerance absorbs rounding just below a whole count."""
     count = math.floor(samples + 1e-6) if samples < 2 * MAX_SAMPLES else MAX_SAMPLES + 1
     if count > MAX_SAMPLES:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""What a controller is asked to follow."""
+"""The reference that a controller tracks."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ccr_host.core.errors import ConfigError
 FloatArray = NDArray[np.float64]
 
 REACHABLE_MM = 0.01
-"""Nearer than this a point counts as reachable: far above rounding (1e-12 mm), far below what
-the robot can show (half a microsecond of servo pulse moves the tip 0.1 mm, the camera's noise is
+"""Points closer than this count as reachable: far above rounding (1e-12 mm), far below what the
+robot can resolve (half a microsecond of servo pulse moves the tip 0.1 mm, the camera's noise is
 0.25 mm)."""
 
 PATH_AXES = {"x": 1, "y": 0, "z": 2}
 """Component of f in (10) that a path, and every file with named axes, calls x, y and z."""
 
 MAX_SAMPLES = 100_000
-"""More than a thousand samples a second of the longest built-in path; the servos hear 50."""
+"""About a thousand samples per second of the longest built-in path; servos take 50."""
 _SMALL_GAP_MM = 1.0
-"""Any path may close so badly, however finely it is sampled."""
+"""Gap allowed between the ends of any closed path, however finely it is sampled."""
 _SAME_POINT_MM = 1e-6
 
 
@@ -33,7 +33,7 @@ class Reference:
     ``time_s`` (N,) starts at 0. ``target_mm`` (N, 3) is the desired tip in the frame of (10): the
     path's own lateral coordinates f[0] and f[2] even where they cannot be reached. ``q_rad``
     (N, 2) are the nearest reachable motor angles, ``unavoidable_mm`` (N,) the lateral distance
-    that remains there according to the model. All laps are alike.
+    that remains there according to the model. All laps are identical.
     """
 
     name: str
@@ -49,16 +49,16 @@ class Reference:
 
     @property
     def lap_steps(self) -> int:
-        """Samples of one lap."""
+        """Number of samples of one lap."""
         return len(self) // self.laps
 
     def repeated(self, laps: int) -> Reference:
-        """Lap after lap without a stop.
+        """The path repeated `laps` times without a stop.
 
-        A last sample that is the first one again is left out: the next lap begins with it.
+        A last sample equal to the first one is left out, as the next lap starts with it.
 
         Raises:
-            ConfigError: the path's end is further from its start than one sample from the next.
+            ConfigError: the gap between end and start is larger than that between samples.
         """
         if laps == 1:
             return self
@@ -66,8 +66,8 @@ class Reference:
         gap_mm = float(np.linalg.norm(self.target_mm[-1] - self.target_mm[0]))
         if gap_mm > max(float(steps_mm.max()), _SMALL_GAP_MM):
             raise ConfigError(
-                f"path {self.name} ends {gap_mm:.1f} mm from where it starts: no {laps} laps of it",
-                "close the path, or leave --laps out",
+                f"path {self.name} ends {gap_mm:.1f} mm from its start: {laps} laps are impossible",
+                "close the path, or omit --laps",
             )
         kept = slice(0, len(self) - (gap_mm < _SAME_POINT_MM))
         lap = self.time_s[kept]
@@ -97,5 +97,5 @@ class Reference:
 
     @property
     def floor_mean_mm(self) -> float:
-        """Mean error that no motor angles can avoid, according to the model."""
+        """Mean error that remains with the best motor angles, according to the model."""
         return float(np.mean(self.unavoidable_mm))

@@ -1,14 +1,14 @@
-"""What two motors can reach: a surface, and the configuration nearest to any point.
+"""The reachable surface of two motors, and the configuration nearest to any point.
 
 A path is given in two lateral coordinates, f[0] and f[2] of (10). f[0] depends on theta_2 alone
 and folds where V(theta_2) peaks, at 133.6 deg; f[2], at a given theta_2, folds again in theta_1.
 The workspace used here is the sheet around the straight robot, up to the folds or the motor
 limits, whichever come first. On it the lateral map is one-to-one, so the nearest configuration
-is a function of the point alone: neighbouring points get neighbouring configurations however
-finely a path is sampled, and a closed path closes in motor angles too.
+is a function of the point alone: neighbouring points have neighbouring configurations however
+finely a path is sampled, and a closed path is closed in motor angles too.
 
-Stopping at the folds loses no reach while the limits lie about evenly on both sides of zero: a
-segment bent beyond its fold is further rolled up and comes less far to the side.
+Stopping at the folds loses no reach while the limits are about symmetric about zero: a segment
+bent beyond its fold rolls up further and reaches less far to the side.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from ccr_host.robot.kinematics import ConstantCurvature
 
 FloatArray = NDArray[np.float64]
 
-# Halving an interval of a full turn this often leaves less than one unit in the last place.
+# Halving an interval of a full turn this many times leaves less than one unit in the last place.
 _HALVINGS = 54
-# A monotone piece spans about a quarter turn or more; a step well below finds its end.
+# A monotone piece spans about a quarter turn or more; a much smaller step finds its end.
 _MARCH_STEP_RAD = math.radians(5.0)
 # The distance along the rim is smooth; the grid only picks the valley to bisect.
 _RIM_GRID = 65
-# The rim's table is good to 1e-3 rad; Newton squares that twice, and once more to be safe.
+# The rim table is accurate to 1e-3 rad; two Newton steps square that twice, the third is margin.
 _NEWTON_STEPS = 3
-# Rounding of the bisections, with margin: below it a height counts as met exactly.
+# Rounding of the bisections, with margin: below it a height counts as reached exactly.
 _EXACT_MM = 1e-9
 
 
@@ -51,7 +51,7 @@ class MotorLimits:
         return cls(np.radians(servo.angle_min_deg), np.radians(servo.angle_max_deg))
 
     def clip(self, q_rad: ArrayLike) -> FloatArray:
-        """The nearest motor angles inside."""
+        """Motor angles clipped to the limits, rad; shape of ``q_rad``."""
         return np.clip(np.asarray(q_rad, dtype=np.float64), self.lower_rad, self.upper_rad)
 
 
@@ -84,10 +84,10 @@ class Workspace:
             lateral_mm: desired f[0] and f[2], (N, 2), any finite numbers.
 
         Returns:
-            Per point the configuration of least lateral distance, and that distance.
+            The configuration of least lateral distance for each point, and that distance.
         """
         across, height = np.asarray(lateral_mm, dtype=np.float64).T
-        # Points at the end of the number range are infinitely far, which is a fair answer.
+        # Points near the largest float overflow to infinite distance, which is acceptable.
         with np.errstate(over="ignore"):
             theta_1, theta_2 = self._sheet.project(across, height)
             miss = np.hypot(
@@ -122,9 +122,9 @@ class Workspace:
 
 
 class _LateralMap:
-    """f[0] and f[2] of (10) over the bending angles, and their slopes.
+    """f[0] and f[2] of (10) as functions of the bending angles, and their slopes.
 
-    S, V and V' of the unit arc in a form that has no 0/0 at zero: S = sinc(t),
+    S, V and V' of the unit arc in a form without 0/0 at zero: S = sinc(t),
     V = t/2 sinc(t/2)^2, V' = S - sinc(t/2)^2 / 2.
     """
 
@@ -159,7 +159,7 @@ class _LateralMap:
 
 
 class _Sheet:
-    """The part of the workspace around the straightest pose where the lateral map is one-to-one."""
+    """The part of the workspace, around the straightest pose, with a one-to-one lateral map."""
 
     def __init__(
         self, lateral: _LateralMap, window_1: tuple[float, float], window_2: tuple[float, float]
@@ -211,7 +211,7 @@ class _Sheet:
         return _solve_monotone(height_at, height, *self.theta_1_range(theta_2))
 
     def _along_rim(self, across: FloatArray, height: FloatArray) -> FloatArray:
-        """theta_2 of least distance where the height cannot be had at the exact f[0]."""
+        """theta_2 of least distance for points whose height is not reachable at the exact f[0]."""
         grid = self._rim_theta_2
         ends = [self._lateral.height_mm(theta_1, grid) for theta_1 in self._rim_theta_1]
         reached = np.clip(height[:, None], np.minimum(*ends), np.maximum(*ends))
@@ -223,8 +223,8 @@ class _Sheet:
         right = grid[np.minimum(nearest + 1, _RIM_GRID - 1)]
 
         def growing(theta_2: FloatArray) -> FloatArray:
-            # The slope of the distance. theta_1 either stays at a limit or sits where f[2] does
-            # not change with it, so it drops out.
+            # Slope of the distance. theta_1 is either at a limit or where df[2]/dtheta_1 = 0, so
+            # it drops out.
             theta_1 = self._reach_height(theta_2, height)
             across_error = self._lateral.across_mm(theta_2) - across
             height_error = self._lateral.height_mm(theta_1, theta_2) - height
@@ -237,9 +237,9 @@ class _Sheet:
 
 
 def _window(lower: float, upper: float) -> tuple[float, float]:
-    """Bending angles worth looking at: up to a full turn beyond the straightest allowed.
+    """Bending angles to search: up to a full turn beyond the straightest allowed.
 
-    A turn more only winds the backbone up and reaches less far.
+    Beyond that the backbone only winds up and reaches less far.
     """
     straightest = _straightest(lower, upper)
     turn = 2.0 * math.pi
@@ -290,7 +290,7 @@ def _solve_monotone(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """Where a monotone function takes the value; the nearer end if it does not."""
+    """Argument at which a monotone function takes the value; the nearer end if there is none."""
     rising = function(high) >= function(low)
     below, above = np.where(rising, low, high), np.where(rising, high, low)
     for _ in range(_HALVINGS):

@@ -31,7 +31,7 @@ def refusal_of(parse, text):
         ("tcp:localhost:5025", "// is missing after the colon; write tcp://localhost:5025"),
         ("tcp:/localhost:5025", "write tcp://localhost:5025"),
         ("tcp:localhost", "write tcp://localhost:5025"),
-        ("serial:localhost:5025", "no serial port; write tcp://localhost:5025"),
+        ("serial:localhost:5025", "not a serial port; write tcp://localhost:5025"),
         ("emulator", "the colon is missing; write emulator:"),
         ("simavr", "the colon is missing; write simavr:[FILE.elf]"),
         ("emulater:", "did you mean emulator:?"),
@@ -46,13 +46,13 @@ def refusal_of(parse, text):
         ("tcp://[::1]", "the port is missing"),
         ("tcp://:5025", "the host is missing"),
         ("tcp://::1:5025", "an IPv6 address needs brackets, as in [::1]"),
-        ("tcp://[::g]:5025", "[::g] is neither a host's name nor its address"),
+        ("tcp://[::g]:5025", "[::g] is neither a host name nor an address"),
         ("tcp://a b:5025", "a b is neither"),
         ("tcp://localhost/x:5025", "localhost/x is neither"),
         ("tcp://user@host:5025", "user@host is neither"),
-        ("tcp://localhost:x", "x is no port number"),
-        ("tcp://localhost:", "nothing is no port number"),
-        ("tcp://localhost:-1", "-1 is no port number"),
+        ("tcp://localhost:x", "x is not a port number"),
+        ("tcp://localhost:", "nothing is not a port number"),
+        ("tcp://localhost:-1", "-1 is not a port number"),
         ("tcp://localhost:0", "port 0 is not in 1..65535"),
         ("tcp://localhost:99999999999999999999", "is not in 1..65535"),
     ],
@@ -67,7 +67,7 @@ def test_a_device_that_is_nearly_right_gets_the_one_that_was_meant(text, told):
         ("/dev/ttyUSB0", "write ndi:/dev/ttyUSB0"),
         ("COM7", "write ndi:COM7"),
         ("camera.lab:8765", "write ndi+tcp://camera.lab:8765 or igtl://camera.lab:8765"),
-        ("ndi:camera.lab:8765", "no serial port; write ndi+tcp://camera.lab:8765"),
+        ("ndi:camera.lab:8765", "not a serial port; write ndi+tcp://camera.lab:8765"),
         ("igtl:localhost:18944", "write igtl://localhost:18944"),
         ("ndi+tcp://[fe80::1]", "the port is missing"),
         ("twin", "the colon is missing; write twin:"),
@@ -113,7 +113,7 @@ def test_a_name_is_listened_on_at_the_address_it_has_if_it_has_both_at_ipv4(monk
 
 @pytest.mark.parametrize(
     ("host", "told"),
-    [("nowhere.invalid", "no host of this name"), ("192.0.2.1", "no address of this computer")],
+    [("nowhere.invalid", "unknown host name"), ("192.0.2.1", "not an address of this computer")],
 )
 def test_an_address_that_cannot_be_listened_on_is_told_with_its_true_cause(host, told):
     assert told in refusal_of(lambda _: TcpPort(0, host), "")

@@ -168,7 +168,7 @@ def test_a_busy_tcp_board_is_in_use_by_another_host():
     ("greeting", "told"),
     [
         (b"Port already in use\n\r", "in use by another host"),
-        (b"HTTP/1.1 400 Bad Request\r\n\r\n", 'no board, it says "HTTP/1.1 400 Bad Request"'),
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", 'not a board, it says "HTTP/1.1 400 Bad Request"'),
         (b"SSH-2.0-OpenSSH_9.2\r\n", "SSH-2.0-OpenSSH_9.2"),
         (b"", "closed the connection"),
         (b"\x03\x81\x05\x00\xff", "closed the connection"),
@@ -190,7 +190,7 @@ def test_what_the_other_end_says_before_it_hangs_up_is_passed_on(greeting, told)
 
 
 def test_a_host_of_an_unknown_name_is_told_from_one_that_refuses():
-    with pytest.raises(DeviceError, match="no host of this name"):
+    with pytest.raises(DeviceError, match="unknown host name"):
         opened("tcp://nowhere.invalid:5025")
 
 

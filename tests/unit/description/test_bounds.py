@@ -73,7 +73,7 @@ def test_a_number_of_any_length_is_refused_on_one_short_line(key: str, digits: i
         ("robot.board_name=" + "x" * 17, "printable ASCII characters"),
         ("name=3", "name = 3: not text; give text in quotes"),
         ("polaris_faults.shuffle=1", "neither true nor false; give true or false"),
-        ("polaris_faults.silent_s=[[1,2],[4,3]]", "silent_s (value 2): the span [4, 3]"),
+        ("polaris_faults.silent_s=[[1,2],[4,3]]", "silent_s (value 2): the interval [4, 3]"),
         ("polaris_faults.silent_s=[[1,2],[4]]", "silent_s (value 2 of 2): missing"),
         ("tracker.tool_files={M1=3}", "tracker.tool_files.M1 = 3: not text"),
         ("twin.slak_mm=1", "unknown key twin.slak_mm; did you mean slack_mm? known: "),

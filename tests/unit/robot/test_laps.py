@@ -50,7 +50,7 @@ def test_the_point_that_closes_a_file_is_not_visited_twice(tmp_path):
 
 def test_an_open_path_has_no_laps(tmp_path):
     lap = _path(_file(tmp_path, [(0, 0, 40), (20, 20, 40)]))
-    with pytest.raises(ConfigError, match=r"ends 2\d\.\d mm from where it starts"):
+    with pytest.raises(ConfigError, match=r"ends 2\d\.\d mm from its start"):
         lap.repeated(2)
 
 

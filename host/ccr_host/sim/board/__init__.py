@@ -1,1 +1,1 @@
-"""The firmware's behaviour in Python, written from protocol/spec.toml and not from the firmware."""
+"""The board emulator, written from protocol/spec.toml independently of the firmware."""

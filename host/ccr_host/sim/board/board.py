@@ -37,10 +37,10 @@ class _Sending:
 
 
 class SendBuffer:
-    """Frames on their way out.
+    """Frames that are being sent.
 
     Args:
-        baud: of the line.
+        baud: bit rate of the line.
     """
 
     def __init__(self, baud: int) -> None:
@@ -59,7 +59,7 @@ class SendBuffer:
         return True
 
     def take(self, now_us: int) -> bytes:
-        """Bytes whose last bit has left by now."""
+        """Remove and return the bytes whose last bit has been sent by now."""
         if not self._frames:
             return b""
         taken = bytearray()
@@ -74,7 +74,7 @@ class SendBuffer:
         return bytes(taken)
 
     def frame_done_us(self) -> int | None:
-        """When the first queued frame will have left."""
+        """Time at which the first queued frame is completely sent; None if there is none."""
         if not self._frames:
             return None
         head = self._frames[0]
@@ -83,22 +83,22 @@ class SendBuffer:
 
 _NO_PULSES: Axes = (0, 0)
 _START_UP_US = 9_000
-"""Until then it reads its EEPROM, and what it receives has to wait."""
+"""Time for which the board reads its EEPROM; received bytes wait until then."""
 _STOP_ANSWER_BYTES = len(encode_frame(Ack.ID, 0, bytes(Ack.SIZE)))
 _U32 = 1 << 32
 
 
 class UnoEmulator:
-    """The whole board; nothing happens but in :meth:`advance_to` and :meth:`receive`.
+    """The whole board; acts only in :meth:`advance_to` and :meth:`receive`.
 
     Args:
-        eeprom: kept across resets; erased memory where it is left out.
-        reset_cause: of the first start.
-        start_us: when it starts for the first time, on the caller's clock.
-        baud: at which its answers leave.
-        spec_hash: of the spec it claims to be built from.
-        board_time_at_reset_us: what its own 32-bit clock shows at a reset, to see it wrap.
-        tick_offset: what its tick counter shows at a reset, to see it wrap.
+        eeprom: kept across resets; erased memory if omitted.
+        reset_cause: cause of the first start.
+        start_us: time of the first start on the caller's clock.
+        baud: bit rate of the answers.
+        spec_hash: hash of the spec that the board claims to be built from.
+        board_time_at_reset_us: value of its 32-bit clock at a reset, to test wrapping.
+        tick_offset: value of its tick counter at a reset, to test wrapping.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class UnoEmulator:
         self.reset(reset_cause)
 
     def reset(self, cause: ResetCause, boot_loader_us: int = 0) -> None:
-        """Start again, `boot_loader_us` from now; what comes before the board listens is lost."""
+        """Restart `boot_loader_us` from now; bytes received before the board listens are lost."""
         self._start_us = self._now_us + boot_loader_us
         had_pulses = any(self._pulses_prepared)
         self._core = BoardCore(self._eeprom, cause, had_pulses, self._tick_offset, self.inputs)
@@ -150,9 +150,9 @@ class UnoEmulator:
         self._now_us = max(time_us, self._now_us)
 
     def receive(self, data: bytes) -> None:
-        """Take bytes that arrive now, and dispatch the requests that they complete.
+        """Receive bytes that arrive now, and dispatch the requests that they complete.
 
-        While it starts up they wait, as many as a host may have outstanding.
+        During start-up bytes are buffered, as many as a host may have outstanding.
         """
         since_start_us = self._now_us - self._start_us
         if since_start_us < LISTENS_AFTER_US:
@@ -174,25 +174,25 @@ class UnoEmulator:
             self._send(answer, 0 if item.id == Stop.ID else _STOP_ANSWER_BYTES)
 
     def take_output(self) -> bytes:
-        """Bytes that have left the board and were not taken yet."""
+        """Remove and return the bytes that the board has sent by now."""
         return self._sending.take(self._now_us)
 
     def inject_fault(self, fault: Fault) -> None:
-        """Let the board detect a fault now."""
+        """Make the board detect a fault now."""
         self._core.safety.raise_fault(fault)
 
     @property
     def pulses_half_us(self) -> Axes:
-        """Pulses on the pins in the current frame, 0.5 us; 0 is none."""
+        """Pulses on the pins in the current frame, in 0.5 us; 0 is no pulse."""
         latched = self._now_us >= self._latch_us
         return self._pulses_prepared if latched else self._pulses_on_pins
 
     def open_emergency_stop(self, is_open: bool = True) -> None:
-        """Open or close the switch between its input and ground; closed at first."""
+        """Open or close the switch between the input and ground; initially closed."""
         self.inputs.emergency_stop_open = is_open
 
     def set_supply_pin_mv(self, voltage_mv: int) -> None:
-        """Output of the servo supply's divider; 3000 at first."""
+        """Set the output of the servo supply's divider; initially 3000."""
         self.inputs.supply_pin_mv = voltage_mv
 
     @property
@@ -211,17 +211,17 @@ class UnoEmulator:
         return self._core.state
 
     def report(self) -> StateReport:
-        """What `get_state` would tell now."""
+        """The report that `get_state` would return now."""
         return self._core.report()
 
     @property
     def now_us(self) -> int:
-        """How far the board has been advanced."""
+        """Time to which the board has been advanced."""
         return self._now_us
 
     @property
     def next_frame_us(self) -> int:
-        """Start of the next pulse frame: until then the pulses stay as they are."""
+        """Start of the next pulse frame, until which the pulses do not change."""
         since_start_us = self._now_us - self._start_us
         if since_start_us < 0:
             return self._start_us
@@ -229,13 +229,13 @@ class UnoEmulator:
 
     @property
     def next_event_us(self) -> int:
-        """When something happens next if no byte arrives."""
+        """Time of the next event if no byte arrives."""
         done_us = self._sending.frame_done_us()
         event_us = self._next_tick_us if done_us is None else min(done_us, self._next_tick_us)
         return min(self._start_us + _START_UP_US, event_us) if self._received_early else event_us
 
     def board_time_us(self) -> int:
-        """The board's own clock, 32 bits."""
+        """The board's 32-bit clock."""
         return (self._now_us - self._start_us + self._board_time_at_reset_us) % _U32
 
     def _run_tick(self) -> None:

@@ -1,4 +1,4 @@
-"""Two slots in EEPROM of which one always holds a whole configuration, and the boot counter."""
+"""Two EEPROM slots, one of which always holds a complete configuration, and the boot counter."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ConfigGroup = Limits | Slew | Watchdog | Calibration | Equipment | Acceleration
 NEVER_SET: Final = (
     ConfigGroups.LIMITS | ConfigGroups.SLEW | ConfigGroups.WATCHDOG | ConfigGroups.CALIBRATION
 )
-"""What a new board lacks."""
+"""Groups that are missing on a new board."""
 
 _NO_LIMITS = Limits((0, 0), (0, 0), (0, 0))
 _NO_SLEW = Slew((0, 0))
@@ -60,7 +60,7 @@ class Configuration:
     missing: ConfigGroups = NEVER_SET
 
     def with_group(self, group: ConfigGroup) -> Configuration:
-        """The same with one group replaced."""
+        """Copy of the configuration with one group replaced."""
         match group:
             case Limits():
                 changed = replace(self, limits=group)
@@ -77,16 +77,16 @@ class Configuration:
         return replace(changed, missing=self.missing & ~ConfigGroups[group.NAME.upper()])
 
     def pack(self) -> bytes:
-        """All groups in the order of EEPROM."""
+        """All groups, in their order in the EEPROM."""
         robots = (self.limits, self.slew, self.watchdog, self.calibration)
         groups = (*robots, self.equipment, self.acceleration)
         return b"".join(group.pack() for group in groups)
 
     @classmethod
     def unpack(cls, data: bytes) -> Self | None:
-        """Read what :meth:`pack` wrote; None if some value may not be used.
+        """Read the output of :meth:`pack`; None if a value is not allowed.
 
-        Of layout 1 without equipment and acceleration, which are zeros then.
+        Layout 1 lacks equipment and acceleration, which are then zeros.
         """
         data = data.ljust(EEPROM_CONFIGURATION_SIZE, b"\0")
         at = 0
@@ -132,7 +132,7 @@ class _SlotContent(Enum):
 
 
 class SaveStep(Enum):
-    """What came of writing one byte."""
+    """Result of writing one byte."""
 
     IDLE = auto()
     WRITING = auto()
@@ -141,7 +141,7 @@ class SaveStep(Enum):
 
 
 class ConfigStore:
-    """Loads the newest whole configuration, and saves over the other one byte by byte."""
+    """Loads the newest complete configuration; saves to the other slot byte by byte."""
 
     def __init__(self, eeprom: Eeprom) -> None:
         self._eeprom = eeprom
@@ -154,7 +154,7 @@ class ConfigStore:
 
     @property
     def configuration(self) -> Configuration | None:
-        """What was loaded or last saved."""
+        """The configuration loaded or last saved."""
         return self._newest.configuration if self._newest else None
 
     @property
@@ -163,7 +163,7 @@ class ConfigStore:
         return self._saving is not None
 
     def count_boot(self) -> int:
-        """Count up the boot counter and give its new value."""
+        """Increment the boot counter and return its new value."""
         stored = self._eeprom.read(EEPROM_BOOT_COUNTER, EEPROM_BOOT_COUNTERS * _COUNTER.size)
         newest = 0
         counters = [c for (c,) in _COUNTER.iter_unpack(stored) if c != _COUNTER_ERASED]
@@ -178,7 +178,7 @@ class ConfigStore:
         return boot_id
 
     def begin_save(self, configuration: Configuration) -> None:
-        """Start to write the older slot."""
+        """Start writing to the older slot."""
         newest = self._newest
         generation = (newest.generation + 1) % _U16 if newest else _FIRST_GENERATION
         address = EEPROM_SLOT_B if newest and newest.address == EEPROM_SLOT_A else EEPROM_SLOT_A
@@ -188,7 +188,7 @@ class ConfigStore:
         self._saving = _Slot(address, generation, configuration)
 
     def advance_save(self) -> SaveStep:
-        """In one tick: read back the byte written in the last one, write the next."""
+        """One tick of a save: verify the byte written in the last tick, write the next one."""
         slot = self._saving
         if slot is None:
             return SaveStep.IDLE

@@ -1,4 +1,4 @@
-"""What the board does in a control tick and on a request, without bytes and microseconds."""
+"""Behaviour of the board in a control tick and on a request, without bytes and microseconds."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _U8 = 1 << 8
 
 
 class TelemetryStream:
-    """One report in so many ticks."""
+    """Periodic reports, one every `period_ticks`; none if that is 0."""
 
     def __init__(self, period_ticks: int = 0) -> None:
         self._period_ticks = period_ticks
@@ -45,7 +45,7 @@ class TelemetryStream:
         self._next_sequence = 0
 
     def tick(self) -> int | None:
-        """Sequence number of the report that is due at this tick, if one is."""
+        """Sequence number of the report due at this tick; None if none is due."""
         if not self._period_ticks:
             return None
         self._ticks_left -= 1
@@ -59,18 +59,18 @@ class TelemetryStream:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledged:
-    """The last `once` request that was acknowledged, and how."""
+    """The last `once` request that was acknowledged, and its answer."""
 
     request: Frame
     answer: bytes
     tick: int
     is_void: bool = False
-    """A stop has come since: it is neither executed nor acknowledged again."""
+    """A stop came after it: it is neither executed nor acknowledged again."""
 
 
 @dataclass(slots=True)
 class Session:
-    """One session; a new one starts with nothing remembered and no telemetry."""
+    """One session; a new one has no acknowledged request and no telemetry."""
 
     number: int | None = None
     """None before the first session after a reset."""
@@ -79,22 +79,22 @@ class Session:
 
 
 class Counters:
-    """Counters by the names of `counters_reply`; they wrap only when they are read."""
+    """Counters named as in `counters_reply`; they wrap only when read."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
 
     def count(self, name: str, number: int = 1) -> None:
-        """So many more of `name`."""
+        """Add `number` to the counter `name`."""
         self._counts[name] += number
 
     def count_framing_error(self, error: FramingError) -> None:
-        """One more frame that is none."""
+        """Count an invalid frame by its error."""
         self._counts[error.value] += 1
 
     @property
     def link_errors(self) -> int:
-        """Sum of what went wrong on the way to the board, wrapping."""
+        """Sum of the receive errors, wrapping at 16 bits."""
         return sum(self._counts[name] for name in _LINK_ERRORS) % _U16
 
     def to_reply(self) -> CountersReply:
@@ -111,7 +111,7 @@ _REFERENCE_CDEG = 9000
 
 
 def pulse_half_us(calibration: Calibration, axis: int, angle_cdeg: int) -> int:
-    """Pulse of one axis, 0.5 us."""
+    """Pulse width of one axis, in 0.5 us."""
     pulse = _unclamped_half_us(calibration, axis, angle_cdeg)
     pulse = max(pulse, calibration.pulse_min_half_us[axis], PULSE_FLOOR_HALF_US)
     return min(pulse, calibration.pulse_max_half_us[axis], PULSE_CEILING_HALF_US)
@@ -159,13 +159,13 @@ _EVENT_COUNTERS = {Event.TARGET_EXPIRED: "holds", Event.HOLD_EXPIRED: "relaxes"}
 
 
 def ticks_of_ms(duration_ms: int) -> int:
-    """Ticks that a duration takes (TIM-3)."""
+    """Duration in ticks, rounded up (TIM-3)."""
     return -(-duration_ms // _MS_PER_TICK)
 
 
 @dataclass
 class Inputs:
-    """What is wired to the board's inputs; may change at any time."""
+    """Levels at the board's inputs; may change at any time."""
 
     emergency_stop_open: bool = False
     supply_pin_mv: int = 3000
@@ -177,10 +177,10 @@ class BoardCore:
 
     Args:
         eeprom: survives the reset.
-        reset_cause: why it started.
-        had_pulses: whether it made pulses when the reset came.
-        tick_offset: added to the tick counter, to see it wrap.
-        inputs: what is wired to it.
+        reset_cause: cause of the reset.
+        had_pulses: whether there were pulses when the reset came.
+        tick_offset: added to the tick counter, to test wrapping.
+        inputs: levels at its inputs.
     """
 
     def __init__(
@@ -225,7 +225,7 @@ class BoardCore:
 
     @property
     def state(self) -> State:
-        """State, current."""
+        """Current state."""
         return self.safety.state
 
     @property
@@ -234,7 +234,7 @@ class BoardCore:
         return self.configuration.equipment.emergency_stop == 1 and self._inputs.emergency_stop_open
 
     def tick(self) -> None:
-        """One control tick, in the order of TIM-4; reporting is left to the caller."""
+        """Run one control tick in the order of TIM-4; the caller sends reports."""
         tick = self.next_tick
         self.next_tick += 1
         config = self.configuration
@@ -261,17 +261,17 @@ class BoardCore:
         self._logged_fault = Fault.NONE
 
     def blink(self, duration_s: int) -> None:
-        """Let the LED blink from the next tick on."""
+        """Blink the LED for `duration_s` from the next tick on."""
         self._blinking_until_tick = self.next_tick + ticks_of_ms(duration_s * 1000)
 
     def arm(self) -> None:
-        """Enable the axes one after the other, from the next tick on."""
+        """Enable the axes one by one, from the next tick on."""
         self.safety.arm(self.next_tick, ticks_of_ms(self.configuration.watchdog.arm_axis_ms))
 
     def accept_target(
         self, target_cdeg: Axes, ramp_ms: int, validity_ms: int, sequence: int
     ) -> Axes:
-        """Follow a target; gives it back as it was clamped."""
+        """Start to follow a target; return the target as clamped, 0.01 deg."""
         limits = self.configuration.limits
         accepted = clamped(target_cdeg, limits.angle_min_cdeg, limits.angle_max_cdeg)
         calibration = self.configuration.calibration
@@ -296,7 +296,7 @@ class BoardCore:
             self._setpoint.clamp(group.angle_min_cdeg, group.angle_max_cdeg)
 
     def flags(self) -> StatusFlags:
-        """Pulses and motion as of the last tick, all else current."""
+        """Status flags; pulses and motion are those of the last tick, the rest is current."""
         flags = (
             (StatusFlags.AXIS_1_PULSES.value if self.pulses_half_us[0] else 0)
             | (StatusFlags.AXIS_2_PULSES.value if self.pulses_half_us[1] else 0)
@@ -310,7 +310,7 @@ class BoardCore:
         return StatusFlags(flags)
 
     def report(self) -> StateReport:
-        """The state report."""
+        """State report of the current tick."""
         return StateReport(
             tick=(self._tick_offset + self.next_tick) % _U32,
             state=self.safety.state,

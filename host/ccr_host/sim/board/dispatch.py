@@ -1,4 +1,4 @@
-"""From a request to its answer: the checks in their order, then the deed."""
+"""Processing of a request: the checks in their order, execution, and the answer."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NEEDS_CONFIGURATION = (m.Arm, m.SaveConfig)
 
 
 class Refusal(Exception):  # noqa: N818 - an answer, not an error
-    """Why a request gets `nack`."""
+    """The reason for which a request is answered with `nack`."""
 
     def __init__(self, code: m.NackCode, detail: int = 0) -> None:
         super().__init__(code.name)
@@ -38,8 +38,8 @@ class Dispatcher:
 
     Args:
         core: the board.
-        board_time_us: its clock.
-        spec_hash: of the spec it claims to be built from.
+        board_time_us: the board's clock.
+        spec_hash: hash of the spec that the board claims to be built from.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Dispatcher:
         self._sequence = 0
 
     def answer(self, frame: Frame) -> bytes:
-        """The frame that answers `frame`, encoded."""
+        """Encoded answer to `frame`."""
         remembered = self._remembered(frame)
         if remembered is not None and not remembered.is_void:
             self._core.counters.count("repeats_answered")

@@ -17,7 +17,7 @@ _HALF_U16 = 1 << 15
 
 
 class FaultLog:
-    """Finds the newest record; writes the next byte by byte."""
+    """The fault records: finds the newest one, writes the next byte by byte."""
 
     def __init__(self, eeprom: Eeprom) -> None:
         self._eeprom = eeprom
@@ -33,7 +33,7 @@ class FaultLog:
         self._next_number = 0 if newest is None else (newest + 1) % _U16
 
     def at(self, place: int) -> FaultRecord:
-        """What stands there, good or not."""
+        """The record at this place, valid or not."""
         address = FAULT_LOG_ADDRESS + place * FaultRecord.SIZE
         return FaultRecord.unpack(self._eeprom.read(address, FaultRecord.SIZE))
 
@@ -43,12 +43,12 @@ class FaultLog:
         return bool(self._unwritten)
 
     def begin(self, record: FaultRecord) -> None:
-        """Start to write; number and check are given to it."""
+        """Start writing a record; its number and check are filled in here."""
         record = replace(record, number=self._next_number)
         self._unwritten = replace(record, check=_check_of(record)).pack()
 
     def advance(self) -> None:
-        """Write one byte."""
+        """Write the next byte, if any is left."""
         if not self._unwritten:
             return
         place = self._next_number % FAULT_LOG_RECORDS
@@ -60,7 +60,7 @@ class FaultLog:
 
 
 def is_good(record: FaultRecord) -> bool:
-    """Whether it was written to its end."""
+    """Whether the record was written completely."""
     return record.check == _check_of(record)
 
 
@@ -72,21 +72,21 @@ ERASED: Final = 0xFF
 
 
 class Eeprom(Protocol):
-    """What the board needs of its EEPROM."""
+    """The EEPROM as seen by the board."""
 
     def read(self, address: int, count: int) -> bytes:
-        """Bytes from `address` on."""
+        """Read `count` bytes from `address` on."""
 
     def write(self, address: int, value: int) -> None:
-        """Write one byte; it may fail, so whoever writes reads back."""
+        """Write one byte; it may fail, so the caller must read back."""
 
 
 class EepromImage:
     """EEPROM in memory.
 
     Args:
-        content: its bytes; erased where it is left out.
-        worn_out: addresses that no longer take what is written.
+        content: initial bytes; erased if omitted.
+        worn_out: addresses at which writing has no effect.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class EepromImage:
 
 
 class EepromFile:
-    """EEPROM kept in a file of its size, so that it survives the emulator.
+    """EEPROM stored in a file of the same size, so that it outlives the emulator.
 
     Raises:
         ConfigError: the file cannot be used.
@@ -124,7 +124,7 @@ class EepromFile:
         if path.stat().st_size != EEPROM_SIZE:
             self._file.close()
             raise ConfigError(
-                f"EEPROM file {path}: not {EEPROM_SIZE} bytes long", "remove it or give another one"
+                f"EEPROM file {path}: not {EEPROM_SIZE} bytes long", "delete it or give another one"
             )
 
     def read(self, address: int, count: int) -> bytes:

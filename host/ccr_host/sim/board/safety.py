@@ -42,7 +42,7 @@ class SafetyMachine:
         self._deadline_tick = tick + 2 * axis_ticks
 
     def disarm(self) -> None:
-        """Start the way to rest; axes that have no pulses yet get none any more."""
+        """Start the return to rest; axes without pulses are not enabled any more."""
         self._apply(Event.DISARM_REQUESTED)
 
     def stop(self) -> None:
@@ -55,7 +55,7 @@ class SafetyMachine:
         self.fault = Fault.NONE
 
     def accept_target(self, expiry_tick: int) -> None:
-        """Follow a target until its validity has run out."""
+        """Follow a target until its validity expires."""
         self._apply(Event.TARGET_ACCEPTED)
         self._deadline_tick = expiry_tick
 
@@ -66,7 +66,7 @@ class SafetyMachine:
         self._apply(Event.FAULT_RAISED)
 
     def tick(self, tick: int, at_rest: bool, relax_after_ticks: int) -> Event | None:
-        """Make the one transition that time or position has brought about, and name it."""
+        """Make the transition due by time or position, if any, and return its event."""
         event = self._due_event(tick, at_rest)
         if event is None:
             return None
@@ -82,13 +82,13 @@ class SafetyMachine:
         return event
 
     def rest_wanted(self, tick: int) -> bool:
-        """Whether this state leads the setpoint to rest."""
+        """Whether this state moves the setpoint to rest."""
         if self.state is State.ARMING:
             return tick >= self._deadline_tick
         return self.state in (State.RELAXING, State.DISARMING)
 
     def axes_with_pulses(self, tick: int) -> tuple[bool, bool]:
-        """Which axes get a pulse in the frame that this tick prepares."""
+        """Whether each axis gets a pulse in the frame prepared by this tick."""
         if not self.pulsing:
             self._enabled = (False, False)
         elif self.state is State.ARMING and tick >= self._axis_2_tick:

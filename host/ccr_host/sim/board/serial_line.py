@@ -1,4 +1,4 @@
-"""The wire between host and emulated board, with the time that bytes take on it."""
+"""The serial line between host and emulated board, with its transmission time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ccr_host.sim.board.board import UnoEmulator
 
 @dataclass(frozen=True)
 class LineNoise:
-    """Probabilities per byte."""
+    """Random transmission errors, as probabilities per byte."""
 
     rng: np.random.Generator
     drop: float = 0.0
@@ -23,7 +23,7 @@ class LineNoise:
     flip: float = 0.0
 
     def corrupt(self, data: bytes) -> bytes:
-        """What is left of `data` at the other end."""
+        """Return `data` as it arrives at the other end."""
         out = bytearray()
         draws = self.rng.random((len(data), 3))
         for byte, (drop, duplicate, flip) in zip(data, draws, strict=True):
@@ -37,19 +37,19 @@ class LineNoise:
 
 
 DISPATCH_LATENCY_US = 50
-"""From the last bit of a request to its dispatch: one turn of the firmware's main loop."""
+"""Time from the last bit of a request to its dispatch: one pass of the firmware's main loop."""
 
 
 class SerialLine:
-    """Moves the board and the bytes in order of time; its host end is a transport.
+    """Advances the board and the bytes in order of time; its host end is a transport.
 
-    What is written at a time is on the wire from then on; the board gets the bytes of a frame when
-    the last one has arrived, which is all that its decoder can tell apart.
+    Transmission starts when bytes are written. The board receives the bytes of a frame together
+    when the last one has arrived; its decoder cannot tell the difference.
 
     Args:
-        board: at the other end.
-        baud: of the way to the board; the board knows that of the way back.
-        noise: on both ways.
+        board: the board at the other end.
+        baud: bit rate towards the board; the board has that of the other direction.
+        noise: transmission errors in both directions.
     """
 
     name = "emulator"
@@ -65,7 +65,7 @@ class SerialLine:
         self._plugged_in = True
 
     def advance_to(self, time_us: int) -> None:
-        """Bring wire and board to `time_us`."""
+        """Advance line and board to `time_us`."""
         board = self.board
         while self._to_board and self._to_board[0][0] <= time_us:
             arrival_us, data = self._to_board.popleft()
@@ -75,12 +75,12 @@ class SerialLine:
 
     @property
     def next_event_us(self) -> int:
-        """When something happens next if the host stays silent."""
+        """Time of the next event if the host sends nothing."""
         board_us = self.board.next_event_us
         return min(board_us, self._to_board[0][0]) if self._to_board else board_us
 
     def write(self, data: bytes) -> None:
-        """Put bytes on the wire now."""
+        """Start to transmit bytes now."""
         self._require_plug()
         if self.noise:
             data = self.noise.corrupt(data)
@@ -94,22 +94,22 @@ class SerialLine:
         self._wire_free_us = start_us + wire_time_us(len(data), self._baud)
 
     def read(self) -> bytes:
-        """Bytes that have arrived from the board."""
+        """Return the bytes that have arrived from the board."""
         self._require_plug()
         data = self.board.take_output()
         return self.noise.corrupt(data) if self.noise and data else data
 
     def close(self) -> None:
-        """Let the board alone; it goes on as an UNO on a power supply would."""
+        """Do nothing: the board keeps running, like an UNO on a power supply."""
 
     def open_port(self, boot_loader_us: int = 0) -> None:
-        """Reset the board as an UNO is reset (DTR) when its port is opened."""
+        """Reset the board, as DTR resets an UNO when its port is opened."""
         self._to_board.clear()
         self._wire_free_us = self.board.now_us
         self.board.reset(ResetCause.EXTERNAL, boot_loader_us)
 
     def unplug(self) -> None:
-        """From now on the port is gone."""
+        """Make all later reads and writes fail as if the port were unplugged."""
         self._plugged_in = False
 
     def _require_plug(self) -> None:

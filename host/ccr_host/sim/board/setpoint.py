@@ -1,4 +1,4 @@
-"""Where the ramp, the slew limit and the acceleration limit stand."""
+"""The commanded angles, with ramp, slew limit and acceleration limit."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ Axes = tuple[int, int]
 
 
 class Setpoint:
-    """Commanded angle of both axes, 0.01 deg; moves only in control ticks."""
+    """Commanded angle of both axes, 0.01 deg; changes only in control ticks."""
 
     def __init__(self, start_cdeg: Axes) -> None:
         self.cdeg = start_cdeg
@@ -17,14 +17,14 @@ class Setpoint:
         self._step_cdeg: Axes = (0, 0)
 
     def aim_at(self, target_cdeg: Axes, ramp_ticks: int) -> None:
-        """Go to a target in a straight line over `ramp_ticks`, from here (TGT-2)."""
+        """Start a linear ramp from the current setpoint to a target over `ramp_ticks` (TGT-2)."""
         self._start_cdeg = self.cdeg
         self._target_cdeg = target_cdeg
         self._ramp_ticks = ramp_ticks
         self._ticks_since_target = 0
 
     def step_along_ramp(self, slew_cdeg: Axes, acceleration_cdeg: Axes) -> None:
-        """One tick towards the target."""
+        """Move one tick along the ramp."""
         self._ticks_since_target += 1
         goal = (
             self._ramp(self._start_cdeg[0], self._target_cdeg[0]),
@@ -33,7 +33,7 @@ class Setpoint:
         self.step_towards(goal, slew_cdeg, acceleration_cdeg)
 
     def step_towards(self, goal_cdeg: Axes, slew_cdeg: Axes, acceleration_cdeg: Axes) -> None:
-        """One tick straight towards `goal_cdeg`, at most by the slew; 0 is any acceleration."""
+        """Move one tick towards `goal_cdeg` within the limits; acceleration 0 is unlimited."""
         self._move(
             *(
                 _limited_step(goal_cdeg[axis] - self.cdeg[axis], slew_cdeg[axis])
@@ -50,7 +50,7 @@ class Setpoint:
         self._forget_steps_without_limit(acceleration_cdeg)
 
     def brake(self, acceleration_cdeg: Axes) -> None:
-        """One tick of coming to a stand (ACC-1)."""
+        """Decelerate for one tick (ACC-1)."""
         self._move(
             *(
                 0 if most == 0 else step - _limited_step(step, most)
@@ -59,12 +59,12 @@ class Setpoint:
         )
 
     def stand(self) -> None:
-        """Without pulses it stands."""
+        """Set the rate to zero, as without pulses."""
         self._step_cdeg = (0, 0)
 
     @property
     def is_moving(self) -> bool:
-        """Whether the last tick has moved an axis that has an acceleration limit."""
+        """Whether the last tick moved an axis that has an acceleration limit."""
         return self._step_cdeg != (0, 0)
 
     def _move(self, first: int, second: int) -> None:
@@ -79,7 +79,7 @@ class Setpoint:
         )
 
     def clamp(self, least_cdeg: Axes, greatest_cdeg: Axes) -> None:
-        """Move the remembered setpoint into new limits."""
+        """Clamp the setpoint to new limits."""
         self.cdeg = clamped(self.cdeg, least_cdeg, greatest_cdeg)
 
     def _ramp(self, start: int, target: int) -> int:
@@ -103,21 +103,21 @@ def _limited_step(way: int, limit: int) -> int:
 
 
 def _accelerated_step(way: int, last_step: int, slew: int, acceleration: int) -> int:
-    """The step of ACC-2, found by bisection."""
+    """Step of ACC-2, found by bisection."""
     if way < 0:
         return -_accelerated_step(-way, -last_step, slew, acceleration)
     shortest, longest = 0, slew
     while shortest < longest:
         tried = (shortest + longest + 1) // 2
-        if _stopping_way(tried, acceleration) <= way:
+        if _stopping_distance(tried, acceleration) <= way:
             shortest = tried
         else:
             longest = tried - 1
     return min(max(shortest, last_step - acceleration), last_step + acceleration)
 
 
-def _stopping_way(step: int, acceleration: int) -> int:
-    """step + (step - acceleration) + ..., down to 0."""
+def _stopping_distance(step: int, acceleration: int) -> int:
+    """Sum of step + (step - acceleration) + ..., down to 0."""
     terms = -(-step // acceleration)
     return terms * step - acceleration * terms * (terms - 1) // 2
 

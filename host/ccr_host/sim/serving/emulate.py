@@ -1,4 +1,4 @@
-"""Puts emulated devices behind the ports that a user has asked for."""
+"""Serves emulated devices at the ports that the user asked for."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ class ServedBoard:
     tcp_address: str | None
     """HOST:PORT, or None for a pseudo-terminal."""
     eeprom_file: Path | None
-    """Kept across runs; None for an erased EEPROM each time."""
+    """EEPROM kept across runs; None for an erased EEPROM each time."""
     boot_loader_us: int
-    """Time for which the board is deaf after its port was opened."""
+    """Time for which the board does not listen after its port was opened."""
 
 
 @dataclass(frozen=True)
 class ServedCamera:
-    """A Polaris that sees the twin which the board moves."""
+    """A Polaris that measures the twin driven by the board."""
 
     tcp_address: str | None
     """HOST:PORT, or None for a pseudo-terminal."""
     description: Description
-    """Of the twin and its camera."""
+    """Description of the twin and its camera."""
     seed: int
-    """Of the camera's noise."""
+    """Seed of the camera's noise."""
 
 
 @dataclass(frozen=True)
 class Served:
-    """Ready to run."""
+    """A server ready to run, and the URIs of its devices."""
 
     server: BoardServer
     device_uri: str
@@ -54,7 +54,7 @@ class Served:
 
 
 def open_board(board: ServedBoard) -> Served:
-    """Make a board with its port.
+    """Create a board and its port.
 
     Raises:
         ConfigError: the address or the file cannot be used.
@@ -65,7 +65,7 @@ def open_board(board: ServedBoard) -> Served:
 
 
 def open_board_with_camera(board: ServedBoard, camera: ServedCamera) -> Served:
-    """Make a board, the twin that its pulses move, and the camera that sees it.
+    """Create a board, the twin driven by its pulses, and the camera that measures it.
 
     Raises:
         ConfigError: an address, the file or the description cannot be used.
@@ -76,7 +76,7 @@ def open_board_with_camera(board: ServedBoard, camera: ServedCamera) -> Served:
     polaris = make_polaris(
         description.tracker,
         camera_seed,
-        # A port of another program cannot be taken away, but nothing comes through it.
+        # The port of another program cannot be removed, so an unplugged camera is a silent one.
         faults=replace(faults, silent_us=faults.silent_us + faults.unplugged_us, unplugged_us=()),
         paced=camera.tcp_address is None,
     )

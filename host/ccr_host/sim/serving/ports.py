@@ -1,4 +1,4 @@
-"""The emulated board's port as a TCP socket, one client at a time."""
+"""Ports of emulated devices: a pseudo-terminal or a TCP socket, one client at a time."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class PtyPort:
     """A pseudo-terminal whose other end is opened like a serial port.
 
     Raises:
-        ConfigError: this computer gives none.
+        ConfigError: this computer has none.
     """
 
     def __init__(self) -> None:
@@ -45,11 +45,11 @@ class PtyPort:
         except (OSError, termios.error) as error:
             raise ConfigError(
                 f"no pseudo-terminal to serve on ({error})",
-                "see that /dev/pts is mounted and not full, or serve on --tcp",
+                "check that /dev/pts is mounted and not full, or serve on --tcp",
             ) from None
         self.uri = f"serial:{self._path}"
         os.set_blocking(self._master, False)
-        os.close(slave)  # only with no end open here can it be told whether a client has one
+        os.close(slave)  # a client can be detected only if no slave is open here
         self._hang_up = select.poll()
         self._hang_up.register(self._master, 0)
         self._client = False
@@ -59,7 +59,7 @@ class PtyPort:
         self._listener = listener
 
     def look_for_client(self) -> None:
-        """The kernel tells only by polling that an end was opened again after a hang-up."""
+        """Detect by polling that a client came or left; the kernel signals no reopening."""
         present = not self._hang_up.poll(0)
         if present == self._client:
             return
@@ -94,8 +94,8 @@ class PtyPort:
         self._listener.received(data)
 
     def _make_raw(self) -> None:
-        """The kernel restores a cooked terminal on the last close; a client may not care."""
-        with suppress(termios.error):  # the client may be gone again
+        """Set raw mode: the kernel restores cooked mode on the last close, clients may keep it."""
+        with suppress(termios.error):  # the client may already be gone
             if termios.tcgetattr(self._master)[_LFLAG] & (termios.ECHO | termios.ICANON):
                 tty.setraw(self._master)
 
@@ -105,14 +105,14 @@ _BUSY = b"busy: another host is connected to this board\r\n"
 
 
 class TcpPort:
-    """Listens for one client; a second one is told that the board is taken.
+    """Listens for one client; a second one is sent "busy".
 
     Args:
         port: 0 lets the system choose one.
         host: address to listen on.
 
     Raises:
-        ConfigError: the port is in use or may not be used.
+        ConfigError: the port is in use or not allowed.
     """
 
     def __init__(self, port: int, host: str = DEFAULT_HOST) -> None:
@@ -127,7 +127,7 @@ class TcpPort:
         selector.register(self._listening, selectors.EVENT_READ, self._accept)
 
     def look_for_client(self) -> None:
-        """Nothing to do: a socket tells by itself."""
+        """Do nothing: the selector reports clients of a socket."""
 
     def send(self, data: bytes) -> None:
         if self._client is None or not data:
@@ -147,7 +147,7 @@ class TcpPort:
         try:
             client, _ = self._listening.accept()
         except OSError:
-            return  # gone before it was answered
+            return  # the client left before it was accepted
         client.setblocking(False)
         if self._client is not None:
             _refuse(client)
@@ -166,7 +166,7 @@ class TcpPort:
             return
         except OSError:
             data = b""
-        if data and not _is_of_a_browser(data):
+        if data and not _is_http(data):
             self._listener.received(data)
         else:
             self._drop_client()
@@ -178,7 +178,7 @@ class TcpPort:
             self._client = None
 
 
-def _is_of_a_browser(data: bytes) -> bool:
+def _is_http(data: bytes) -> bool:
     """Whether it is an HTTP request: any web site can send one here, with frames in its body."""
     return b" HTTP/1." in data.partition(b"\r\n")[0]
 

@@ -1,6 +1,6 @@
-"""Serves emulated devices to other programs, in real time: on pseudo-terminals or on TCP.
+"""Serves emulated devices to other programs in real time, on pseudo-terminals or on TCP.
 
-Opening its port resets a board as the DTR line resets an UNO. Without a client the board goes on.
+Opening its port resets a board, as DTR resets an UNO. Without a client the board keeps running.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from ccr_host.core.clock import Clock, Steppable
 
 
 class WorldLine:
-    """Whoever advances the line advances the world of which the board is a part.
+    """A line to a board that advances the whole simulated world along with the board.
 
     Args:
-        line: to the board.
-        world: moves board, servos, robot and camera in the order of their events.
+        line: the line to the board.
+        world: advances board, servos, robot and camera in the order of their events.
     """
 
     def __init__(self, line: Line, world: Steppable) -> None:
@@ -30,24 +30,24 @@ class WorldLine:
         self._world = world
 
     def advance_to(self, time_us: int) -> None:
-        """Bring the world to `time_us`."""
+        """Advance the world to `time_us`."""
         self._world.advance_to(time_us)
 
     @property
     def next_event_us(self) -> int:
-        """When to look again if the host stays silent."""
+        """Time of the next event if the host sends nothing."""
         return self._line.next_event_us
 
     def write(self, data: bytes) -> None:
-        """Put bytes on the wire now."""
+        """Start to transmit bytes now."""
         self._line.write(data)
 
     def read(self) -> bytes:
-        """Bytes that have arrived from the board."""
+        """Return the bytes that have arrived from the board."""
         return self._line.read()
 
     def open_port(self, boot_loader_us: int = 0) -> None:
-        """Reset the board as an UNO is reset when its port is opened."""
+        """Reset the board, as an UNO is reset when its port is opened."""
         self._line.open_port(boot_loader_us)
 
 
@@ -59,61 +59,61 @@ AdvanceObserver = Callable[[int], None]
 
 
 class Line(Protocol):
-    """The wire to a board, which moves with it."""
+    """The line to a device, which advances with it."""
 
     def advance_to(self, time_us: int) -> None:
-        """Bring wire and board to `time_us`."""
+        """Advance line and device to `time_us`."""
 
     @property
     def next_event_us(self) -> int:
-        """When to look again if the host stays silent."""
+        """Time of the next event if the host sends nothing."""
 
     def write(self, data: bytes) -> None:
-        """Put bytes on the wire now."""
+        """Start to transmit bytes now."""
 
     def read(self) -> bytes:
-        """Bytes that have arrived from the board."""
+        """Return the bytes that have arrived from the board."""
 
     def open_port(self, boot_loader_us: int = 0) -> None:
-        """Reset the board as an UNO is reset when its port is opened."""
+        """Reset the board, as an UNO is reset when its port is opened."""
 
 
 class PortListener(Protocol):
-    """What a port tells of its client."""
+    """Callbacks of a port about its client."""
 
     def opened(self) -> None:
-        """A client is there."""
+        """A client has connected."""
 
     def received(self, data: bytes) -> None:
-        """Bytes from the client."""
+        """Bytes have arrived from the client."""
 
 
 class Port(Protocol):
-    """Where at most one client at a time finds the board."""
+    """A port for at most one client at a time."""
 
     uri: str
-    """How `--device` reaches it."""
+    """URI for `--device`."""
 
     def register(self, selector: selectors.BaseSelector, listener: PortListener) -> None:
         """Watch for clients; the selector's keys carry the function to call when ready."""
 
     def look_for_client(self) -> None:
-        """Find out what cannot be waited for; called at least once a control tick."""
+        """Poll for changes that the selector does not report; called every control tick."""
 
     def send(self, data: bytes) -> None:
-        """Give bytes to the client; dropped where there is none or it does not read."""
+        """Send bytes to the client; dropped if there is none or it does not read."""
 
     def close(self) -> None:
-        """Send the client away and close."""
+        """Disconnect the client and close the port."""
 
 
 class Station:
     """One line behind one port.
 
     Args:
-        line: to the emulated device.
-        port: for the client.
-        boot_loader_us: how long the device is deaf after its port was opened.
+        line: line to the emulated device.
+        port: port for the client.
+        boot_loader_us: time for which the device does not listen after its port was opened.
     """
 
     def __init__(self, line: Line, port: Port, *, boot_loader_us: int = 0) -> None:
@@ -122,29 +122,29 @@ class Station:
         self._boot_loader_us = boot_loader_us
 
     def opened(self) -> None:
-        """A client has opened the port: a board is reset."""
+        """Reset the board, as a client has opened the port."""
         self.line.open_port(self._boot_loader_us)
 
     def received(self, data: bytes) -> None:
-        """Bytes from the client go onto the wire."""
+        """Transmit bytes from the client."""
         self.line.write(data)
 
     def deliver(self) -> None:
-        """Hand over what has arrived from the device."""
+        """Send the client what has arrived from the device."""
         self.port.send(self.line.read())
         self.port.look_for_client()
 
 
 class BoardServer:
-    """An emulated board behind its port, and whatever else is served beside it.
+    """An emulated board behind its port, and further devices.
 
     Args:
-        line: to the board.
-        port: for the client.
-        clock: real.
-        boot_loader_us: how long the board is deaf after its port was opened.
-        on_advance: lets a twin ride along.
-        beside: further devices, moved along after the board.
+        line: line to the board.
+        port: port for the client.
+        clock: real-time clock.
+        boot_loader_us: time for which the board does not listen after its port was opened.
+        on_advance: called after each advance, e.g. to advance a twin.
+        beside: further devices, advanced after the board.
     """
 
     def __init__(
@@ -213,13 +213,13 @@ class BoardServer:
     def _wait(self, selector: selectors.BaseSelector) -> None:
         event_us = min(station.line.next_event_us for station in self._stations)
         ready = selector.select(max(event_us - self._clock.now_us(), 0) * 1e-6)
-        self._advance_lines()  # what was received now is on the wire from now
+        self._advance_lines()  # so that bytes received now are transmitted from now on
         for key, _ in ready:
             key.data()
 
 
 class BackgroundServer:
-    """Runs a server in a thread for as long as a `with` block lasts."""
+    """Runs a server in a thread during a `with` block."""
 
     def __init__(self, server: BoardServer) -> None:
         self._server = server
