@@ -1,1 +1,1 @@
-"""An emulated NDI Polaris: speaks the ASCII protocol, sees the markers of a scene."""
+"""An emulated NDI Polaris: speaks the ASCII protocol and measures the markers of a scene."""

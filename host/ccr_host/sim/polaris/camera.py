@@ -1,4 +1,4 @@
-"""Puts an emulated camera together."""
+"""Builds an emulated camera from a robot description."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def faults_of(described: schema.PolarisFaults, start_us: int | None) -> PolarisF
 
     Args:
         described: the `polaris_faults` section.
-        start_us: when its times count from; None leaves out what is timed.
+        start_us: zero of its times; None leaves out the timed faults.
     """
     lasting = PolarisFaults(
         shuffle=described.shuffle,
@@ -49,7 +49,7 @@ def _at(start_us: int, time_s: float) -> int:
 
 
 def change_faults(line: PolarisLine, faults: PolarisFaults, tracker: Tracker) -> None:
-    """From now on these go wrong, besides `tracker.dropout`."""
+    """Replace the active faults; `tracker.dropout` still applies."""
     line.device.sensor.faults = _with_dropout(faults, tracker)
 
 
@@ -62,14 +62,14 @@ def make_polaris(
 ) -> PolarisLine:
     """An emulated Vicra with the noise, latency and misalignment of a robot description.
 
-    Its rate is the Vicra's 20 Hz, whatever `tracker.rate_hz` says. `tracker.dropout` is the share
-    of exposures that it skips, besides those of `faults.frozen`.
+    Its rate is the Vicra's 20 Hz; `tracker.rate_hz` is ignored. It skips exposures with the
+    probability `tracker.dropout`, in addition to `faults.frozen`.
 
     Args:
         tracker: the `tracker` section of the robot description.
-        seed: of noise and faults.
-        faults: what else goes wrong.
-        paced: False where the bytes travel over TCP.
+        seed: seed of noise and faults.
+        faults: further faults.
+        paced: False if the bytes travel over TCP.
     """
     optics_seed, line_seed = seed.spawn(2)
     sensor = PositionSensor(

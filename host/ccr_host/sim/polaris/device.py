@@ -1,4 +1,4 @@
-"""The camera's control unit: commands in, replies out, without bytes on a wire."""
+"""The camera's control unit: commands in, replies out, without a serial line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ccr_host.sim.polaris.sensor import (
 
 
 class ErrorCode(IntEnum):
-    """Of `ERRORnn`."""
+    """Error codes of `ERRORnn` replies."""
 
     INVALID_COMMAND = 0x01
     TOO_SHORT = 0x03
@@ -53,7 +53,7 @@ class Refusal(Exception):  # noqa: N818 - an answer, not a failure of the emulat
 MEMORY_BYTES = 1024
 BLOCK_BYTES = 64
 _LAST_HANDLE = 0x0F
-"""A Vicra holds few tools; more handles are a leak of the host."""
+"""A Vicra supports few tools; more handles mean that the host leaks them."""
 _MAGIC = b"NDI"
 _PART_NUMBER = slice(592, 612)
 
@@ -62,7 +62,7 @@ OCCUPIED, INITIALISED, ENABLED = 0x01, 0x10, 0x20
 
 @dataclass
 class PortHandle:
-    """One handle and the virtual memory behind it."""
+    """A port handle and its virtual SROM."""
 
     number: int
     memory: bytearray = field(default_factory=lambda: bytearray(MEMORY_BYTES))
@@ -77,18 +77,18 @@ class PortHandle:
 
     @property
     def part_number(self) -> str:
-        """Of the tool definition."""
+        """Part number in the tool definition."""
         return self.memory[_PART_NUMBER].split(b"\0")[0].decode("ascii", "replace")
 
     def write(self, address: int, block: bytes) -> None:
-        """Store a block of the definition."""
+        """Store a block of the tool definition."""
         if address % BLOCK_BYTES or address + BLOCK_BYTES > MEMORY_BYTES:
             raise Refusal(ErrorCode.OUT_OF_RANGE)
         self.memory[address : address + BLOCK_BYTES] = block
         self.written = True
 
     def initialise(self) -> None:
-        """Accept the definition."""
+        """Check and accept the tool definition."""
         if not self.written:
             raise Refusal(ErrorCode.NO_TOOL)
         summed = sum(self.memory[6:]) & 0xFFFF
@@ -98,7 +98,7 @@ class PortHandle:
         self.initialised = True
 
     def enable(self) -> None:
-        """Let the tool be tracked."""
+        """Enable tracking of the tool."""
         if not self.initialised:
             raise Refusal(ErrorCode.NOT_INITIALISED)
         self.enabled = True
@@ -111,7 +111,7 @@ class PortHandles:
         self._handles: dict[int, PortHandle] = {}
 
     def request(self) -> PortHandle:
-        """A new handle for a passive tool."""
+        """Allocate a handle for a passive tool."""
         for number in range(0x01, _LAST_HANDLE + 1):
             if number not in self._handles:
                 self._handles[number] = handle = PortHandle(number)
@@ -124,21 +124,21 @@ class PortHandles:
         return self._handles[number]
 
     def free(self, number: int) -> None:
-        """Forget a handle and its tool."""
+        """Free a handle and its tool."""
         self[number]
         del self._handles[number]
 
     def all(self) -> list[PortHandle]:
-        """In the order of their numbers."""
+        """All handles in the order of their numbers."""
         return [self._handles[number] for number in sorted(self._handles)]
 
     def enabled(self) -> list[PortHandle]:
-        """Those that TX reports."""
+        """The enabled handles, which TX reports."""
         return [handle for handle in self.all() if handle.enabled]
 
 
 RESET_BAUD = 9600
-ODD_FRAMES_OFFSET = 0xFFFF0000
+WRONG_FRAMES_OFFSET = 0xFFFF0000
 _BAUDS = {
     "0": 9600,
     "1": 14_400,
@@ -159,11 +159,11 @@ _STATUS_DIAGNOSTIC = 0x0100
 _STATUS_TEMPERATURE = 0x0200
 
 MARKER_PARTS = {"CCR-M1": 0, "CCR-M2": 1, "CCR-M3": 2}
-"""Part numbers of tools that stand on a marker of the robot; any other tool is not in sight."""
+"""Part numbers of the tools at the robot's markers; any other tool is out of sight."""
 
 
 class Mode(Enum):
-    """Which commands are allowed."""
+    """Operating mode, which determines the allowed commands."""
 
     OFF = "not initialised"
     SETUP = "setup"
@@ -172,7 +172,7 @@ class Mode(Enum):
 
 @dataclass(frozen=True)
 class Answer:
-    """What the device says, and what happens to the line afterwards."""
+    """Reply of the device, and changes of the line after it."""
 
     text: str
     new_baud: int | None = None
@@ -182,10 +182,10 @@ class Answer:
 class PolarisDevice:
     """A Vicra.
 
-    INIT while tracking is refused: the API guide is silent, and so the host has to cope.
+    INIT is refused while tracking: the API guide does not specify it, so the host must cope.
 
     Args:
-        sensor: its optics.
+        sensor: the optics.
     """
 
     def __init__(self, sensor: PositionSensor) -> None:
@@ -208,7 +208,7 @@ class PolarisDevice:
         }
 
     def reset(self) -> None:
-        """As after power-up."""
+        """Return to the power-up state: no tools, not initialised, illuminators off."""
         self.mode = Mode.OFF
         self.handles = PortHandles()
         self._image: Image | None = None
@@ -217,7 +217,7 @@ class PolarisDevice:
         self.sensor.illuminated = False
 
     def execute(self, line: bytes, time_us: int) -> Answer:
-        """Carry out a command given without its carriage return."""
+        """Execute a command, given without its carriage return."""
         self._time_us = time_us
         try:
             name, arguments = _parse(line)
@@ -313,8 +313,8 @@ class PolarisDevice:
 
     def _tool(self, handle: PortHandle, image: Image | None) -> ToolLine:
         frame = image.count - self._count_offset if image else 0
-        if is_within(self._time_us, self.sensor.faults.odd_frames_us):
-            frame += ODD_FRAMES_OFFSET
+        if is_within(self._time_us, self.sensor.faults.wrong_frames_us):
+            frame += WRONG_FRAMES_OFFSET
         marker = MARKER_PARTS.get(handle.part_number)
         if image is None or marker is None or not image.visible[marker]:
             return ToolLine(handle.number, handle.status, frame)
@@ -342,7 +342,7 @@ class PolarisDevice:
 
 
 def _parse(line: bytes) -> tuple[str, str]:
-    """Name and arguments, after the CRC where there must be one."""
+    """Name and arguments of a command; the CRC is checked if the format has one."""
     if match := _WITH_CRC.fullmatch(line):
         if crc16_arc(line[:-4]) != int(match[3], 16):
             raise Refusal(ErrorCode.BAD_CRC)
@@ -367,7 +367,7 @@ def _hex(text: str, digits: int) -> int:
 
 
 def _is_wanted(handle: PortHandle, mode: int) -> bool:
-    """Selection of PHSR: all, to be freed, to be initialised, to be enabled, enabled."""
+    """Whether PHSR selects a handle: all, to be freed, initialised or enabled, or enabled."""
     match mode:
         case 0x00:
             return True

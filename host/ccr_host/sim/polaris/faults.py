@@ -1,4 +1,4 @@
-"""What can go wrong with a Polaris, each to be switched on by itself."""
+"""Faults of a Polaris, each of which can be injected separately."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Span = tuple[int, int]
 
 
 class BitOrder(Enum):
-    """Which end of the out-of-volume bits belongs to the first stray; open parsers disagree."""
+    """Which end of the out-of-volume bits is the first stray; open-source parsers differ."""
 
     FIRST_IS_HIGHEST = "first is highest"
     FIRST_IS_LOWEST = "first is lowest"
@@ -17,40 +17,43 @@ class BitOrder(Enum):
 
 @dataclass(frozen=True)
 class PolarisFaults:
-    """By default none. Probabilities are per exposure or reply; spans are of the run's clock."""
+    """Injected faults, by default none.
+
+    Probabilities are per exposure or reply; intervals and times are in the run's clock.
+    """
 
     shuffle: bool = False
-    """Strays come in random order."""
+    """Report strays in random order."""
     phantoms: int = 0
-    """So many points a frame that are no marker."""
+    """Number of false points per frame."""
     occlusion: float = 0.0
     """Probability that a marker is hidden in an exposure."""
     occluded_us: tuple[Span, ...] = ()
-    """All markers are hidden."""
+    """Intervals in which all markers are hidden."""
     frozen: float = 0.0
-    """Probability that an exposure is skipped: its frame is repeated instead."""
+    """Probability that an exposure is skipped and the previous frame repeated."""
     out_of_volume: bool = False
-    """The scene is moved beyond the far end of the volume."""
+    """Move the scene beyond the far end of the measurement volume."""
     out_of_volume_us: tuple[Span, ...] = ()
-    """The same for a while."""
+    """Intervals in which the scene is beyond the far end of the measurement volume."""
     bad_crc: float = 0.0
-    """Probability that a byte of a reply is changed on its way."""
+    """Probability that a byte of a reply is changed in transit."""
     silent_us: tuple[Span, ...] = ()
-    """Commands are not heard."""
+    """Intervals in which commands are ignored."""
     unplugged_us: tuple[Span, ...] = ()
-    """The host's port is gone."""
+    """Intervals in which the host's port is gone."""
     resets_us: tuple[int, ...] = ()
-    """The power fails for a moment."""
+    """Times at which the power fails for a moment."""
     too_hot: bool = False
-    """Status bit for a temperature outside the operating range."""
+    """Set the status bit for a temperature outside the operating range."""
     diagnostic_pending: bool = False
-    """Status bit for a bump or another finding of the self-test."""
+    """Set the status bit for a bump or another diagnostic."""
     comm_refused: bool = False
-    """COMM is answered with ERROR06: the rate stays."""
-    odd_frames_us: tuple[Span, ...] = ()
-    """Frame numbers in replies are far too high."""
+    """Answer COMM with ERROR06 and keep the bit rate."""
+    wrong_frames_us: tuple[Span, ...] = ()
+    """Intervals in which the frame numbers in replies are far too high."""
     pinit_warning: bool = False
-    """PINIT answers WARNING05 instead of OKAY."""
+    """Answer PINIT with WARNING05 instead of OKAY."""
     bit_order: BitOrder = BitOrder.FIRST_IS_HIGHEST
 
 
@@ -58,5 +61,5 @@ NO_FAULTS = PolarisFaults()
 
 
 def is_within(time_us: int, spans: tuple[Span, ...]) -> bool:
-    """Whether a time lies in one of the spans."""
+    """Whether a time lies in one of the intervals [start, end)."""
     return any(start <= time_us < end for start, end in spans)

@@ -1,7 +1,6 @@
-"""The wire between host and emulated camera, with the time that bytes take on it.
+"""The serial line between host and emulated camera, with its transmission time.
 
-The host's end is the driver's port; in process it runs in virtual time, behind a server in real
-time.
+The host end is the driver's port. It runs in virtual time in process, in real time in a server.
 """
 
 from __future__ import annotations
@@ -19,9 +18,9 @@ from ccr_host.sim.polaris.device import RESET_BAUD, Answer, PolarisDevice
 from ccr_host.sim.polaris.faults import is_within
 
 PROCESSING_US = 1000
-"""From the last byte of a command to the first of its reply; our assumption."""
+"""Time from the last byte of a command to the first of its reply (assumed)."""
 RESET_US = 1_500_000
-"""From a reset to its message; our assumption, a real one may take twice as long."""
+"""Time from a reset to its message (assumed; a real camera may take twice as long)."""
 
 _CR = b"\r"
 _LONGEST_COMMAND_BYTES = 1024
@@ -37,12 +36,12 @@ class _Sending:
 
 
 class PolarisLine:
-    """Serial line to a camera; with `paced=False` a line on which bytes take no time, as on TCP.
+    """Serial line to a camera; with `paced=False` transmission takes no time, as on TCP.
 
     Args:
-        device: at the other end.
-        rng: of garbled bytes.
-        paced: bytes take their time at the baud rate, which host and camera must share.
+        device: the camera at the other end.
+        rng: random numbers for garbled bytes.
+        paced: whether bytes are paced by the bit rate, which host and camera must agree on.
     """
 
     name = "ndi-emulator:"
@@ -67,7 +66,7 @@ class PolarisLine:
 
     @property
     def next_event_us(self) -> int:
-        """When something happens next if the host stays silent."""
+        """Time of the next event if the host sends nothing."""
         events = [
             self.device.sensor.next_exposure_us,
             self._reset_us,
@@ -81,7 +80,7 @@ class PolarisLine:
         return min(events)
 
     def advance_to(self, time_us: int) -> None:
-        """Bring wire and device to `time_us`."""
+        """Advance line and device to `time_us`."""
         while (event_us := self._next_input_us()) <= time_us:
             self._now_us = max(self._now_us, event_us)
             if self._next_power_failure_us() <= event_us:
@@ -95,7 +94,7 @@ class PolarisLine:
         self._now_us = time_us
 
     def write(self, data: bytes) -> None:
-        """Put bytes on the wire now; garbled where the rates differ."""
+        """Start to transmit bytes now; they are garbled if the bit rates differ."""
         self._require_plug()
         baud = self._host_baud or self.device_baud
         start_us = max(self._now_us, self._host_free_us)
@@ -105,7 +104,7 @@ class PolarisLine:
         self._to_device.append((self._host_free_us, data))
 
     def read(self) -> bytes:
-        """Bytes that have arrived from the device."""
+        """Return the bytes that have arrived from the device."""
         self._require_plug()
         taken = bytearray()
         while self._replies:
@@ -122,18 +121,18 @@ class PolarisLine:
         return bytes(taken)
 
     def set_baud(self, baud: int) -> None:
-        """Set the host's rate; until then it is taken to be the device's, as on a pty."""
+        """Set the host's bit rate; until then it equals the device's, as on a pty."""
         if self._paced:
             self._host_baud = baud
 
     def set_break(self, on: bool) -> None:
-        """A break resets the device when it ends."""
+        """Set or clear the break condition; the device resets when a break ends."""
         if self._in_break and not on:
             self._begin_reset(self._now_us)
         self._in_break = on
 
     def open(self) -> Self:
-        """The host's end, as a driver opens it.
+        """Return the host end, as a driver opens it.
 
         Raises:
             TrackerError: the port is gone.
@@ -142,10 +141,10 @@ class PolarisLine:
         return self
 
     def open_port(self, _boot_loader_us: int = 0) -> None:
-        """Nothing happens to a camera when its port is opened."""
+        """Do nothing: opening its port does not affect a camera."""
 
     def close(self) -> None:
-        """Let the camera alone; the next host opens the same line."""
+        """Forget the host's bit rate; the camera keeps running for the next host."""
         self._host_baud = None
 
     def _next_input_us(self) -> int:
@@ -171,8 +170,8 @@ class PolarisLine:
             self._command.clear()
 
     def _carry_out(self, line: bytes, time_us: int) -> None:
-        is_deaf = self._reset_us != _NEVER_US
-        if is_deaf or is_within(time_us, self.device.sensor.faults.silent_us):
+        is_resetting = self._reset_us != _NEVER_US
+        if is_resetting or is_within(time_us, self.device.sensor.faults.silent_us):
             return
         answer = self.device.execute(line, time_us + PROCESSING_US)
         if answer.reset:
@@ -188,7 +187,7 @@ class PolarisLine:
         self._reset_us = time_us + RESET_US
 
     def _change_baud(self, answer: Answer) -> None:
-        """The answer to COMM still goes out at the old rate."""
+        """Apply a new bit rate; the answer to COMM is still sent at the old one."""
         if answer.new_baud is not None:
             self.device_baud = answer.new_baud
 
@@ -213,5 +212,5 @@ class PolarisLine:
         return self._host_baud is not None and self._host_baud != baud
 
     def _garbage(self, count: int) -> bytes:
-        """What a UART makes of another rate; a carriage return is not among it."""
+        """Bytes as received at a wrong bit rate; never a carriage return."""
         return bytes(self._rng.integers(0x80, 0x100, count, dtype=np.uint8))

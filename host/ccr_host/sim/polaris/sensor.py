@@ -1,6 +1,6 @@
-"""The optics: exposes the scene, delivers what can be seen of it after a latency.
+"""The optics: exposes the scene and delivers the image after a latency.
 
-Has the face of the twin's camera, so a twin's scene exposes it at exact times.
+Has the interface of the twin's camera, so that a twin's scene exposes it at exact times.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ Array = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
 
 IN_FRONT_MM: Vector3 = (0.0, 50.0, -900.0)
-"""Puts a robot of 100 mm that hangs along -y into the middle of a Vicra's volume."""
+"""Places a robot of 100 mm that hangs along -y in the middle of a Vicra's volume."""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """A camera turned by R against the robot's frame measures R^T p + t, as the twin's does."""
+    """Pose of a camera: with rotation R relative to the robot frame it measures R^T p + t."""
 
     rotation_deg: Vector3 = (0.0, 0.0, 0.0)
     """Rotation vector of R."""
     base_mm: Vector3 = IN_FRONT_MM
-    """t: the robot's origin in the camera's frame."""
+    """t: origin of the robot frame in the camera frame."""
 
     @cached_property
     def turn(self) -> Rotation:
@@ -40,56 +40,56 @@ class Placement:
         return Rotation.from_rotvec(self.rotation_deg, degrees=True).inv()
 
     def quaternion(self) -> Array:
-        """(4,): w, x, y, z of R^T."""
+        """Quaternion (w, x, y, z) of R^T, (4,)."""
         quaternion: Array = self.turn.as_quat(canonical=True, scalar_first=True)
         return quaternion
 
     def to_camera(self, points_mm: Array) -> Array:
-        """Points of the robot's frame, (n, 3), in the camera's."""
+        """Transform points, mm, (n, 3), from the robot frame to the camera frame."""
         placed: Array = self.turn.apply(points_mm) + np.array(self.base_mm)
         return placed
 
 
 MarkerSource = Callable[[int], Array]
-"""True marker positions, (n, 3), in the robot's frame at a time in us."""
+"""Maps a time, us, to true marker positions in the robot frame, mm, (n, 3)."""
 
 COUNTER_HZ = 60
 COUNTS_PER_EXPOSURE = 3
-"""A Vicra delivers 20 frames a second and counts 60."""
+"""A Vicra delivers 20 frames per second; its frame counter runs at 60 Hz."""
 
 _BEYOND_FAR_END_MM = (0.0, 0.0, -700.0)
 _PHANTOM_SPREAD_MM = 150.0
 _DETECTION_DEPTH_MM = 3000.0
-"""Nothing is seen further away than this, in the volume or not."""
+"""Nothing is detected further away than this, in the volume or not."""
 
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """What one exposure shows."""
+    """Result of one exposure."""
 
     count: int
     """60 Hz counter since power-up."""
     markers_mm: Array
-    """(n, 3) measured in the camera's frame; row i is marker i."""
+    """Measured positions in the camera frame, (n, 3); row i is marker i."""
     visible: NDArray[np.bool_]
-    """(n,)."""
+    """Whether each marker is visible, (n,)."""
     phantoms_mm: Array
-    """(m, 3)."""
+    """False points in the camera frame, (m, 3)."""
     ranks: Array
-    """(n + m,): strays are sent in the order of these."""
+    """Sort keys that define the order in which strays are reported, (n + m,)."""
     quaternion: Array
-    """(4,) of the robot's frame, for tools."""
+    """Orientation of the robot frame, for tools, (4,)."""
 
 
 class PositionSensor:
-    """Exposes at 20 Hz whatever the device does; dark images show nothing.
+    """Exposes at 20 Hz whatever the device does; nothing is visible without illumination.
 
     Args:
-        placement: of the camera.
+        rng: random numbers for noise and faults.
+        placement: pose of the camera.
         noise_mm: RMS length of the error of a vector between two markers.
-        latency_us: from an exposure to its image being available.
-        rng: of noise and faults.
-        faults: of the optics.
+        latency_us: time from an exposure until its image is available.
+        faults: injected faults of the optics.
     """
 
     def __init__(
@@ -114,11 +114,11 @@ class PositionSensor:
 
     @property
     def next_exposure_us(self) -> int:
-        """When to call `expose` next; the first exposure is at 0."""
+        """Time of the next call of `expose`; the first exposure is at 0."""
         return round(self._exposures * COUNTS_PER_EXPOSURE * 1e6 / COUNTER_HZ)
 
     def expose(self, time_us: int, markers_mm: Array) -> None:
-        """Take a picture of the markers, (n, 3), one a row, in the robot's frame."""
+        """Expose the markers, (n, 3), one per row, in the robot frame."""
         count = self._exposures * COUNTS_PER_EXPOSURE
         self._exposures += 1
         image = self._picture(count, time_us, markers_mm)
@@ -126,7 +126,7 @@ class PositionSensor:
             self._in_flight.append((time_us + self._latency_us, image))
 
     def newest(self, time_us: int) -> Image | None:
-        """Latest image available by a time; times must not go backwards."""
+        """Latest image available at `time_us`, which must not decrease between calls."""
         while self._in_flight and self._in_flight[0][0] <= time_us:
             self._newest = self._in_flight.popleft()[1]
         return self._newest
@@ -157,20 +157,20 @@ class PositionSensor:
 
 
 class Exposer:
-    """Drives a sensor by any function of time; part of the world."""
+    """Exposes a sensor to markers given as a function of time."""
 
     def __init__(self, sensor: PositionSensor, source: MarkerSource) -> None:
         self._sensor = sensor
         self._source = source
 
     def advance_to(self, time_us: int) -> None:
-        """Take the pictures due by now."""
+        """Make the exposures due by `time_us`."""
         while (exposure_us := self._sensor.next_exposure_us) <= time_us:
             self._sensor.expose(exposure_us, self._source(exposure_us))
 
 
 def is_in_volume(points_mm: Array) -> NDArray[np.bool_]:
-    """Which points, (n, 3), a Vicra measures accurately."""
+    """Whether each of the points, (n, 3), is in a Vicra's measurement volume, (n,)."""
     return VICRA.contains(points_mm)
 
 
@@ -185,7 +185,7 @@ _PORT_OUT_OF_VOLUME = 0x40
 
 @dataclass(frozen=True, eq=False)
 class ToolLine:
-    """A tool in a frame; without position it is missing."""
+    """A tool in a frame; it is missing if it has no position."""
 
     handle: int
     status: int
@@ -197,7 +197,7 @@ class ToolLine:
 
 @dataclass(frozen=True, eq=False)
 class StrayList:
-    """Single markers of a frame: (n, 3) and (n,)."""
+    """Stray markers of a frame, (n, 3), and whether each is in the volume, (n,)."""
 
     positions_mm: Array
     in_volume: NDArray[np.bool_]
@@ -210,7 +210,7 @@ def format_tx(
     system_status: int,
     bit_order: BitOrder,
 ) -> str:
-    """Payload of the reply for a reply mode."""
+    """Payload of the TX reply for a reply mode."""
     parts = [f"{len(tools):02X}"]
     parts += [_tool(tool, mode) for tool in tools]
     if mode & PASSIVE_STRAYS:

@@ -1,7 +1,7 @@
 """Rest poses of the twin.
 
-Rest is a root of MuJoCo's generalised forces at zero velocity, dry friction left out: with friction
-the rest pose depends on where the robot came from.
+A rest pose is a root of MuJoCo's generalised forces at zero velocity, without dry friction: with
+friction it would depend on the previous motion.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ _MM_PER_M = 1e3
 _KG_PER_G = 1e-3
 _PROBE_RAD = 1e-6
 _REST_NM = 1e-8
-"""Some 1e-5 of the moment that bends a segment by a degree: moves the tip by less than 0.1 um."""
+"""About 1e-5 of the moment that bends a segment by 1 deg: moves the tip by less than 0.1 um."""
 LONGEST_LEG_RAD = math.radians(5.0)
-"""Newton's method finds the next rest pose safely over so much of motor angle."""
+"""Largest change of motor angle over which Newton's method finds the next rest pose safely."""
 _NEWTON_LIMIT = 60
 _LONGEST_STEP_RAD = 0.2
 _SHORTEST_SHARE = 1e-3
 _KEPT_WHILE_SHRINKING_BY = 0.3
-"""A compliance is used again while each of its steps leaves less of the forces than this share."""
+"""A compliance is reused while each step with it reduces the forces to less than this fraction."""
 
 
 class Equilibrium:
-    """Rest poses of one twin, each found from the one before.
+    """Rest poses of one twin, each found from the previous one.
 
     Args:
-        twin: the ``twin`` section of the robot description; a payload counts if it hangs there from
-            power-up, a push never does.
+        twin: the ``twin`` section of the robot description; a payload counts if it is present from
+            power-up, a push is ignored.
     """
 
     def __init__(self, twin: Twin) -> None:
@@ -53,9 +53,9 @@ class Equilibrium:
             mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
         self._compliance: Array | None = None
         self.joints_rad = np.zeros(self._model.nv)
-        """Bending of each flexure, where the next search starts."""
+        """Bending of each flexure, at which the next search starts."""
         self.motor_rad = (0.0, 0.0)
-        """Motor angles that belong to it."""
+        """Motor angles of this pose."""
 
     def tip_mm(self, motor_1_rad: float, motor_2_rad: float) -> Array:
         """Rest position of the tip, (3,).
@@ -84,9 +84,9 @@ class Equilibrium:
         return forces
 
     def _rest(self, joints_rad: Array) -> Array:
-        """Newton's method with a compliance kept as long as it serves.
+        """Newton's method; a compliance is reused while it reduces the forces fast enough.
 
-        With a compliance of this pose the step is shortened until the forces shrink.
+        With the compliance of the current pose, the step is shortened until the forces decrease.
         """
         forces = self._forces_nm(joints_rad)
         size = abs(forces).max()

@@ -1,8 +1,8 @@
-"""The least error that motor angles can reach on the twin's static map.
+"""The smallest tracking error possible on the twin's static map.
 
-Each cell of the map is taken as two flat triangles; the distance of a target to them is exact, so
-the floor does not depend on grid points falling near the path. The servo's rate limits how many
-cells a motor may cross in a period, rounded up: the floor with rate is a lower bound.
+Each cell of the map is split into two flat triangles; the distance of a target from them is exact,
+so the floor does not depend on grid points close to the path. The servo rate limits how many cells
+a motor can cross in a period, rounded up: the floor within the rate is a lower bound.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from ccr_host.sim.robot.static_map import StaticMap
 Array = NDArray[np.float64]
 
 _BLOCK = 32
-"""Successive targets looked up at a time: they are near each other, so few cells matter."""
+"""Successive targets processed at a time; they are close together, so few cells matter."""
 _NEAR_MM = 5.0
-"""Cells that may lie so much farther than the nearest one get their exact distance; a lower bound
-serves for the rest, which only a forced detour visits."""
+"""The distance is exact for cells up to this much farther than the nearest one; a lower bound is
+used for the rest, which only a forced detour visits."""
 
 
 @dataclass(frozen=True)
@@ -29,19 +29,19 @@ class Floor:
     """Mean distance to the targets, mm."""
 
     per_step_mm: float
-    """Every sample by itself."""
+    """Floor with each sample taken independently."""
     within_rate_mm: float
-    """Over the best motor path that the servos can follow."""
+    """Floor over the best motor path that the servos can follow."""
 
 
 def floor_of(static_map: StaticMap, target_mm: Array, period_s: float, rate_rad_s: Array) -> Floor:
     """The floor of a path on a twin.
 
     Args:
-        static_map: of the twin.
+        static_map: static map of the twin.
         target_mm: desired tip positions, (N, 3).
-        period_s: from one to the next.
-        rate_rad_s: greatest rate of the motors, (2,).
+        period_s: time between targets.
+        rate_rad_s: maximum rate of the motors, (2,).
     """
     cells = _Cells(static_map.tip_mm)
     reach = np.array(
@@ -73,7 +73,7 @@ def _least_within(cost: Array, reach: NDArray[np.int_]) -> Array:
 
 
 def _running_least(cost: Array, width: int, axis: int) -> Array:
-    """Least of each ``width`` neighbours, by doubling the span."""
+    """Running minimum over ``width`` neighbours, by doubling the span."""
     along = np.moveaxis(cost, axis, 0)
     span = 1
     while 2 * span <= width:
@@ -100,11 +100,11 @@ class _Cells:
         corners = np.stack([corner, by_1, by_2, across], axis=-2).reshape(-1, 4, 3)
         self._centre = corners.mean(axis=1)
         self._radius = np.linalg.norm(corners - self._centre[:, None], axis=2).max(axis=1)
-        # By coordinates: nine times as fast as the norm of rows.
+        # Stored by coordinate: nine times as fast as the norm of rows.
         self._centre_by_axis = np.ascontiguousarray(self._centre.T)
 
     def nearest(self, points: Array) -> tuple[Array, NDArray[np.int_]]:
-        """Least distance of each of (N, 3) points, (N,), and the cell that has it, (N, 2)."""
+        """Distance of each of the points, (N, 3), from the nearest cell, (N,), and cell, (N, 2)."""
         least_mm, cell = np.empty(len(points)), np.empty(len(points), dtype=int)
         for start in range(0, len(points), _BLOCK):
             block = points[start : start + _BLOCK]
@@ -121,7 +121,7 @@ class _Cells:
         return least_mm, np.stack(np.unravel_index(cell, self.shape), axis=1)
 
     def _may_be_nearest(self, points: Array) -> NDArray[np.int_]:
-        """Cells among which the nearest of each of these points is."""
+        """Cells that can be the nearest one of any of these points."""
         middle = points.mean(axis=0)
         spread = np.linalg.norm(points - middle, axis=1).max()
         to_centre = self._to_centres_mm(middle)
@@ -129,7 +129,7 @@ class _Cells:
         return np.flatnonzero(to_centre - self._radius <= at_most)
 
     def distance_mm(self, point: Array) -> Array:
-        """Distance of each cell from a point, or a lower bound of it where it is far."""
+        """Distance of each cell from a point, or a lower bound for cells far away."""
         to_centre = self._to_centres_mm(point)
         bound = to_centre - self._radius
         near = np.flatnonzero(bound < to_centre.min() + _NEAR_MM)
@@ -148,7 +148,7 @@ class _Cells:
 
 
 def _to_triangles(triangles: Array, point: Array) -> Array:
-    """Distance of one point (3,), or of as many (N, 3), from triangles (N, 3 corners, 3)."""
+    """Distance of one point (3,), or one point each (N, 3), from triangles (N, 3 corners, 3)."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     edge_1, edge_2, offset = b - a, c - a, point - a
     g11, g12, g22 = _dot(edge_1, edge_1), _dot(edge_1, edge_2), _dot(edge_2, edge_2)

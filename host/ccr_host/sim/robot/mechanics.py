@@ -40,7 +40,7 @@ def linear_step_limit_s(
 
 
 def _tendon_jacobian(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """(tendons, joints): change of the tendons' lengths with the joint angles, m/rad."""
+    """Derivative of the tendon lengths by the joint angles, m/rad, (tendons, joints)."""
     jacobian = np.zeros((model.ntendon, model.nv))
     for row, (start, count) in enumerate(zip(model.ten_J_rowadr, model.ten_J_rownnz, strict=True)):
         columns = model.ten_J_colind[start : start + count]
@@ -52,10 +52,10 @@ _MM_PER_M = 1e3
 _KG_PER_G = 1e-3
 
 _STABLE_SHARE = 0.3
-"""Of the linear limit of the time step: with tendons going taut and slack, nearly undamped
-structures were seen to fail from about 0.5 on."""
+"""Fraction of the linear limit of the time step: with tendons going taut and slack, nearly undamped
+structures became unstable from about 0.5 on."""
 _SHORTEST_STEP_US = 5
-"""Below it 80 s of run would take minutes."""
+"""Below this, a run of 80 s would take minutes."""
 
 _SETTLED_RAD_S = 1e-7
 _SETTLE_LIMIT_S = 100.0
@@ -81,14 +81,14 @@ class Mechanics:
 
     def __init__(self, twin: Twin, payload_g: float) -> None:
         self._twin = twin
-        # MuJoCo would print and log the blow-up that `advance` reports.
+        # MuJoCo would print and log the instability that `advance` reports.
         mujoco.set_mju_user_warning(_ignore)
         self._model = mujoco.MjModel.from_xml_string(robot_mjcf(twin))
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
         slack_lengths_m = self._data.ten_length + np.divide(twin.slack_mm, _MM_PER_M)
         self._slack_lengths_m: list[float] = slack_lengths_m.tolist()
-        self._tendon_lengths_m = self._data.ctrl  # views: numpy's ways to a few numbers are long
+        self._tendon_lengths_m = self._data.ctrl  # kept as views: attribute access is slow
         self._angles_rad = self._data.qpos
         self._tip = self._model.body(TIP).id
         self._markers = [self._model.site(name).id for name in MARKERS]
@@ -101,7 +101,7 @@ class Mechanics:
         self._settle()
 
     def pull(self, pulley_1_rad: float, pulley_2_rad: float) -> None:
-        """Turn the pulleys: equation (2), each winds up one tendon and lets out its opposite."""
+        """Turn the pulleys (2): each winds up one tendon and pays out the opposite one."""
         radius_m = self._twin.pulley_radius_mm / _MM_PER_M
         lengths_m, slack_m = self._tendon_lengths_m, self._slack_lengths_m
         lengths_m[0] = slack_m[0] - radius_m * pulley_1_rad
@@ -110,13 +110,13 @@ class Mechanics:
         lengths_m[3] = slack_m[3] + radius_m * pulley_2_rad
 
     def set_payload(self, payload_g: float) -> None:
-        """Hang a point mass on the centre of the last disk."""
+        """Attach a point mass to the centre of the last disk."""
         self._model.body_mass[self._tip] = payload_g * _KG_PER_G
-        # On scratch data: mj_setConst leaves what it is given in the straight pose.
+        # On scratch data, as mj_setConst leaves its data in the straight pose.
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
 
     def push(self, force_n: tuple[float, float, float]) -> None:
-        """Push on the centre of the last disk, in the frame of (10), until told otherwise."""
+        """Set the force on the centre of the last disk, in the frame of (10)."""
         self._data.xfrc_applied[self._tip, :3] = force_n
 
     def advance(self, steps: int) -> None:
@@ -126,7 +126,7 @@ class Mechanics:
             CcrError: the simulation became unstable.
         """
         mujoco.mj_step(self._model, self._data, nstep=steps)
-        # A flexure bent by more than half a turn is as far from physics as a NaN.
+        # A flexure bent by more than half a turn is as unphysical as a NaN.
         for angle_rad in self._angles_rad.tolist():
             if not -math.pi < angle_rad < math.pi:
                 raise CcrError(
@@ -136,11 +136,11 @@ class Mechanics:
                 )
 
     def markers_mm(self) -> Array:
-        """(3, 3): positions of M1, M2 and M3, one a row."""
+        """Positions of M1, M2 and M3, one per row, (3, 3)."""
         return self._site_positions_mm(self._markers)
 
     def backbone_mm(self) -> Array:
-        """(1 + flexures, 3): centres of the disks from the base to the tip."""
+        """Centres of the disks from base to tip, (1 + flexures, 3)."""
         return self._site_positions_mm(self._disks)
 
     def _site_positions_mm(self, sites: list[int]) -> Array:
@@ -150,7 +150,7 @@ class Mechanics:
         return positions
 
     def _settle(self) -> None:
-        """Come to rest under a damping of its own, undisturbed by friction."""
+        """Simulate until rest, with extra damping and without friction."""
         model = self._model
         damping, friction = model.dof_damping.copy(), model.tendon_frictionloss.copy()
         model.dof_damping[:] = model.jnt_stiffness * _SETTLE_DAMPING_S
@@ -164,13 +164,13 @@ class Mechanics:
                 break
         else:
             raise UnfitTwinError(
-                f"the twin found no rest within {_SETTLE_LIMIT_S:g} s",
+                f"the twin did not come to rest within {_SETTLE_LIMIT_S:g} s",
                 "raise twin.bending_stiffness_nm_rad, lower the masses or shorten the segments",
             )
         model.dof_damping[:], model.tendon_frictionloss[:] = damping, friction
 
     def _choose_step_us(self) -> int:
-        """Take ``time_step_ms``, or what is stable where that is less."""
+        """``time_step_ms``, or the longest stable step if that is shorter, us."""
         wanted_us = max(1, round(self._twin.time_step_ms * 1000))
         limit_s = linear_step_limit_s(self._model, self._data, self._twin.tendon_stiffness_n_m)
         stable_us = int(_STABLE_SHARE * limit_s * 1e6)

@@ -1,8 +1,8 @@
-"""The twin's mechanics as an MJCF text (MuJoCo's model format).
+"""The twin's mechanics as MJCF (MuJoCo's model format).
 
 Rigid disks on hinge flexures, straight along -y at zero bending, gravity along -z. Segment 1 bends
 in the y-z plane and segment 2 in its local x-y plane, with the signs of equation (10): positive
-angles lift the tip and move it towards +x. MJCF counts in m, kg, s, N.
+angles lift the tip and move it towards +x. MJCF uses m, kg, s, N.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ _MM = 1e-3
 _MS = 1e-3
 _G = 1e-3
 _DISK_RIM_MM = 1.5
-"""From the centre of the cable hole to the edge of the disk; only enters the disk's inertia."""
+"""From the centre of the tendon hole to the edge of the disk; affects only the disk's inertia."""
 _DISK_THICKNESS_MM = 2.0
 _MARKER_RADIUS_MM = 5.75
-"""NDI's passive spheres are 11.5 mm across."""
+"""NDI's passive spheres have a diameter of 11.5 mm."""
 _ARMATURE_KG_M2 = 1e-8
-"""Inertia of the flexure material itself, about that of a 0.3 g piece 5 mm long."""
+"""Inertia of the flexure itself, about that of a 0.3 g piece 5 mm long."""
 _FRICTION_SOLREF = "0.001 1"
 _FRICTION_SOLIMP = "0.9999 0.9999 0.001"
-"""Nearly hard: MuJoCo's dry friction creeps; so the tip does by about 1 um/s (docs/twin.md)."""
+"""Nearly hard: MuJoCo's dry friction creeps, here by about 1 um/s at the tip (docs/twin.md)."""
 _BENDING_AXES = ("-1 0 0", "0 0 1")
 
 
 def robot_mjcf(twin: Twin) -> str:
-    """Describe the unloaded robot for MuJoCo.
+    """Model of the unloaded robot for MuJoCo.
 
     Sites ``M1`` to ``M3`` are the markers, ``disk0`` ... ``diskN`` the centres of the disks from
-    the base to the tip. The massless body ``tip`` at the last centre takes the push and the
-    payload. Actuator i pulls tendon i towards its control value, a length in m; MuJoCo gives the
-    tendons' lengths at zero bending, without slack.
+    base to tip. The massless body ``tip`` at the last centre carries the push and the payload.
+    Actuator i pulls tendon i towards its control value, a length in m; MuJoCo computes the tendon
+    lengths at zero bending, without slack.
     """
     root = ET.Element("mujoco", model="tendon-driven continuum robot")
     _add_options(root, twin)
@@ -59,7 +59,7 @@ def _add_options(root: ET.Element, twin: Twin) -> None:
         gravity=_numbers(0.0, 0.0, -twin.gravity_m_s2),
         integrator="implicitfast",
     )
-    # Nothing touches anything; bad numbers are reported (mechanics.py), not hidden by a reset.
+    # No contacts; instability is reported (mechanics.py), not hidden by an automatic reset.
     flags = {"contact": "disable", "autoreset": "disable"}
     if twin.friction == 0:
         flags["constraint"] = "disable"
@@ -90,12 +90,12 @@ def _add_segments(base: ET.Element, twin: Twin) -> None:
 
 def _add_tip(last_disk: ET.Element, y_mm: float) -> None:
     tip = ET.SubElement(last_disk, "body", name=TIP, pos=_millimetres(0.0, y_mm, 0.0))
-    # Without it MuJoCo places the centre of mass elsewhere.
+    # Without this, MuJoCo places the centre of mass elsewhere.
     ET.SubElement(tip, "inertial", pos="0 0 0", mass="0", diaginertia="0 0 0")
 
 
 def _add_flexure(body: ET.Element, twin: Twin, segment: int) -> None:
-    # Springs in series: n flexures of stiffness n k make a segment of stiffness k.
+    # Springs in series: n flexures of stiffness n k form a segment of stiffness k.
     stiffness = twin.flexures[segment] * twin.bending_stiffness_nm_rad[segment]
     ET.SubElement(
         body,

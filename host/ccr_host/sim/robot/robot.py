@@ -14,17 +14,16 @@ from ccr_host.sim.robot.mechanics import Mechanics
 
 
 class ServoModel:
-    """A servo that turns towards its goal at a constant rate and stops at the deadband's edge.
+    """A servo that turns towards its target at a constant rate and stops at the deadband's edge.
 
-    Without pulses it is passive: its gear train is taken to hold the shaft against the tendons.
-
-    It starts at 0 rad.
+    Without pulses it does not move: its gear train is assumed to hold the shaft against the
+    tendons. It starts at 0 rad.
 
     Args:
-        neutral_us: pulse at which it stands at 0 rad.
-        rad_per_us: how far it turns for each microsecond more.
+        neutral_us: pulse width for 0 rad.
+        rad_per_us: change of angle per microsecond of pulse width.
         rate_rad_s: no-load speed.
-        deadband_rad: the shaft rests while its goal is no further away than this.
+        deadband_rad: the shaft does not move while its target is no further away than this.
     """
 
     def __init__(
@@ -39,7 +38,7 @@ class ServoModel:
         self.moving = False
 
     def set_pulse_us(self, pulse_us: float) -> None:
-        """Take the width of the pulses that arrive from now on; 0 when none do."""
+        """Set the width of the pulses received from now on; 0 means no pulses."""
         if pulse_us > 0:
             self._goal_rad = (pulse_us - self._neutral_us) * self._rad_per_us
             self.moving = abs(self._goal_rad - self.angle_rad) > self._deadband_rad
@@ -47,7 +46,7 @@ class ServoModel:
             self.moving = False
 
     def advance(self, duration_s: float) -> None:
-        """Turn for a while; ``moving`` turns false on arrival."""
+        """Turn for ``duration_s``; ``moving`` becomes false on arrival."""
         if not self.moving:
             return
         error_rad = self._goal_rad - self.angle_rad
@@ -66,7 +65,7 @@ Array = NDArray[np.float64]
 class TwinRobot:
     """Servos, tendons and structure, stepped on an integer grid of microseconds.
 
-    It starts at time 0, at rest under gravity, with both servos at 0 deg and without pulses.
+    Starts at time 0, at rest under gravity, with both servos at 0 deg and no pulses.
 
     Args:
         twin: the ``twin`` section of the robot description.
@@ -93,12 +92,12 @@ class TwinRobot:
         self._events: deque[tuple[int, Callable[[], None]]] = deque()
 
     def set_pulses_half_us(self, pulses_half_us: tuple[int, int]) -> None:
-        """Take both pulse widths in half microseconds from now on; 0 means no pulse."""
+        """Set both pulse widths from now on, in 0.5 us; 0 means no pulses."""
         for servo, pulse_half_us in zip(self._servos, pulses_half_us, strict=True):
             servo.set_pulse_us(pulse_half_us / 2)
 
     def start_path_clock(self, time_us: int) -> None:
-        """Set the zero of ``payload_start_s`` and of the push's span; call it once."""
+        """Set the zero of ``payload_start_s`` and of the push's times; call it once."""
         twin, mechanics = self._twin, self._mechanics
         events: list[tuple[float, Callable[[], None]]] = []
         if twin.payload_start_s > 0:
@@ -127,25 +126,25 @@ class TwinRobot:
             self._steps_done += steps
 
     def markers_mm(self) -> Array:
-        """(3, 3): positions of M1, M2 and M3, one a row, in the frame of (10)."""
+        """Positions of M1, M2 and M3, one per row, (3, 3), in the frame of (10)."""
         return self._mechanics.markers_mm()
 
     def tip_mm(self) -> Array:
-        """(3,): M3 - M1, the f of (10)."""
+        """M3 - M1, (3,), the f of (10)."""
         markers_mm = self.markers_mm()
         tip: Array = markers_mm[2] - markers_mm[0]
         return tip
 
     def backbone_mm(self) -> Array:
-        """(1 + flexures, 3): centres of the disks from the base to the tip."""
+        """Centres of the disks from base to tip, (1 + flexures, 3)."""
         return self._mechanics.backbone_mm()
 
     def servo_angles_rad(self) -> Array:
-        """(2,): true shaft angles, the q of (1)."""
+        """True shaft angles, (2,), the q of (1)."""
         return np.array([servo.angle_rad for servo in self._servos])
 
     def _turn_servos(self, steps_left: int) -> int:
-        """Turn the servos by one step; return how many steps their angles now hold."""
+        """Turn the servos by one step; return the number of steps with these angles."""
         first, second = self._servos
         if not (first.moving or second.moving):
             until_event = self._events[0][0] - self._steps_done if self._events else steps_left

@@ -1,4 +1,4 @@
-"""The simulated robot under its simulated camera."""
+"""The simulated robot observed by its simulated camera."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ccr_host.sim.robot.robot import TwinRobot
 
 
 class CoSimulation:
-    """Wires the board's servo pins to the twin's servos.
+    """Connects the board's servo pins to the twin's servos.
 
-    A pulse width holds for a whole frame, so both sides only meet at the frames' starts.
+    A pulse width is constant during a frame, so both sides are coupled only at frame starts.
     """
 
     def __init__(self, line: SerialLine, scene: TwinScene) -> None:
@@ -23,11 +23,11 @@ class CoSimulation:
 
     @property
     def next_turn_us(self) -> int:
-        """When the host may hear something next; what else happens needs no turn of its own."""
+        """Time at which the host may next receive something; other events need no turn."""
         return self._line.next_event_us
 
     def advance_to(self, time_us: int) -> None:
-        """Bring wire, board, servos, structure and camera to ``time_us``."""
+        """Advance line, board, servos, structure and camera to ``time_us``."""
         board = self._line.board
         while (frame_us := board.next_frame_us) <= time_us:
             self._line.advance_to(frame_us)
@@ -38,38 +38,38 @@ class CoSimulation:
 
 
 class ExposedCamera(Protocol):
-    """A simulated camera, as the scene that it looks at knows it."""
+    """A simulated camera as seen by the scene."""
 
     @property
     def next_exposure_us(self) -> int:
-        """When to call ``expose`` next."""
+        """Time of the next call of ``expose``."""
 
     def expose(self, time_us: int, markers_mm: NDArray[np.float64]) -> None:
-        """Take a picture of the markers, (3, 3), one a row, in the robot's frame."""
+        """Expose the markers, (3, 3), one per row, in the robot frame."""
 
 
 class TwinScene:
-    """Moves the robot in time and lets the camera see it at each exposure."""
+    """Advances the robot and exposes the camera at the times of its exposures."""
 
     def __init__(self, robot: TwinRobot, camera: ExposedCamera) -> None:
         self._robot = robot
         self._camera = camera
 
     def set_pulses_half_us(self, pulses_half_us: tuple[int, int]) -> None:
-        """Servo pulses from now on, half microseconds; 0 means no pulse."""
+        """Set both pulse widths from now on, in 0.5 us; 0 means no pulses."""
         self._robot.set_pulses_half_us(pulses_half_us)
 
     def advance_to(self, time_us: int) -> None:
-        """Bring robot and camera to ``time_us``."""
+        """Advance robot and camera to ``time_us``."""
         while (exposure_us := self._camera.next_exposure_us) <= time_us:
             self._robot.advance_to(exposure_us)
             self._camera.expose(exposure_us, self._robot.markers_mm())
         self._robot.advance_to(time_us)
 
     def start_path_clock(self, time_us: int) -> None:
-        """Zero of the disturbances that the description times."""
+        """Set the zero of the times of the described disturbances."""
         self._robot.start_path_clock(time_us)
 
     def true_tip_mm(self) -> NDArray[np.float64]:
-        """f of (10) as it really is, (3,): M3 - M1 without noise and latency."""
+        """True f of (10), (3,): M3 - M1 without noise and latency."""
         return self._robot.tip_mm()

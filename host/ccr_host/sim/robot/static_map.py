@@ -1,4 +1,4 @@
-"""Where the twin rests for every pair of motor angles."""
+"""The twin's static map: rest position of the tip over the motor angles."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from ccr_host.sim.robot.equilibrium import LONGEST_LEG_RAD, Equilibrium
 Array = NDArray[np.float64]
 
 GRID_STEP_DEG = 1.0
-"""Floors on it lie 0.4 to 3 % above those of ever finer grids (docs/twin.md)."""
+"""Floors on this grid are 0.4 to 3 % above the limit of finer grids (docs/twin.md)."""
 
 _MAP_VERSION = 2
-"""Part of the cache's key; raise it when the map of the same twin changes."""
+"""Part of the cache key; increment it when the map of the same twin changes."""
 
 _MOST_MAPS_KEPT = 100
-"""Of 0.7 MB each."""
+"""0.7 MB each."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def compute_static_map(
     """Rest positions over a grid that covers the motor limits, (2,) each.
 
     Raises:
-        CcrError: some motor angles leave the twin without a rest pose.
+        CcrError: no rest pose was found for some motor angles.
     """
     axis_1, axis_2 = (
         np.radians(np.linspace(low, high, 1 + math.ceil((high - low) / step_deg)))
@@ -57,7 +57,7 @@ def compute_static_map(
     equilibrium = Equilibrium(twin)
     is_fine = axis_2[1] - axis_2[0] <= LONGEST_LEG_RAD
     tip_mm = np.empty((len(axis_1), len(axis_2), 3))
-    # There and back, so that each search starts next to its solution.
+    # Alternating directions, so that each search starts close to its solution.
     for row, motor_1_rad in enumerate(axis_1):
         columns = range(len(axis_2)) if row % 2 == 0 else range(len(axis_2) - 1, -1, -1)
         poses_rad: deque[Array] = deque(maxlen=3)
@@ -76,19 +76,19 @@ def load_static_map(
     cache: Path | None,
     step_deg: float = GRID_STEP_DEG,
 ) -> StaticMap:
-    """The static map from the cache folder, or computed and left there.
+    """The static map from the cache folder; computed and stored there if missing.
 
-    A cache that cannot be read or written is done without.
+    A cache that cannot be read or written is ignored.
 
     Args:
         twin: the ``twin`` section of the robot description.
-        lower_deg: of the motor angles, (2,).
-        upper_deg: of the motor angles, (2,).
-        cache: folder that keeps the maps; None computes without keeping.
-        step_deg: of the grid.
+        lower_deg: lower motor limits, (2,).
+        upper_deg: upper motor limits, (2,).
+        cache: folder for the maps; None disables the cache.
+        step_deg: step of the grid.
 
     Raises:
-        CcrError: some motor angles leave the twin without a rest pose.
+        CcrError: no rest pose was found for some motor angles.
     """
     if cache is None:
         return compute_static_map(twin, lower_deg, upper_deg, step_deg)
@@ -102,12 +102,12 @@ def load_static_map(
 
 
 def default_cache() -> Path:
-    """Folder for what can be computed again."""
+    """Folder for results that can be recomputed."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ccr-host"
 
 
 def _extrapolated(before_last: Array, last: Array, here: Array) -> Array:
-    """The parabola through three poses at equal distances, one on."""
+    """Quadratic extrapolation of three equally spaced poses by one step."""
     return 3 * (here - last) + before_last
 
 
@@ -134,7 +134,7 @@ _STATIC_KEYS = (
     "bending_stiffness_nm_rad", "disk_mass_g", "marker_mass_g", "payload_g", "payload_start_s",
     "slack_mm", "tendon_stiffness_n_m", "tendon_force_max_n", "gravity_m_s2",
 )  # fmt: skip
-"""What a rest pose depends on."""
+"""Keys that a rest pose depends on."""
 
 
 def _key(twin: Twin, lower_deg: Array, upper_deg: Array, step_deg: float) -> str:

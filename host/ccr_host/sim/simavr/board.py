@@ -25,12 +25,12 @@ from ccr_host.sim.simavr.mcu import (
 )
 
 _MISSING_CYCLES = TICK_US * CYCLES_PER_US * 3 // 2
-"""Half a frame after one was due, a pulse is taken to be missing."""
+"""A pulse counts as missing half a frame after it was due."""
 
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """Change of a servo pin; a pin that is not driven counts as low."""
+    """Edge at a servo pin; a pin that is not driven counts as low."""
 
     cycle: int
     pin: int
@@ -44,7 +44,7 @@ class Pulse:
     pin: int
     end_cycle: int
     width_cycles: int
-    """0: there was none for a frame and a half."""
+    """0: there was no pulse for 1.5 frames."""
 
     @property
     def half_us(self) -> int:
@@ -60,7 +60,7 @@ class PulseMeter:
         self._newest: list[Pulse | None] = [None] * SERVO_PINS
 
     def take(self, edge: Edge) -> Pulse | None:
-        """Next edge; the pulse that it ends."""
+        """Process the next edge; return the pulse that it ends, if any."""
         rise_cycle = self._rise_cycle[edge.pin]
         self._rise_cycle[edge.pin] = edge.cycle if edge.level else None
         if edge.level or rise_cycle is None:
@@ -70,7 +70,7 @@ class PulseMeter:
         return pulse
 
     def missing(self, cycle: int) -> list[Pulse]:
-        """What has been missing since the last pulse, found out at `cycle`; told once."""
+        """Pulses missing at `cycle`, one per pin, each reported once."""
         found = []
         for pin, pulse in enumerate(self._newest):
             if pulse and cycle - pulse.end_cycle > _MISSING_CYCLES:
@@ -80,7 +80,7 @@ class PulseMeter:
 
     @property
     def half_us(self) -> tuple[int, int]:
-        """Newest pulse of both pins, 0.5 us; 0 where there is none."""
+        """Newest pulse of both pins, in 0.5 us; 0 if there is none."""
         first, second = (pulse.half_us if pulse else 0 for pulse in self._newest)
         return first, second
 
@@ -89,12 +89,12 @@ EdgeObserver = Callable[[Edge], None]
 PulseObserver = Callable[[Pulse], None]
 
 _SRAM_AT_POWER_ON = 0xA5
-"""SRAM comes up with anything; not with zeros, which would hide what is never initialised."""
+"""Real SRAM powers up with arbitrary content; zeros would hide missing initialisation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """A byte from the board: cycles of the start bit's begin and of the stop bit's end."""
+    """A byte sent by the board: start of its start bit, end of its stop bit."""
 
     start_cycle: int
     end_cycle: int
@@ -102,18 +102,18 @@ class Departure:
 
 
 class SimavrBoard:
-    """The whole board, in lockstep with the caller's clock: 16 cycles a microsecond.
+    """The whole board, in lockstep with the caller's clock: 16 cycles per microsecond.
 
     Args:
         firmware: the program.
-        boot_loader: where resets lead, if there is one.
-        eeprom: its content at the start; what the firmware writes goes there.
-        reset_cause: of the first start.
-        start_us: when it starts for the first time, on the caller's clock.
-        profiling: also watch stack and interrupt mask; several times slower.
+        boot_loader: started by resets, if there is one.
+        eeprom: content at the start; receives what the firmware writes.
+        reset_cause: cause of the first start.
+        start_us: time of the first start on the caller's clock.
+        profiling: also monitor stack and interrupt mask; several times slower.
 
     Raises:
-        DeviceError: the simulator is not there.
+        DeviceError: the simulator is not available.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class SimavrBoard:
         self._start_us = start_us
         self._now_us = start_us
         self.line_is_busy = False
-        """Whether a byte is on the wire, either way."""
+        """Whether a byte is being transmitted in either direction."""
         self._meter = PulseMeter()
         self._output_is_high = {SERVO_SUPPLY_PIN: False, LED_PIN: False}
         self._edge_observers: list[EdgeObserver] = []
@@ -147,19 +147,19 @@ class SimavrBoard:
         self.reset(reset_cause)
 
     def close(self) -> None:
-        """Free the simulator; nothing else may be called any more."""
+        """Free the simulator; no other method may be called afterwards."""
         self._mcu.close()
 
     # Time
 
     @property
     def now_us(self) -> int:
-        """How far the board has been advanced."""
+        """Time to which the board has been advanced."""
         return self._now_us
 
     @property
     def cycle(self) -> int:
-        """The same in cycles since the first start."""
+        """Cycles since the first start, at `now_us`."""
         return (self._now_us - self._start_us) * CYCLES_PER_US
 
     def time_us(self, cycle: int) -> int:
@@ -170,7 +170,7 @@ class SimavrBoard:
         """Run up to and including `time_us`.
 
         Raises:
-            DeviceError: the program has left its memory.
+            DeviceError: the program crashed.
         """
         if time_us < self._now_us:
             return
@@ -180,12 +180,12 @@ class SimavrBoard:
         if news & News.EDGES:
             self._watch_pins()
         for pulse in self._meter.missing(self.cycle):
-            self._tell(pulse)
+            self._notify(pulse)
         if news & News.EEPROM_WRITES:
             self._keep_eeprom_writes()
 
     def reset(self, cause: ResetCause) -> None:
-        """Start again; only a power-up spoils the SRAM."""
+        """Reset; only a power-up overwrites the SRAM."""
         if cause is ResetCause.POWER_ON:
             self._mcu.fill_sram(_SRAM_AT_POWER_ON)
         self._mcu.reset(cause)
@@ -193,47 +193,47 @@ class SimavrBoard:
     # Wire
 
     def receive(self, data: bytes, baud: int | None = BAUD) -> None:
-        """Put bytes onto the wire now, after those that are on it.
+        """Start to transmit bytes to the board, after those being transmitted.
 
         Args:
             data: the bytes.
-            baud: of the sender; None for that which the firmware has set.
+            baud: bit rate of the sender; None for the rate that the firmware has set.
         """
         self._mcu.send(self.cycle, data, CLOCK_HZ // baud if baud else 0)
 
     def forget_unsent(self) -> None:
-        """Drop what waits for the wire to the board."""
+        """Drop bytes to the board whose transmission has not started."""
         self._mcu.forget_unsent()
 
     def take_output(self) -> bytes:
-        """Bytes that have left the board and were not taken yet."""
+        """Remove and return the bytes that the board has sent."""
         return self._mcu.take_departures()["value"].tobytes()
 
     def take_departures(self) -> list[Departure]:
-        """The same with their times."""
+        """Remove and return the bytes that the board has sent, with their times."""
         return [Departure(*map(int, departure)) for departure in self._mcu.take_departures()]
 
     # Pins
 
     def observe_edges(self, observer: EdgeObserver) -> None:
-        """Tell each edge of the servo pins, in order of time."""
+        """Call `observer` for each edge of the servo pins, in order of time."""
         self._edge_observers.append(observer)
 
     def observe_pulses(self, observer: PulseObserver) -> None:
-        """Tell each pulse when it has ended, and once that there are none any more."""
+        """Call `observer` for each pulse when it ends, and once when pulses stop."""
         self._pulse_observers.append(observer)
 
     @property
     def pulses_half_us(self) -> tuple[int, int]:
-        """Last pulses measured on the pins, 0.5 us; 0 is none."""
+        """Last pulses measured at the pins, in 0.5 us; 0 is no pulse."""
         return self._meter.half_us
 
     def open_emergency_stop(self, is_open: bool = True) -> None:
-        """Open or close the switch between its input and ground; closed at first."""
+        """Open or close the switch between the input and ground; initially closed."""
         self._mcu.open_switch(is_open)
 
     def set_supply_pin_mv(self, voltage_mv: int) -> None:
-        """Output of the servo supply's divider; 3000 at first."""
+        """Set the output of the servo supply's divider; initially 3000."""
         self._mcu.set_voltage_mv(voltage_mv)
 
     @property
@@ -255,20 +255,20 @@ class SimavrBoard:
             for observe_edge in self._edge_observers:
                 observe_edge(edge)
             if pulse := self._meter.take(edge):
-                self._tell(pulse)
+                self._notify(pulse)
 
-    def _tell(self, pulse: Pulse) -> None:
+    def _notify(self, pulse: Pulse) -> None:
         for observe_pulse in self._pulse_observers:
             observe_pulse(pulse)
 
     # Inside
 
     def statistics(self) -> Statistics:
-        """Cycles, sleep, interrupts; with profiling also stack and interrupt mask."""
+        """Counts of cycles, sleep and interrupts; with profiling also stack and interrupt mask."""
         return self._mcu.statistics()
 
     def forget_statistics(self) -> None:
-        """Count again."""
+        """Restart the statistics."""
         self._mcu.forget_statistics()
 
     def eeprom_content(self) -> bytes:
@@ -276,34 +276,34 @@ class SimavrBoard:
         return self._mcu.eeprom.tobytes()
 
     def load_eeprom(self) -> None:
-        """Take over what the EEPROM given at the start holds now."""
+        """Reload the EEPROM from the one given at the start."""
         self._mcu.eeprom[:] = np.frombuffer(self._eeprom.read(0, EEPROM_SIZE), np.uint8)
 
     def wear_out_eeprom(self, *addresses: int) -> None:
-        """From now on writes to these addresses do not take."""
+        """Make later writes to these addresses have no effect."""
         for address in addresses:
             self._mcu.wear_out_eeprom(address)
 
     def read_memory(self, address: int, count: int) -> bytes:
-        """Registers, I/O and SRAM by data address, without side effects."""
+        """Read registers, I/O and SRAM by data address, without side effects."""
         return self._mcu.memory[address : address + count].tobytes()
 
     def write_memory(self, address: int, data: bytes) -> None:
-        """Preset SRAM, for instance a clock shortly before it wraps."""
+        """Write to SRAM, for instance to set a clock to just before it wraps."""
         self._mcu.memory[address : address + len(data)] = np.frombuffer(data, np.uint8)
 
     def symbol(self, name: str) -> int:
         """Address of a variable or function of the firmware.
 
         Raises:
-            ConfigError: there is none, or the firmware is not an ELF file.
+            ConfigError: there is no such symbol, or the firmware is not an ELF file.
         """
         if name not in self._symbols:
             raise ConfigError(f"firmware: no symbol {name}", "see avr-nm firmware.elf")
         return self._symbols[name]
 
     def flash_content(self) -> bytes:
-        """All bytes of the flash, as a boot loader may have changed them."""
+        """All bytes of the flash, including changes by a boot loader."""
         return self._mcu.flash.tobytes()
 
     def _keep_eeprom_writes(self) -> None:

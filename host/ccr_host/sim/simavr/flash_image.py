@@ -1,4 +1,4 @@
-"""What is to be put into the flash: an ELF file or Intel HEX."""
+"""Flash images, from ELF or Intel HEX files."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ccr_host.core.user_file import read_bytes
 _BUILT = Path(".pio/build/uno/firmware.elf")
 _CHECKOUT = Path(__file__).parents[4]
 RELEASED_FIRMWARE = Path(__file__).parents[2] / "firmware" / "uno.hex"
-"""What scripts/release puts into the package; a checkout has none."""
+"""Put into the package by scripts/release; missing in a checkout."""
 
 
 def find_firmware(given: str = "") -> Path:
-    """The firmware's ELF or HEX file: the given one, what `pio run` has built, or the released one.
+    """The firmware's ELF or HEX file: the given one, else the build of `pio run`, else the release.
 
     Raises:
         ConfigError: there is none.
@@ -35,21 +35,21 @@ def find_firmware(given: str = "") -> Path:
 
 
 def cache_folder() -> Path:
-    """Of what is built on this machine on demand."""
+    """Folder for files that are built on this machine on demand."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "ccr-host"
 
 
 FLASH_BYTES: Final = 32 * 1024
 _MOST_BYTES = 16_000_000
-"""Of an ELF file with all its debugging information."""
+"""Enough for an ELF file with debugging information."""
 _ELF_MAGIC = b"\x7fELF\x01\x01"
 """32 bits, little-endian."""
 _EM_AVR = 83
 _PT_LOAD = 1
 _SHT_SYMTAB = 2
 _DATA_SPACE = 0x800000
-"""Where avr-gcc's linker puts the data address space."""
+"""Offset of the data address space in avr-gcc's linker."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ class FlashImage:
     """Bytes for the flash.
 
     Attributes:
-        segments: byte address and content.
-        symbols: byte addresses by name, of functions in flash, of variables in the data space;
-            only an ELF file has them.
+        segments: byte address and content of each segment.
+        symbols: byte addresses by name: functions in flash, variables in the data space; empty
+            unless read from an ELF file.
     """
 
     segments: tuple[tuple[int, bytes], ...]
@@ -72,10 +72,10 @@ class FlashImage:
 
 
 def read_flash_image(path: Path) -> FlashImage:
-    """Read an ELF or a HEX file, told apart by their content.
+    """Read an ELF or HEX file, recognised by its content.
 
     Raises:
-        ConfigError: it cannot be read, is not for an AVR, or is too long for an UNO.
+        ConfigError: the file cannot be read, is not for an AVR, or is too long for an UNO.
     """
     content = read_bytes(path, "firmware", "build it first: pio run", _MOST_BYTES)
     try:
@@ -100,7 +100,7 @@ class _Section(NamedTuple):
 
 def _read_elf(content: bytes) -> FlashImage:
     if content[:6] != _ELF_MAGIC or struct.unpack_from("<H", content, 18)[0] != _EM_AVR:
-        raise ValueError("another machine")
+        raise ValueError("built for another machine")
     program_offset, section_offset = struct.unpack_from("<II", content, 28)
     program_size, program_count, section_size, section_count = struct.unpack_from(
         "<4H", content, 42
@@ -113,7 +113,7 @@ def _read_elf(content: bytes) -> FlashImage:
         if kind == _PT_LOAD and size and address < _DATA_SPACE:
             segments.append((address, content[offset : offset + size]))
     if not segments:
-        raise ValueError("no program in it")
+        raise ValueError("contains no program")
     sections = [
         _section(content, section_offset + index * section_size) for index in range(section_count)
     ]
@@ -164,5 +164,5 @@ def _read_hex(content: bytes) -> FlashImage:
         elif kind == _HEX_END:
             break
     if not segments:
-        raise ValueError("no program in it")
+        raise ValueError("contains no program")
     return FlashImage(tuple(segments))

@@ -1,4 +1,4 @@
-"""The wire between host and simulated UNO; its host end is a transport."""
+"""The serial line between host and simulated UNO; its host end is a transport."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from ccr_host.sim.simavr.board import Pulse, SimavrBoard
 
 
 class SimavrCoSimulation:
-    """Wires the servo pins to the twin's servos.
+    """Connects the servo pins to the twin's servos.
 
-    A servo knows a pulse when it has ended. Nothing goes from the robot to the board, so the board
-    may run ahead by a slice of the clock and the pulses of that slice are then played to the robot.
+    A servo acts on a pulse when it has ended. The robot has no effect on the board, so the board
+    runs ahead by a slice of the clock, and the pulses of that slice are then applied to the robot.
     """
 
     def __init__(self, line: SimavrLine, scene: TwinScene) -> None:
@@ -24,7 +24,7 @@ class SimavrCoSimulation:
         line.board.observe_pulses(self._pulses.append)
 
     def advance_to(self, time_us: int) -> None:
-        """Bring wire, board, servos, structure and camera to ``time_us``."""
+        """Advance line, board, servos, structure and camera to ``time_us``."""
         self._line.advance_to(time_us)
         for pulse in sorted(self._pulses, key=lambda pulse: pulse.end_cycle):
             self._scene.advance_to(self._line.board.time_us(pulse.end_cycle))
@@ -35,19 +35,19 @@ class SimavrCoSimulation:
 
 
 _BUSY_US = 100
-"""While something is said, a program in real time looks so often: a byte takes 40 us at least."""
+"""Polling period in real time while bytes are transmitted; a byte takes at least 40 us."""
 _QUIET_US = 1000
 _ANSWER_US = 2000
 """Time after the last byte within which an answer may be on its way."""
 
 
 class SimavrLine:
-    """Same face as the emulator's line; the bytes' times are those of the simulated UART.
+    """Same interface as the emulator's line; the timing of bytes is that of the simulated UART.
 
     Args:
-        board: at the other end.
-        baud: of the host; None follows what the firmware sets, as a boot loader's is another one.
-        noise: on both ways.
+        board: the board at the other end.
+        baud: bit rate of the host; None follows the board, as a boot loader uses another rate.
+        noise: transmission errors in both directions.
     """
 
     name = "simavr"
@@ -62,44 +62,44 @@ class SimavrLine:
         self._quiet_since_us = board.now_us
 
     def advance_to(self, time_us: int) -> None:
-        """Bring wire and board to `time_us`."""
+        """Advance line and board to `time_us`."""
         self.board.advance_to(time_us)
         if self.board.line_is_busy:
             self._quiet_since_us = time_us
 
     @property
     def next_event_us(self) -> int:
-        """When to look again if the host stays silent."""
+        """Time of the next poll if the host sends nothing."""
         now_us = self.board.now_us
         talking = now_us - self._quiet_since_us < _ANSWER_US
         return now_us + (_BUSY_US if talking else _QUIET_US)
 
     def write(self, data: bytes) -> None:
-        """Put bytes on the wire now."""
+        """Start to transmit bytes now."""
         self._require_plug()
         self.board.receive(self.noise.corrupt(data) if self.noise else data, self._baud)
         self._quiet_since_us = self.board.now_us
 
     def read(self) -> bytes:
-        """Bytes that have arrived from the board."""
+        """Return the bytes that have arrived from the board."""
         self._require_plug()
         data = self.board.take_output()
         return self.noise.corrupt(data) if self.noise and data else data
 
     def close(self) -> None:
-        """Let the board alone; it goes on as an UNO on a power supply would."""
+        """Do nothing: the board keeps running, like an UNO on a power supply."""
 
     def open_port(self, boot_loader_us: int = 0) -> None:
-        """Reset the board as an UNO is reset (DTR) when its port is opened.
+        """Reset the board, as DTR resets an UNO when its port is opened.
 
         Args:
-            boot_loader_us: without meaning; the board has a real boot loader or none.
+            boot_loader_us: ignored; the board has a real boot loader or none.
         """
         self.board.forget_unsent()
         self.board.reset(ResetCause.EXTERNAL)
 
     def unplug(self) -> None:
-        """From now on the port is gone."""
+        """Make all later reads and writes fail as if the port were unplugged."""
         self._plugged_in = False
 
     def _require_plug(self) -> None:

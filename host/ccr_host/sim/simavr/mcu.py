@@ -1,4 +1,4 @@
-"""The microcontroller in libsimavr, in cycles of its clock, through the C shim."""
+"""The microcontroller simulated by libsimavr, in clock cycles, through the C shim."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _CURE = "sudo apt install gcc libsimavr-dev libelf-dev"
 
 
 def built_shim() -> Path:
-    """The shared object, built if this state of its source never was.
+    """Path of the shared object, built if this version of its source was not built before.
 
     It links libsimavr and is therefore under the GPL-3: for use on this machine only.
 
     Raises:
-        DeviceError: compiler or libsimavr are missing.
+        DeviceError: the compiler or libsimavr is missing.
     """
     folder = cache_folder()
     library = folder / f"librig-{_digest()}.so"
@@ -57,13 +57,13 @@ def _build(library: Path) -> None:
             check=False,
         )
         if result.returncode != 0:
-            raise DeviceError(f"simavr: the rig does not build: {_gist(result.stderr)}", _CURE)
+            raise DeviceError(f"simavr: the shim does not build: {_gist(result.stderr)}", _CURE)
         unfinished.replace(library)
 
 
 def _gist(messages: str) -> str:
-    """The line that tells what is wrong."""
-    lines = messages.splitlines() or ["the compiler says nothing"]
+    """The first line that states an error."""
+    lines = messages.splitlines() or ["no message from the compiler"]
     return next((line for line in lines if "error:" in line or "cannot find" in line), lines[-1])
 
 
@@ -103,7 +103,7 @@ _Take = Callable[[int, int, int], int]
 
 
 class News:
-    """Bits of what has come up while running, as in rig.h; plain integers for speed."""
+    """Bits for events while running, as in rig.h; plain integers for speed."""
 
     TROUBLE: Final = 1 << 0
     EDGES: Final = 1 << 1
@@ -127,18 +127,18 @@ class _Statistics(ctypes.Structure):
 
 @dataclass(frozen=True)
 class Statistics:
-    """Counted since the start or since :meth:`Mcu.forget_statistics`.
+    """Counts since the start or since :meth:`Mcu.forget_statistics`.
 
     Attributes:
-        cycle: of the clock, since the start.
-        slept_cycles: of these asleep.
-        resets: of any cause.
-        overruns: bytes that the receiver has lost because they were not read in time.
+        cycle: clock cycles since the start.
+        slept_cycles: cycles of these spent asleep.
+        resets: resets of any cause.
+        overruns: bytes lost by the receiver because they were not read in time.
         last_arrival_cycle: end of the last stop bit sent to the board.
-        interrupts: served, per vector number.
+        interrupts: interrupts served, per vector number.
         longest_masked_cycles: longest time with interrupts off; only while profiling.
-        longest_masked_pc: byte address where that time began; only while profiling.
-        least_stack_pointer: only while profiling.
+        longest_masked_pc: byte address at which that time began; only while profiling.
+        least_stack_pointer: lowest stack pointer; only while profiling.
     """
 
     cycle: int
@@ -173,7 +173,7 @@ class Mcu:
         """Registers, I/O and SRAM by data address; writing has no side effects."""
 
     def close(self) -> None:
-        """Free it; nothing else may be called any more."""
+        """Free the simulator; no other method may be called afterwards."""
         if self._rig:
             self._shim.rig_free(self._rig)
             self._rig = None
@@ -182,26 +182,26 @@ class Mcu:
         self.close()
 
     def start_at(self, address: int) -> None:
-        """Where the program starts after a reset (fuse BOOTRST)."""
+        """Set the byte address at which the program starts after a reset (fuse BOOTRST)."""
         self._shim.rig_set_reset_vector(self._rig, address)
 
     def profile(self, on: bool) -> None:
-        """Watch stack and interrupt mask after each instruction; several times slower."""
+        """Monitor stack and interrupt mask after each instruction; several times slower."""
         self._shim.rig_set_profiling(self._rig, on)
 
     def reset(self, cause: ResetCause) -> None:
-        """Reset; SRAM and EEPROM stay as they are."""
+        """Reset; SRAM and EEPROM keep their content."""
         self._shim.rig_reset(self._rig, _MCUSR_FLAGS[cause])
 
     def fill_sram(self, value: int) -> None:
-        """Give all registers and SRAM one value."""
+        """Set all registers and SRAM to one value."""
         self._shim.rig_fill_sram(self._rig, value)
 
     def run_until(self, cycle: int) -> int:
-        """Run to `cycle`, not including events of that cycle; returns bits of :class:`News`.
+        """Run to `cycle`, excluding events of that cycle; return bits of :class:`News`.
 
         Raises:
-            DeviceError: the program has left its memory.
+            DeviceError: the program crashed.
         """
         news: int = self._shim.rig_run_until(self._rig, cycle)
         if news & News.TROUBLE:
@@ -211,7 +211,7 @@ class Mcu:
         return news
 
     def send(self, cycle: int, data: bytes, bit_cycles: int) -> None:
-        """Put bytes onto the wire to the board from `cycle` on; 0: at the board's own baud."""
+        """Transmit bytes to the board from `cycle` on; `bit_cycles` 0 is the board's bit rate."""
         self._shim.rig_send(self._rig, cycle, data, len(data), bit_cycles)
 
     def open_switch(self, is_open: bool) -> None:
@@ -219,19 +219,19 @@ class Mcu:
         self._shim.rig_open_switch(self._rig, is_open)
 
     def set_voltage_mv(self, voltage_mv: int) -> None:
-        """Voltage at pin A0."""
+        """Set the voltage at pin A0."""
         self._shim.rig_set_voltage(self._rig, voltage_mv)
 
     def forget_unsent(self) -> None:
-        """Drop what waits for the wire."""
+        """Drop bytes whose transmission has not started."""
         self._shim.rig_forget_unsent(self._rig)
 
     def take_departures(self) -> Records:
-        """Bytes that have left: `start_cycle` of the start bit, `end_cycle` of the stop bit."""
+        """Bytes sent by the board: `start_cycle` of the start bit, `end_cycle` of the stop bit."""
         return self._take(self._shim.rig_take_departures, self._departures)
 
     def take_edges(self) -> Records:
-        """Changes of the pins: `cycle`, `pin`, `level`."""
+        """Edges at the pins: `cycle`, `pin`, `level`."""
         return self._take(self._shim.rig_take_edges, self._edges)
 
     def take_eeprom_writes(self) -> Records:
@@ -239,18 +239,18 @@ class Mcu:
         return self._take(self._shim.rig_take_eeprom_writes, self._eeprom_writes)
 
     def wear_out_eeprom(self, address: int) -> None:
-        """From now on writes to this address do not take."""
+        """Make later writes to this address have no effect."""
         self._shim.rig_wear_out_eeprom(self._rig, address)
 
     def statistics(self) -> Statistics:
-        """What has been counted."""
+        """Statistics since the start or the last :meth:`forget_statistics`."""
         raw = _Statistics()
         self._shim.rig_statistics(self._rig, ctypes.byref(raw))
         values = {name: getattr(raw, name) for name, *_ in raw._fields_}
         return Statistics(**{**values, "interrupts": tuple(raw.interrupts)})
 
     def forget_statistics(self) -> None:
-        """Count again."""
+        """Restart the statistics."""
         self._shim.rig_forget_statistics(self._rig)
 
     def _take(self, take: _Take, room: Records) -> Records:

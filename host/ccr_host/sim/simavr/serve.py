@@ -1,4 +1,4 @@
-"""Serves a simulated UNO in real time, so that other programs find it like a board on a cable."""
+"""Serves a simulated UNO in real time, so that other programs can use it like a real board."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ _CORES = (
     Path.home() / ".platformio/packages/framework-arduino-avr",
     Path("/usr/share/arduino/hardware/arduino/avr"),
 )
-"""The Arduino core as PlatformIO and as Debian install it."""
+"""The Arduino core as installed by PlatformIO and by Debian."""
 _START = 0x7C00
-"""Of a boot section of 1 KB."""
+"""Start of a boot section of 1 KB."""
 _COMPILE = (
     *("-w", "-Os", "-mmcu=atmega328p", "-DF_CPU=16000000L", "-DBAUD_RATE=115200"),
     *("-DLED_START_FLASHES=3", "-fno-inline-small-functions", "-fno-split-wide-types"),
     *("-mshort-calls", "-nostartfiles", "-nostdlib", "-Wl,--relax"),
     *(f"-Wl,--section-start=.text={_START:#x}", "-Wl,--section-start=.version=0x7ffe"),
 )
-"""As in optiboot's Makefile but for the start."""
+"""As in optiboot's Makefile except for the start address."""
 
 
 def optiboot() -> FlashImage:
     """Optiboot, built from the source that comes with the Arduino core.
 
-    Debian's binaries are of no use: that of Debian 12 is 20 bytes too long for the 512 bytes of
-    boot section for which it is linked, that of Debian 13 is for an ATmega8.
+    Debian's binaries are unusable: that of Debian 12 is 20 bytes too long for the boot section of
+    512 bytes for which it is linked, that of Debian 13 is for an ATmega8.
 
     Raises:
-        ConfigError: there is no Arduino core, or no avr-gcc.
+        ConfigError: the Arduino core or avr-gcc is missing.
     """
     for core in _CORES:
         source = core / _FOLDER / "optiboot.c"
@@ -78,33 +78,33 @@ def _built(source: Path) -> Path:
 
 
 _IDLE_SKETCH = FlashImage(((0, bytes.fromhex("81e0 83bf 8895 fecf")),))
-"""ldi r24, 1; out SMCR, r24; sleep; rjmp .-4: erased flash would be run through, into the middle of
-the boot loader."""
+"""ldi r24, 1; out SMCR, r24; sleep; rjmp .-4. Erased flash would be executed up to the boot loader
+and enter it in the middle."""
 _GET_SYNC = b"0 "
-"""What avrdude says after each pulse on DTR, which makes an UNO reset."""
+"""Sent by avrdude after each DTR pulse, which resets an UNO."""
 _AVRDUDE_WAITS_US = 50_000
-"""From the pulse to the call, so that the boot loader is ready for it."""
+"""Time from the pulse to this command, so that the boot loader is ready for it."""
 _BOOT_LOADER_WAITS_US = 1_000_000
 
 
 class FlashableLine(SimavrLine):
-    """Avrdude's call for the boot loader resets the board: a pseudo-terminal has no DTR.
+    """A line on which avrdude's sync command resets the board, as a pseudo-terminal has no DTR.
 
-    The reset on opening the port is not enough: if avrdude comes too late after it, none of its
-    further attempts would find the boot loader.
+    The reset on opening the port is not enough: if avrdude missed the boot loader after it, none of
+    its retries would find it.
     """
 
     _reset_us = 0
 
     def open_port(self, boot_loader_us: int = 0) -> None:
-        """Reset the board as an UNO is reset (DTR) when its port is opened."""
+        """Reset the board, as DTR resets an UNO when its port is opened."""
         super().open_port(boot_loader_us)
         self._reset_us = self.board.now_us
 
     def write(self, data: bytes) -> None:
-        """Put bytes on the wire now."""
-        is_call = data and not data.replace(_GET_SYNC, b"")
-        if is_call and self.board.now_us - self._reset_us > _BOOT_LOADER_WAITS_US:
+        """Start to transmit bytes now; a sync command outside the boot loader resets the board."""
+        is_sync = data and not data.replace(_GET_SYNC, b"")
+        if is_sync and self.board.now_us - self._reset_us > _BOOT_LOADER_WAITS_US:
             self.open_port()
             self.advance_to(self._reset_us + _AVRDUDE_WAITS_US)
             data = _GET_SYNC
@@ -114,17 +114,17 @@ class FlashableLine(SimavrLine):
 def open_pty_server(
     firmware: Path | None, *, eeprom_file: Path | None = None, boot_loader: bool = True
 ) -> BoardServer:
-    """Make a board on a pseudo-terminal, ready to run; opening that resets it.
+    """Create a board on a pseudo-terminal; opening the terminal resets the board.
 
     Args:
-        firmware: in the flash at the start; None for an UNO that has to be flashed first.
-        eeprom_file: kept across runs; None for an erased EEPROM each time.
-        boot_loader: optiboot is in the flash, so that avrdude can upload; it waits for that for a
-            second after each reset.
+        firmware: initial flash content; None for an UNO that has to be flashed first.
+        eeprom_file: EEPROM kept across runs; None for an erased EEPROM each time.
+        boot_loader: whether optiboot is in the flash, so that avrdude can upload; it waits a second
+            for an upload after each reset.
 
     Raises:
         ConfigError: a file cannot be used.
-        DeviceError: the simulator is not there.
+        DeviceError: the simulator is not available.
     """
     board = SimavrBoard(
         read_flash_image(firmware) if firmware else _IDLE_SKETCH,

@@ -257,7 +257,7 @@ def test_frame_numbers_that_jump_cost_a_second_and_are_counted(bench, start_s, d
     run.run_until_tracking()
     shift_us = run.clock.now_us()
     run.line.device.sensor.faults = PolarisFaults(
-        odd_frames_us=((odd_us[0] + shift_us, odd_us[1] + shift_us),)
+        wrong_frames_us=((odd_us[0] + shift_us, odd_us[1] + shift_us),)
     )
     frames = run.run_ms(12_000)
     assert len(frames) > 12 * 20 - 2 * 22
@@ -271,7 +271,7 @@ def test_frame_numbers_that_jump_cost_a_second_and_are_counted(bench, start_s, d
 
 
 def test_first_frame_number_that_is_far_too_high_does_not_blind(bench):
-    run = bench(PolarisFaults(odd_frames_us=((0, 3_000_000),)))
+    run = bench(PolarisFaults(wrong_frames_us=((0, 3_000_000),)))
     run.run_until_tracking()
     run.run_ms(3000)
     assert len(run.run_ms(1000)) == pytest.approx(20, abs=1)
