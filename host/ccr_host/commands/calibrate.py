@@ -9,6 +9,7 @@ import typer
 from ccr_host.commands.options import (
     DeviceOption,
     KeepInOption,
+    PlantOption,
     RealtimeOption,
     RobotOption,
     SeedOption,
@@ -31,6 +32,7 @@ def calibrate(
     robot: RobotOption = None,
     device: DeviceOption = "emulator:",
     tracker: TrackerOption = "twin:",
+    plant: PlantOption = "twin",
     seed: SeedOption = 1,
     overrides: SetOption = None,
     realtime: RealtimeOption = False,
@@ -97,6 +99,7 @@ def calibrate(
         robot=robot,
         device=device,
         tracker=tracker,
+        plant=plant,
         seed=seed,
         overrides=tuple(overrides or ()),
         realtime=realtime or by_eye,

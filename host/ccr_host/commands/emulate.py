@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.options import RobotOption, SeedOption, SetOption
+from ccr_host.commands.options import PlantOption, RobotOption, SeedOption, SetOption
 from ccr_host.core.errors import ConfigError
 
 
@@ -34,6 +34,7 @@ def emulate(
         str | None, typer.Option(metavar="HOST:PORT", help="The same on TCP.")
     ] = None,
     robot: RobotOption = None,
+    plant: PlantOption = "twin",
     overrides: SetOption = None,
     seed: SeedOption = 1,
     eeprom: Annotated[
@@ -76,7 +77,8 @@ def emulate(
         board = ServedBoard(tcp, eeprom, boot_loader_us=boot_ms * 1000)
         if with_camera:
             description = schema.load(robot, overrides or ())
-            served = open_board_with_camera(board, ServedCamera(polaris_tcp, description, seed))
+            camera = ServedCamera(polaris_tcp, description, plant, seed)
+            served = open_board_with_camera(board, camera)
         else:
             served = open_board(board)
     typer.echo(f"emulated board on {served.device_uri}; Ctrl-C ends it")

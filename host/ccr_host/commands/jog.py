@@ -12,6 +12,7 @@ from rich.text import Text
 
 from ccr_host.commands.options import (
     DeviceOption,
+    PlantOption,
     RobotOption,
     SeedOption,
     SetOption,
@@ -108,6 +109,7 @@ def jog(
     robot: RobotOption = None,
     device: DeviceOption = "emulator:",
     tracker: TrackerOption = "twin:",
+    plant: PlantOption = "twin",
     seed: SeedOption = 1,
     overrides: SetOption = None,
 ) -> None:
@@ -126,6 +128,7 @@ def jog(
         robot=robot,
         device=device,
         tracker=tracker,
+        plant=plant,
         seed=seed,
         overrides=tuple(overrides or ()),
         realtime=True,

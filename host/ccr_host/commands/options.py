@@ -20,10 +20,29 @@ if TYPE_CHECKING:
 
 
 def complete_controllers(incomplete: str) -> list[str]:
-    """Names of controllers."""
+    """Names of controllers; where none fits, the shell itself offers files."""
     from ccr_host.control.registry import baseline_names, controller_names
+    from ccr_host.core.plugins import plugin_names
 
-    return _beginning_with(incomplete, [*controller_names(), *baseline_names()])
+    names = [*controller_names(), *baseline_names(), *plugin_names("controller")]
+    return _beginning_with(incomplete, names)
+
+
+def complete_trackers(incomplete: str) -> list[str]:
+    """Schemes of trackers; where none fits, the shell itself offers files."""
+    from ccr_host.core.addresses import Role, known_forms
+    from ccr_host.core.plugins import FORM
+
+    forms = [form for form in known_forms(Role.TRACKER) if form != FORM]
+    return _beginning_with(incomplete, [f"{form.partition(':')[0]}:" for form in forms])
+
+
+def complete_plants(incomplete: str) -> list[str]:
+    """Names of simulated robots; where none fits, the shell itself offers files."""
+    from ccr_host.core.plugins import plugin_names
+    from ccr_host.sim.robot.plant import TWIN
+
+    return _beginning_with(incomplete, [TWIN, *plugin_names("plant")])
 
 
 def complete_paths(incomplete: str) -> list[str]:
@@ -81,7 +100,9 @@ PathArgument = Annotated[
 ]
 ControllerOption = Annotated[
     str,
-    typer.Option(metavar="NAME", help="Controller to use.", autocompletion=complete_controllers),
+    typer.Option(
+        metavar="NAME", help="A controller, or FILE.py:CLASS.", autocompletion=complete_controllers
+    ),
 ]
 RobotOption = Annotated[
     str | None,
@@ -101,8 +122,17 @@ TrackerOption = Annotated[
     str,
     typer.Option(
         metavar="URI",
-        help="twin:, ndi-emulator:, ndi:PORT, ndi+tcp://HOST:PORT, igtl://HOST:PORT, aruco:N "
-        "or replay:FILE.",
+        help="twin:, ndi-emulator:, ndi:PORT, ndi+tcp://HOST:PORT, igtl://HOST:PORT, aruco:N, "
+        "replay:FILE or FILE.py:CLASS.",
+        autocompletion=complete_trackers,
+    ),
+]
+PlantOption = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="The simulated robot: twin, or FILE.py:CLASS.",
+        autocompletion=complete_plants,
     ),
 ]
 RateOption = Annotated[float, typer.Option(metavar="HZ", help="Control steps a second.")]

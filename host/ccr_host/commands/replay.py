@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.options import JsonOption, console, print_json
+from ccr_host.commands.options import JsonOption, complete_controllers, console, print_json
 from ccr_host.core.errors import CcrError
 
 RunArgument = Annotated[
@@ -19,7 +19,18 @@ class DifferentReplayError(CcrError):
     """The host does not do any more what it did (exit status 3)."""
 
 
-def replay(run: RunArgument, as_json: JsonOption = False) -> None:
+def replay(
+    run: RunArgument,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Replaces the recorded one, for instance where its file was moved.",
+            autocompletion=complete_controllers,
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
     """Run the host again on a run's recorded inputs and compare what it sends, byte for byte.
 
     Example: ccr-host replay runs/20260101-120000-ellipse-adaptive
@@ -35,7 +46,7 @@ def replay(run: RunArgument, as_json: JsonOption = False) -> None:
     if changed:
         told = ", ".join(f"{key} {old} (now {ours.get(key)})" for key, old in changed.items())
         screen.print(f"written by other versions: {told}")
-    result = replay_run(recording)
+    result = replay_run(recording, controller=controller)
     if recording.end.trouble:
         screen.print(f"{recording.end.trouble}; compared as far as it goes", soft_wrap=True)
     difference = result.difference

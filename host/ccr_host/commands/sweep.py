@@ -11,6 +11,7 @@ from ccr_host.commands import terminal
 from ccr_host.commands.options import (
     JsonOption,
     OutOption,
+    PlantOption,
     RobotOption,
     SeedOption,
     SetOption,
@@ -88,6 +89,7 @@ def sweep(
         typer.Option(metavar="ADDRESS", help="Use the workers of this dask scheduler."),
     ] = None,
     robot: RobotOption = None,
+    plant: PlantOption = "twin",
     overrides: SetOption = None,
     out: OutOption = None,
     as_json: JsonOption = False,
@@ -108,7 +110,7 @@ def sweep(
     count = known if runs is None else runs
     if given is not None and max([count - 1, *(only or ())]) >= len(given):
         raise ConfigError(f"--twins {twins}: has {len(given)} twins", "ask for no more")
-    plan = SweepPlan(seed, tuple(path or path_names()), robot, tuple(overrides or ()), given)
+    plan = SweepPlan(seed, tuple(path or path_names()), robot, tuple(overrides or ()), given, plant)
     names, rates = controller or _DEFAULT_CONTROLLERS, rate or _DEFAULT_RATES_HZ
     drives = [(rate_hz, name) for rate_hz in rates for name in names]
     jobs = plan.jobs(only or range(count), drives)

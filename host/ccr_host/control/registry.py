@@ -9,7 +9,7 @@ from ccr_host.control.adaptive.control_law import AdaptiveStatics
 from ccr_host.control.base import Controller
 from ccr_host.control.mpc import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
-from ccr_host.core.errors import ConfigError, blaming
+from ccr_host.core.plugins import is_plugin, make_plugin, unknown_plugin
 from ccr_host.description.schema import Description
 
 _MAKERS: dict[str, Callable[[Description], Controller]] = {
@@ -40,18 +40,21 @@ def baseline_names() -> list[str]:
 def make_controller(name: str, description: Description) -> Controller:
     """Build a controller for a robot.
 
+    Args:
+        name: a built-in controller, or one of `is_plugin`.
+        description: of the robot.
+
     Raises:
         ConfigError: unknown name; lists the known ones.
-        CodeError: its class cannot be made.
+        CodeError: the plug-in cannot be constructed.
     """
-    if name not in _MAKERS and name not in _BASELINES:
-        known = ", ".join([*_MAKERS, *_BASELINES])
-        raise ConfigError(f"unknown controller {name}", f"one of {known}")
-    make = _load_baseline(name) if name in _BASELINES else _MAKERS[name]
-    with blaming(f"controller {name}", "correct its class"):
-        made = make(description)
-        if not (callable(made.start) and callable(made.step)):
-            raise TypeError("start and step must be methods")
+    if name in _BASELINES:
+        return _load_baseline(name)(description)
+    if name in _MAKERS:
+        return _MAKERS[name](description)
+    if not is_plugin("controller", name):
+        raise unknown_plugin("controller", name, [*_MAKERS, *_BASELINES])
+    made: Controller = make_plugin("controller", name, ("start", "step"), description)
     return made
 
 

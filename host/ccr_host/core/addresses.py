@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from enum import Enum
 
 from ccr_host.core.errors import ConfigError
+from ccr_host.core.plugins import FORM, plugin_names
 
 HIGHEST_PORT = 65_535
 _SERIAL_PORT = re.compile(r"/dev/.*|(\\\\.\\)?COM\d+|(tty|cu\.)\w+", re.IGNORECASE)
@@ -47,9 +48,13 @@ _SERIAL = {Role.DEVICE: "serial", Role.TRACKER: "ndi"}
 _TCP = {Role.DEVICE: ("tcp",), Role.TRACKER: ("ndi+tcp", "igtl")}
 
 
-def known_forms(role: Role) -> str:
-    """All forms of a URI, for messages."""
-    return ", ".join(_FORMS[role].values())
+def known_forms(role: Role) -> list[str]:
+    """All forms of a URI, including those of installed packages, for messages."""
+    forms = [*_FORMS[role].values()]
+    if role is Role.TRACKER:
+        added = [name for name in plugin_names("tracker") if name not in _FORMS[role]]
+        forms += [*(f"{name}:[ADDRESS]" for name in added), FORM]
+    return forms
 
 
 def split_uri(role: Role, text: str) -> tuple[str, str]:
@@ -74,7 +79,7 @@ def _unknown_form(role: Role, text: str) -> ConfigError:
     other = Role.TRACKER if role is Role.DEVICE else Role.DEVICE
     scheme, colon, rest = text.partition(":")
     scheme = scheme.lower()
-    forms = f"use one of {known_forms(role)}"
+    forms = f"use one of {', '.join(known_forms(role))}"
     if colon and scheme in _FORMS[other]:
         problem, cure = f"that is a {other.value}", f"give it with --{other.value}"
         if scheme == _SERIAL[other]:

@@ -72,7 +72,8 @@ def blaming(who: str, cure: str) -> Iterator[None]:
     except CcrError:
         raise
     except (Exception, SystemExit) as error:
-        cause = f"{who} has failed: {type(error).__name__}: {error}; the robot is disarmed"
+        told = " ".join(str(error).split())
+        cause = f"{who} has failed: {type(error).__name__}: {told}; the robot is disarmed"
         raise CodeError(cause, cure, error) from error
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ccr_host.description.schema import Control, Description, load
 from ccr_host.run.options import RunOptions
+from ccr_host.sim.robot.plant import TWIN
 from ccr_host.tracking.open_tracker import parse_tracker_uri
 
 _PAPER_RATE_HZ = 1.0
@@ -43,6 +44,8 @@ def paper_mean_mm(options: RunOptions) -> float | None:
 
 
 def _is_papers_robot(options: RunOptions) -> bool:
+    if options.plant != TWIN:
+        return False
     is_simulated = parse_tracker_uri(options.tracker).is_simulated
     sections = _OF_THE_ROBOT | (_OF_THE_TWIN if is_simulated else set())
     given, papers = options.description(), load()

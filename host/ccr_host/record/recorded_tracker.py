@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ccr_host.core.errors import ConfigError
+from ccr_host.description.schema import Description
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.tracking.tracker import (
@@ -30,17 +31,17 @@ class ReplayTracker(StartsAndStops):
     The markers were labelled when they were recorded, so they come as tools M1, M2 and M3.
 
     Args:
-        path: folder of a run, or one file of its log.
-        latency_us: between an exposure and its delivery.
+        description: tells the latency, between an exposure and its delivery.
+        address: folder of a run, or one file of its log.
 
     Raises:
         ConfigError: no such file, or no samples in it.
     """
 
-    def __init__(self, path: Path, latency_us: int = 40_000) -> None:
-        self.name = f"replay:{path}"
-        self._latency_us = latency_us
-        self._samples = deque(_read(path))
+    def __init__(self, description: Description, address: str) -> None:
+        self.name = f"replay:{address}"
+        self._latency_us = round(description.tracker.latency_ms * 1000)
+        self._samples = deque(_read(Path(address)))
         self._start_us: int | None = None
         self._frames = FrameCount()
         self._running = False

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from ccr_host.control.base import Controller
 from ccr_host.control.registry import make_controller
 from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.link.client import Client
@@ -59,16 +60,20 @@ class ReplayResult:
 
 
 def replay(
-    recording: RunRecording, on_step: Callable[[int, int], None] = lambda *_: None
+    recording: RunRecording,
+    on_step: Callable[[int, int], None] = lambda *_: None,
+    controller: str | None = None,
 ) -> ReplayResult:
     """Run controller, control loop and client again; stops at the first difference.
 
     Args:
         recording: of any run, finished or cut short.
         on_step: told of each step done and of how many there are.
+        controller: in place of the recorded one, as where its file was moved.
 
     Raises:
-        ConfigError: the log lacks messages, or cannot be read.
+        ConfigError: the log lacks messages, or cannot be read, or its controller is not there.
+        CodeError: a controller of the user's cannot be made.
     """
     if recording.end.lost_messages:
         raise ConfigError(
@@ -76,7 +81,8 @@ def replay(
             + (recording.end.trouble or f"{recording.end.lost_messages} messages were lost"),
             "a log with gaps cannot be replayed; report and export use what is left",
         )
-    return _Replay(recording, on_step).run()
+    name = controller or recording.options.controller
+    return _Replay(recording, on_step, make_controller(name, recording.description)).run()
 
 
 @dataclass
@@ -140,9 +146,15 @@ _INPUT_TOPICS = (topics.INPUTS, topics.SENT, topics.RECEIVED, topics.SAMPLE)
 
 
 class _Replay:
-    def __init__(self, recording: RunRecording, on_step: Callable[[int, int], None]) -> None:
+    def __init__(
+        self,
+        recording: RunRecording,
+        on_step: Callable[[int, int], None],
+        controller: Controller,
+    ) -> None:
         self._recording = recording
         self._on_step = on_step
+        self._controller = controller
         self._feed = _Feed(recording)
         self._tape = TapePlayer(self._feed.take_pieces())
         self._result = ReplayResult()
@@ -162,7 +174,6 @@ class _Replay:
 
     def _execute(self) -> None:
         description = self._recording.description
-        controller = make_controller(self._recording.options.controller, description)
         tape, clock = self._tape, PlayedClock(self._tape)
         tracker = PlayedTracker(tape, self._feed.samples)
         operator = PlayedOperator(tape)
@@ -182,7 +193,7 @@ class _Replay:
                 with stopping_at_once(operator, clock, client, Observers()):
                     follow_path(
                         rig,
-                        controller,
+                        self._controller,
                         self._recording.reference,
                         description,
                         Observers(),

@@ -109,7 +109,8 @@ def open_rig(
     """
     device = parse_device_uri(options.device)
     session_seed, camera_seed = np.random.SeedSequence(options.seed).spawn(2)
-    eyes = TrackerRig(parse_tracker_uri(options.tracker), description, camera_seed)
+    tracker_uri = parse_tracker_uri(options.tracker)
+    eyes = TrackerRig(tracker_uri, description, camera_seed, options.plant)
     clock: Clock = VirtualClock() if is_simulated(options) else RealClock()
     tape = Tape(observer.inputs)
     hosts_clock = RecordedClock(clock, tape)

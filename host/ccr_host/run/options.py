@@ -8,6 +8,7 @@ from typing import Literal
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema
 from ccr_host.description.schema import Description
+from ccr_host.sim.robot.plant import TWIN
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +23,8 @@ class RigOptions:
     overrides: tuple[str, ...] = ()
     device: str = "emulator:"
     tracker: str = "twin:"
+    plant: str = TWIN
+    """The simulated robot, where the tracker sees one."""
     seed: int = 1
     realtime: bool = False
 

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ccr_host.core.clock import Clock
-from ccr_host.core.errors import CodeError, blaming
+from ccr_host.core.clock import NEVER_US, Clock
+from ccr_host.core.errors import ConfigError
+from ccr_host.core.plugins import Guard
 from ccr_host.description.schema import Description
 from ccr_host.sim.polaris.camera import change_faults, faults_of, make_polaris
 from ccr_host.sim.polaris.line import PolarisLine
-from ccr_host.sim.robot.robot import TwinRobot
-from ccr_host.sim.robot.scene import TwinScene
+from ccr_host.sim.robot.plant import TWIN
+from ccr_host.sim.robot.scene import ExposedCamera, TwinScene, make_plant
 from ccr_host.tracking.markers.marker_tracker import BelievedAngles, MarkerTracker
 from ccr_host.tracking.open_tracker import (
     TrackerKind,
@@ -34,7 +36,7 @@ from ccr_host.tracking.tracker import (
     StartsAndStops,
     TrackerHealth,
     WatchedTracker,
-    check_frame,
+    checked_frame,
 )
 
 
@@ -45,13 +47,20 @@ class TrackerRig:
         uri: of the tracker.
         description: of the robot.
         seed: of the simulated camera's noise.
+        plant: name of the simulated robot, see `make_plant`.
 
     Raises:
-        ConfigError: the description lacks what the tracker needs, or a package is missing.
+        ConfigError: the description lacks what the tracker needs, a package is missing, or the
+            tracker cannot see the plant that was named.
+        CodeError: a plug-in cannot be constructed.
     """
 
     def __init__(
-        self, uri: TrackerUri, description: Description, seed: np.random.SeedSequence
+        self,
+        uri: TrackerUri,
+        description: Description,
+        seed: np.random.SeedSequence,
+        plant: str = TWIN,
     ) -> None:
         self._description = description
         self._is_recorded = uri.kind is TrackerKind.REPLAY
@@ -65,14 +74,22 @@ class TrackerRig:
         match uri.kind:
             case TrackerKind.TWIN:
                 self._twin_camera = Camera(description.tracker, np.random.default_rng(seed))
-                self.scene = TwinScene(TwinRobot(description.twin), self._twin_camera)
+                exposed: ExposedCamera | None = self._twin_camera
             case TrackerKind.NDI_EMULATOR:
                 faults = faults_of(description.polaris_faults, None)
                 self._polaris = make_polaris(description.tracker, seed, faults=faults)
-                self.scene = TwinScene(TwinRobot(description.twin), self._polaris.device.sensor)
+                exposed = self._polaris.device.sensor
                 self.camera = NdiTracker(str(uri), self._polaris.open, _ndi_settings(description))
             case _:
-                self.camera = _outside(uri, description)
+                camera = open_tracker(uri, description, _tools(description))
+                guarded = self.camera = _Guarded(camera, str(uri))
+                exposed = guarded if uri.is_simulated else None
+        if exposed is not None:
+            self.scene = TwinScene(make_plant(plant, description), exposed)
+        elif plant != TWIN:
+            raise ConfigError(
+                f"plant {plant}: tracker {uri} sees no simulated robot", "use it with twin:"
+            )
 
     @contextmanager
     def running(self, clock: Clock) -> Iterator[None]:
@@ -148,64 +165,56 @@ def _tools(description: Description) -> list[Tool]:
 
 
 class _Guarded(StartsAndStops):
-    """A camera whose class may be a user's own: its failure is told as such.
+    """A camera that may be a plug-in: its failures are reported as such."""
 
-    It is told once, and the camera not asked again: the robot has to be made safe meanwhile, for
-    which the clock must go on.
-    """
-
-    def __init__(self, camera: RawTracker) -> None:
-        self.name = camera.name
+    def __init__(self, camera: RawTracker, name: str) -> None:
+        self.name = name
         self._camera = camera
+        self._exposed = cast(ExposedCamera, camera)  # only used if it is one
+        self._answer: object = None
         self._frame: MarkerFrame | None = None
-        self._has_failed = False
+        self._guard = Guard(f"{name}: {type(camera).__name__}", "tracker")
 
     @property
     def health(self) -> TrackerHealth:
-        with self._blamed("health"):
-            return self._camera.health
+        with self._guard.blamed("health"):
+            health = getattr(self._camera, "health", TrackerHealth("running", tracking=True))
+            if not isinstance(health, TrackerHealth):
+                raise TypeError(f"{type(health).__name__} instead of a TrackerHealth")
+            return health
 
     def start(self) -> None:
-        with self._blamed("start"):
+        with self._guard.blamed("start"):
             self._camera.start()
 
     def stop(self) -> None:
-        with self._blamed("stop"):
+        with self._guard.blamed("stop"):
             self._camera.stop()
 
     def advance_to(self, time_us: int) -> None:
-        if not self._has_failed:
-            with self._blamed("advance_to"):
+        if not self._guard.has_failed:
+            with self._guard.blamed("advance_to"):
                 self._camera.advance_to(time_us)
 
+    @property
+    def next_exposure_us(self) -> int:
+        """Of a simulated camera; after a failure there are no more exposures."""
+        if self._guard.has_failed:
+            return NEVER_US
+        with self._guard.blamed("next_exposure_us"):
+            return self._exposed.next_exposure_us
+
+    def expose(self, time_us: int, markers_mm: NDArray[np.float64]) -> None:
+        with self._guard.blamed("expose"):
+            self._exposed.expose(time_us, markers_mm)
+            if self._exposed.next_exposure_us <= time_us:
+                raise ValueError("next_exposure_us has not moved on")
+
     def newest_frame(self) -> MarkerFrame | None:
-        if not self._has_failed:
-            with self._blamed("newest_frame"):
-                frame = self._camera.newest_frame()
-                if frame is not None and frame is not self._frame:
-                    check_frame(frame)
-                self._frame = frame
+        if not self._guard.has_failed:
+            with self._guard.blamed("newest_frame"):
+                answer = self._camera.newest_frame()
+                if answer is not self._answer:
+                    self._frame = None if answer is None else checked_frame(answer)
+                self._answer = answer
         return self._frame
-
-    @contextmanager
-    def _blamed(self, method: str) -> Iterator[None]:
-        name = f"{self.name}: {type(self._camera).__name__}.{method}"
-        cure = "correct the tracker's class, or report this if it is not yours"
-        try:
-            with blaming(name, cure):
-                yield
-        except CodeError:
-            self._has_failed = True
-            raise
-
-
-def _outside(uri: TrackerUri, description: Description) -> RawTracker:
-    tracker = description.tracker
-    camera = open_tracker(
-        uri,
-        latency_us=round(tracker.latency_ms * 1000),
-        tools=_tools(description),
-        camera_file=None if tracker.camera_file is None else Path(tracker.camera_file),
-        tag_size_mm=tracker.tag_size_mm,
-    )
-    return _Guarded(camera)

@@ -14,6 +14,7 @@ from ccr_host.robot.reference import Reference
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult
 from ccr_host.sim.robot.floor import floor_of
+from ccr_host.sim.robot.plant import TWIN
 from ccr_host.sim.robot.static_map import StaticMap, default_cache, load_static_map
 
 
@@ -24,21 +25,28 @@ def twin_floor_mm(result: RunResult) -> float | None:
     out, and so are friction and deadband.
 
     Returns:
-        mm; None where the robot was real, or where the twin has no rest for some motor angles.
+        mm; None if the robot was real or not the twin, or if the twin has no rest pose for some
+        motor angles.
     """
     if all(record.true_mm is None for record in result.records):
         return None
-    description = result.options.description()
-    with suppress(CcrError):
-        static_map = static_map_of(description, default_cache())
-        return floor_on_map_mm(static_map, description, result.reference)
-    return None
+    static_map = static_map_of_run(result.options, default_cache())
+    if static_map is None:
+        return None
+    return floor_on_map_mm(static_map, result.options.description(), result.reference)
 
 
 def keep_static_map(options: RunOptions) -> None:
     """Leave the static map of a run's twin in the user's cache, where it is missing."""
+    static_map_of_run(options, default_cache())
+
+
+def static_map_of_run(options: RunOptions, cache: Path | None) -> StaticMap | None:
+    """The static map of a run's twin; None for other plants, or if some rest pose is missing."""
     with suppress(CcrError):
-        static_map_of(options.description(), default_cache())
+        if options.plant == TWIN:
+            return static_map_of(options.description(), cache)
+    return None
 
 
 def static_map_of(description: Description, cache: Path | None) -> StaticMap:

@@ -10,7 +10,8 @@ from pathlib import Path
 from ccr_host.core.addresses import Role, host_and_port, split_uri, tcp_address
 from ccr_host.core.clock import Clock
 from ccr_host.core.errors import ConfigError, TrackerError
-from ccr_host.core.plugins import plugin
+from ccr_host.core.plugins import is_class, make_plugin, plugin, plugin_names
+from ccr_host.description.schema import Description, Tracker
 from ccr_host.tracking.sources.aruco import (
     ArucoSettings,
     ArucoTracker,
@@ -37,6 +38,8 @@ class TrackerKind(Enum):
     IGTL = "igtl"
     ARUCO = "aruco"
     REPLAY = "replay"
+    OWN = "own"
+    """By a plug-in."""
 
 
 _EXAMPLES = {
@@ -57,20 +60,40 @@ class TrackerUri:
     kind: TrackerKind
     address: str = ""
     """Serial port, HOST:PORT, camera number or file."""
+    plugin: str = ""
+    """Name of the plug-in, see `ccr_host.core.plugins`."""
 
     def __str__(self) -> str:
+        if self.kind is TrackerKind.OWN:
+            return self.plugin if is_class(self.plugin) else f"{self.plugin}:{self.address}"
         separator = "://" if self.kind in _ON_TCP else ":"
         return f"{self.kind.value}{separator}{self.address}"
 
     @property
     def in_process(self) -> bool:
-        """Whether it needs nothing outside this process and no real time."""
-        return self.kind in (*_WITHOUT_ADDRESS, TrackerKind.REPLAY)
+        """Whether it needs nothing outside this process and no real time.
+
+        Raises:
+            ConfigError, CodeError: the plug-in cannot be loaded.
+        """
+        if self.kind is TrackerKind.OWN and getattr(self._own_class, "in_process", False):
+            return True
+        return self.kind is TrackerKind.REPLAY or self.is_simulated
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it sees the twin, whose true position is known."""
+        """Whether it sees a simulated robot, whose true position is known.
+
+        Raises:
+            ConfigError, CodeError: the plug-in cannot be loaded.
+        """
+        if self.kind is TrackerKind.OWN:
+            return hasattr(self._own_class, "expose")
         return self.kind in _WITHOUT_ADDRESS
+
+    @property
+    def _own_class(self) -> object:
+        return plugin("tracker", self.plugin)
 
     @property
     def host_and_port(self) -> tuple[str, int]:
@@ -84,7 +107,15 @@ def parse_tracker_uri(text: str) -> TrackerUri:
     Raises:
         ConfigError: unknown form, or one that lacks its address.
     """
-    scheme, rest = split_uri(Role.TRACKER, text)
+    if is_class(text):
+        return TrackerUri(TrackerKind.OWN, plugin=text)
+    try:
+        scheme, rest = split_uri(Role.TRACKER, text)
+    except ConfigError:
+        name, colon, address = text.partition(":")
+        if colon and name in plugin_names("tracker"):
+            return TrackerUri(TrackerKind.OWN, address, name)
+        raise
     kind = TrackerKind(scheme)
     if kind in _WITHOUT_ADDRESS:
         if rest:
@@ -137,26 +168,21 @@ def wait_until_tracking(
 
 
 def open_tracker(
-    uri: TrackerUri,
-    *,
-    latency_us: int,
-    tools: Sequence[Tool] = (),
-    camera_file: Path | None = None,
-    tag_size_mm: float | None = None,
+    uri: TrackerUri, description: Description, tools: Sequence[Tool] = ()
 ) -> RawTracker:
     """Make a tracker; it is not started yet.
 
     Args:
         uri: anything but `twin:` and `ndi-emulator:`, which need a scene.
-        latency_us: from an exposure to the earliest time at which the host could have it.
+        description: of the robot and its tracker.
         tools: rigid bodies for a Polaris; none for single spheres.
-        camera_file: calibration of a webcam.
-        tag_size_mm: edge of the tags under a webcam.
 
     Raises:
         ConfigError: a package or a setting is missing.
+        CodeError: the plug-in cannot be constructed.
     """
     name = str(uri)
+    latency_us = round(description.tracker.latency_ms * 1000)
     settings = NdiSettings(tools=tools, latency_us=latency_us)
     match uri.kind:
         case TrackerKind.NDI_SERIAL:
@@ -167,21 +193,24 @@ def open_tracker(
             host, port = uri.host_and_port
             return IgtlTracker(host, port, latency_us=latency_us)
         case TrackerKind.ARUCO:
-            return _aruco(uri, camera_file, tag_size_mm, latency_us)
-        case TrackerKind.REPLAY:
-            recorded: RawTracker = plugin("trackers", "replay")(Path(uri.address), latency_us)
-            return recorded
+            return _aruco(uri, description.tracker, latency_us)
+        case TrackerKind.REPLAY | TrackerKind.OWN:
+            address = (uri.address,) if uri.address else ()
+            methods = ("start", "stop", "advance_to", "newest_frame")
+            made: RawTracker = make_plugin(
+                "tracker", uri.plugin or "replay", methods, description, *address
+            )
+            return made
     raise ConfigError(f"tracker {uri}: needs the twin", "use it with an emulated board")
 
 
-def _aruco(
-    uri: TrackerUri, camera_file: Path | None, tag_size_mm: float | None, latency_us: int
-) -> RawTracker:
-    if camera_file is None or tag_size_mm is None:
+def _aruco(uri: TrackerUri, tracker: Tracker, latency_us: int) -> RawTracker:
+    if tracker.camera_file is None or tracker.tag_size_mm is None:
         raise ConfigError(
             f"tracker {uri}: calibration or size of the tags is missing",
             "set tracker.camera_file and tracker.tag_size_mm",
         )
-    detector = TagDetector(load_camera_file(camera_file), ArucoSettings(tag_size_mm))
+    camera = load_camera_file(Path(tracker.camera_file))
+    detector = TagDetector(camera, ArucoSettings(tracker.tag_size_mm))
     number = int(uri.address)
     return ArucoTracker(str(uri), lambda: Webcam(number), detector, latency_us)

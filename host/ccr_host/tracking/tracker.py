@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import index
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -74,21 +75,35 @@ class MarkerFrame:
     """Bodies seen, by name; those not seen are absent."""
 
 
-def check_frame(frame: object) -> None:
-    """Look at what a camera of another's making gives.
+def checked_frame(frame: object) -> MarkerFrame:
+    """A frame from a plug-in, its numbers converted to arrays.
 
     Raises:
-        ValueError: it is no frame, or has arrays of other shapes.
+        ValueError, TypeError: not a frame, or numbers of the wrong type or shape.
     """
     if not isinstance(frame, MarkerFrame):
         raise ValueError(f"{type(frame).__name__} instead of a MarkerFrame")
-    count = len(frame.out_of_volume)
-    if np.shape(frame.points_mm) != (count, 3):
-        shape = np.shape(frame.points_mm)
-        raise ValueError(f"points_mm of shape {shape}, and {count} of out_of_volume")
-    for name, pose in frame.tools.items():
-        if np.shape(pose.position_mm) != (3,):
-            raise ValueError(f"{name}: position_mm of shape {np.shape(pose.position_mm)}")
+    points_mm = np.asarray(frame.points_mm, dtype=np.float64)
+    out_of_volume = np.asarray(frame.out_of_volume, dtype=np.bool_)
+    if points_mm.shape != (out_of_volume.size, 3) or out_of_volume.ndim != 1:
+        shapes = f"{points_mm.shape} and {out_of_volume.shape}"
+        raise ValueError(f"points_mm and out_of_volume of shapes {shapes}")
+    return MarkerFrame(
+        exposed_us=index(frame.exposed_us),
+        frame_number=index(frame.frame_number),
+        points_mm=points_mm,
+        out_of_volume=out_of_volume,
+        tools={name: _checked_pose(name, pose) for name, pose in frame.tools.items()},
+    )
+
+
+def _checked_pose(name: str, pose: Pose) -> Pose:
+    position_mm = np.asarray(pose.position_mm, dtype=np.float64)
+    quaternion = np.asarray(pose.quaternion, dtype=np.float64)
+    if (position_mm.shape, quaternion.shape) != ((3,), (4,)):
+        shapes = f"{position_mm.shape} and {quaternion.shape}"
+        raise ValueError(f"{name}: position_mm and quaternion of shapes {shapes}")
+    return Pose(position_mm, quaternion, float(pose.error_mm))
 
 
 @dataclass(frozen=True)

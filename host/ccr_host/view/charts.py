@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from viser import GuiApi, uplot
 
+from ccr_host.core.errors import CcrError
 from ccr_host.record.figure_style import BESIDE_THE_TRUTH
 from ccr_host.run.observer import RunSetup
 from ccr_host.tracking.open_tracker import parse_tracker_uri
@@ -59,7 +61,7 @@ class Charts:
         servo, control = setup.description.servo, setup.description.control
         self._limits_deg = sorted({*servo.angle_min_deg, *servo.angle_max_deg})
         self._stale_ms = float(control.stale_after_ms)
-        self._knows_truth = parse_tracker_uri(setup.options.tracker).is_simulated
+        self._knows_truth = _sees_simulated_robot(setup.options.tracker)
         self._end_s = _FIRST_END_S
         own, first = palette.of_controller(setup.options.controller), palette.MOTORS[0]
         opacity = BESIDE_THE_TRUTH if self._knows_truth else 1.0
@@ -166,3 +168,10 @@ def _series(curve: Curve) -> uplot.Series:
     if curve.dash:
         series["dash"] = curve.dash
     return series
+
+
+def _sees_simulated_robot(tracker: str) -> bool:
+    """A plug-in may be gone by the time its run is played; it may have seen a simulated robot."""
+    with suppress(CcrError):
+        return parse_tracker_uri(tracker).is_simulated
+    return True

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from ccr_host.core.errors import ConfigError
+from ccr_host.description.schema import Description, Tracker
 from ccr_host.record.log import topics
 from ccr_host.record.log.files import LOG_PREFIX, LogFiles
 from ccr_host.record.log.sinks import DirectSink
 from ccr_host.record.log.topics import LOG_TOPICS
 from ccr_host.record.recorded_tracker import ReplayTracker
 
-LATENCY_US = 40_000
+
+def replaying(path, latency_ms=40.0):
+    return ReplayTracker(Description(tracker=Tracker(latency_ms=latency_ms)), str(path))
 
 
 def write_log(path, contents):
@@ -38,7 +41,7 @@ def log(tmp_path):
 
 
 def test_samples_come_in_order_at_their_pace_and_after_the_latency(log):
-    tracker = ReplayTracker(log, LATENCY_US)
+    tracker = replaying(log)
     seen = {}
     with tracker:
         for time_us in range(500_000, 1_000_000, 1000):
@@ -53,7 +56,7 @@ def test_samples_come_in_order_at_their_pace_and_after_the_latency(log):
 
 
 def test_health_tells_the_end_of_the_recording(log):
-    tracker = ReplayTracker(log)
+    tracker = replaying(log)
     tracker.start()
     tracker.advance_to(0)
     assert tracker.health.tracking
@@ -63,7 +66,7 @@ def test_health_tells_the_end_of_the_recording(log):
 
 
 def test_one_file_of_a_log_does_as_well(log):
-    tracker = ReplayTracker(log / "log_0000.mcap")
+    tracker = replaying(log / "log_0000.mcap")
     with tracker:
         tracker.advance_to(0)
         tracker.advance_to(10_000_000)
@@ -74,7 +77,7 @@ def test_a_lost_marker_stays_lost(tmp_path):
     content = sample(0)
     content["markers_mm"][1] = [None, None, None]
     write_log(tmp_path, [content])
-    tracker = ReplayTracker(tmp_path, latency_us=0)
+    tracker = replaying(tmp_path, latency_ms=0)
     with tracker:
         tracker.advance_to(0)
     assert np.isnan(tracker.newest_frame().tools["M2"].position_mm).all()
@@ -93,16 +96,16 @@ def test_a_lost_marker_stays_lost(tmp_path):
 def test_logs_without_samples_are_refused(tmp_path, contents, cause):
     write_log(tmp_path, contents)
     with pytest.raises(ConfigError, match=cause):
-        ReplayTracker(tmp_path)
+        replaying(tmp_path)
 
 
 def test_what_is_no_log_is_refused(tmp_path):
     path = tmp_path / "log.jsonl"
     path.write_text('{"kind":"sample"}')
     with pytest.raises(ConfigError, match="not an MCAP file"):
-        ReplayTracker(path)
+        replaying(path)
 
 
 def test_missing_file_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="No such file"):
-        ReplayTracker(tmp_path / "missing")
+        replaying(tmp_path / "missing")

@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from ccr_host.control import registry
 from ccr_host.control.base import Command, Outcome
 from ccr_host.core.errors import CodeError
+from ccr_host.core.plugins import Given
 from ccr_host.link.messages import State
 from ccr_host.record.keep import execute_logged
 from ccr_host.record.log import topics
@@ -26,7 +26,6 @@ QUICK = ("control.settle_s=0.1", "link.relax_after_ms=500", "link.arm_axis_ms=20
 class Still:
     """Stays at zero; what it is to do besides is told by method and step."""
 
-    name = "still"
     deeds: ClassVar[dict] = {}
 
     def __init__(self, description) -> None:
@@ -58,12 +57,11 @@ def run(monkeypatch, tmp_path):
 
     def execute(deeds, *, realtime=False, kind=Still):
         monkeypatch.setattr(kind, "deeds", deeds, raising=False)
-        monkeypatch.setitem(registry._MAKERS, "still", kind)
         path = tmp_path / "short.csv"
         path.write_text("t_s,y_mm,z_mm\n0,0,30\n2,0,35\n")
         options = RunOptions(
             path=str(path),
-            controller="still",
+            controller=Given(kind),
             rate_hz=10.0,
             realtime=realtime,
             overrides=QUICK,
@@ -92,7 +90,7 @@ def test_a_controller_may_take_its_time_wherever_it_likes_and_the_board_is_fed(
     assert summary["steps"] == 21
     late = [record.step for record in result.records if record.late]
     assert (len(late) >= 10) == (call[0] == "step")
-    assert replay(RunRecording(tmp_path / "kept")).difference is None
+    assert replay(RunRecording(tmp_path / "kept"), controller=Given(kind)).difference is None
 
 
 def raising(error):
@@ -139,7 +137,7 @@ def test_a_controller_that_raises_ends_the_run_disarmed_with_log_and_traceback(
     assert recording.end.is_complete
     states = [one.content["state"] for one in recording.messages(topics.STATE)]
     assert states[-1] == State.DISARMED.name.lower()
-    assert replay(recording).difference is None
+    assert replay(recording, controller=Given(Leading)).difference is None
 
 
 @pytest.mark.parametrize("error", [SystemExit(7), MemoryError(), RecursionError("deep")])

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from ccr_host.core.errors import CodeError
+from ccr_host.core.plugins import Given
 from ccr_host.link.messages import State
 from ccr_host.record.keep import execute_logged
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
-from ccr_host.run import tracker_rig
 from ccr_host.run.options import RunOptions
 from ccr_host.tracking.tracker import MarkerFrame, Pose, StartsAndStops, TrackerHealth
 
@@ -18,7 +18,6 @@ FAILS_AT_US = 1_500_000
 class Mine(StartsAndStops):
     """Sees a robot that stands still, until it does something else."""
 
-    name = "mine:"
     health = TrackerHealth("tracking", tracking=True)
 
     def __init__(self, deed, method) -> None:
@@ -62,17 +61,20 @@ def fail(answer):
         (
             "newest_frame",
             lambda frame: MarkerFrame(frame.exposed_us, 1, np.zeros(3), np.zeros(1, dtype=bool)),
-            r"points_mm of shape \(3,\)",
+            r"points_mm and out_of_volume of shapes \(3,\)",
         ),
     ],
 )
 def test_the_run_ends_disarmed_and_tells_whose_class_has_failed(
-    monkeypatch, tmp_path, method, deed, told
+    tmp_path, method, deed, told
 ) -> None:
-    monkeypatch.setattr(tracker_rig, "open_tracker", lambda *_, **__: Mine(deed, method))
     overrides = ("control.settle_s=0.1", "link.arm_axis_ms=20")
+
+    def tracker(description):
+        return Mine(deed, method)
+
     options = RunOptions(
-        path="8shape", controller="mpc", tracker="igtl://localhost:1", overrides=overrides,
+        path="8shape", controller="mpc", tracker=Given(tracker), overrides=overrides,
         rate_hz=5.0,
     )  # fmt: skip
     with pytest.raises(CodeError, match=told):

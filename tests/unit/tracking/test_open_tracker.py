@@ -4,6 +4,7 @@ import pytest
 
 from ccr_host.core import plugins as optional
 from ccr_host.core.errors import ConfigError
+from ccr_host.description.schema import Description, Tracker
 from ccr_host.tracking.open_tracker import TrackerKind, TrackerUri, open_tracker, parse_tracker_uri
 from ccr_host.tracking.sources.ndi.driver import NdiTracker
 
@@ -54,18 +55,18 @@ def test_other_forms_are_refused_with_an_example(text):
 
 def test_ndi_is_opened_only_when_started():
     uri = parse_tracker_uri("ndi:/dev/nosuchport")
-    assert isinstance(open_tracker(uri, latency_us=40_000), NdiTracker)
+    assert isinstance(open_tracker(uri, Description()), NdiTracker)
 
 
 def test_aruco_without_calibration_says_what_to_set():
     with pytest.raises(ConfigError, match="calibration") as refusal:
-        open_tracker(parse_tracker_uri("aruco:0"), latency_us=0)
+        open_tracker(parse_tracker_uri("aruco:0"), Description())
     assert "camera_file" in refusal.value.cure
 
 
 def test_twin_needs_the_twin():
     with pytest.raises(ConfigError, match="needs the twin"):
-        open_tracker(parse_tracker_uri("twin:"), latency_us=0)
+        open_tracker(parse_tracker_uri("twin:"), Description())
 
 
 @pytest.mark.parametrize(
@@ -82,6 +83,7 @@ def test_missing_package_gives_the_line_that_installs_it(text, line, monkeypatch
         "camera_matrix:\n  data: [600, 0, 320, 0, 600, 240, 0, 0, 1]\n"
         "distortion_coefficients:\n  data: [0, 0, 0, 0, 0]\n"
     )
+    tracker = Tracker(camera_file=str(camera_file), tag_size_mm=20)
     with pytest.raises(ConfigError, match="not installed") as refusal:
-        open_tracker(parse_tracker_uri(text), latency_us=0, camera_file=camera_file, tag_size_mm=20)
+        open_tracker(parse_tracker_uri(text), Description(tracker=tracker))
     assert line in refusal.value.cure

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ccr_host.description.schema import Twin
 from ccr_host.sim.robot.mechanics import Mechanics
+from ccr_host.sim.robot.plant import Plant
 
 
 class ServoModel:
@@ -62,7 +63,7 @@ class ServoModel:
 Array = NDArray[np.float64]
 
 
-class TwinRobot:
+class TwinRobot(Plant):
     """Servos, tendons and structure, stepped on an integer grid of microseconds.
 
     Starts at time 0, at rest under gravity, with both servos at 0 deg and no pulses.
@@ -128,12 +129,6 @@ class TwinRobot:
     def markers_mm(self) -> Array:
         """Positions of M1, M2 and M3, one per row, (3, 3), in the frame of (10)."""
         return self._mechanics.markers_mm()
-
-    def tip_mm(self) -> Array:
-        """M3 - M1, (3,), the f of (10)."""
-        markers_mm = self.markers_mm()
-        tip: Array = markers_mm[2] - markers_mm[0]
-        return tip
 
     def backbone_mm(self) -> Array:
         """Centres of the disks from base to tip, (1 + flexures, 3)."""

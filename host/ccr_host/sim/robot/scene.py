@@ -7,7 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.core.plugins import is_plugin, make_plugin, unknown_plugin
+from ccr_host.description.schema import Description
 from ccr_host.sim.board.serial_line import SerialLine
+from ccr_host.sim.robot.plant import TWIN, GuardedPlant, Plant
 from ccr_host.sim.robot.robot import TwinRobot
 
 
@@ -37,6 +40,21 @@ class CoSimulation:
         self._scene.advance_to(time_us)
 
 
+def make_plant(name: str, description: Description) -> Plant:
+    """Construct the simulated robot that ``--plant`` names.
+
+    Raises:
+        ConfigError: unknown name, or a description that the twin cannot simulate.
+        CodeError: the plug-in cannot be constructed.
+    """
+    if name == TWIN:
+        return TwinRobot(description.twin)
+    if not is_plugin("plant", name):
+        raise unknown_plugin("plant", name, [TWIN])
+    methods = ("set_pulses_half_us", "advance_to", "markers_mm")
+    return GuardedPlant(make_plugin("plant", name, methods, description), name)
+
+
 class ExposedCamera(Protocol):
     """A simulated camera as seen by the scene."""
 
@@ -51,7 +69,7 @@ class ExposedCamera(Protocol):
 class TwinScene:
     """Advances the robot and exposes the camera at the times of its exposures."""
 
-    def __init__(self, robot: TwinRobot, camera: ExposedCamera) -> None:
+    def __init__(self, robot: Plant, camera: ExposedCamera) -> None:
         self._robot = robot
         self._camera = camera
 

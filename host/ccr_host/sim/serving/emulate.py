@@ -14,8 +14,7 @@ from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.eeprom import EepromFile
 from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.polaris.camera import faults_of, make_polaris
-from ccr_host.sim.robot.robot import TwinRobot
-from ccr_host.sim.robot.scene import CoSimulation, TwinScene
+from ccr_host.sim.robot.scene import CoSimulation, TwinScene, make_plant
 from ccr_host.sim.serving.ports import DEFAULT_HOST, PtyPort, TcpPort
 from ccr_host.sim.serving.server import BoardServer, Station, WorldLine
 
@@ -34,12 +33,14 @@ class ServedBoard:
 
 @dataclass(frozen=True)
 class ServedCamera:
-    """A Polaris that measures the twin driven by the board."""
+    """A Polaris that measures the simulated robot driven by the board."""
 
     tcp_address: str | None
     """HOST:PORT, or None for a pseudo-terminal."""
     description: Description
-    """Description of the twin and its camera."""
+    """Description of the simulated robot and its camera."""
+    plant: str
+    """Name of the simulated robot, see `make_plant`."""
     seed: int
     """Seed of the camera's noise."""
 
@@ -80,7 +81,7 @@ def open_board_with_camera(board: ServedBoard, camera: ServedCamera) -> Served:
         faults=replace(faults, silent_us=faults.silent_us + faults.unplugged_us, unplugged_us=()),
         paced=camera.tcp_address is None,
     )
-    scene = TwinScene(TwinRobot(description.twin), polaris.device.sensor)
+    scene = TwinScene(make_plant(camera.plant, description), polaris.device.sensor)
     uno = SerialLine(_uno(board))
     board_port = _port(board.tcp_address, "--tcp")
     camera_port = _port(camera.tcp_address, "--polaris-tcp")

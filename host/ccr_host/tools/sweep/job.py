@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from ccr_host.control.registry import make_controller
 from ccr_host.core.clock import CpuStopwatch, Stopwatch
-from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Servo
 from ccr_host.link.messages import TICK_US, StateReport
 from ccr_host.run.execute import execute, reference_of
 from ccr_host.run.observer import RunObserver, RunSetup, StepRecord, true_errors_mm
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult, ratio_to_twin_floor, summarise
-from ccr_host.run.twin_floor import floor_on_map_mm, static_map_of
+from ccr_host.run.twin_floor import floor_on_map_mm, static_map_of_run
 from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.robot.mechanics import UnfitTwinError
 from ccr_host.sim.robot.scene import TwinScene
@@ -172,7 +171,7 @@ def run_job(job: TwinJob) -> list[Row]:
         ConfigError: something of the job exists only on another machine.
     """
     stopwatch = CpuStopwatch()
-    static_map = _static_map(job)
+    static_map = static_map_of_run(job.options(job.drives[0]), cache=None)
     map_s = stopwatch.elapsed_s()
     return [{**_run(job, drive, static_map), "map_cpu_s": map_s} for drive in job.drives]
 
@@ -180,13 +179,6 @@ def run_job(job: TwinJob) -> list[Row]:
 def row_of_a_lost_job(job: TwinJob, drive: Drive, why: str) -> Row:
     """The row of a run that came to nothing."""
     return {**_identity(job, drive), "diverged": False, "within_limits": True, "fault": why}
-
-
-def _static_map(job: TwinJob) -> StaticMap | None:
-    try:
-        return static_map_of(job.options(job.drives[0]).description(), cache=None)
-    except CcrError:
-        return None
 
 
 def _run(job: TwinJob, drive: Drive, static_map: StaticMap | None) -> Row:

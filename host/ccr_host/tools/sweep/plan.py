@@ -17,6 +17,8 @@ from ccr_host.core.user_file import lines_of, read_text
 from ccr_host.description import schema
 from ccr_host.run.execute import reference_of
 from ccr_host.run.options import RunOptions
+from ccr_host.sim.robot.plant import TWIN
+from ccr_host.sim.robot.scene import make_plant
 from ccr_host.tools.sweep.random_twin import Settings, as_overrides, draw_twin
 
 _MOST_BYTES = 64_000_000
@@ -37,6 +39,7 @@ class TwinJob:
     robot: str | None
     overrides: tuple[str, ...]
     """Of the whole description: the sweep's own, then the twin's."""
+    plant: str
     drives: tuple[Drive, ...]
 
     def options(self, drive: Drive) -> RunOptions:
@@ -47,6 +50,7 @@ class TwinJob:
             controller=controller,
             robot=self.robot,
             overrides=self.overrides,
+            plant=self.plant,
             rate_hz=rate_hz,
             seed=self.seed,
         )
@@ -55,6 +59,7 @@ class TwinJob:
         """The command line that repeats one of its runs exactly."""
         rate_hz, controller = drive
         robot = ["--robot", self.robot] if self.robot else []
+        robot += ["--plant", self.plant] if self.plant != TWIN else []
         sets = [word for override in self.overrides for word in ("--set", override)]
         words = ["--controller", controller, "--rate", f"{rate_hz:g}", "--seed", str(self.seed)]
         words.append("--unchecked")
@@ -74,16 +79,22 @@ class SweepPlan:
     overrides: tuple[str, ...] = ()
     twins: tuple[Settings, ...] | None = None
     """Given ones; None draws them."""
+    plant: str = TWIN
+    """The simulated robot that is made from each."""
 
     def jobs(self, indices: Sequence[int], drives: Sequence[Drive]) -> list[TwinJob]:
         """One job a twin.
 
         Raises:
-            ConfigError: the description, a path, a rate, a controller or a given twin is no good.
+            ConfigError: the description, a path, a rate, a controller, a plant or a given twin is
+                no good.
+            CodeError: a plug-in cannot be constructed.
         """
         base = schema.load(self.robot, self.overrides)
         for name in {controller for _, controller in drives}:
             make_controller(name, base)
+        if self.plant != TWIN:
+            make_plant(self.plant, base)
         for path in self.paths:
             for rate_hz in {rate_hz for rate_hz, _ in drives}:
                 reference_of(self._plain_run(path, rate_hz))
@@ -100,6 +111,7 @@ class SweepPlan:
             "paths": list(self.paths),
             "description": schema.load(self.robot, self.overrides).model_dump(mode="json"),
             "twins": None if self.twins is None else list(self.twins),
+            "plant": self.plant,
         }
 
     def _plain_run(self, path: str, rate_hz: float) -> RunOptions:
@@ -121,7 +133,7 @@ class SweepPlan:
         overrides = self.overrides + as_overrides(settings)
         schema.load(self.robot, overrides)
         seed = int(run_seed.generate_state(1)[0])
-        return TwinJob(index, seed, path, self.robot, overrides, drives)
+        return TwinJob(index, seed, path, self.robot, overrides, self.plant, drives)
 
 
 def read_twins(file: Path) -> tuple[Settings, ...]:

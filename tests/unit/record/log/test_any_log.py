@@ -7,6 +7,7 @@ import shutil
 import pytest
 
 from ccr_host.core.errors import CcrError
+from ccr_host.description.schema import Description
 from ccr_host.record.export import Format, export, finish_log
 from ccr_host.record.folder import METRICS_FILE
 from ccr_host.record.log.play import play_run
@@ -41,7 +42,7 @@ READERS = {
     "finish": lambda folder: finish_log(RunRecording(folder), folder / "finished"),
     "replay": lambda folder: replay(RunRecording(folder)),
     "view": view,
-    "tracker": ReplayTracker,
+    "tracker": lambda folder: ReplayTracker(Description(), str(folder)),
 }
 
 

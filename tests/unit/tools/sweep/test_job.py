@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from ccr_host.core.errors import CcrError
+from ccr_host.run import twin_floor
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.summary import summarise
-from ccr_host.tools.sweep import job as job_module
 from ccr_host.tools.sweep.job import LOST_MM, cpu_seconds_of, run_job
 from ccr_host.tools.sweep.plan import SweepPlan
 
@@ -64,7 +64,7 @@ def test_a_twin_that_has_no_static_map_is_run_without_floor(plan, monkeypatch):
     def no_rest(*_: object, **__: object) -> None:
         raise CcrError("no rest pose")
 
-    monkeypatch.setattr(job_module, "static_map_of", no_rest)
+    monkeypatch.setattr(twin_floor, "static_map_of", no_rest)
     (row,) = run_job(plan.jobs([0], [(2.0, "open-loop")])[0])
     assert row["twin_floor_mean_error_mm"] is None
     assert np.isfinite(row["true_mean_error_mm"])
