@@ -2,7 +2,7 @@
 
     python protocol/check_compatibility.py
 
-Exit status 1 and one line for each change that is not allowed. Standard library only.
+Exit status 1 and one line for each change that is not allowed.
 """
 
 from __future__ import annotations

@@ -46,13 +46,13 @@ class Exclusion:
 Clause: TypeAlias = Comparison | Exclusion
 
 
-def parse(text: str) -> tuple[Clause, ...]:
+def parse(text: object) -> tuple[Clause, ...]:
     """Read a rule.
 
     Raises:
         ValueError: the text is not of this language; says where.
     """
-    if not text.endswith(_SUFFIX):
+    if not isinstance(text, str) or not text.endswith(_SUFFIX):
         raise ValueError(f"must end in {_SUFFIX!r}")
     clauses: list[Clause] = []
     for part in text.removesuffix(_SUFFIX).split(" and "):

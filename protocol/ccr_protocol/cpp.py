@@ -8,16 +8,15 @@ from itertools import chain
 
 from ccr_protocol.consistency import Clause, Comparison
 from ccr_protocol.spec import (
-    INTEGER_TYPES,
     Constant,
     Enumeration,
     Field,
     FlagSet,
-    IntegerType,
     Message,
     Spec,
     Struct,
 )
+from ccr_protocol.values import INTEGER_TYPES, IntegerType
 
 _WIDTH = 100
 _LAYOUT_MESSAGE = '"payload layout");'

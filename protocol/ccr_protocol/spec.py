@@ -1,11 +1,31 @@
-"""What a valid spec says, as data. Built from a tree that `validate` has passed."""
+"""What a spec says: the shape of `spec.toml`, and what each part of it offers the generators.
+
+What the parts must be to each other is checked in `meaning`.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated, Any, Literal, NamedTuple
 
-from ccr_protocol.consistency import Clause
+from pydantic import BaseModel, BeforeValidator, ConfigDict, PrivateAttr, StrictBool
+from pydantic import Field as Key
+
+from ccr_protocol.consistency import Clause, parse
+from ccr_protocol.values import (
+    INTEGER_TYPES,
+    U8,
+    U16,
+    Baud,
+    Name,
+    NotEmpty,
+    Number,
+    Prose,
+    RequirementId,
+    Scale,
+    Type,
+    Unsigned,
+)
 
 FRAME_OVERHEAD = 4
 """Id, sequence number and the two bytes of the CRC."""
@@ -13,100 +33,93 @@ FRAME_OVERHEAD = 4
 REPLY_BIT = 0x80
 """Added to a request's id for the reply that belongs to it alone."""
 
+ANY_STATE = ("any",)
+"""In place of the states in which a request is allowed."""
 
-@dataclass(frozen=True)
-class IntegerType:
-    """An integer as it goes over the wire, little-endian."""
+FIRST_CONFIGURATION = ("limits", "slew", "watchdog", "calibration")
+"""Structs in an EEPROM slot where a spec does not say which, in this order."""
 
-    name: str
-    size: int
-    signed: bool
+SLOT_HEADER = ("u16", "u8", "u16")
+"""Magic, layout and generation, before the configuration in an EEPROM slot."""
 
-    @property
-    def minimum(self) -> int:
-        """Least value the type holds."""
-        return -(1 << (8 * self.size - 1)) if self.signed else 0
-
-    @property
-    def maximum(self) -> int:
-        """Greatest value the type holds."""
-        return (1 << (8 * self.size - self.signed)) - 1
-
-    def holds(self, value: int) -> bool:
-        """Tell whether the value fits."""
-        return self.minimum <= value <= self.maximum
+SLOT_TRAILER = ("u32",)
+"""The CRC-32, after it."""
 
 
-INTEGER_TYPES = {
-    f"{letter}{8 * size}": IntegerType(f"{letter}{8 * size}", size, signed=letter == "i")
-    for size in (1, 2, 4)
-    for letter in "ui"
-}
+def _listed(states: object) -> object:
+    return ANY_STATE if states == "any" else states
 
 
-@dataclass(frozen=True)
-class Constant:
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Protocol(_Part):
+    """The protocol itself, and the firmware that speaks it."""
+
+    name: Name
+    version: Annotated[int, Key(ge=1, le=255, strict=True)]
+    firmware_version: tuple[U8, U8, U8]
+    prose: Prose
+
+
+class Constant(_Part):
     """A number fixed in every implementation."""
 
-    name: str
-    value: int
-    unit: str
-    prose: str
+    name: Name
+    value: Number
+    unit: Prose
+    prose: Prose
 
 
-@dataclass(frozen=True)
-class Enumerator:
+class Enumerator(_Part):
     """One value of an enumeration."""
 
-    name: str
-    value: int
-    prose: str
+    name: Name
+    value: Number
+    prose: Prose
 
 
-@dataclass(frozen=True)
-class Enumeration:
+class Enumeration(_Part):
     """A closed set of values; an `internal` one never goes over the wire."""
 
-    name: str
-    type: IntegerType
-    prose: str
-    values: tuple[Enumerator, ...]
-    internal: bool = False
+    name: Name
+    type: Unsigned
+    prose: Prose
+    values: Annotated[tuple[Enumerator, ...], NotEmpty]
+    internal: StrictBool = False
 
 
-@dataclass(frozen=True)
-class Bit:
+class Bit(_Part):
     """One bit of a flag set."""
 
-    name: str
-    bit: int
-    prose: str
+    name: Name
+    bit: Annotated[int, Key(ge=0, le=31, strict=True)]
+    prose: Prose
 
 
-@dataclass(frozen=True)
-class FlagSet:
+class FlagSet(_Part):
     """Independent bits in one integer; bits without a name are sent as 0 and ignored."""
 
-    name: str
-    type: IntegerType
-    prose: str
-    bits: tuple[Bit, ...]
+    name: Name
+    type: Unsigned
+    prose: Prose
+    bits: Annotated[tuple[Bit, ...], NotEmpty]
 
 
-@dataclass(frozen=True)
-class Field:
+class Field(_Part):
     """One field of a payload: `count` integers of one type."""
 
-    name: str
-    type: IntegerType
-    prose: str
-    count: int = 1
-    unit: str = ""
-    scale: float = 1
-    minimum: int | None = None
-    maximum: int | None = None
-    enum: str | None = None
-    flags: str | None = None
+    name: Name
+    type: Type
+    prose: Prose
+    count: Annotated[int, Key(ge=2, le=16, strict=True)] = 1
+    unit: Prose = ""
+    scale: Scale = 1
+    minimum: Number | None = Key(None, alias="min")
+    maximum: Number | None = Key(None, alias="max")
+    enum: Name | None = None
+    flags: Name | None = None
 
     @property
     def size(self) -> int:
@@ -139,14 +152,13 @@ class Field:
         return self.type.maximum if self.maximum is None else self.maximum
 
 
-@dataclass(frozen=True)
-class Struct:
+class Struct(_Part):
     """A list of fields that several messages share."""
 
-    name: str
-    prose: str
-    fields: tuple[Field, ...]
-    consistency: tuple[Clause, ...] = ()
+    name: Name
+    prose: Prose
+    fields: Annotated[tuple[Field, ...], NotEmpty]
+    consistency: Annotated[tuple[Clause, ...], BeforeValidator(parse)] = Key((), alias="consistent")
 
     @property
     def attribute(self) -> str:
@@ -159,8 +171,7 @@ class Struct:
         return sum(field.size for field in self.fields)
 
 
-@dataclass(frozen=True)
-class RequestRules:
+class RequestRules(NamedTuple):
     """How the board treats a request."""
 
     reply: str
@@ -169,16 +180,26 @@ class RequestRules:
     states: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Message:
+class Message(_Part):
     """One message: its own fields, then those of its struct. `rules` only on requests."""
 
-    id: int
-    name: str
-    prose: str
-    fields: tuple[Field, ...]
-    struct: Struct | None
-    rules: RequestRules | None
+    id: U8
+    name: Name
+    prose: Prose
+    fields: tuple[Field, ...] = ()
+    struct_name: Name | None = Key(None, alias="struct")
+    _struct: Struct | None = PrivateAttr(None)
+    _states: tuple[str, ...] = PrivateAttr(())
+
+    @property
+    def struct(self) -> Struct | None:
+        """Whose fields follow its own."""
+        return self._struct
+
+    @property
+    def rules(self) -> RequestRules | None:
+        """How the board treats it, if it is a request."""
+        return None
 
     @property
     def wire_fields(self) -> tuple[Field, ...]:
@@ -191,8 +212,45 @@ class Message:
         return sum(field.size for field in self.wire_fields)
 
 
-@dataclass(frozen=True)
-class Transition:
+class Report(Message):
+    """A message to the host."""
+
+    direction: Literal["to_host"]
+
+
+class Request(Message):
+    """A message to the board."""
+
+    direction: Literal["to_board"]
+    id: Annotated[int, Key(ge=0, lt=REPLY_BIT, strict=True)]
+    reply: Name
+    retry: Literal["repeat", "once", "never"]
+    session: StrictBool
+    states: Annotated[tuple[Name, ...], NotEmpty, BeforeValidator(_listed)]
+
+    @property
+    def rules(self) -> RequestRules:
+        return RequestRules(self.reply, self.retry, self.session, self._states)
+
+
+AnyMessage = Annotated[Report | Request, Key(discriminator="direction")]
+
+
+class Transitions(_Part):
+    """Arrows of the state machine with one event and one end."""
+
+    sources: Annotated[tuple[Name, ...], NotEmpty] = Key(alias="from")
+    event: Name
+    target: Name = Key(alias="to")
+
+
+class StateMachine(_Part):
+    """How events lead from state to state."""
+
+    transitions: Annotated[tuple[Transitions, ...], NotEmpty]
+
+
+class Transition(NamedTuple):
     """One arrow of the state machine."""
 
     source: str
@@ -200,17 +258,17 @@ class Transition:
     target: str
 
 
-@dataclass(frozen=True)
-class Framing:
+class Framing(_Part):
     """How a message becomes bytes."""
 
-    baud: int
-    baud_fallback: int
-    encoding: str
-    delimiter: int
-    crc: str
-    max_payload: int
-    prose: str
+    baud: Baud
+    baud_fallback: Baud
+    encoding: Literal["COBS"]
+    delimiter: Literal[0]
+    crc: Literal["CRC-16/X-25"]
+    # With id, sequence and CRC below 254 bytes, so that COBS adds exactly one.
+    max_payload: Annotated[int, Key(ge=1, le=249, strict=True)]
+    prose: Prose
 
     @property
     def max_decoded(self) -> int:
@@ -223,48 +281,87 @@ class Framing:
         return self.max_decoded + 1
 
 
-@dataclass(frozen=True)
-class Eeprom:
+class Eeprom(_Part):
     """Where the board keeps its configuration."""
 
-    prose: str
-    size: int
-    slot_a: int
-    slot_b: int
-    boot_counter: int
-    boot_counters: int
-    magic: int
-    layout: int
-    configuration: tuple[str, ...]
-    slot_size: int
+    prose: Prose
+    size: Annotated[int, Key(ge=1, le=65536, strict=True)]
+    slot_a: U16
+    slot_b: U16
+    boot_counter: U16
+    boot_counters: Annotated[int, Key(ge=1, le=255, strict=True)] = 1
+    magic: U16
+    layout: U8
+    configuration: Annotated[tuple[Name, ...], NotEmpty] = FIRST_CONFIGURATION
+    _slot_size: int = PrivateAttr(0)
+
+    @property
+    def slot_size(self) -> int:
+        """Bytes of a slot."""
+        return self._slot_size
 
 
-@dataclass(frozen=True)
-class Requirement:
+class Requirement(_Part):
     """A testable sentence with a name."""
 
-    id: str
-    text: str
+    id: RequirementId
+    text: Prose
 
 
-@dataclass(frozen=True)
-class Spec:
+class Spec(_Part):
     """The whole protocol."""
 
-    name: str
-    version: int
-    firmware_version: tuple[int, int, int]
-    prose: str
+    protocol: Protocol
     framing: Framing
-    constants: tuple[Constant, ...]
-    enums: tuple[Enumeration, ...]
-    flag_sets: tuple[FlagSet, ...]
-    structs: tuple[Struct, ...]
-    messages: tuple[Message, ...]
-    transitions: tuple[Transition, ...]
+    constants: Annotated[tuple[Constant, ...], NotEmpty] = Key(alias="constant")
+    enums: Annotated[tuple[Enumeration, ...], NotEmpty] = Key(alias="enum")
+    flag_sets: Annotated[tuple[FlagSet, ...], NotEmpty] = Key(alias="flags")
+    structs: Annotated[tuple[Struct, ...], NotEmpty] = Key(alias="struct")
+    messages: Annotated[tuple[AnyMessage, ...], NotEmpty] = Key(alias="message")
+    state_machine: StateMachine
     eeprom: Eeprom
-    requirements: tuple[Requirement, ...]
-    hash: int
+    requirements: Annotated[tuple[Requirement, ...], NotEmpty] = Key(alias="requirement")
+    _hash: int = PrivateAttr(0)
+
+    def model_post_init(self, tree: Any) -> None:  # noqa: ANN401
+        """Tell messages and EEPROM of the structs and states that they name."""
+        structs = {struct.name: struct for struct in self.structs}
+        for message in self.messages:
+            message._struct = structs.get(message.struct_name or "")
+            if isinstance(message, Request):
+                any_state = message.states == ANY_STATE
+                message._states = self.enumerator_names("state") if any_state else message.states
+        framing = sum(INTEGER_TYPES[name].size for name in SLOT_HEADER + SLOT_TRAILER)
+        named = (structs[name].size for name in self.eeprom.configuration if name in structs)
+        self.eeprom._slot_size = framing + sum(named)
+
+    @property
+    def version(self) -> int:
+        """Of the protocol."""
+        return self.protocol.version
+
+    @property
+    def firmware_version(self) -> tuple[int, int, int]:
+        """Major, minor and patch."""
+        return self.protocol.firmware_version
+
+    @property
+    def prose(self) -> str:
+        """What the protocol is for."""
+        return self.protocol.prose
+
+    @property
+    def hash(self) -> int:
+        """By which the two ends know that they were built from the same spec."""
+        return self._hash
+
+    @cached_property
+    def transitions(self) -> tuple[Transition, ...]:
+        """All arrows of the state machine."""
+        rows = self.state_machine.transitions
+        return tuple(
+            Transition(source, row.event, row.target) for row in rows for source in row.sources
+        )
 
     @cached_property
     def enum_by_name(self) -> dict[str, Enumeration]:
@@ -272,15 +369,15 @@ class Spec:
         return {enum.name: enum for enum in self.enums}
 
     @cached_property
-    def message_by_name(self) -> dict[str, Message]:
+    def message_by_name(self) -> dict[str, Report | Request]:
         """Messages by name."""
         return {message.name: message for message in self.messages}
 
     @property
-    def requests(self) -> tuple[Message, ...]:
+    def requests(self) -> tuple[Request, ...]:
         """Messages to the board."""
-        return tuple(message for message in self.messages if message.rules)
+        return tuple(message for message in self.messages if isinstance(message, Request))
 
     def enumerator_names(self, enum: str) -> tuple[str, ...]:
-        """Names of the values of an enumeration, in the order of the spec."""
-        return tuple(value.name for value in self.enum_by_name[enum].values)
+        """Names of the values of an enumeration, in the spec's order; none if missing."""
+        return tuple(value.name for one in self.enums if one.name == enum for value in one.values)

@@ -61,7 +61,7 @@ def test_a_bad_spec_gets_its_problems_and_status_2(tmp_path, capsys) -> None:
     bad = tmp_path / "spec.toml"
     bad.write_text(text.replace('crc = "CRC-16/X-25"', 'crc = "CRC-8"'), encoding="utf-8")
     assert generate.main(["--spec", str(bad), "--root", str(tmp_path)]) == 2
-    assert capsys.readouterr().err.startswith("framing, crc: 'CRC-8' is not one of")
+    assert capsys.readouterr().err.startswith("framing, crc: must be 'CRC-16/X-25', not 'CRC-8'")
     assert list(tmp_path.iterdir()) == [bad]
 
 
