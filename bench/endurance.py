@@ -25,8 +25,7 @@ from ccr_host.record.keep import execute_logged
 from ccr_host.run.observer import RunObserver, StepRecord
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import summarise
-from ccr_host.view.address import parse_view_address
-from ccr_host.view.live import live_page
+from ccr_host.view.live import live_page, parse_view_address
 
 LAP_S = 80
 SAMPLES = 200

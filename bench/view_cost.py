@@ -41,9 +41,8 @@ from ccr_host.run.execute import execute, reference_of
 from ccr_host.run.observer import Observers, RunObserver, RunSetup, StepRecord
 from ccr_host.run.options import RunOptions
 from ccr_host.tracking.tracker import Sample
-from ccr_host.view.address import ViewAddress
-from ccr_host.view.buttons import PageOperator, SharedButtons
-from ccr_host.view.live import LivePage, live_page
+from ccr_host.view.feed import PageOperator, SharedButtons
+from ccr_host.view.live import LivePage, ViewAddress, live_page
 from tests.viewer import Viewer
 
 RATE_HZ = 20.0

@@ -76,8 +76,7 @@ def track(
     from ccr_host.run.campaign import in_background
     from ccr_host.run.execute import reference_of
     from ccr_host.run.open_rig import is_simulated
-    from ccr_host.view.address import parse_view_address
-    from ccr_host.view.live import live_page
+    from ccr_host.view.live import live_page, parse_view_address
 
     with ExitStack() as stack:
         options = RunOptions(

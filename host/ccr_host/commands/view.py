@@ -13,11 +13,10 @@ import typer
 
 from ccr_host.core.clock import RealClock
 from ccr_host.record.log.play import play_run
-from ccr_host.view.address import DEFAULT_ADDRESS, ViewAddress, open_door
 from ccr_host.view.history import RunHistory
+from ccr_host.view.live import DEFAULT_ADDRESS, ViewAddress, open_door
 from ccr_host.view.page import Page
-from ccr_host.view.page_process import DRAW_EVERY_S
-from ccr_host.view.page_server import in_servers_thread, page_server
+from ccr_host.view.page_server import DRAW_EVERY_S, in_servers_thread, page_server
 
 ViewOption = Annotated[
     str | None,
@@ -80,8 +79,7 @@ def view(
 
     Example: ccr-host view runs/20260101-120000-8shape-adaptive
     """
-    from ccr_host.view.address import parse_view_address
-    from ccr_host.view.live import require_viser
+    from ccr_host.view.live import parse_view_address, require_viser
 
     where = parse_view_address(address, "--address")
     require_viser()

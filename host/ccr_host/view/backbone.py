@@ -11,17 +11,16 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from ccr_host.robot.arc import arc_derivatives_at
 from ccr_host.robot.kinematics import ConstantCurvature
 
 FloatArray = NDArray[np.float64]
 
-_ITERATIONS = 8
-_CONVERGED_RAD = 1e-5
-_DAMPING = 1e-6
-"""Of the normal equations, mm^2: keeps the step finite at the fold, where J loses rank."""
-_GREATEST_STEP_RAD = 0.5
+_CONVERGED = 1e-6
 _STRAIGHT_RAD = 1e-6
 """Below it tan(x) / x is its limit, 1."""
 
@@ -36,15 +35,16 @@ def fitted_bending_rad(
         markers_mm: (3, 3), M1, M2, M3 in the frame of (10).
         start_rad: where to begin, (2,); the commanded bending is a good choice.
     """
-    theta = np.array(start_rad, dtype=np.float64)
-    for _ in range(_ITERATIONS):
-        residuals, jacobian = _marker_residuals(model, markers_mm - markers_mm[0], theta)
-        normal = jacobian.T @ jacobian + _DAMPING * np.eye(2)
-        step = np.linalg.solve(normal, -jacobian.T @ residuals)
-        theta += np.clip(step, -_GREATEST_STEP_RAD, _GREATEST_STEP_RAD)
-        if np.max(np.abs(step)) < _CONVERGED_RAD:
-            break
-    return theta
+    seen_mm = markers_mm - markers_mm[0]
+    fit = least_squares(
+        lambda theta: _marker_residuals(model, seen_mm, theta)[0],
+        np.asarray(start_rad, dtype=np.float64),
+        lambda theta: _marker_residuals(model, seen_mm, theta)[1],
+        method="lm",
+        xtol=_CONVERGED,
+    )
+    bending_rad: FloatArray = fit.x
+    return bending_rad
 
 
 def measured_backbone_mm(
@@ -57,12 +57,12 @@ def measured_backbone_mm(
     middle = markers_mm[1] - markers_mm[0] - offset_mm
     tip = markers_mm[2] - markers_mm[0] - offset_mm
     start, bent, end = _tangent(0.0, 0.0), _tangent(theta_1, 0.0), _tangent(theta_1, theta_2)
-    speed_1 = model.lengths_mm[0] * _hermite_speed(theta_1)
-    speed_2 = model.lengths_mm[1] * _hermite_speed(theta_2)
-    share = np.linspace(0.0, 1.0, points // 2 + 1)[:, None]
-    first = _hermite(share, base, middle, speed_1 * start, speed_1 * bent)
-    second = _hermite(share, middle, tip, speed_2 * bent, speed_2 * end)
-    return np.vstack([first, second[1:]])
+    lengths = model.lengths_mm * np.array([_hermite_speed(theta_1), _hermite_speed(theta_2)])
+    curve = CubicHermiteSpline([0.0, *np.cumsum(lengths)], [base, middle, tip], [start, bent, end])
+    share = np.linspace(0.0, 1.0, points // 2 + 1)
+    first, second = lengths[0] * share, lengths[0] + lengths[1] * share[1:]
+    backbone_mm: FloatArray = curve(np.concatenate([first, second]))
+    return backbone_mm
 
 
 def marker_feet_mm(
@@ -79,11 +79,9 @@ def marker_feet_mm(
 def turns_to(directions: FloatArray) -> FloatArray:
     """Quaternions (w, x, y, z) that turn the z axis along unit ``directions`` (N, 3) -> (N, 4)."""
     x, y, z = directions.T
-    quaternions = np.stack([1.0 + z, -y, x, np.zeros_like(z)], axis=1)
-    backwards = z < -1.0 + 1e-9
-    quaternions[backwards] = (0.0, 1.0, 0.0, 0.0)
-    unit: FloatArray = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    return unit
+    angles = np.stack([np.arctan2(y, x), np.arctan2(np.hypot(x, y), z)], axis=1)
+    quaternions: FloatArray = Rotation.from_euler("ZY", angles).as_quat(scalar_first=True)
+    return quaternions
 
 
 def _marker_residuals(
@@ -131,16 +129,3 @@ def _hermite_speed(theta: float) -> float:
     """Tangent length over arc length with which a cubic follows an arc best."""
     quarter = min(abs(theta) / 4.0, 1.2)
     return math.tan(quarter) / quarter if quarter > _STRAIGHT_RAD else 1.0
-
-
-def _hermite(
-    share: FloatArray, start: FloatArray, end: FloatArray, leaving: FloatArray, arriving: FloatArray
-) -> FloatArray:
-    square, cube = share**2, share**3
-    curve: FloatArray = (
-        (2 * cube - 3 * square + 1) * start
-        + (cube - 2 * square + share) * leaving
-        + (3 * square - 2 * cube) * end
-        + (cube - square) * arriving
-    )
-    return curve

@@ -4,31 +4,81 @@ from __future__ import annotations
 
 import multiprocessing
 import queue
+import secrets
 import signal
+import socket
 import sys
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Lock, Thread
 from typing import TypeAlias
 
+from ccr_host.core.addresses import host_and_port, joined, listening_socket
 from ccr_host.core.errors import CcrError, ConfigError, full_text
 from ccr_host.core.standard_streams import warn
 from ccr_host.core.stop_signals import interruptible_again
-from ccr_host.view.address import Door, ViewAddress, open_door
-from ccr_host.view.buttons import PageOperator, SharedButtons
-from ccr_host.view.feed import Batch, RunEnded, ViewFeed
+from ccr_host.view.feed import Batch, PageOperator, RunEnded, SharedButtons, ViewFeed
 
 _ROOM_BATCHES = 64
 """Two and a half seconds of a run in real time."""
 _START_TIMEOUT_S = 30.0
 _END_TIMEOUT_S = 2.0
 _MOST_STARTS = 10
+DEFAULT_ADDRESS = "127.0.0.1:8642"
+_TOKEN_BYTES = 16
 
 _Messages: TypeAlias = "multiprocessing.Queue[Batch | RunEnded]"
+
+
+@dataclass(frozen=True)
+class ViewAddress:
+    """Host and port to listen on; port 0 takes a free one."""
+
+    host: str
+    port: int
+
+
+@dataclass(frozen=True)
+class Door:
+    """A socket that listens, and what a visitor must know; goes to the process that serves."""
+
+    host: str
+    """As the user has written it."""
+    listening: socket.socket
+    token: str
+
+    @property
+    def url(self) -> str:
+        """What to open in a browser."""
+        return f"http://{joined(self.host, self.listening.getsockname()[1])}/{self.token}"
+
+
+def open_door(address: ViewAddress) -> Door:
+    """Listen, with a new secret.
+
+    Raises:
+        ConfigError: the address cannot be had.
+    """
+    listening = listening_socket(address.host, address.port)
+    return Door(address.host, listening, secrets.token_urlsafe(_TOKEN_BYTES))
+
+
+def parse_view_address(text: str, option: str = "--view") -> ViewAddress:
+    """Read ``HOST:PORT``; IPv6 in brackets.
+
+    Args:
+        text: to be read.
+        option: that it was given with, for messages.
+
+    Raises:
+        ConfigError: it is not one.
+    """
+    return ViewAddress(*host_and_port(text, f"{option} {text}", f"{option} {DEFAULT_ADDRESS}", 0))
 
 
 class LivePage:
@@ -162,7 +212,7 @@ def _draw_live_run(
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C means the run, which ends this process
     try:
-        from ccr_host.view.page_process import draw_live_run  # noqa: PLC0415 - 0.2 s of viser, for this process alone
+        from ccr_host.view.page_server import draw_live_run  # noqa: PLC0415 - 0.2 s of viser, for this process alone
 
         draw_live_run(door, messages, buttons, tell)
     except Exception as error:

@@ -11,8 +11,8 @@ from typing import Any
 
 from viser import GuiButtonHandle, GuiEvent, Icon, ViserServer
 
-from ccr_host.view.buttons import SharedButtons
 from ccr_host.view.charts import Charts
+from ccr_host.view.feed import SharedButtons
 from ccr_host.view.history import Moment, RunHistory
 from ccr_host.view.palette import error_full_scale_mm
 from ccr_host.view.robot_scene import RobotScene

@@ -1,4 +1,4 @@
-"""viser's server, on a socket of ours, for visitors who know the token and say what a page says.
+"""The process that draws: viser's server, on a socket of ours, for visitors who know the token.
 
 viser itself asks nobody for anything, listens on a port that it chooses, and sets whatever property
 of a control a message names. All of it reaches the world through the one function of `websockets`
@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import multiprocessing
 import os
+import queue
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import replace
 from http import HTTPStatus
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 from unittest.mock import patch
@@ -24,9 +27,15 @@ from viser import ViserServer
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.http11 import Request, Response
 
-from ccr_host.core.errors import CcrError
-from ccr_host.view.address import Door
+from ccr_host.core.clock import RealClock
+from ccr_host.core.errors import CcrError, full_text
+from ccr_host.record.log.play import play_run
+from ccr_host.view.feed import Batch, RunEnded, SharedButtons, play
+from ccr_host.view.history import RunHistory
+from ccr_host.view.live import Door
+from ccr_host.view.page import Page
 
+DRAW_EVERY_S = 0.05
 _LONGEST_MESSAGE_BYTES = 4096
 _HANGS_AFTER_S = 30.0
 
@@ -156,3 +165,76 @@ def in_servers_thread(
         return work(*given, **named)
 
     return asyncio.run_coroutine_threadsafe(do(), server.get_event_loop()).result(_HANGS_AFTER_S)
+
+
+def draw_live_run(
+    door: Door,
+    messages: multiprocessing.Queue[Batch | RunEnded],
+    buttons: SharedButtons,
+    tell: Connection,
+) -> None:
+    """Serve the page until the run's process ends this one, or dies.
+
+    Tells an empty text once the page is served, then what cannot be drawn.
+    """
+    with page_server(door) as server:
+        tell.send("")
+        _draw_on(server, _LiveRun(messages), buttons, tell)
+
+
+def _draw_on(server: ViserServer, live: _LiveRun, buttons: SharedButtons, tell: Connection) -> None:
+    run = multiprocessing.parent_process()
+    assert run is not None
+    clock = RealClock()
+    drawn_us = clock.now_us()
+    page: Page | None = None
+    has_failed = False
+    while not wait([run.sentinel], DRAW_EVERY_S):
+        has_ended = live.take_in()
+        now_us = clock.now_us()
+        if page is None:
+            if live.history.setup is not None:
+                shown = None if has_ended else buttons
+                page = in_servers_thread(server, Page, server, live.history, shown)
+        elif has_ended:
+            in_servers_thread(server, page.become_player, live.history)
+        elif server.get_clients():
+            try:
+                elapsed_us = now_us - drawn_us
+                in_servers_thread(server, page.draw, now_us, elapsed_us, live.dropped_batches)
+            except TimeoutError:
+                raise
+            except Exception as error:  # the next attempt may succeed, and the buttons still work
+                if not has_failed:
+                    tell.send(f"drawing has failed, perhaps not only now: {full_text(error)}")
+                has_failed = True
+        drawn_us = now_us
+
+
+class _LiveRun:
+    """Takes in what the feed hands on."""
+
+    def __init__(self, messages: multiprocessing.Queue[Batch | RunEnded]) -> None:
+        self._messages = messages
+        self.history = RunHistory()
+        self.dropped_batches = 0
+
+    def take_in(self) -> bool:
+        """All that has come; whether the run has ended with it."""
+        while True:
+            try:
+                message = self._messages.get_nowait()
+            except queue.Empty:
+                return False
+            if isinstance(message, RunEnded):
+                self._complete(message.folder)
+                return True
+            play(message.items, self.history)
+            self.dropped_batches = message.dropped_batches
+
+    def _complete(self, folder: Path) -> None:
+        """Fill the gaps that a lagging page has left, if the log can be read."""
+        complete = RunHistory()
+        with suppress(CcrError):
+            play_run(folder, complete)
+            self.history = complete

@@ -4,7 +4,7 @@ from collections import deque
 import pytest
 
 from ccr_host.core.errors import CcrError
-from ccr_host.view.buttons import PageOperator, SharedButtons
+from ccr_host.view.feed import PageOperator, SharedButtons
 
 
 def press_both(buttons: SharedButtons) -> None:

@@ -12,7 +12,7 @@ from ccr_host.link.messages import (
     TargetReply,
     Telemetry,
 )
-from ccr_host.view.link_history import LinkHistory
+from ccr_host.view.history import LinkHistory
 
 
 def report(state: State = State.ACTIVE, link_errors: int = 0) -> StateReport:

@@ -21,8 +21,7 @@ from ccr_host.record.keep import execute_logged
 from ccr_host.run.execute import reference_of
 from ccr_host.run.observer import RunSetup, StepRecord
 from ccr_host.run.options import RunOptions
-from ccr_host.view.address import ViewAddress
-from ccr_host.view.live import LivePage, live_page
+from ccr_host.view.live import LivePage, ViewAddress, live_page
 from tests.viewer import Viewer
 
 PATIENCE_S = 60

@@ -26,9 +26,9 @@ from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.run.execute import execute
 from ccr_host.run.options import RunOptions
 from ccr_host.view import page_server as module
-from ccr_host.view.address import Door, ViewAddress, open_door
-from ccr_host.view.buttons import SharedButtons
+from ccr_host.view.feed import SharedButtons
 from ccr_host.view.history import RunHistory
+from ccr_host.view.live import Door, ViewAddress, open_door
 from ccr_host.view.page import Page
 from ccr_host.view.page_server import in_servers_thread, page_server
 from tests.viewer import CAMERA, Viewer
