@@ -9,18 +9,23 @@ from typing import NoReturn, TypeVar
 
 from ccr_host.core.clock import Steppable
 from ccr_host.core.errors import CcrError, DeviceError, TrackerError
-from ccr_host.run.tape import TOKENS_WITH_ERROR, TapeError, TapePiece, Token
+from ccr_host.run.tape import (
+    TOKENS_WITH_ERROR,
+    TOKENS_WITH_TIME,
+    TapeError,
+    TapePiece,
+    Token,
+)
 from ccr_host.tracking.tracker import Sample
 
 T = TypeVar("T")
 
 _DOING = {
-    Token.READ: "read the clock",
     Token.TURN: "waited",
     Token.WOKE: "stopped waiting",
     Token.FRAME: "took a frame",
-    Token.SAMPLE: "looked at the tracker",
-    Token.SAME: "looked at the tracker",
+    Token.SENT: "sent a frame",
+    Token.SAMPLE: "waited",
     Token.PAUSE: "was told to pause",
     Token.STOP: "was told to stop",
     Token.BUSY: "was still computing",
@@ -68,23 +73,34 @@ class TapePlayer:
             self._errors.extend(piece.errors)
         return self._tokens[0]
 
-    def skip(self) -> None:
-        """Take a token that carries nothing, or whose error has been raised."""
-        if self._tokens.popleft() in TOKENS_WITH_ERROR:
-            self._errors.popleft()
-
-    def take_time(self) -> int:
-        """Take a token that carries a time."""
+    def take(self) -> int:
+        """Take a token, and the error for which it stands; gives the time that it carries, or 0."""
         token = self._tokens.popleft()
+        if token in TOKENS_WITH_ERROR:
+            self._errors.popleft()
+        if token not in TOKENS_WITH_TIME:
+            return 0
         time_us = self._times_us.popleft()
         if token is not Token.SAMPLE:
             self.time_us = time_us
         return time_us
 
+    def take_if(self, token: Token) -> bool:
+        """Take the next token if it is this one; whether it was."""
+        is_next = self.head is token
+        if is_next:
+            self.take()
+        return is_next
+
     @property
     def error(self) -> TapeError:
         """Of the next token that stands for one."""
         return self._errors[0]
+
+    def interrupt(self) -> None:
+        """Between two waits: raise what has interrupted the recorded run here, if that was so."""
+        if self.head is Token.RAISED and self.error.kind == KeyboardInterrupt.__name__:
+            raise KeyboardInterrupt
 
     def refuse(self, asked: str) -> NoReturn:
         """The host asks for what is not next on the tape.
@@ -108,45 +124,53 @@ def _raised(error: TapeError) -> BaseException:
 
 
 class PlayedClock:
-    """Gives the recorded times, and the client its turns; never waits."""
+    """Gives the recorded times, the client its turns and the tracker its samples; never waits.
 
-    realtime = False
+    Args:
+        tape: tells when.
+        tracker: that gets the samples.
+        realtime: whether the recorded run was in real time.
+    """
 
-    def __init__(self, tape: TapePlayer) -> None:
+    def __init__(self, tape: TapePlayer, tracker: PlayedTracker, *, realtime: bool) -> None:
+        self.realtime = realtime
         self._tape = tape
+        self._tracker = tracker
         self._parts: list[Steppable] = []
 
     def now_us(self) -> int:
-        self._give_turns()
-        if self._tape.head is not Token.READ:
-            self._tape.refuse("reads the clock")
-        return self._tape.take_time()
+        return self._tape.time_us
 
     def sleep_until_us(self, time_us: int) -> None:
         self.idle()
 
     def idle(self) -> None:
-        self._give_turns()
-        if self._tape.head is not Token.WOKE:
+        self._let_the_world_go_on()
+        if not self._tape.take_if(Token.WOKE):
             self._tape.refuse("waits")
-        self._tape.skip()
 
     def attach(self, part: Steppable) -> None:
         self._parts.append(part)
 
     def beside(self, work: Callable[[], T], every_us: int, meanwhile: Callable[[], None]) -> T:
+        if not self.realtime:
+            self._tape.interrupt()
+            return work()
         try:
             return work()
         finally:
-            self._give_turns()
-            while self._tape.head is Token.BUSY:
-                self._tape.skip()
+            self._let_the_world_go_on()
+            while self._tape.take_if(Token.BUSY):
                 meanwhile()
-                self._give_turns()
+                self._let_the_world_go_on()
+            self.idle()
 
-    def _give_turns(self) -> None:
-        while self._tape.head is Token.TURN:
-            time_us = self._tape.take_time()
+    def _let_the_world_go_on(self) -> None:
+        while (token := self._tape.head) in (Token.TURN, Token.SAMPLE):
+            time_us = self._tape.take()
+            if token is Token.SAMPLE:
+                self._tracker.arrive(time_us)
+                continue
             for part in self._parts:
                 part.advance_to(time_us)
 
@@ -169,13 +193,13 @@ class PlayedTransport:
         self._fail_if_recorded()
 
     def read(self) -> bytes:
+        self._tape.interrupt()
         self._fail_if_recorded()
         data = b""
-        while self._tape.head is Token.FRAME:
+        while self._tape.take_if(Token.FRAME):
             frame = next(self._received, None)
             if frame is None:
                 raise TapeEnd
-            self._tape.skip()
             data += frame
         return data
 
@@ -185,7 +209,7 @@ class PlayedTransport:
     def _fail_if_recorded(self) -> None:
         if self._tape.head is Token.PORT_LOST:
             error = self._tape.error
-            self._tape.skip()
+            self._tape.take()
             raise DeviceError(error.cause, error.cure)
 
 
@@ -193,33 +217,27 @@ class PlayedTracker:
     """Delivers the recorded samples.
 
     Args:
-        tape: says when.
         samples: by the time of their exposure.
     """
 
     name = "replay"
 
-    def __init__(self, tape: TapePlayer, samples: dict[int, Sample]) -> None:
-        self._tape = tape
+    def __init__(self, samples: dict[int, Sample]) -> None:
         self._samples = samples
         self._newest: Sample | None = None
 
-    def newest(self) -> Sample | None:
-        if self._tape.head is Token.SAMPLE:
-            self._newest = self._taken(self._tape.take_time())
-        elif self._tape.head is Token.SAME:
-            self._tape.skip()
-        else:
-            self._tape.refuse("looks at the tracker")
-        return self._newest
-
-    def _taken(self, exposed_us: int) -> Sample:
+    def arrive(self, exposed_us: int) -> None:
+        """Let a sample arrive."""
         while self._samples:
             first_us = next(iter(self._samples))
             sample = self._samples.pop(first_us)
             if first_us == exposed_us:
-                return sample
+                self._newest = sample
+                return
         raise Diverged("the tape tells of a sample that is not in the log")
+
+    def newest(self) -> Sample | None:
+        return self._newest
 
     def trouble(self) -> str:
         """The recorded error has told it."""
@@ -234,20 +252,14 @@ class PlayedOperator:
 
     @property
     def wants_stop(self) -> bool:
-        return self._next_is(Token.STOP)
+        return self._tape.take_if(Token.STOP)
 
     @property
     def wants_pause(self) -> bool:
-        return self._next_is(Token.PAUSE)
+        return self._tape.take_if(Token.PAUSE)
 
     def news(self) -> str:
         return ""
-
-    def _next_is(self, token: Token) -> bool:
-        is_next = self._tape.head is token
-        if is_next:
-            self._tape.skip()
-        return is_next
 
 
 @contextmanager
@@ -266,5 +278,5 @@ def played_end(tape: TapePlayer) -> Iterator[None]:
             raise TapeEnd from None
         if tape.head is not Token.RAISED:
             raise Diverged(f"the host ends with: {error}") from error
-        tape.skip()
+        tape.take()
         raise

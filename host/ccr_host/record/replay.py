@@ -32,10 +32,10 @@ from ccr_host.record.playing import (
 )
 from ccr_host.run.loop import follow_path
 from ccr_host.run.observer import Observers, StepRecord
-from ccr_host.run.open_rig import meet_board
+from ccr_host.run.open_rig import is_simulated, meet_board
 from ccr_host.run.operator import stopping_at_once
 from ccr_host.run.rig import Rig
-from ccr_host.run.tape import Tape, TapeError, TapePiece
+from ccr_host.run.tape import Tape, TapeError, TapePiece, Token
 from ccr_host.tracking.tracker import Sample
 
 
@@ -174,12 +174,14 @@ class _Replay:
 
     def _execute(self) -> None:
         description = self._recording.description
-        tape, clock = self._tape, PlayedClock(self._tape)
-        tracker = PlayedTracker(tape, self._feed.samples)
+        tape, tracker = self._tape, PlayedTracker(self._feed.samples)
+        is_real = not is_simulated(self._recording.options)
+        clock = PlayedClock(tape, tracker, realtime=is_real)
         operator = PlayedOperator(tape)
         session = _session(self._recording)
         device = parse_device_uri(self._recording.options.device)
         try:
+            clock.idle()  # while the board and the camera were connected
             client = Client(
                 PlayedTransport(tape, self._feed.take_received()),
                 clock,
@@ -189,6 +191,7 @@ class _Replay:
             with client, played_end(tape):
                 clock.attach(client)
                 meet_board(client, description, device)
+                clock.idle()  # until the camera was tracking
                 rig = Rig(clock, client, tracker, Tape(lambda _: None))
                 with stopping_at_once(operator, clock, client, Observers()):
                     follow_path(
@@ -217,6 +220,8 @@ class _Replay:
         if time_us != recorded.time_us:
             told = told_frame(data)
             self._diverge(f"{told}: recorded at {recorded.time_us} us, now {time_us} us")
+        if not self._tape.take_if(Token.SENT):
+            self._tape.refuse("sends a frame")
         self._result.frames += 1
 
     def _count_step(self, step: int, steps: int, record: StepRecord) -> None:

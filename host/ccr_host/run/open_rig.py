@@ -27,11 +27,9 @@ from ccr_host.link.transport import (
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.options import RigOptions
 from ccr_host.run.recording import (
-    RecordedClock,
+    HostClock,
     RecordedTracker,
     RecordedTransport,
-    passed_on,
-    recorded_end,
     recorded_frames,
 )
 from ccr_host.run.rig import Rig
@@ -113,31 +111,34 @@ def open_rig(
     eyes = TrackerRig(tracker_uri, description, camera_seed, options.plant)
     clock: Clock = VirtualClock() if is_simulated(options) else RealClock()
     tape = Tape(observer.inputs)
-    hosts_clock = RecordedClock(clock, tape)
+    hosts_clock = HostClock(clock, tape)
     with ExitStack() as stack:
-        stack.enter_context(passed_on(tape))
+        stack.enter_context(tape.passed_on())
         on_telemetry = _shown_to(observer)
         if eyes.scene is not None and not device.in_process:
             on_telemetry = _moving(eyes.scene, on_telemetry)
-        with recorded_end(tape):
+        with hosts_clock.recorded_end():
             transport = connect_board(device, eyes.scene, clock, description.link.baud, stack)
             stack.enter_context(eyes.running(clock))
+        hosts_clock.wake()
         client = stack.enter_context(
             Client(
-                RecordedTransport(transport, tape),
+                RecordedTransport(transport, hosts_clock, tape),
                 hosts_clock,
                 session_number(device, session_seed),
                 on_frame=recorded_frames(observer.frame, tape),
                 on_telemetry=on_telemetry,
             )
         )
-        stack.enter_context(recorded_end(tape))
+        stack.enter_context(hosts_clock.recorded_end())
         hosts_clock.attach(client)
         meet_board(client, description, device)
         tracker = eyes.tracker(clock, lambda: believed_rad(client), in_camera_frame=in_camera_frame)
-        hosts_tracker = RecordedTracker(tracker, clock, tape, observer)
+        hosts_tracker = RecordedTracker(tracker, tape, observer)
         clock.attach(hosts_tracker)
         eyes.wait_until_tracking(clock)
+        hosts_tracker.advance_to(clock.now_us())
+        hosts_clock.wake()
         yield Rig(hosts_clock, client, hosts_tracker, tape, eyes.start_path_clock, eyes.true_tip_mm)
 
 

@@ -1,4 +1,7 @@
-"""Clock, port and tracker of a run as the host sees them, with a tape running along."""
+"""Clock, port, tracker and operator of a run as the host sees them; what comes in is put on a tape.
+
+See `tape` for what an instant is.
+"""
 
 from __future__ import annotations
 
@@ -18,28 +21,39 @@ from ccr_host.tracking.tracker import MarkerFrame, Sample, Tracker
 T = TypeVar("T")
 
 
-class RecordedClock:
-    """The run's clock in the hands of the host; the rest of the world uses the clock itself."""
+class HostClock:
+    """The run's clock in the hands of the host; the rest of the world uses the clock itself.
+
+    Time goes on from instant to instant: when a wait or a computation is over, and when the clock
+    lets the host's parts take in what has arrived.
+    """
 
     def __init__(self, clock: Clock, tape: Tape) -> None:
         self._clock = clock
         self._tape = tape
+        self._now_us = clock.now_us()
         self._parts = Parts()
         self._is_attached = False
         self.realtime = clock.realtime
+        self.instant = 0
+        """Counts them."""
 
     def now_us(self) -> int:
-        time_us = self._clock.now_us()
-        self._tape.at(Token.READ, time_us)
-        return time_us
+        return self._now_us
 
     def sleep_until_us(self, time_us: int) -> None:
         self._clock.sleep_until_us(time_us)
-        self._tape.note(Token.WOKE)
+        self.wake()
 
     def idle(self) -> None:
         self._clock.idle()
-        self._tape.note(Token.WOKE)
+        self.wake()
+
+    def wake(self) -> None:
+        """Begin an instant, after a wait on the clock itself."""
+        self._now_us = self._clock.now_us()
+        self.instant += 1
+        self._tape.at(Token.WOKE, self._now_us)
 
     def attach(self, part: Steppable) -> None:
         self._parts.attach(part)
@@ -48,14 +62,22 @@ class RecordedClock:
             self._clock.attach(self)
 
     def beside(self, work: Callable[[], T], every_us: int, meanwhile: Callable[[], None]) -> T:
+        if not self.realtime:
+            return work()
+
         def noted() -> None:
-            self._tape.note(Token.BUSY)
+            self._tape.at(Token.BUSY, self._begin_instant())
             meanwhile()
 
-        return self._clock.beside(work, every_us, noted)
+        try:
+            return self._clock.beside(work, every_us, noted)
+        finally:
+            self.wake()
 
     def advance_to(self, time_us: int) -> None:
         """Give the host's parts their turn, on behalf of the clock."""
+        self._now_us = time_us
+        self.instant += 1
         self._tape.begin_turn(time_us)
         try:
             self._parts.advance_to(time_us)
@@ -69,31 +91,60 @@ class RecordedClock:
         """When one of the host's parts needs a turn; those before it would leave nothing."""
         return self._parts.next_turn_us
 
+    @contextmanager
+    def recorded_end(self) -> Iterator[None]:
+        """Note what ends the run early, in its place on the tape."""
+        try:
+            yield
+        except BaseException as error:
+            self._tape.end(self._begin_instant(), error)
+            raise
+
+    def _begin_instant(self) -> int:
+        self._now_us = self._clock.now_us()
+        self.instant += 1
+        return self._now_us
+
 
 class RecordedTransport:
-    """The way to the board."""
+    """The way to the board; gives what has arrived once in an instant."""
 
-    def __init__(self, transport: Transport, tape: Tape) -> None:
+    def __init__(self, transport: Transport, clock: HostClock, tape: Tape) -> None:
         self.name = transport.name
         self._transport = transport
+        self._clock = clock
         self._tape = tape
+        self._read_in = -1
 
     def write(self, data: bytes) -> None:
         try:
             self._transport.write(data)
         except DeviceError as error:
-            self._tape.fail(Token.PORT_LOST, error)
+            self._tape.fail(error)
             raise
 
     def read(self) -> bytes:
+        if self._read_in == self._clock.instant:
+            return b""
+        self._read_in = self._clock.instant
         try:
             return self._transport.read()
         except DeviceError as error:
-            self._tape.fail(Token.PORT_LOST, error)
+            self._tape.fail(error)
             raise
 
     def close(self) -> None:
         self._transport.close()
+
+
+def recorded_frames(then: FrameObserver, tape: Tape) -> FrameObserver:
+    """Note each frame, and pass it on."""
+
+    def note(direction: str, time_us: int, data: bytes) -> None:
+        tape.note(Token.FRAME if direction == "received" else Token.SENT)
+        then(direction, time_us, data)
+
+    return note
 
 
 @runtime_checkable
@@ -109,26 +160,34 @@ class _ForeseesArrivals(Protocol):
 
 
 class RecordedTracker:
-    """The tracker in the hands of the control loop; attach it to the clock behind the tracker.
+    """The tracker in the hands of the host; attach it to the run's clock behind the tracker.
 
     The observer is shown every sample and every frame of markers, used or not.
     """
 
-    def __init__(self, tracker: Tracker, clock: Clock, tape: Tape, observer: RunObserver) -> None:
+    def __init__(self, tracker: Tracker, tape: Tape, observer: RunObserver) -> None:
         self.name = tracker.name
         self._tracker = tracker
         self._frames = tracker if isinstance(tracker, _ShowsFrames) else None
         self._arrivals = tracker if isinstance(tracker, _ForeseesArrivals) else None
-        self._clock = clock
         self._tape = tape
         self._observer = observer
-        self._shown_frame: MarkerFrame | None = None
-        self._shown_us: int | None = None
-        self._taken_us: int | None = None
+        self._frame: MarkerFrame | None = None
+        self._newest: Sample | None = None
 
     def advance_to(self, time_us: int) -> None:
         """Look for what is new."""
-        self._look(time_us)
+        if self._frames is not None:
+            frame = self._frames.frame
+            if frame is not None and frame is not self._frame:
+                self._frame = frame
+                self._observer.marker_frame(time_us, frame)
+        before, self._newest = self._newest, self._tracker.newest()
+        if self._newest is None:
+            return
+        if before is None or before.exposed_us != self._newest.exposed_us:
+            self._tape.at(Token.SAMPLE, self._newest.exposed_us)
+            self._observer.tracker_sample(time_us, self._newest)
 
     @property
     def next_turn_us(self) -> int:
@@ -136,28 +195,10 @@ class RecordedTracker:
         return 0 if self._arrivals is None else self._arrivals.next_arrival_us
 
     def newest(self) -> Sample | None:
-        sample = self._look(self._clock.now_us())
-        if sample is None or sample.exposed_us == self._taken_us:
-            self._tape.note(Token.SAME)
-        else:
-            self._taken_us = sample.exposed_us
-            self._tape.at(Token.SAMPLE, sample.exposed_us)
-        return sample
+        return self._newest
 
     def trouble(self) -> str:
         return self._tracker.trouble()
-
-    def _look(self, time_us: int) -> Sample | None:
-        if self._frames is not None:
-            frame = self._frames.frame
-            if frame is not None and frame is not self._shown_frame:
-                self._shown_frame = frame
-                self._observer.marker_frame(time_us, frame)
-        sample = self._tracker.newest()
-        if sample is not None and sample.exposed_us != self._shown_us:
-            self._shown_us = sample.exposed_us
-            self._observer.tracker_sample(time_us, sample)
-        return sample
 
 
 class RecordedOperator:
@@ -182,33 +223,3 @@ class RecordedOperator:
         if wanted:
             self._tape.note(token)
         return wanted
-
-
-def recorded_frames(then: FrameObserver, tape: Tape) -> FrameObserver:
-    """Note each frame that comes in, and pass all on."""
-
-    def note(direction: str, time_us: int, data: bytes) -> None:
-        if direction == "received":
-            tape.note(Token.FRAME)
-        then(direction, time_us, data)
-
-    return note
-
-
-@contextmanager
-def recorded_end(tape: Tape) -> Iterator[None]:
-    """Note what ends the run early, in its place on the tape."""
-    try:
-        yield
-    except BaseException as error:
-        tape.fail(Token.RAISED, error)
-        raise
-
-
-@contextmanager
-def passed_on(tape: Tape) -> Iterator[None]:
-    """Pass on the last piece of the tape at the end."""
-    try:
-        yield
-    finally:
-        tape.pass_on()

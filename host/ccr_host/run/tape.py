@@ -1,18 +1,20 @@
 """The tape: what the host was told from outside, in the order in which it was told.
 
-The host (control loop, controller, link client) is a deterministic program whose only inputs are
-readings of the clock, turns that the clock gives to the client, frames from the board, samples of
-the tracker, and errors of port, tracker and user. One token stands for each of them. Frames and
-samples themselves are elsewhere in the log; a token says when one of them was taken.
+The host (control loop, controller, link client) is a deterministic program. It sees the world at
+instants only, between which time stands still and nothing comes in: one begins when a wait is over,
+and when the clock lets the client take in what has arrived. A token stands for each instant and for
+each thing that is taken in or given out during it. Frames and samples themselves are elsewhere in
+the log.
 """
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
-from ccr_host.core.errors import CcrError
+from ccr_host.core.errors import CcrError, DeviceError
 
 _PIECE_US = 100_000
 """So much less than a second that a log cut short ends with the tape, too."""
@@ -22,31 +24,29 @@ _PIECE_TOKENS = 4096
 class Token(enum.StrEnum):
     """One letter each; those marked with a time carry one, in us on the run's clock."""
 
-    READ = "r"
-    """The clock was read; the time it gave."""
     TURN = "t"
     """The clock let the client take in what had arrived, and something had; the time it told."""
     WOKE = "w"
-    """A wait was over."""
+    """A wait or a computation was over; the time."""
     FRAME = "f"
     """The next frame from the board was taken."""
+    SENT = "o"
+    """The next frame to the board was given out."""
     SAMPLE = "s"
-    """The tracker's newest sample was another one than before; its exposure time."""
-    SAME = "="
-    """The tracker's newest sample was still the same, or still none."""
+    """A new sample of the tracker arrived; its exposure time."""
     PAUSE = "h"
     """The operator was asked and wanted a pause."""
     STOP = "k"
     """The operator was asked and wanted a stop."""
     BUSY = "b"
-    """The controller was still computing, and the board was fed meanwhile."""
+    """The controller was still computing, and the board was fed meanwhile; the time."""
     PORT_LOST = "p"
     """The port failed; an error."""
     RAISED = "x"
-    """Something from outside ended the run: an interruption, a tracker; an error."""
+    """Something ended the run: an interruption, a tracker; the time, and an error."""
 
 
-TOKENS_WITH_TIME = frozenset({Token.READ, Token.TURN, Token.SAMPLE})
+TOKENS_WITH_TIME = frozenset({Token.TURN, Token.WOKE, Token.SAMPLE, Token.BUSY, Token.RAISED})
 TOKENS_WITH_ERROR = frozenset({Token.PORT_LOST, Token.RAISED})
 
 
@@ -112,18 +112,30 @@ class Tape:
 
     def at(self, token: Token, time_us: int) -> None:
         """Note a token that carries a time."""
-        self.note_turn()
-        self._append_timed(token, time_us)
+        if self._turn_us is not None:
+            self.note_turn()
+        self._newest_us = time_us
+        self._tokens.append(token)
+        self._times_us.append(time_us)
+        if time_us - self._start_us >= _PIECE_US or len(self._tokens) >= _PIECE_TOKENS:
+            self.pass_on()
 
     def note(self, token: Token) -> None:
         """Note a token that carries nothing."""
-        self.note_turn()
+        if self._turn_us is not None:
+            self.note_turn()
         self._tokens.append(token)
 
-    def fail(self, token: Token, error: BaseException) -> None:
-        """Note a token that stands for an error."""
-        self.note(token)
+    def fail(self, error: DeviceError) -> None:
+        """Note that the port has failed."""
+        self.note(Token.PORT_LOST)
         self._errors.append(TapeError.of(error))
+
+    def end(self, time_us: int, error: BaseException) -> None:
+        """Note what has ended the run."""
+        self.note_turn()
+        self._errors.append(TapeError.of(error))
+        self.at(Token.RAISED, time_us)
 
     def begin_turn(self, time_us: int) -> None:
         """A turn begins, which is noted before whatever happens in it.
@@ -136,11 +148,19 @@ class Tape:
         """Something has happened in this turn, if there is one."""
         if self._turn_us is not None:
             time_us, self._turn_us = self._turn_us, None
-            self._append_timed(Token.TURN, time_us)
+            self.at(Token.TURN, time_us)
 
     def end_turn(self) -> None:
         """The turn is over."""
         self._turn_us = None
+
+    @contextmanager
+    def passed_on(self) -> Iterator[None]:
+        """Pass on the last piece at the end."""
+        try:
+            yield
+        finally:
+            self.pass_on()
 
     def pass_on(self) -> None:
         """Pass on what has been collected."""
@@ -150,10 +170,3 @@ class Tape:
         self._start_us = self._newest_us
         self._tokens, self._times_us, self._errors = [], [], []
         self._take(piece)
-
-    def _append_timed(self, token: Token, time_us: int) -> None:
-        self._newest_us = time_us
-        self._tokens.append(token)
-        self._times_us.append(time_us)
-        if time_us - self._start_us >= _PIECE_US or len(self._tokens) >= _PIECE_TOKENS:
-            self.pass_on()

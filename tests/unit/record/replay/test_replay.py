@@ -301,11 +301,17 @@ def test_a_damaged_log_is_refused_as_such(recorded, tmp_path):
     assert caught.value.exit_status == 2
 
 
-@pytest.mark.parametrize("tokens", ["r?", "rrrrrrrr", "x", "\u00e9"])
+@pytest.mark.parametrize("tokens", ["w?", "wwwwwwww", "x", "\u00e9"])
 def test_a_tape_that_makes_no_sense_is_refused(recorded, tmp_path, tokens):
     odd = changed(topics.INPUTS, 3, lambda content: {**content, "tokens": tokens})
     with pytest.raises(ConfigError, match="messages on /run/inputs"):
         replay(rewritten(recorded, tmp_path, odd))
+
+
+def test_the_tape_of_version_0_1_is_refused_and_its_version_named(recorded, tmp_path):
+    old = changed(topics.INPUTS, 3, lambda content: {**content, "tokens": "rrtfrw=rs"})
+    with pytest.raises(ConfigError, match=r"written by ccr-host .*, with messages on /run/inputs"):
+        replay(rewritten(recorded, tmp_path, old))
 
 
 def test_a_log_with_gaps_is_refused(recorded, tmp_path, monkeypatch):
