@@ -35,9 +35,9 @@ def replay(
 
     Example: ccr-host replay runs/20260101-120000-ellipse-adaptive
     """
+    from ccr_host.record.folder import versions
     from ccr_host.record.log.reader import RunRecording
     from ccr_host.record.replay import replay as replay_run
-    from ccr_host.record.versions import versions
 
     screen = console(on_stderr=as_json)
     recording = RunRecording(run)

@@ -26,7 +26,7 @@ def report(
     Example: ccr-host report runs/20260101-120000-ellipse-adaptive
     """
     from ccr_host.core.user_file import is_folder
-    from ccr_host.record.report.report import write_report
+    from ccr_host.record.report import write_report
 
     first = runs[0] if is_folder(runs[0]) else runs[0].parent
     file = out or first / "report.html"

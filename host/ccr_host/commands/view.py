@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from ccr_host.core.clock import RealClock
-from ccr_host.record.log.play import play_run
+from ccr_host.record.log.reader import play_run
 from ccr_host.view.history import RunHistory
 from ccr_host.view.live import DEFAULT_ADDRESS, ViewAddress, open_door
 from ccr_host.view.page import Page

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import platform
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from datetime import datetime
+from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from ccr_host.core.errors import ConfigError, why
 from ccr_host.core.user_file import is_there, printable, replacing
+from ccr_host.core.version import __version__
+from ccr_host.link import messages
 
 METRICS_FILE = "run.json"
 """Configuration and summary of a run."""
@@ -142,3 +146,13 @@ def _default_names(title: str) -> Iterator[Path]:
     yield first
     for number in range(2, 1000):
         yield first.with_name(f"{first.name}-{number}")
+
+
+def versions() -> dict[str, str]:
+    """Version of everything that decides a run's figures."""
+    return {
+        "ccr_host": __version__,
+        "protocol": f"{messages.PROTOCOL_VERSION}, spec {messages.SPEC_HASH:08x}",
+        "python": platform.python_version(),
+        **{package: version(package) for package in ("numpy", "mujoco-core", "daqp")},
+    }

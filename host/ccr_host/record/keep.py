@@ -10,10 +10,9 @@ from typing import Any
 from ccr_host.core.errors import full_text
 from ccr_host.core.stop_signals import signals_deferred
 from ccr_host.record.figure import PlottedRun, write_run_figure
-from ccr_host.record.folder import FIGURES, METRICS_FILE, TIMING_FILE, ResultFolder
+from ccr_host.record.folder import FIGURES, METRICS_FILE, TIMING_FILE, ResultFolder, versions
 from ccr_host.record.log.files import LOG_PREFIX, log_files
 from ccr_host.record.log.run_log import open_run_log
-from ccr_host.record.versions import versions
 from ccr_host.run.execute import execute
 from ccr_host.run.loop import Progress
 from ccr_host.run.observer import Observers, RunObserver

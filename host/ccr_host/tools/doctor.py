@@ -15,7 +15,7 @@ from ccr_host.core.clock import Clock, RealClock, VirtualClock
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
 from ccr_host.link.transport import DeviceUri, parse_device_uri
-from ccr_host.record.versions import versions
+from ccr_host.record.folder import versions
 from ccr_host.run.open_rig import mismatch_of, open_board
 from ccr_host.run.options import RigOptions
 from ccr_host.run.tracker_rig import TrackerRig

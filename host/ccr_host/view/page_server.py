@@ -29,7 +29,7 @@ from websockets.http11 import Request, Response
 
 from ccr_host.core.clock import RealClock
 from ccr_host.core.errors import CcrError, full_text
-from ccr_host.record.log.play import play_run
+from ccr_host.record.log.reader import play_run
 from ccr_host.view.feed import Batch, RunEnded, SharedButtons, play
 from ccr_host.view.history import RunHistory
 from ccr_host.view.live import Door

@@ -8,7 +8,7 @@ import pytest
 from ccr_host.control.base import Phase
 from ccr_host.description import schema
 from ccr_host.record.keep import execute_logged
-from ccr_host.record.log.play import play_run
+from ccr_host.record.log.reader import play_run
 from ccr_host.run.execute import reference_of
 from ccr_host.run.observer import RunSetup
 from ccr_host.run.options import RunOptions

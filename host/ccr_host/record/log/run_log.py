@@ -18,12 +18,11 @@ from pydantic_core import PydanticSerializationError, to_json
 from ccr_host.control.base import Command, Observation, Phase
 from ccr_host.core.stop_signals import signals_deferred
 from ccr_host.link.messages import MESSAGES, Arm, Fault, State, StateReport
-from ccr_host.record.folder import remove_earlier_run
+from ccr_host.record.folder import remove_earlier_run, versions
 from ccr_host.record.log import topics, visuals
 from ccr_host.record.log.files import LOG_PREFIX, TIMING_PREFIX, LogFiles
 from ccr_host.record.log.sinks import BackgroundSink, DirectSink, Sink
 from ccr_host.record.log.topics import LOG_TOPICS, TIMING_TOPICS, Topic
-from ccr_host.record.versions import versions
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.run.observer import RunObserver, RunSetup, StepRecord

@@ -1,32 +1,162 @@
 """What a log consists of: its topics and the schemas of their messages.
 
 All messages are JSON. Lengths in ours are mm, angles rad, times us on the run's clock, as in the
-rest of the host; Foxglove's own are metres.
+rest of the host; Foxglove's own are metres. Viewers know the messages of Foxglove and ROS by the
+schema's name (https://docs.foxglove.dev/docs/sdk/schemas), of which those here hold as much as the
+log uses. Foxglove's Python packages carry them for Protobuf and FlatBuffers alone.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
-from pydantic_core import SchemaValidator
+from pydantic_core import SchemaValidator, core_schema
 
 from ccr_host.control.base import Outcome
-from ccr_host.record.log import schemas as foxglove
-from ccr_host.record.log.schemas import (
-    COUNT,
-    FLAG,
-    INTEGER,
-    NUMBER,
-    OBJECT,
-    TEXT,
-    Schema,
-    array,
-    described,
-    nullable,
-    record,
-    validator,
+
+Schema = dict[str, Any]
+
+NUMBER: Schema = {"type": "number"}
+INTEGER: Schema = {"type": "integer"}
+COUNT: Schema = {"type": "integer", "minimum": 0}
+TEXT: Schema = {"type": "string"}
+FLAG: Schema = {"type": "boolean"}
+OBJECT: Schema = {"type": "object"}
+_GREATEST = 2**53
+
+
+def record(title: str, /, **fields: Schema) -> Schema:
+    """An object that has all these fields."""
+    return {"title": title, "type": "object", "properties": fields, "required": list(fields)}
+
+
+def array(items: Schema, length: int | None = None) -> Schema:
+    """An array of any or of a given length."""
+    bounds = {} if length is None else {"minItems": length, "maxItems": length}
+    return {"type": "array", "items": items, **bounds}
+
+
+def nullable(schema: Schema) -> Schema:
+    """The same, or null."""
+    return {**schema, "type": [schema["type"], "null"]}
+
+
+def described(schema: Schema, description: str) -> Schema:
+    """The same, with a word on what it means."""
+    return {**schema, "description": description}
+
+
+def validator(schema: Schema) -> SchemaValidator:
+    """Checks that what there is of a message has the right types; fields may be missing.
+
+    Numbers are finite and integers are exact as floating-point numbers, so that whoever reads them
+    may compute with them.
+    """
+    return SchemaValidator(_core(schema))
+
+
+def _core(schema: Schema) -> core_schema.CoreSchema:
+    kind = schema["type"]
+    if isinstance(kind, list):
+        return core_schema.nullable_schema(_core({**schema, "type": kind[0]}))
+    if kind == "object":
+        fields = {
+            name: core_schema.typed_dict_field(_core(field), required=False)
+            for name, field in schema.get("properties", {}).items()
+        }
+        return core_schema.typed_dict_schema(fields, extra_behavior="allow")
+    if kind == "array":
+        return core_schema.list_schema(
+            _core(schema["items"]),
+            min_length=schema.get("minItems"),
+            max_length=schema.get("maxItems"),
+            strict=True,
+        )
+    if "enum" in schema:
+        return core_schema.literal_schema(schema["enum"])
+    bounds = {"ge": schema.get("minimum", -_GREATEST), "le": schema.get("maximum", _GREATEST)}
+    return {
+        "number": core_schema.float_schema(**bounds, strict=True),
+        "integer": core_schema.int_schema(**bounds, strict=True),
+        "boolean": core_schema.bool_schema(strict=True),
+        "string": core_schema.str_schema(strict=True),
+    }[kind]
+
+
+_NANOSECONDS: Schema = {"type": "integer", "minimum": 0, "maximum": 999_999_999}
+TIME = record("time", sec=COUNT, nsec=_NANOSECONDS)
+DURATION = record("duration", sec=INTEGER, nsec=_NANOSECONDS)
+VECTOR3 = record("foxglove.Vector3", x=NUMBER, y=NUMBER, z=NUMBER)
+POINT3 = record("foxglove.Point3", x=NUMBER, y=NUMBER, z=NUMBER)
+QUATERNION = record("foxglove.Quaternion", x=NUMBER, y=NUMBER, z=NUMBER, w=NUMBER)
+COLOR = record("foxglove.Color", r=NUMBER, g=NUMBER, b=NUMBER, a=NUMBER)
+POSE = record("foxglove.Pose", position=VECTOR3, orientation=QUATERNION)
+KEY_VALUE_PAIR = record("foxglove.KeyValuePair", key=TEXT, value=TEXT)
+
+LOG = record(
+    "foxglove.Log", timestamp=TIME, level=COUNT, message=TEXT, name=TEXT, file=TEXT, line=COUNT
 )
+POSE_IN_FRAME = record("foxglove.PoseInFrame", timestamp=TIME, frame_id=TEXT, pose=POSE)
+FRAME_TRANSFORMS = record(
+    "foxglove.FrameTransforms",
+    transforms=array(
+        record(
+            "foxglove.FrameTransform",
+            timestamp=TIME,
+            parent_frame_id=TEXT,
+            child_frame_id=TEXT,
+            translation=VECTOR3,
+            rotation=QUATERNION,
+        )
+    ),
+)
+
+_SPHERE = record("foxglove.SpherePrimitive", pose=POSE, size=VECTOR3, color=COLOR)
+_LINE = record(
+    "foxglove.LinePrimitive",
+    type=COUNT,
+    pose=POSE,
+    thickness=NUMBER,
+    scale_invariant=FLAG,
+    points=array(POINT3),
+    color=COLOR,
+    colors=array(COLOR),
+    indices=array(COUNT),
+)
+_UNUSED = array({"type": "object"})
+_ENTITY = record(
+    "foxglove.SceneEntity",
+    timestamp=TIME,
+    frame_id=TEXT,
+    id=TEXT,
+    lifetime=DURATION,
+    frame_locked=FLAG,
+    metadata=array(KEY_VALUE_PAIR),
+    arrows=_UNUSED,
+    cubes=_UNUSED,
+    spheres=array(_SPHERE),
+    cylinders=_UNUSED,
+    lines=array(_LINE),
+    triangles=_UNUSED,
+    texts=_UNUSED,
+    models=_UNUSED,
+)
+_DELETION = record("foxglove.SceneEntityDeletion", timestamp=TIME, type=COUNT, id=TEXT)
+SCENE_UPDATE = record("foxglove.SceneUpdate", deletions=array(_DELETION), entities=array(_ENTITY))
+
+_KEY_VALUE = record("diagnostic_msgs/KeyValue", key=TEXT, value=TEXT)
+_STATUS = record(
+    "diagnostic_msgs/DiagnosticStatus",
+    level=COUNT,
+    name=TEXT,
+    message=TEXT,
+    hardware_id=TEXT,
+    values=array(_KEY_VALUE),
+)
+_HEADER = record("std_msgs/Header", seq=COUNT, stamp=TIME, frame_id=TEXT)
+DIAGNOSTIC_ARRAY = record("diagnostic_msgs/DiagnosticArray", header=_HEADER, status=array(_STATUS))
 
 _POINT_MM = described(array(NUMBER, 3), "f of (10): y, x and z of a path, in this order")
 _ANGLES_RAD = array(NUMBER, 2)
@@ -83,7 +213,7 @@ REFERENCE = Topic(
         unavoidable_mm=array(NUMBER),
     ),
 )
-EVENT = Topic("/run/event", foxglove.LOG)
+EVENT = Topic("/run/event", LOG)
 INPUTS = Topic(
     "/run/inputs",
     record(
@@ -168,12 +298,12 @@ STEP = Topic(
         solve_us=described(nullable(NUMBER), "in real time; in virtual time in files of its own"),
     ),
 )
-POSE_MEASURED = Topic("/pose/measured", foxglove.POSE_IN_FRAME)
-POSE_DESIRED = Topic("/pose/desired", foxglove.POSE_IN_FRAME)
-TRANSFORMS = Topic("/tf", foxglove.FRAME_TRANSFORMS)
-DESIRED_PATH = Topic("/scene/path", foxglove.SCENE_UPDATE, repeated=True)
-SCENE = Topic("/scene/robot", foxglove.SCENE_UPDATE)
-DIAGNOSTICS = Topic("/diagnostics", foxglove.DIAGNOSTIC_ARRAY)
+POSE_MEASURED = Topic("/pose/measured", POSE_IN_FRAME)
+POSE_DESIRED = Topic("/pose/desired", POSE_IN_FRAME)
+TRANSFORMS = Topic("/tf", FRAME_TRANSFORMS)
+DESIRED_PATH = Topic("/scene/path", SCENE_UPDATE, repeated=True)
+SCENE = Topic("/scene/robot", SCENE_UPDATE)
+DIAGNOSTICS = Topic("/diagnostics", DIAGNOSTIC_ARRAY)
 
 LOG_TOPICS = (
     SETUP, REFERENCE, EVENT, INPUTS, SENT, RECEIVED, STATE, MARKER_FRAME, SAMPLE,

@@ -18,8 +18,7 @@ import pyarrow.parquet as pq
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.stop_signals import signals_deferred
 from ccr_host.core.user_file import read_bytes, read_text, replacing
-from ccr_host.record.folder import write_json
-from ccr_host.record.versions import versions
+from ccr_host.record.folder import versions, write_json
 from ccr_host.tools.sweep.job import Row
 from ccr_host.tools.sweep.plan import SweepPlan, TwinJob
 

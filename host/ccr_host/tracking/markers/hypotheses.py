@@ -14,8 +14,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.tracking.markers.belief import M2_ROWS, M3_ROWS, Belief, Expectation, corrected
-from ccr_host.tracking.markers.motion_models import MotionModel, Seed
+from ccr_host.tracking.markers.motion_models import (
+    M2_ROWS,
+    M3_ROWS,
+    Belief,
+    Expectation,
+    MotionModel,
+    Seed,
+    corrected,
+)
 
 Array = NDArray[np.float64]
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 
 from ccr_host.description.schema import Robot
 from ccr_host.robot.arc import arc_derivatives_at
-from ccr_host.tracking.markers.belief import Belief, Expectation, expectation
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,61 @@ _SPHERE_MM = 11.5
 """Two of NDI's passive spheres cannot be nearer to each other."""
 _ROOM_MM2 = 280.0 * 120.0
 """About the area that M2 and M3 sweep together along their two degrees of freedom, mm x mm."""
+
+
+M2_ROWS = slice(0, 3)
+M3_ROWS = slice(3, 6)
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """State of a motion model."""
+
+    mean: Array
+    """(n,)."""
+    covariance: Array
+    """(n, n)."""
+    agitation: Array
+    """(2,): how far the pose has lately been from what was expected, decaying; model's units."""
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """Where M2 and M3 are expected relative to M1: six coordinates."""
+
+    mean_mm: Array
+    """(6,): M2, M3."""
+    covariance_mm2: Array
+    """(6, 6), without the camera's noise."""
+    jacobian: Array
+    """(6, n): of the expectation over the state."""
+
+
+def expectation(belief: Belief, mean_mm: Array, jacobian: Array) -> Expectation:
+    """Carry the covariance of the state over to the markers."""
+    return Expectation(mean_mm, jacobian @ belief.covariance @ jacobian.T, jacobian)
+
+
+def corrected(
+    belief: Belief, expected: Expectation, rows: Array, seen_mm: Array, noise_mm: float
+) -> tuple[Array, Array]:
+    """Kalman's correction by some of the six coordinates; new mean and covariance.
+
+    Args:
+        belief: before.
+        expected: of that belief.
+        rows: which coordinates were seen.
+        seen_mm: these coordinates.
+        noise_mm: of the camera, per coordinate.
+    """
+    jacobian = expected.jacobian[rows]
+    innovation_covariance = expected.covariance_mm2[np.ix_(rows, rows)] + noise_mm**2 * np.eye(
+        len(rows)
+    )
+    gain = np.linalg.solve(innovation_covariance, jacobian @ belief.covariance).T
+    mean = belief.mean + gain @ (seen_mm - expected.mean_mm[rows])
+    covariance = belief.covariance - gain @ innovation_covariance @ gain.T
+    return mean, 0.5 * (covariance + covariance.T)
 
 
 class Bounds(NamedTuple):

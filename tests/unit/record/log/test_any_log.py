@@ -10,11 +10,10 @@ from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
 from ccr_host.record.export import Format, export, finish_log
 from ccr_host.record.folder import METRICS_FILE
-from ccr_host.record.log.play import play_run
-from ccr_host.record.log.reader import RunRecording
+from ccr_host.record.log.reader import RunRecording, play_run
 from ccr_host.record.recorded_tracker import ReplayTracker
 from ccr_host.record.replay import replay
-from ccr_host.record.report.report import write_report
+from ccr_host.record.report import write_report
 from ccr_host.view.history import RunHistory
 from ccr_host.view.status import status_html
 from tests.unit.record.replay.rewrite import rewritten

@@ -1,1 +1,0 @@
-"""``ccr-host report``: one page of HTML about one or several runs."""
