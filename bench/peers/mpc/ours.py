@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from bench.peers.mpc.problem import Array
-from ccr_host.control import sqp
 from ccr_host.control.base import Command, Observation
-from ccr_host.control.box_qp import NotConvexError, QpError, solve_box_qp_with_piqp
-from ccr_host.control.mpc import ModelPredictive
+from ccr_host.control.mpc import sqp
+from ccr_host.control.mpc.controller import ModelPredictive
+from ccr_host.control.mpc.qp import FAILED, NOT_CONVEX, OPTIMAL
 from ccr_host.description.schema import Description
 from ccr_host.robot.reference import Reference
 
-QpSolver = Callable[[Array, Array, Array, Array, Array], tuple[Array, float]]
+QpSolver = Callable[[Array, Array, Array, Array, Array], Array]
+"""Hessian, gradient, rows, then the bounds of the solution and of the rows times it."""
 TOLERANCE = 1e-8
 
 
@@ -41,18 +42,39 @@ class OtherQp(Ours):
         self._solver = solver
 
     def step(self, observation: Observation) -> Command:
-        own, sqp.solve_box_qp = sqp.solve_box_qp, self._solver
+        own, sqp.minimise = sqp.minimise, self._minimise
         try:
             return super().step(observation)
         finally:
-            sqp.solve_box_qp = own
+            sqp.minimise = own
+
+    def _minimise(
+        self, hessian: Array, gradient: Array, lower: Array, upper: Array
+    ) -> tuple[int, list[float], float]:
+        whole = np.triu(hessian) + np.triu(hessian, 1).T
+        rows = np.eye(len(gradient)) - np.eye(len(gradient), k=-2)
+        try:
+            np.linalg.cholesky(whole)
+        except np.linalg.LinAlgError:
+            return NOT_CONVEX, [], 0.0
+        step = self._solver(whole, gradient, rows, lower, upper)
+        minimum = float(0.5 * step @ whole @ step + gradient @ step)
+        return OPTIMAL if np.isfinite(minimum) else FAILED, step.tolist(), minimum
 
 
 def piqp() -> QpSolver:
-    """PIQP, dense; the tested alternative of the product."""
-    import piqp  # noqa: F401 - here rather than in the first step, if it is missing
+    """PIQP, dense, an interior-point method."""
+    import piqp as package
 
-    return solve_box_qp_with_piqp
+    def solve(h: Array, g: Array, rows: Array, lower: Array, upper: Array) -> Array:
+        n = len(g)
+        solver = package.DenseSolver()
+        solver.settings.eps_abs = solver.settings.eps_rel = 1e-10
+        solver.setup(h, g, None, None, rows, lower[n:], upper[n:], lower[:n], upper[:n])
+        solver.solve()
+        return np.array(solver.result.x)
+
+    return solve
 
 
 def osqp() -> QpSolver:
@@ -60,15 +82,14 @@ def osqp() -> QpSolver:
     import osqp as package
     from scipy import sparse
 
-    def solve(h: Array, g: Array, rows: Array, lower: Array, upper: Array) -> tuple[Array, float]:
-        _refuse_indefinite(h)
+    def solve(h: Array, g: Array, rows: Array, lower: Array, upper: Array) -> Array:
         solver: Any = package.OSQP()
         constraints = sparse.csc_matrix(np.vstack([np.eye(len(g)), rows]))
         options = {"eps_abs": TOLERANCE, "eps_rel": TOLERANCE, "verbose": False}
         hessian = sparse.csc_matrix(np.triu(h))
         solver.setup(hessian, g, constraints, lower, upper, max_iter=20_000, **options)
         result = solver.solve(raise_error=False)
-        return _checked(result.x, h, g)
+        return result.x
 
     return solve
 
@@ -81,15 +102,14 @@ def clarabel() -> QpSolver:
     settings = package.DefaultSettings()
     settings.verbose = False
 
-    def solve(h: Array, g: Array, rows: Array, lower: Array, upper: Array) -> tuple[Array, float]:
-        _refuse_indefinite(h)
+    def solve(h: Array, g: Array, rows: Array, lower: Array, upper: Array) -> Array:
         both = np.vstack([np.eye(len(g)), rows])
         constraints = sparse.csc_matrix(np.vstack([both, -both]))
         cones = [package.NonnegativeConeT(2 * len(both))]
         room = np.concatenate([upper, -lower])
         hessian = sparse.csc_matrix(np.triu(h))
         solver = package.DefaultSolver(hessian, g, constraints, room, cones, settings)
-        return _checked(np.array(solver.solve().x), h, g)
+        return np.array(solver.solve().x)
 
     return solve
 
@@ -98,27 +118,12 @@ def proxqp() -> QpSolver:
     """ProxQP, dense."""
     from proxsuite import proxqp as package
 
-    def solve(h: Array, g: Array, rows: Array, lower: Array, upper: Array) -> tuple[Array, float]:
-        _refuse_indefinite(h)
+    def solve(h: Array, g: Array, rows: Array, lower: Array, upper: Array) -> Array:
         both = np.vstack([np.eye(len(g)), rows])
         solver = package.dense.QP(len(g), 0, len(both))
         solver.settings.eps_abs = TOLERANCE
         solver.init(h, g, None, None, both, lower, upper)
         solver.solve()
-        return _checked(np.array(solver.results.x), h, g)
+        return np.array(solver.results.x)
 
     return solve
-
-
-def _refuse_indefinite(hessian: Array) -> None:
-    try:
-        np.linalg.cholesky(hessian)
-    except np.linalg.LinAlgError:
-        raise NotConvexError("the Hessian is not positive definite") from None
-
-
-def _checked(x: Array, hessian: Array, gradient: Array) -> tuple[Array, float]:
-    minimum = float(0.5 * x @ hessian @ x + gradient @ x)
-    if not np.isfinite(minimum):
-        raise QpError("no solution")
-    return x, minimum

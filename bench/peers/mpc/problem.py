@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.base import Observation
-from ccr_host.control.mpc import ModelPredictive
+from ccr_host.control.mpc.controller import ModelPredictive
 from ccr_host.description.schema import Description
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from ccr_host.control.adaptive.control_law import AdaptiveStatics
 from ccr_host.control.base import Controller
-from ccr_host.control.mpc import ModelPredictive
+from ccr_host.control.mpc.controller import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
 from ccr_host.core.plugins import is_plugin, make_plugin, unknown_plugin
 from ccr_host.description.schema import Description

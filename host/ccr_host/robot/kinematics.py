@@ -52,21 +52,40 @@ class TipJet(NamedTuple):
         return np.array((self.across, -self.sagittal.real, self.sagittal.imag))
 
 
+class Geometry(NamedTuple):
+    """What the model knows of a robot."""
+
+    lengths_mm: tuple[float, float]
+    marker_offset_mm: float
+    bending_per_motor: float
+    """theta / phi = r_p / r_c, of both segments."""
+
+
+def jet_at(geometry: Geometry, motor_1_rad: float, motor_2_rad: float) -> TipJet:
+    """Tip and derivatives at one pose, as floats and complex numbers."""
+    theta_1 = geometry.bending_per_motor * motor_1_rad
+    theta_2 = geometry.bending_per_motor * motor_2_rad
+    return assemble_jet(
+        geometry,
+        arc_derivatives_at(theta_1),
+        arc_derivatives_at(theta_2),
+        cmath.exp(1j * theta_1),
+    )
+
+
 def assemble_jet(
-    lengths_mm: tuple[float, float],
-    marker_offset_mm: float,
-    bending_per_motor: float,
+    geometry: Geometry,
     arc_1: tuple[Any, Any, Any, Any],
     arc_2: tuple[Any, Any, Any, Any],
     turn_1: Any,  # noqa: ANN401 - complex or array, as all of these
 ) -> TipJet:
     """Tip and derivatives from the unit arcs of both segments and ``turn_1`` = exp(i theta1)."""
-    length_1, length_2 = lengths_mm
-    gain = bending_per_motor
+    length_1, length_2 = geometry.lengths_mm
+    gain = geometry.bending_per_motor
     gain_2 = gain * gain
     gain_3 = gain_2 * gain
     turn_rate = 1j * gain
-    offset = 1j * marker_offset_mm
+    offset = 1j * geometry.marker_offset_mm
     turning = (length_2 * arc_2[0].real + offset) * turn_1
     along_2 = length_2 * turn_1
     by_2 = gain * arc_2[1].real * along_2
@@ -97,10 +116,12 @@ class ConstantCurvature:
     """
 
     def __init__(self, geometry: Robot) -> None:
-        self.lengths_mm = geometry.segment_lengths_mm
-        self.marker_offset_mm = geometry.marker_offset_mm
-        self.bending_per_motor = geometry.pulley_radius_mm / geometry.tendon_radius_mm
-        """theta / phi = r_p / r_c, of both segments."""
+        self.geometry = Geometry(
+            geometry.segment_lengths_mm,
+            geometry.marker_offset_mm,
+            geometry.pulley_radius_mm / geometry.tendon_radius_mm,
+        )
+        self.lengths_mm, self.marker_offset_mm, self.bending_per_motor = self.geometry
 
     def bending_rad(self, q_rad: ArrayLike) -> FloatArray:
         """Bending angles theta = k L of both segments (4), (5); shape of ``q_rad``."""
@@ -128,16 +149,8 @@ class ConstantCurvature:
         return np.stack(rows, axis=-2)
 
     def jet_at(self, motor_1_rad: float, motor_2_rad: float) -> TipJet:
-        """Tip and derivatives at one pose, as floats and complex numbers."""
-        gain = self.bending_per_motor
-        return assemble_jet(
-            self.lengths_mm,
-            self.marker_offset_mm,
-            gain,
-            arc_derivatives_at(gain * motor_1_rad),
-            arc_derivatives_at(gain * motor_2_rad),
-            cmath.exp(1j * gain * motor_1_rad),
-        )
+        """Tip and derivatives at one pose, see ``jet_at``."""
+        return jet_at(self.geometry, motor_1_rad, motor_2_rad)
 
     def backbone_mm(self, q_rad: ArrayLike, points: int = 41) -> FloatArray:
         """Points along the backbone from base to tip, in the frame of (10).
@@ -158,9 +171,7 @@ class ConstantCurvature:
     def _jet(self, q_rad: ArrayLike) -> TipJet:
         theta = self.bending_rad(q_rad)
         return assemble_jet(
-            self.lengths_mm,
-            self.marker_offset_mm,
-            self.bending_per_motor,
+            self.geometry,
             arc_derivatives(theta[..., 0]),
             arc_derivatives(theta[..., 1]),
             np.exp(1j * theta[..., 0]),

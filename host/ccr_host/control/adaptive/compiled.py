@@ -18,6 +18,7 @@ from typing import NamedTuple, Protocol, cast
 import numpy as np
 from numba.extending import overload
 
+from ccr_host.control import jit
 from ccr_host.control.adaptive import (
     either,
     motion,
@@ -33,8 +34,7 @@ from ccr_host.control.adaptive.motion import LONGEST_STEP_RAD, Rest
 from ccr_host.control.adaptive.parameters import FloatArray, Parameters
 from ccr_host.control.adaptive.sensitivity import PROBE, Sensitivity
 from ccr_host.control.adaptive.statics import STICKING, Drive
-from ccr_host.control.compiled import jit, model
-from ccr_host.control.compiled.jit import callable_when_compiled, compiled, compiled_on_disk
+from ccr_host.control.jit import callable_when_compiled, compiled, compiled_on_disk
 from ccr_host.robot import arc
 
 _SOURCES: tuple[ModuleType, ...] = (
@@ -47,7 +47,6 @@ _SOURCES: tuple[ModuleType, ...] = (
     statics,
     tip,
     jit,
-    model,
 )
 
 _arc_derivatives_at = callable_when_compiled(arc.arc_derivatives_at)

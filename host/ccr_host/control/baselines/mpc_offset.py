@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ccr_host.control.baselines.law import LONGEST_ERROR_MM, PathView, Plan, Sight, shortened
 from ccr_host.control.baselines.loop import PeerLoop
-from ccr_host.control.baselines.offset_nlp import OffsetTracking, solve
-from ccr_host.control.nlp import Weights
+from ccr_host.control.mpc import sqp
+from ccr_host.control.mpc.problem import Weights, tracking
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.workspace import MotorLimits
@@ -41,10 +41,10 @@ class OffsetFreeLaw:
     def __init__(self, description: Description, tuning: Tuning) -> None:
         control = description.control
         self._model = ConstantCurvature(description.robot)
-        self._limits = MotorLimits.of(description.servo)
+        limits = MotorLimits.of(description.servo)
+        self._bounds = sqp.Bounds.of(limits, control.step_bound_rad)
         self._weights = Weights(control.position_weight, control.effort_weight)
         self._live_steps = control.horizon - 1
-        self._step_bound_rad = control.step_bound_rad
         self._tuning = tuning
 
     def start(self, path: PathView) -> None:
@@ -70,9 +70,19 @@ class OffsetFreeLaw:
         targets_mm = np.array([self._path.target_mm(index + k) for k in self._ahead])
         before_rad, self._reachable_rad = self._reachable_rad, self._reachable_from(index)
         guess_rad = self._plan_rad + self._reachable_rad - before_rad
-        wanted_mm = targets_mm - self.disturbance_mm
-        problem = OffsetTracking(self._model, self._weights, commanded_rad, wanted_mm)
-        self._plan_rad = solve(problem, self._limits, self._step_bound_rad, guess_rad)
+        first, second = commanded_rad.tolist()
+        position_mm = self._model.tip_mm(commanded_rad) + self.disturbance_mm
+        problem = tracking(
+            self._model.geometry,
+            self._weights,
+            (first, second),
+            tuple(position_mm.tolist()),
+            targets_mm.tolist(),
+        )._replace(by_model=True)
+        guess = sqp.feasible(self._bounds, problem.start_rad, guess_rad.tolist())
+        solution = sqp.solve(problem, self._bounds, guess)
+        angles = solution.rollout.angles
+        self._plan_rad = np.array(sqp.feasible(self._bounds, problem.start_rad, angles))
         predicted_mm = self._model.tip_mm(self._plan_rad) + self.disturbance_mm
         return Plan(self._plan_rad[0], predicted_mm)
 

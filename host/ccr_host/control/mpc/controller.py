@@ -8,14 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.base import Command, Observation, Outcome
-from ccr_host.control.planner import make_planner
-from ccr_host.control.sqp import Bounds, SolverError
+from ccr_host.control.mpc import sqp
+from ccr_host.control.mpc.plan import Planner, Settings
+from ccr_host.control.mpc.problem import Pair, Weights
+from ccr_host.control.mpc.sqp import Bounds, clip
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
 
 FloatArray = NDArray[np.float64]
+
+_FAILURES = {
+    sqp.COST_NOT_FINITE: "the cost is not finite",
+    sqp.HESSIAN_NOT_CONVEX: "the Hessian is not positive definite",
+    sqp.QP_FAILED: "the QP has no finite solution",
+}
 
 
 class ModelPredictive:
@@ -24,25 +32,32 @@ class ModelPredictive:
     Beside (15)'s bound on each increment the motor limits hold for every planned angle. Without a
     measurement it predicts from the model and the error last seen between model and measurement.
     Where no solution can be had it repeats the last command.
+
+    Raises:
+        ConfigError: the solver needs an extra that is not installed.
     """
 
     name = "mpc"
 
     def __init__(self, description: Description) -> None:
-        limits = MotorLimits.of(description.servo)
+        control, limits = description.control, MotorLimits.of(description.servo)
         self._model = ConstantCurvature(description.robot)
-        self._bounds = Bounds(
-            limits.lower_rad, limits.upper_rad, description.control.step_bound_rad
-        )
-        self._planner = make_planner(description, self._model, self._bounds)
+        self._bounds = Bounds.of(limits, control.step_bound_rad)
+        weights = Weights(control.position_weight, control.effort_weight)
+        self._live_steps = control.horizon - 1
+        settings = Settings(self._model.geometry, self._bounds, weights)
+        self._planner = Planner(settings, control.solver)
 
     def start(self, reference: Reference) -> Command:
         """The nearest reachable configuration of the first sample."""
         self._steps = len(reference)
-        self._last_rad = self._planner.begin(reference)
+        reachable_rad = np.clip(reference.q_rad, self._bounds.lower_rad, self._bounds.upper_rad)
+        self._planner.begin(np.hstack([reference.target_mm, reachable_rad]))
+        self._last_rad = reachable_rad[0].copy()
+        self._planner.interrupt(self._last_rad)
         self.plan_rad = self._last_rad[None, :]
         """All angles planned by the last step, (M, 2)."""
-        self._last_seen: tuple[FloatArray, tuple[float, float]] | None = None
+        self._last_seen: tuple[FloatArray, Pair] | None = None
         predicted_mm = self._model.jet_at(*self._last_rad.tolist()).tip_mm[None, :]
         return Command(self._last_rad.copy(), predicted_mm, Outcome.SOLVED)
 
@@ -56,22 +71,19 @@ class ModelPredictive:
             return self._hold("the measured position is not finite")
         if not observation.step < self._steps:
             return self._hold("the path is over")
-        commanded = self._bounds.clip((first, second))
+        commanded = clip(self._bounds, (first, second))
         position_mm, outcome = self._position(tip_mm, commanded)
-        try:
-            plan = self._planner.plan(observation.step, commanded, position_mm)
-        except SolverError as error:
-            return self._hold(str(error))
-        self.plan_rad = plan.angles_rad
-        self._last_rad = plan.angles_rad[0]
-        detail = "" if plan.converged else f"stopped after {plan.iterations} iterations"
-        return Command(
-            self._last_rad.copy(), plan.predicted_mm, outcome, detail, iterations=plan.iterations
-        )
+        steps = min(self._live_steps, self._steps - observation.step)
+        x, y, z = position_mm.tolist()
+        status, iterations, plan = self._planner.plan(observation.step, steps, commanded, (x, y, z))
+        if status in _FAILURES:
+            return self._hold(_FAILURES[status])
+        self.plan_rad = plan[:, :2]
+        self._last_rad = plan[0, :2]
+        detail = "" if status == sqp.CONVERGED else f"stopped after {iterations} iterations"
+        return Command(self._last_rad.copy(), plan[:, 2:], outcome, detail, iterations=iterations)
 
-    def _position(
-        self, tip_mm: FloatArray | None, commanded: tuple[float, float]
-    ) -> tuple[FloatArray, Outcome]:
+    def _position(self, tip_mm: FloatArray | None, commanded: Pair) -> tuple[FloatArray, Outcome]:
         if tip_mm is not None:
             self._last_seen = tip_mm, commanded
             return tip_mm, Outcome.SOLVED

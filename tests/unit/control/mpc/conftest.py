@@ -9,8 +9,9 @@ import casadi
 import numpy as np
 import pytest
 
-from ccr_host.control.nlp import Tracking, Weights
-from ccr_host.control.sqp import Bounds
+from ccr_host.control.mpc.plan import Planner, Settings
+from ccr_host.control.mpc.problem import Tracking, Weights, tracking
+from ccr_host.control.mpc.sqp import Bounds
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
@@ -30,9 +31,19 @@ class Step:
     targets_mm: np.ndarray
 
     def tracking(self, position_weight=1.0, effort_weight=0.5) -> Tracking:
-        first, second = self.q_rad.tolist()
         weights = Weights(position_weight, effort_weight)
-        return Tracking.of(MODEL, weights, (first, second), self.measured_mm, self.targets_mm)
+        start, position = tuple(self.q_rad.tolist()), tuple(self.measured_mm.tolist())
+        return tracking(MODEL.geometry, weights, start, position, self.targets_mm.tolist())
+
+    def planned(self, planner: Planner):
+        """Status, iterations and angles (M, 2), from standing still."""
+        live = len(self.targets_mm)
+        standing = np.tile(self.q_rad, (live + 1, 1))
+        planner.begin(np.hstack([np.vstack([self.measured_mm, self.targets_mm]), standing]))
+        planner.interrupt(self.q_rad)
+        start, position = tuple(self.q_rad.tolist()), tuple(self.measured_mm.tolist())
+        status, iterations, plan = planner.plan(1, live, start, position)
+        return status, iterations, plan[:, :2]
 
     def moves(self, angles) -> np.ndarray:
         """Flat increments that lead from here along the angles."""
@@ -120,8 +131,19 @@ def witness():
 
 @pytest.fixture(scope="session")
 def bounds():
-    step_rad = DESCRIPTION.control.step_bound_rad
-    return Bounds(LIMITS.lower_rad, LIMITS.upper_rad, step_rad)
+    return Bounds.of(LIMITS, DESCRIPTION.control.step_bound_rad)
+
+
+@pytest.fixture(scope="session", params=["daqp", "compiled"])
+def solver(request):
+    """What ``control.solver`` may be: the same text plain and compiled."""
+    return request.param
+
+
+@pytest.fixture(scope="session")
+def planner_within(solver):
+    """Planners of the paper's robot between bounds."""
+    return lambda bounds: Planner(Settings(MODEL.geometry, bounds, Weights(1.0, 0.5)), solver)
 
 
 @pytest.fixture(scope="session")

@@ -5,11 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccr_host.control.nlp import expand, roll_out
+from ccr_host.control.mpc.problem import expand, hessian, roll_out
+from ccr_host.description.schema import Description
+from ccr_host.robot.kinematics import ConstantCurvature
+
+MODEL = ConstantCurvature(Description().robot)
 
 
 def somewhere(step, rng):
     return [tuple(q) for q in (step.q_rad + rng.normal(scale=0.4, size=(len(step.targets_mm), 2)))]
+
+
+def whole(upper):
+    return np.triu(upper) + np.triu(upper, 1).T
 
 
 @pytest.mark.parametrize("live", [1, 2, 3, 9])
@@ -26,17 +34,17 @@ def test_cost_and_derivatives_match_automatic_differentiation(live, witness, ran
         gradient = to_angles.T @ expansion.gradient
         expected = witness(live).gradient(moves, step)
         assert gradient == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
-        hessian = to_angles.T @ (expansion.gauss_newton + expansion.curvature) @ to_angles
+        exact = to_angles.T @ whole(hessian(expansion, 0.5, 1.0, 0.0)) @ to_angles
         expected = witness(live).hessian(moves, step)
-        assert hessian == pytest.approx(expected, abs=1e-8 * np.abs(expected).max())
+        assert exact == pytest.approx(expected, abs=1e-8 * np.abs(expected).max())
 
 
 def test_gauss_newton_part_is_positive_semidefinite(random_steps):
     rng = np.random.default_rng(0)
     for step in random_steps(3, 50, seed=9):
         problem = step.tracking(effort_weight=0.0)
-        part = expand(problem, roll_out(problem, somewhere(step, rng))).gauss_newton
-        values = np.linalg.eigvalsh(part)
+        expansion = expand(problem, roll_out(problem, somewhere(step, rng)))
+        values = np.linalg.eigvalsh(whole(hessian(expansion, 0.0, 0.0, 0.0)))
         assert values[0] >= -1e-9 * values[-1]
 
 
@@ -44,11 +52,10 @@ def test_errors_are_prediction_minus_target(random_steps):
     """(14) with J where each increment sets out, first increment from the measured pose."""
     (step,) = random_steps(2, 1, seed=1)
     rollout = roll_out(step.tracking(), [(0.3, -0.2), (0.1, 0.4)])
-    model = step.tracking().model
-    predicted = step.measured_mm + model.jacobian_mm_rad(step.q_rad) @ (
+    predicted = step.measured_mm + MODEL.jacobian_mm_rad(step.q_rad) @ (
         np.array([0.3, -0.2]) - step.q_rad
     )
-    assert rollout.error_across_mm[0] == pytest.approx((predicted - step.targets_mm[0])[0])
-    predicted = predicted + model.jacobian_mm_rad([0.3, -0.2]) @ np.array([-0.2, 0.6])
+    assert rollout.stages[0].error_across_mm == pytest.approx((predicted - step.targets_mm[0])[0])
+    predicted = predicted + MODEL.jacobian_mm_rad([0.3, -0.2]) @ np.array([-0.2, 0.6])
     error = predicted - step.targets_mm[1]
-    assert rollout.error_sagittal_mm[1] == pytest.approx(complex(-error[1], error[2]))
+    assert rollout.stages[1].error_sagittal_mm == pytest.approx(complex(-error[1], error[2]))

@@ -1,0 +1,56 @@
+"""How functions are compiled by numba (extra ``fast``).
+
+Imported only where a robot description asks for it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any, TypeVar, cast
+
+import numba
+from numba.extending import register_jitable
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def compiled(function: Function) -> Function:
+    """Compile on first use; a division by zero gives inf or NaN, as in NumPy."""
+    return cast(Function, numba.njit(error_model="numpy")(function))
+
+
+def compiled_on_disk(function: Function) -> Function:
+    """The same, kept from one process to the next where a folder can be written.
+
+    Numba's cache watches the file of ``function`` alone, but it tells apart functions that enclose
+    different values: enclose a ``fingerprint`` of all other code that it is made of.
+    """
+    try:
+        return cast(Function, numba.njit(error_model="numpy", cache=True)(function))
+    except RuntimeError:
+        return compiled(function)
+
+
+def callable_when_compiled(function: Function) -> Function:
+    """Let compiled functions call a plain one of the default path; it stays plain itself."""
+    register_jitable(error_model="numpy")(function)
+    return function
+
+
+def functions_of(*modules: ModuleType) -> list[Callable[..., Any]]:
+    """The functions that modules define themselves."""
+    return [
+        member
+        for module in modules
+        for _, member in inspect.getmembers(module, inspect.isfunction)
+        if member.__module__ == module.__name__
+    ]
+
+
+def fingerprint(*modules: ModuleType) -> int:
+    """A number that changes with the source of any of them."""
+    sources = "".join(map(inspect.getsource, modules))
+    return int.from_bytes(hashlib.sha256(sources.encode()).digest()[:7], "big")

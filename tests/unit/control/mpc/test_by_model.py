@@ -1,0 +1,91 @@
+"""The problem with errors by the model itself, as the offset-free MPC has it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from ccr_host.control.mpc.problem import Weights, expand, hessian, roll_out, tracking
+from ccr_host.control.mpc.sqp import Bounds, feasible, solve
+from tests.unit.control.baselines.plant import BELIEVED, LIMITS, reference_of
+
+STEP_BOUND_RAD = 0.15
+BOUNDS = Bounds.of(LIMITS, STEP_BOUND_RAD)
+WEIGHTS = Weights(1.0, 0.5)
+PATHS = [reference_of(name, 1.0) for name in ("ellipse", "8shape", "star")]
+
+
+def _problem(path, first, disturbance_mm):
+    reference = PATHS[path]
+    start_rad = reference.q_rad[first - 1]
+    position_mm = BELIEVED.tip_mm(start_rad) + disturbance_mm
+    targets = reference.target_mm[first : first + 3].tolist()
+    start, position = tuple(start_rad.tolist()), tuple(position_mm.tolist())
+    problem = tracking(BELIEVED.geometry, WEIGHTS, start, position, targets)
+    return problem._replace(by_model=True), np.array(targets) - disturbance_mm
+
+
+problems = st.builds(
+    _problem,
+    st.integers(0, 2),
+    st.integers(1, 76),
+    st.tuples(*[st.floats(-8.0, 8.0)] * 3).map(np.array),
+)
+
+
+def pairs(angles):
+    return [tuple(pair) for pair in np.asarray(angles).reshape(-1, 2).tolist()]
+
+
+def cost(problem, angles):
+    return roll_out(problem, pairs(angles)).cost
+
+
+@given(problems, st.integers(0, 2**31))
+@settings(max_examples=25, deadline=None)
+def test_the_cost_is_that_of_the_models_errors_and_the_expansion_that_of_the_cost(drawn, seed):
+    problem, wanted_mm = drawn
+    rng = np.random.default_rng(seed)
+    angles = LIMITS.clip(problem.start_rad + rng.normal(scale=0.2, size=(3, 2)))
+    moves = np.diff(angles, axis=0, prepend=np.array([problem.start_rad]))
+    expected = np.sum((BELIEVED.tip_mm(angles) - wanted_mm) ** 2) + 0.5 * np.sum(moves**2)
+    assert cost(problem, angles) == pytest.approx(expected, rel=1e-9)
+
+    expansion = expand(problem, roll_out(problem, pairs(angles)))
+    upper = hessian(expansion, WEIGHTS.effort, 1.0, 0.0)
+    exact = np.triu(upper) + np.triu(upper, 1).T
+    direction, small = rng.normal(size=(3, 2)), 1e-4
+    ahead = cost(problem, angles + small * direction)
+    behind = cost(problem, angles - small * direction)
+    flat = direction.ravel()
+    scale = np.linalg.norm(exact) * (flat @ flat)
+    slope, bend = expansion.gradient @ flat, flat @ exact @ flat
+    assert (ahead - behind) / (2 * small) == pytest.approx(slope, abs=1e-4 * scale)
+    second = (ahead - 2 * cost(problem, angles) + behind) / small**2
+    assert second == pytest.approx(bend, abs=1e-3 * scale)
+
+
+@given(problems)
+@settings(max_examples=25, deadline=None)
+def test_the_solution_is_feasible_and_no_worse_than_scipys(drawn):
+    problem, _ = drawn
+    guess = [problem.start_rad] * 3
+    angles = solve(problem, BOUNDS, guess).rollout.angles
+    found = np.array(feasible(BOUNDS, problem.start_rad, angles))
+    assert found == pytest.approx(np.array(angles), abs=2e-6)
+    steps = np.eye(6) - np.eye(6, k=-2)
+    start = np.concatenate([problem.start_rad, np.zeros(4)])
+    witness = minimize(
+        lambda flat: cost(problem, flat),
+        found.ravel(),
+        jac=lambda flat: expand(problem, roll_out(problem, pairs(flat))).gradient,
+        method="SLSQP",
+        bounds=list(zip(np.tile(LIMITS.lower_rad, 3), np.tile(LIMITS.upper_rad, 3), strict=True)),
+        constraints=[
+            {"type": "ineq", "fun": lambda flat: STEP_BOUND_RAD - (steps @ flat - start)},
+            {"type": "ineq", "fun": lambda flat: STEP_BOUND_RAD + (steps @ flat - start)},
+        ],
+    )
+    assert cost(problem, found) <= witness.fun + 1e-4 * max(1.0, witness.fun)
+    assert cost(problem, found) <= cost(problem, guess)
