@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ccr_host.commands import terminal
 from ccr_host.commands.options import (
     DeviceOption,
     JsonOption,
@@ -75,6 +74,7 @@ def compare(
 
     Example: ccr-host compare --robot hard
     """
+    from ccr_host.commands import terminal
     from ccr_host.control.registry import baseline_names, controller_names
     from ccr_host.core.stop_signals import signals_deferred
     from ccr_host.record.folder import ResultFolder

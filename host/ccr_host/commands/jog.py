@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -21,7 +22,9 @@ from ccr_host.commands.options import (
 )
 from ccr_host.robot.reference import PATH_AXES
 from ccr_host.run.options import RigOptions
-from ccr_host.tools.jog import HELP, HELP_BACK, JogView
+
+if TYPE_CHECKING:
+    from ccr_host.tools.jog import JogView
 
 _BAR_CELLS = 30
 
@@ -37,6 +40,8 @@ def jog_panel(
         title: of the panel.
         asked: question that Enter answers; empty for none.
     """
+    from ccr_host.tools.jog import HELP, HELP_BACK
+
     question = Text(f"\n{asked}", style="bold") if asked else Text()
     keys = (*HELP, HELP_BACK) if asked else HELP
     return Panel(

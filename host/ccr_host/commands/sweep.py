@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ccr_host.commands import terminal
 from ccr_host.commands.options import (
     JsonOption,
     OutOption,
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from ccr_host.commands.terminal import OnCount
     from ccr_host.tools.sweep.job import Row
     from ccr_host.tools.sweep.plan import TwinJob
 
@@ -160,12 +160,15 @@ def _run_here(jobs: Sequence[TwinJob]) -> list[Row]:
     return rows
 
 
-def _progress(jobs: Sequence[TwinJob]) -> AbstractContextManager[terminal.OnCount]:
+def _progress(jobs: Sequence[TwinJob]) -> AbstractContextManager[OnCount]:
+    from ccr_host.commands import terminal
+
     total = sum(len(job.drives) for job in jobs)
     return terminal.count_progress(console(on_stderr=True), "runs", total)
 
 
 def _show(rows: Sequence[Row], screen: Console, *, as_json: bool) -> None:
+    from ccr_host.commands import terminal
     from ccr_host.tools.sweep.statistics import groups_of
 
     groups = groups_of(rows)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ccr_host.commands import terminal
 from ccr_host.commands.options import (
     ControllerOption,
     DeviceOption,
@@ -71,6 +70,7 @@ def track(
 
     Example: ccr-host track 8shape --set twin.payload_g=5
     """
+    from ccr_host.commands import terminal
     from ccr_host.record.folder import ResultFolder
     from ccr_host.record.keep import execute_logged, keep_result
     from ccr_host.run.campaign import in_background
@@ -130,6 +130,7 @@ def track(
 
 
 def _show(result: RunResult, summary: Mapping[str, Any], screen: Console) -> None:
+    from ccr_host.commands import terminal
     from ccr_host.run.operator import OperatorStop
 
     if result.records:

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ccr_host.core.clock import RealClock
-from ccr_host.record.log.reader import play_run
-from ccr_host.view.history import RunHistory
-from ccr_host.view.live import DEFAULT_ADDRESS, ViewAddress, open_door
-from ccr_host.view.page import Page
-from ccr_host.view.page_server import DRAW_EVERY_S, in_servers_thread, page_server
+from ccr_host.view import DEFAULT_ADDRESS
+
+if TYPE_CHECKING:
+    from ccr_host.view.live import ViewAddress
 
 ViewOption = Annotated[
     str | None,
@@ -42,33 +39,6 @@ def _is_like_an_address(word: str) -> bool:
     return word.startswith("[") or (":" in word and word.rpartition(":")[2].isdigit())
 
 
-def show_recorded_run(folder: Path, address: ViewAddress, on_ready: Callable[[str], None]) -> None:
-    """Serve the page until interrupted.
-
-    Args:
-        folder: of the run.
-        address: to listen on.
-        on_ready: is told the address to open.
-
-    Raises:
-        ConfigError: no run that can be read, or an address that cannot be had.
-        KeyboardInterrupt: the usual end.
-    """
-    history = RunHistory()
-    play_run(folder, history)
-    pace, clock = threading.Event(), RealClock()
-    door = open_door(address)
-    on_ready(door.url)
-    with page_server(door) as server:
-        page = in_servers_thread(server, Page, server, history, None)
-        drawn_us = clock.now_us()
-        while not pace.wait(DRAW_EVERY_S):
-            now_us = clock.now_us()
-            if server.get_clients():
-                in_servers_thread(server, page.draw, now_us, now_us - drawn_us, 0)
-            drawn_us = now_us
-
-
 def view(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder that a run has left behind.")],
     address: Annotated[
@@ -88,4 +58,40 @@ def view(
     if trouble := RunRecording(run).end.trouble:
         typer.echo(trouble, err=True)
     with suppress(KeyboardInterrupt):
-        show_recorded_run(run, where, lambda url: typer.echo(f"open {url}; Ctrl-C ends", err=True))
+        _show_recorded_run(run, where, lambda url: typer.echo(f"open {url}; Ctrl-C ends", err=True))
+
+
+def _show_recorded_run(folder: Path, address: ViewAddress, on_ready: Callable[[str], None]) -> None:
+    """Serve the page until interrupted.
+
+    Args:
+        folder: of the run.
+        address: to listen on.
+        on_ready: is told the address to open.
+
+    Raises:
+        ConfigError: no run that can be read, or an address that cannot be had.
+        KeyboardInterrupt: the usual end.
+    """
+    import threading
+
+    from ccr_host.core.clock import RealClock
+    from ccr_host.record.log.reader import play_run
+    from ccr_host.view.history import RunHistory
+    from ccr_host.view.live import open_door
+    from ccr_host.view.page import Page
+    from ccr_host.view.page_server import DRAW_EVERY_S, in_servers_thread, page_server
+
+    history = RunHistory()
+    play_run(folder, history)
+    pace, clock = threading.Event(), RealClock()
+    door = open_door(address)
+    on_ready(door.url)
+    with page_server(door) as server:
+        page = in_servers_thread(server, Page, server, history, None)
+        drawn_us = clock.now_us()
+        while not pace.wait(DRAW_EVERY_S):
+            now_us = clock.now_us()
+            if server.get_clients():
+                in_servers_thread(server, page.draw, now_us, now_us - drawn_us, 0)
+            drawn_us = now_us

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ccr_host.commands import terminal
 from ccr_host.commands.options import (
     JsonOption,
     OutOption,
@@ -51,6 +50,7 @@ def workspace(
 
     Example: ccr-host workspace ellipse --set servo.angle_max_deg=40
     """
+    from ccr_host.commands import terminal
     from ccr_host.record.figure import write_workspace_figure
     from ccr_host.record.folder import FIGURES, ResultFolder
     from ccr_host.run.execute import reference_of, workspace_of

@@ -57,6 +57,24 @@ def stop_signals_interrupt() -> Iterator[None]:
 
 
 @contextmanager
+def kill_interrupts() -> Iterator[None]:
+    """A closed terminal or a polite kill raises KeyboardInterrupt, where it would end the process.
+
+    Signals that the program handles or ignores itself are left alone, and all outside the main
+    thread.
+    """
+    in_main_thread = current_thread() is main_thread()
+    deadly = [n for n in _signals() if in_main_thread and signal.getsignal(n) == signal.SIG_DFL]
+    for number in deadly:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in deadly:
+            signal.signal(number, signal.SIG_DFL)
+
+
+@contextmanager
 def interruptible_again() -> Iterator[None]:
     """Let a signal interrupt this block even if one has interrupted before."""
     _state.interruptible_again = True

@@ -71,6 +71,34 @@ def visit(rig: Rig, check: MarkerCheck, stops_rad: Array, on_pose: OnPose) -> Re
     return RestTour(start_rad, poses)
 
 
+def move_to(rig: Rig, start_rad: Array, target_rad: Array) -> Array:
+    """Lead an armed robot smoothly from one pose to another, (2,) each; the last command sent.
+
+    Raises:
+        DeviceError: the board was lost or latched a fault.
+    """
+    duration_s = float(np.max(np.abs(target_rad - start_rad))) / _SPEED_RAD_S
+    steps = max(1, math.ceil(duration_s * 1e6 / _COMMAND_PERIOD_US))
+    q_rad = start_rad
+    for step in range(1, steps + 1):
+        # Starts and ends without a jerk.
+        share = 0.5 - 0.5 * math.cos(math.pi * step / steps)
+        q_rad = start_rad + share * (target_rad - start_rad)
+        command(rig, q_rad)
+    return q_rad
+
+
+def command(rig: Rig, q_rad: Array) -> None:
+    """Send a pose, (2,), and wait for the period in which the board leads the servos there.
+
+    Raises:
+        DeviceError: the board was lost or latched a fault.
+    """
+    ramp_ms = _COMMAND_PERIOD_US // 1000
+    rig.client.set_target(q_rad, ramp_ms=ramp_ms, validity_ms=_VALIDITY_MS)
+    rig.clock.sleep_until_us(rig.clock.now_us() + _COMMAND_PERIOD_US)
+
+
 class _RestMotion:
     """Moves an armed robot slowly and averages its markers at rest.
 
@@ -88,14 +116,7 @@ class _RestMotion:
         Raises:
             DeviceError: the board was lost or latched a fault.
         """
-        start_rad = self._q_rad
-        duration_s = float(np.max(np.abs(target_rad - start_rad))) / _SPEED_RAD_S
-        steps = max(1, math.ceil(duration_s * 1e6 / _COMMAND_PERIOD_US))
-        for step in range(1, steps + 1):
-            # Starts and ends without a jerk.
-            share = 0.5 - 0.5 * math.cos(math.pi * step / steps)
-            self._q_rad = start_rad + share * (target_rad - start_rad)
-            self._command()
+        self._q_rad = move_to(self._rig, self._q_rad, target_rad)
 
     def measure_at_rest(self) -> RestPose | None:
         """Wait for rest and average; None if the markers are not seen.
@@ -122,20 +143,13 @@ class _RestMotion:
         start_us = clock.now_us()
         samples: dict[int, Sample] = {}
         while clock.now_us() < start_us + duration_us:
-            self._command()
+            command(self._rig, self._q_rad)
             sample = tracker.newest()
             if sample is None or sample.exposed_us < start_us or sample.exposed_us in samples:
                 continue
             if self._check.accepts(sample) and _is_complete(sample):
                 samples[sample.exposed_us] = sample
         return list(samples.values())
-
-    def _command(self) -> None:
-        """Send the pose; the board leads the servos there over one period."""
-        client, clock = self._rig.client, self._rig.clock
-        ramp_ms = _COMMAND_PERIOD_US // 1000
-        client.set_target(self._q_rad, ramp_ms=ramp_ms, validity_ms=_VALIDITY_MS)
-        clock.sleep_until_us(clock.now_us() + _COMMAND_PERIOD_US)
 
 
 def _is_complete(sample: Sample) -> bool:

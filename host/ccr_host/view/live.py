@@ -22,6 +22,7 @@ from ccr_host.core.addresses import host_and_port, joined, listening_socket
 from ccr_host.core.errors import CcrError, ConfigError, full_text
 from ccr_host.core.standard_streams import warn
 from ccr_host.core.stop_signals import interruptible_again
+from ccr_host.view import DEFAULT_ADDRESS
 from ccr_host.view.feed import Batch, PageOperator, RunEnded, SharedButtons, ViewFeed
 
 _ROOM_BATCHES = 64
@@ -29,7 +30,6 @@ _ROOM_BATCHES = 64
 _START_TIMEOUT_S = 30.0
 _END_TIMEOUT_S = 2.0
 _MOST_STARTS = 10
-DEFAULT_ADDRESS = "127.0.0.1:8642"
 _TOKEN_BYTES = 16
 
 _Messages: TypeAlias = "multiprocessing.Queue[Batch | RunEnded]"

@@ -2,8 +2,8 @@ import pytest
 
 from ccr_host.commands.view import with_default_address
 from ccr_host.core.errors import ConfigError
+from ccr_host.view import DEFAULT_ADDRESS
 from ccr_host.view.live import (
-    DEFAULT_ADDRESS,
     ViewAddress,
     open_door,
     parse_view_address,

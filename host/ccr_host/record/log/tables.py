@@ -6,6 +6,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ccr_host.control.base import Outcome
 from ccr_host.link.framing import decode_single_frame
 from ccr_host.link.messages import MESSAGES, PayloadError
@@ -17,6 +20,8 @@ from ccr_host.robot.reference import PATH_AXES
 Cell = int | float | bool | str | None
 Row = dict[str, Cell]
 Json = dict[str, Any]
+Arrays = dict[str, NDArray[Any]]
+"""Columns of a table by name."""
 
 _MARKERS = ("m1", "m2", "m3")
 
@@ -241,15 +246,35 @@ def dictionary() -> str:
     return "\n".join(lines[:-1]) + "\n"
 
 
-def rows(recording: RunRecording) -> Iterator[tuple[Table, Row]]:
-    """Rows of all tables, in the order of the log.
+def arrays(recording: RunRecording, table: Table) -> Arrays:
+    """One table, (N,) per column; a missing number becomes NaN, a missing text is empty.
+
+    Raises:
+        ConfigError: the log cannot be read.
+    """
+    found = [row for _, row in rows(recording, [table])]
+    return {
+        name: _array([row[name] for row in found], column.kind)
+        for name, column in table.columns.items()
+    }
+
+
+def _array(cells: Sequence[Cell], kind: type) -> NDArray[Any]:
+    if kind is str:
+        return np.array([cell or "" for cell in cells], dtype=np.str_)
+    is_complete = not any(cell is None for cell in cells)
+    return np.array(cells, dtype=kind if is_complete else np.float64)
+
+
+def rows(recording: RunRecording, tables: Sequence[Table] = TABLES) -> Iterator[tuple[Table, Row]]:
+    """Rows of these tables, in the order of the log.
 
     Raises:
         ConfigError: the log cannot be read.
     """
     solve_times_us = recording.solve_times_us()
-    by_topic = {topic.name: table for table in TABLES for topic in table.topics}
-    wanted = [topic for table in TABLES for topic in table.topics]
+    by_topic = {topic.name: table for table in tables for topic in table.topics}
+    wanted = [topic for table in tables for topic in table.topics]
     for message in recording.messages(*wanted):
         table = by_topic[message.topic]
         try:

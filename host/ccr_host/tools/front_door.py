@@ -1,0 +1,353 @@
+"""The front door: what ``import ccr_host`` offers to programs."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ccr_host.control.base import Controller
+from ccr_host.core.errors import ConfigError, DeviceError, TrackerError
+from ccr_host.core.plugins import Given
+from ccr_host.core.stop_signals import kill_interrupts
+from ccr_host.description.schema import Description
+from ccr_host.record.folder import TIMING_FILE, ResultFolder
+from ccr_host.record.keep import execute_logged, keep_result
+from ccr_host.record.log.reader import RunRecording
+from ccr_host.record.log.tables import TABLES, Arrays, arrays
+from ccr_host.record.report import read_run
+from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.execute import execute_quietly, reference_of
+from ccr_host.run.observer import Observers, RunObserver
+from ccr_host.run.open_rig import is_simulated, open_rig
+from ccr_host.run.options import RigOptions, RunOptions
+from ccr_host.run.rest_motion import command, move_to
+from ccr_host.run.rig import Rig
+from ccr_host.sim.robot.plant import TWIN, Plant
+from ccr_host.tracking.tracker import RawTracker
+
+_SAMPLE_TIMEOUT_US = 2_000_000
+_LOOK_US = 10_000
+
+
+@dataclass(frozen=True)
+class Run:
+    """A recorded run."""
+
+    folder: Path
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """The object that ``ccr-host track --json`` prints, see docs/command-line.md.
+
+        For a run that was killed only the error figures are known.
+        """
+        timing: dict[str, Any] = {}
+        with suppress(OSError, ValueError):
+            timing = json.loads((self.folder / TIMING_FILE).read_text(encoding="utf-8"))
+        return {**read_run(self.folder).metrics, **timing}
+
+    @property
+    def steps(self) -> Arrays:
+        """The table with one row per control step, see `table`."""
+        return self.table("steps")
+
+    def table(self, name: str) -> Arrays:
+        """Read a table of the log; docs/logs.md lists the columns.
+
+        Args:
+            name: steps, commands, samples, states, frames or events.
+
+        Returns:
+            Columns by name, (N,) each, ready for ``pandas.DataFrame``. A missing number is NaN, a
+            missing text is empty.
+
+        Raises:
+            ConfigError: no such table, or the log cannot be read.
+        """
+        for table in TABLES:
+            if table.name == name:
+                return arrays(RunRecording(self.folder), table)
+        known = ", ".join(table.name for table in TABLES)
+        raise ConfigError(f"no table {name} in the log of a run", f"one of {known}")
+
+
+def load_run(folder: str | Path) -> Run:
+    """Open a recorded run.
+
+    Args:
+        folder: the run's folder, or one file of its log.
+
+    Raises:
+        ConfigError: there is no log of a run.
+    """
+    _ = RunRecording(Path(folder)).setup
+    return Run(Path(folder))
+
+
+class Robot:
+    """A connected robot, real or simulated; `open_robot` makes it.
+
+    Any method raises DeviceError if the board is lost, refuses a command or has latched a fault.
+    In simulation every connection, and so every run, starts with a new robot at rest.
+    """
+
+    def __init__(self, options: RigOptions) -> None:
+        self.description = options.description()
+        """The robot description with its overrides applied."""
+        self._options = options
+        self._limits = MotorLimits.of(self.description.servo)
+        self._connection = ExitStack()
+        self._rig: Rig | None = None
+        self._is_open = self._is_armed = False
+
+    @property
+    def angles_deg(self) -> NDArray[np.float64]:
+        """Motor angles in degrees, (2,), as last accepted by the board.
+
+        Raises:
+            DeviceError: the robot is not armed.
+        """
+        return np.degrees(self._armed().client.accepted_rad)
+
+    def arm(self) -> None:
+        """Enable the servos and lead the robot to its rest pose."""
+        self._is_armed = False
+        self._connected().client.arm()
+        self._is_armed = True
+
+    def move(self, q_deg: ArrayLike, settle_s: float = 0.5) -> None:
+        """Move smoothly to motor angles and return when the robot is there.
+
+        Args:
+            q_deg: degrees, (2,).
+            settle_s: how long to hold the pose before returning.
+
+        Raises:
+            ConfigError: not two finite angles, or outside the motor limits; nothing moves.
+            DeviceError: the robot is not armed.
+        """
+        q_rad, rig = self._checked(q_deg), self._armed()
+        move_to(rig, rig.client.accepted_rad, q_rad)
+        while (report := rig.client.read_state()).setpoint_cdeg != report.target_cdeg:
+            command(rig, q_rad)
+        self.wait(settle_s)
+
+    def wait(self, duration_s: float) -> None:
+        """Let time pass; an armed robot holds its pose.
+
+        Between calls nothing is sent: after ``link.relax_after_ms`` the board leads an armed robot
+        to rest and latches a fault, as for any host that falls silent.
+        """
+        rig = self._connected()
+        end_us = rig.clock.now_us() + round(duration_s * 1e6)
+        while self._is_armed and rig.clock.now_us() < end_us:
+            command(rig, rig.client.accepted_rad)
+        rig.clock.sleep_until_us(end_us)
+
+    def tip_mm(self) -> NDArray[np.float64]:
+        """Tip position as measured, f of (10), in mm, (3,): the y, x and z of paths and tables.
+
+        Returns:
+            The newest sample, unless it is older than ``control.stale_after_ms``; then the next.
+
+        Raises:
+            TrackerError: no markers within two seconds.
+        """
+        rig = self._connected()
+        stale_us = self.description.control.stale_after_ms * 1000
+        start_us = rig.clock.now_us()
+        while (now_us := rig.clock.now_us()) - start_us <= _SAMPLE_TIMEOUT_US:
+            sample = rig.tracker.newest()
+            if sample is not None and now_us - sample.exposed_us <= stale_us:
+                return sample.tip_mm
+            self.wait(_LOOK_US * 1e-6)
+        trouble = rig.tracker.trouble()
+        raise TrackerError(
+            f"no markers from {rig.tracker.name}" + (f": {trouble}" if trouble else ""),
+            "check line of sight, the camera's volume and the markers",
+        )
+
+    def disarm(self) -> None:
+        """Lead the robot to rest and switch the pulses off; harmless if it is not armed."""
+        if self._is_armed:
+            self._is_armed = False
+            self._connected().client.disarm()
+
+    def stop(self) -> None:
+        """Emergency stop: no pulses from now on; `clear_fault` and `arm` enable them again."""
+        self._is_armed = False
+        self._connected().client.stop()
+
+    def clear_fault(self) -> None:
+        """Acknowledge a latched fault or an emergency stop; the robot is disarmed then."""
+        self._is_armed = False
+        self._connected().client.clear_fault()
+
+    def track(
+        self,
+        path: str | Path,
+        controller: str | Controller | Callable[[Description], Controller] = "adaptive",
+        *,
+        rate_hz: float = 1.0,
+        laps: int = 1,
+        unchecked: bool = False,
+        with_open: bool | None = None,
+        out: str | Path | None = None,
+        observers: Sequence[RunObserver] = (),
+    ) -> Run:
+        """Follow a path as ``ccr-host track`` does: it arms, tracks and disarms.
+
+        The run has a connection of its own, so that its log can be replayed.
+
+        Args:
+            path: ellipse, 8shape, star, or a file.
+            controller: a name, FILE.py:CLASS, a class, or an object with the methods of one.
+            rate_hz: control steps per second.
+            laps: how often to follow a closed path.
+            unchecked: follow the path whatever markers and motion look like.
+            with_open: also run the open loop, to compare; by default where it costs no time.
+            out: folder for the results; ``runs/<date>-...`` by default.
+            observers: told of everything that happens, as it happens.
+
+        Raises:
+            ConfigError: unusable options; nothing was started.
+            CcrError, KeyboardInterrupt: what ended the run early; the folder keeps what was
+                reached.
+        """
+        name = _name(controller)
+        options = RunOptions(
+            **vars(self._options),
+            path=str(path),
+            controller=name,
+            rate_hz=float(rate_hz),
+            laps=laps,
+            checks="none" if unchecked else "motion",
+        )
+        reference = reference_of(options)
+        self._connected()
+        self._disconnect()
+        wanted = is_simulated(options) if with_open is None else with_open
+        open_loop = options.with_controller("open-loop").on_the_twin()
+        title = f"{reference.name}-{name}"
+        with ResultFolder(None if out is None else Path(out), title) as folder:
+            result = execute_logged(options, folder.path, lambda *_: None, observers)
+            compared = wanted and name != open_loop.controller
+            kept = keep_result(
+                folder, result, (lambda: execute_quietly(open_loop)) if compared else None
+            )
+        for trouble in filter(None, (folder.trouble, result.log_trouble, kept.no_open_loop)):
+            warnings.warn(f"{folder.path}: {trouble}", stacklevel=2)
+        if kept.failure is not None:
+            if folder.kept:
+                kept.failure.add_note(f"kept in {folder.path}: {', '.join(folder.kept)}")
+            raise kept.failure
+        return Run(folder.path)
+
+    @contextmanager
+    def _open(self) -> Iterator[None]:
+        self._is_open = True
+        try:
+            with self._connection:
+                self._connected()
+                yield
+        finally:
+            self._is_open = False
+
+    def _connected(self) -> Rig:
+        if not self._is_open:
+            raise DeviceError("the connection is closed", "use the robot inside its with block")
+        if self._rig is None:
+            rig = open_rig(self._options, self.description, Observers())
+            self._rig = self._connection.enter_context(rig)
+        return self._rig
+
+    def _disconnect(self) -> None:
+        self._rig, self._is_armed = None, False
+        self._connection.close()
+
+    def _armed(self) -> Rig:
+        if not self._is_armed:
+            raise DeviceError("the robot is not armed", "call arm() first")
+        return self._connected()
+
+    def _checked(self, q_deg: ArrayLike) -> NDArray[np.float64]:
+        try:
+            asked_deg = np.asarray(q_deg, dtype=np.float64)
+        except (TypeError, ValueError):
+            asked_deg = np.full(1, np.nan)
+        lower_deg, upper_deg = (
+            np.degrees(self._limits.lower_rad),
+            np.degrees(self._limits.upper_rad),
+        )
+        if asked_deg.shape != lower_deg.shape or not np.isfinite(asked_deg).all():
+            raise ConfigError(
+                f"move to {q_deg!r}: not {len(lower_deg)} finite angles",
+                "give one angle in degrees for each motor",
+            )
+        for motor, (angle, low, high) in enumerate(
+            zip(asked_deg, lower_deg, upper_deg, strict=True)
+        ):
+            if not low <= angle <= high:
+                raise ConfigError(
+                    f"motor {motor + 1}: {angle:g} deg is outside its limits {low:g} .. {high:g}",
+                    "stay inside, or change servo.angle_min_deg and servo.angle_max_deg",
+                )
+        return np.radians(asked_deg)
+
+
+@contextmanager
+def open_robot(
+    *,
+    robot: str | Path | None = None,
+    device: str = "emulator:",
+    tracker: str | Callable[[Description], RawTracker] = "twin:",
+    plant: str | Callable[[Description], Plant] = TWIN,
+    seed: int = 1,
+    overrides: Iterable[str] = (),
+    realtime: bool = False,
+) -> Iterator[Robot]:
+    """Connect to a robot for the time of a ``with`` block; nothing is armed.
+
+    However the block is left, by an exception, Ctrl-C, SIGTERM or a closed terminal, the robot is
+    made safe first: disarmed if the board goes along, stopped otherwise.
+
+    Args:
+        robot: robot description file, or the name of a shipped one.
+        device: device URI, see docs/command-line.md.
+        tracker: tracker URI, FILE.py:CLASS, or a class or function that makes one.
+        plant: the simulated robot: ``twin``, FILE.py:CLASS, or a class or function that makes one.
+        seed: of every random number.
+        overrides: ``section.key=value`` for the description, as with ``--set``.
+        realtime: run in real time what could run in virtual time.
+
+    Raises:
+        ConfigError: an unknown URI, or a description that board or tracker cannot take.
+        DeviceError: no board, or another one than described.
+        TrackerError: no camera, or one that does not begin to track.
+        CodeError: a class of yours has failed.
+    """
+    options = RigOptions(
+        robot=None if robot is None else str(robot),
+        device=device,
+        tracker=_name(tracker),
+        plant=_name(plant),
+        seed=seed,
+        overrides=tuple(overrides),
+        realtime=realtime,
+    )
+    made = Robot(options)
+    with kill_interrupts(), made._open():
+        yield made
+
+
+def _name(plugin: object) -> str:
+    return plugin if isinstance(plugin, str) else Given(plugin)
