@@ -157,7 +157,7 @@ class _Guide:
         """Camera, servos and rests, until the servos stand where they are said to."""
         from ccr_host.commands.terminal import steps_progress
         from ccr_host.commands.tracker_screen import registration_table
-        from ccr_host.control.adaptive.identified import digest_of
+        from ccr_host.control.adaptive.identification import digest_of
         from ccr_host.run.observer import Observers
         from ccr_host.run.open_rig import open_rig
         from ccr_host.tools.calibrate import calibration_table

@@ -5,26 +5,27 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 
-from ccr_host.control.adaptive.control_law import AdaptiveStatics
+from ccr_host.control.adaptive.law import AdaptiveLaw
 from ccr_host.control.base import Controller
 from ccr_host.control.mpc.controller import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
+from ccr_host.control.shell import Law, Shell
 from ccr_host.core.plugins import is_plugin, make_plugin, unknown_plugin
 from ccr_host.description.schema import Description
 
 _MAKERS: dict[str, Callable[[Description], Controller]] = {
     OpenLoop.name: OpenLoop,
     ModelPredictive.name: ModelPredictive,
-    AdaptiveStatics.name: AdaptiveStatics,
+    AdaptiveLaw.name: lambda description: Shell(description, AdaptiveLaw(description)),
 }
 
 _BASELINES = {
     "pid-ik": "pid_ik:PidIk",
-    "broyden": "broyden:Broyden",
-    "kalman-jacobian": "kalman_jacobian:KalmanJacobian",
+    "broyden": "jacobian_feedback:Broyden",
+    "kalman-jacobian": "jacobian_feedback:KalmanJacobian",
     "mpc-offset": "mpc_offset:OffsetFreeMpc",
 }
-"""Module and class in ``control.baselines``; loaded only when one is asked for."""
+"""Module and law in ``control.baselines``; loaded only when one is asked for."""
 
 
 def controller_names() -> list[str]:
@@ -61,5 +62,5 @@ def make_controller(name: str, description: Description) -> Controller:
 def _load_baseline(name: str) -> Callable[[Description], Controller]:
     module, _, maker = _BASELINES[name].partition(":")
     loaded = importlib.import_module(f"ccr_host.control.baselines.{module}")
-    baseline: Callable[[Description], Controller] = getattr(loaded, maker)
-    return baseline
+    law: Callable[[Description], Law] = getattr(loaded, maker)
+    return lambda description: Shell(description, law(description))

@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from ccr_host.control.adaptive.identification import Rests
 from ccr_host.control.base import (
     APPROACH_PERIOD_S,
     Approaching,
@@ -28,6 +27,7 @@ from ccr_host.core.errors import CodeError, TrackerError, blaming
 from ccr_host.description.schema import Description
 from ccr_host.link.device_errors import LinkLossError
 from ccr_host.robot.reference import Reference
+from ccr_host.robot.rests import Rests
 from ccr_host.run.observer import RunObserver, StepRecord, Vector
 from ccr_host.run.operator import NoOperator, Operator
 from ccr_host.run.options import Checks
@@ -100,7 +100,7 @@ class _PathRun:
         self._observer = observer
         self._on_step = on_step
         self._operator = operator
-        self._check = RobotCheck(description, controller) if checks == "motion" else None
+        self._check = RobotCheck(description, controller, reference) if checks == "motion" else None
         self._settle_s = description.control.settle_s
         self._period_us = round(reference.period_s * 1e6)
         self._validity_ms = int(

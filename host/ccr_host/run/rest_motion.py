@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.robot.rests import Rests
 from ccr_host.run.rig import Rig
 from ccr_host.tracking.markers.check import MarkerCheck
-from ccr_host.tracking.registration import RegistrationError, RestPose
+from ccr_host.tracking.registration import RegistrationError
 from ccr_host.tracking.tracker import Sample
 
 Array = NDArray[np.float64]
@@ -32,20 +32,10 @@ _REST_MM = 0.5
 _ATTEMPTS_TO_REST = 4
 
 
-@dataclass(frozen=True, eq=False)
-class RestTour:
-    """A robot seen at rest, one pose after the other.
-
-    ``start_rad`` (2,) is where it came from, ``poses`` are in the order in which it went straight
-    from one to the next; those without markers are left out.
-    """
-
-    start_rad: Array
-    poses: Sequence[RestPose]
-
-
-def visit(rig: Rig, check: MarkerCheck, stops_rad: Array, on_pose: OnPose) -> RestTour:
+def visit(rig: Rig, check: MarkerCheck, stops_rad: Array, on_pose: OnPose) -> Rests:
     """Arm, measure at each stop, (K, 2), go back to where arming has led the robot, disarm.
+
+    Stops at which a marker was not seen are left out; vectors are in the tracker's frame.
 
     An error or Ctrl-C ends the tour where it is; the rig disarms the robot on its way out.
 
@@ -57,18 +47,25 @@ def visit(rig: Rig, check: MarkerCheck, stops_rad: Array, on_pose: OnPose) -> Re
     rig.client.arm()
     start_rad = np.array(rig.client.accepted_rad)
     motion = _RestMotion(rig, check, start_rad)
-    poses = []
+    q_rad, markers_mm, count = [], [], []
     for done, stop_rad in enumerate(stops_rad):
         on_pose(done, len(stops_rad))
         motion.move_to(stop_rad)
-        pose = motion.measure_at_rest()
-        if pose is not None:
-            poses.append(pose)
+        seen_mm = motion.measure_at_rest()
+        if seen_mm is not None:
+            q_rad.append(stop_rad)
+            markers_mm.append(seen_mm.mean(axis=0))
+            count.append(float(len(seen_mm)))
         check.robot_moves()
     motion.move_to(start_rad)
     rig.client.disarm()
     on_pose(len(stops_rad), len(stops_rad))
-    return RestTour(start_rad, poses)
+    return Rests(
+        start_rad,
+        np.array(q_rad).reshape(-1, 2),
+        np.array(markers_mm).reshape(-1, 3, 3),
+        np.array(count),
+    )
 
 
 def move_to(rig: Rig, start_rad: Array, target_rad: Array) -> Array:
@@ -118,8 +115,8 @@ class _RestMotion:
         """
         self._q_rad = move_to(self._rig, self._q_rad, target_rad)
 
-    def measure_at_rest(self) -> RestPose | None:
-        """Wait for rest and average; None if the markers are not seen.
+    def measure_at_rest(self) -> Array | None:
+        """Wait for rest; the markers in all exposures, (n, 3, 3), None if they are not seen.
 
         Raises:
             RegistrationError: the robot does not come to rest.
@@ -131,7 +128,7 @@ class _RestMotion:
                 return None
             markers = _without_outliers(np.array([sample.markers_mm for sample in samples]))
             if _is_at_rest(markers):
-                return RestPose(self._q_rad, markers.mean(axis=0), len(markers))
+                return markers
         raise RegistrationError(
             "the robot does not come to rest",
             "keep hands and draughts off the robot; check that the servos do not hunt",

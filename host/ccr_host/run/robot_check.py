@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from collections.abc import Iterator
 
 import numpy as np
 
-from ccr_host.control.adaptive.control_law import AdaptiveStatics
-from ccr_host.control.adaptive.identification import FloatArray, Rests, StaticsFit
+from ccr_host.control.adaptive.arithmetic import FloatArray
+from ccr_host.control.adaptive.identification import RestSurvey, StaticsFit
+from ccr_host.control.adaptive.law import AdaptiveLaw
 from ccr_host.control.adaptive.misfit import MisfitError, is_misfit, misfit
-from ccr_host.control.adaptive.motion import Rest, first_rest, moved
-from ccr_host.control.adaptive.parameters import Parameters
-from ccr_host.control.adaptive.probe import Probe
-from ccr_host.control.adaptive.tip import markers_mm
+from ccr_host.control.adaptive.motion import Pose, first_pose, moved
+from ccr_host.control.adaptive.parameters import ZEROS, Parameters, Scaling
+from ccr_host.control.adaptive.tip import tip_mm
 from ccr_host.control.base import Controller
+from ccr_host.control.shell import Law, PathView, Shell, Sight, Stage, smooth_moves
 from ccr_host.description.schema import Description
+from ccr_host.robot.reference import Reference
+from ccr_host.robot.rests import Rests
+from ccr_host.robot.setpoint_history import SetpointHistory
+from ccr_host.robot.workspace import MotorLimits
 
+_REACH_RAD = np.radians(20.0)
+"""Of each motor: past slack and a zero that is off, and half of what paths need."""
+_STOPS = ((0.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
+"""Motor 1 last: falling through its slack sets the robot swinging."""
+_REST_S = 0.8
+_ZERO_FREEDOM = 3.0
+"""Zeros are looked for further away than they are believed to be: there are few rests."""
 _FEWEST_RESTS = 4
 """Where markers were hidden from more of them nothing can be said."""
 _LOOK_PERIOD_US = 250_000
@@ -26,22 +40,67 @@ _KEPT = 12
 """Looks that tell the cause."""
 
 
+class ProbeLaw(Law):
+    """A few small moves that show whether the robot is the one that is described."""
+
+    name = "checking that the robot moves as described"
+    feedback_s = 0.0
+
+    def __init__(self, description: Description) -> None:
+        self._scaling = Scaling.of(description).freed(ZEROS, _ZERO_FREEDOM)
+        self._limits = MotorLimits.of(description.servo)
+
+    def start(self, path: PathView, history: SetpointHistory) -> None:
+        super().start(path, history)
+        self._survey = RestSurvey(self._scaling)
+        self.fit: StaticsFit | None = None
+        """Of the model to the rests; None before all are known."""
+
+    @property
+    def rests(self) -> Rests:
+        """Where the robot was seen at rest."""
+        return self._survey.rests()
+
+    def stages(self) -> Iterator[Stage]:
+        """The moves, then the fit, in which the robot stays where it is."""
+        here_rad = self._survey.start_rad = self.history.at(math.inf)
+        stops_rad = self._limits.clip(here_rad + _REACH_RAD * np.array(_STOPS))
+        yield Stage(self.name, smooth_moves(here_rad, stops_rad, _REST_S))
+        waiting = Stage(self.name, stops_rad[-1:], is_motion=False)
+        self.fit = StaticsFit(self._scaling, self.rests)
+        yield waiting
+        while self.fit.improve():
+            yield waiting
+
+    def observe(self, sight: Sight) -> None:
+        self._survey.add(self.history, sight)
+
+
 class RobotCheck:
     """Judges the rests before the path, and the robot's answers along it.
 
     Args:
         description: of the robot.
         controller: one that begins with a tour of rests makes a probe unnecessary.
+        reference: the path.
     """
 
-    def __init__(self, description: Description, controller: Controller) -> None:
+    def __init__(
+        self, description: Description, controller: Controller, reference: Reference
+    ) -> None:
         self._description = description
-        self._adaptive = controller if isinstance(controller, AdaptiveStatics) else None
-        has_tour = self._adaptive is not None and not self._adaptive.is_identified
-        self.probe = None if has_tour else Probe(description)
+        law = controller.law if isinstance(controller, Shell) else None
+        self._adaptive = law if isinstance(law, AdaptiveLaw) else None
+        self._probe: ProbeLaw | None = None
+        self.probe: Shell | None = None
+        """Makes the moves in its approach."""
+        if self._adaptive is None or self._adaptive.is_identified:
+            self._probe = ProbeLaw(description)
+            self.probe = Shell(description, self._probe)
+            self.probe.start(reference)
         self._model: Parameters | None = None
         self._told = "the markers were seen at too few rests: the robot's motion is not checked"
-        self._rest: Rest | None = None
+        self._pose: Pose | None = None
         self._looked_us = 0
         self._odd_since_us: int | None = None
         self._seen: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_KEPT)
@@ -53,7 +112,7 @@ class RobotCheck:
 
     def judge_probe(self) -> Rests | None:
         """Rests of the probe that the description does not explain, None if it does."""
-        return None if self.probe is None else self._judge(self.probe.rests, self.probe.fit)
+        return None if self._probe is None else self._judge(self._probe.rests, self._probe.fit)
 
     def judge_approach(self) -> Rests | None:
         """The same of those that the controller has fitted its model to, if it has."""
@@ -67,9 +126,11 @@ class RobotCheck:
         if self._model is None or time_us - self._looked_us < _LOOK_PERIOD_US:
             return None
         p, self._looked_us = self._model, time_us
-        self._rest = first_rest(p, q_rad) if self._rest is None else moved(p, self._rest, q_rad)
+        q_1, q_2 = q_rad.tolist()
+        pose = self._pose
+        self._pose = first_pose(p, q_1, q_2) if pose is None else moved(p, pose, q_1, q_2)
         self._seen.append((q_rad, np.stack([middle_mm, seen_mm])))
-        expected_mm = markers_mm(p, self._rest.theta_rad)[1]
+        expected_mm = tip_mm(p, self._pose.theta_1, self._pose.theta_2)
         if np.linalg.norm(seen_mm - expected_mm) < _UNEXPLAINED_MM:
             self._odd_since_us = None
             return None
@@ -78,7 +139,8 @@ class RobotCheck:
         if time_us - self._odd_since_us < _FOR_US:
             return None
         setpoints_rad, markers = (np.array(column) for column in zip(*self._seen, strict=True))
-        return Rests(setpoints_rad[0], setpoints_rad, markers, np.ones(len(markers)))
+        count = np.ones(len(markers))
+        return Rests.of_vectors(setpoints_rad[0], setpoints_rad, markers, count)
 
     def cause_of(self, odd: Rests) -> MisfitError:
         """What is most likely wrong; takes seconds, for a robot that has been made safe."""
@@ -90,6 +152,6 @@ class RobotCheck:
         if fit is None:  # The rests were too odd to be fitted.
             return rests
         found = fit.result()
-        self._model, self._rest = fit.scaling.parameters(found.score), None
+        self._model, self._pose = fit.scaling.parameters(found.score), None
         self._told = f"the robot was seen at {len(rests.count)} rests; {found.residual}"
         return rests if is_misfit(found, fit.scaling) else None

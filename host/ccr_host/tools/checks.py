@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
-from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.control.adaptive.identification import predicted_mm
+from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.core.clock import Clock
 from ccr_host.core.errors import CcrError, TrackerError
 from ccr_host.description.schema import Description
@@ -30,6 +30,7 @@ from ccr_host.link.messages import (
 )
 from ccr_host.link.statistics import LinkStatistics
 from ccr_host.robot.marker_shape import seen_lengths_mm, wrong_segments
+from ccr_host.robot.rests import Rests
 from ccr_host.tools.equipment import described
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample, Tracker
@@ -217,7 +218,7 @@ def _askew_deg(tip_mm: NDArray[np.float64], description: Description) -> tuple[f
     """Angle to where the robot should rest, and how much of it would be no surprise."""
     scaling = Scaling(description.robot, _TURN_RAD, _ZERO_RAD)
     rest_rad = np.radians(description.servo.rest_deg)
-    rests = Rests(rest_rad, rest_rad[None], np.full((1, 2, 3), np.nan), np.ones(1))
+    rests = Rests(rest_rad, rest_rad[None], np.full((1, 3, 3), np.nan), np.ones(1))
     near = scaling.perturbed(np.zeros(COUNT), _PROBE)
     *near_mm, expected_mm = predicted_mm(near, rests)[0, :, 1]
     slope = (np.array(near_mm) - expected_mm) / _PROBE

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from serial.tools import list_ports
 
-from ccr_host.control.adaptive.identified import identified_rests
+from ccr_host.control.adaptive.identification import identified_rests
 from ccr_host.core.clock import Clock, RealClock, VirtualClock
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description

@@ -6,7 +6,6 @@ The rig's tracker must give markers in the camera's own frame: open it without a
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,11 +13,12 @@ from numpy.typing import NDArray
 
 from ccr_host.core.errors import TrackerError
 from ccr_host.description.schema import Description
+from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
 from ccr_host.tracking.markers.check import MarkerCheck
-from ccr_host.tracking.registration import Registration, RestPose, register
+from ccr_host.tracking.registration import Registration, register
 
 Array = NDArray[np.float64]
 
@@ -53,11 +53,10 @@ def register_robot(rig: Rig, description: Description, on_pose: OnPose) -> Regis
         TrackerError: no markers, or none of this robot.
         RegistrationError: the poses give no rotation that could be trusted.
     """
-    poses = collect_rest_poses(rig, description, on_pose)
-    return register(poses, description.robot)
+    return register(collect_rests(rig, description, on_pose), description.robot)
 
 
-def collect_rest_poses(rig: Rig, description: Description, on_pose: OnPose) -> Sequence[RestPose]:
+def collect_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
     """Measure the robot at rest in each of the safe poses; those without markers are left out.
 
     Raises:
@@ -66,13 +65,13 @@ def collect_rest_poses(rig: Rig, description: Description, on_pose: OnPose) -> S
         RegistrationError: the robot does not come to rest.
     """
     check = MarkerCheck(description, in_robot_frame=False)
-    tour = visit(rig, check, safe_poses_rad(MotorLimits.of(description.servo)), on_pose)
-    if not tour.poses:
+    rests = visit(rig, check, safe_poses_rad(MotorLimits.of(description.servo)), on_pose)
+    if not len(rests.q_rad):
         raise TrackerError(
             f"no markers from {rig.tracker.name} in any pose",
             "check line of sight and the camera's volume; see ccr-host monitor",
         )
-    return tour.poses
+    return rests
 
 
 def registration_section(registration: Registration, date: datetime.date) -> dict[str, Any]:

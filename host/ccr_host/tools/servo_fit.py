@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.identification import ZEROS, Rests, Scaling, StaticsFit
-from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.control.adaptive.identification import StaticsFit
+from ccr_host.control.adaptive.parameters import COUNT, ZEROS, Scaling
 from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.rests import Rests
 
 Array = NDArray[np.float64]
 
@@ -66,9 +67,9 @@ def fit_servos(rests: Rests, description: Description, *, registered: bool) -> S
     Raises:
         CalibrationError: too few rests, or the fit cannot be trusted.
     """
-    if len(rests.setpoint_rad) < _FEWEST_RESTS:
+    if len(rests.q_rad) < _FEWEST_RESTS:
         raise CalibrationError(
-            f"the markers were seen in {len(rests.setpoint_rad)} poses of at least {_FEWEST_RESTS}",
+            f"the markers were seen in {len(rests.q_rad)} poses of at least {_FEWEST_RESTS}",
             "see that no marker is hidden: ccr-host monitor",
         )
     direction = _direction(rests, description.robot)
@@ -79,14 +80,14 @@ def fit_servos(rests: Rests, description: Description, *, registered: bool) -> S
         description.tracker.noise_mm,
     )
     as_mounted = replace(
-        rests, start_rad=direction * rests.start_rad, setpoint_rad=direction * rests.setpoint_rad
+        rests, start_rad=direction * rests.start_rad, q_rad=direction * rests.q_rad
     )
     starts = np.zeros((len(_STARTS_RAD), COUNT))
     starts[:, ZEROS[0]] = _STARTS_RAD / _ZERO_DEVIATION_RAD
     fits = [StaticsFit(scaling, as_mounted, start=start) for start in starts]
     found = min((fit.finish() for fit in fits), key=lambda fit: fit.cost)
     # Residuals larger than believed are errors of the model, of which the deviations must tell.
-    misfit = max(1.0, math.sqrt(found.cost / rests.markers_mm.size))
+    misfit = max(1.0, math.sqrt(found.cost / rests.vectors_mm.size))
     zero_deviations = np.sqrt(np.diag(found.covariance)[ZEROS])
     deviation_rad = misfit * _ZERO_DEVIATION_RAD * zero_deviations
     if not found.explains or deviation_rad.max() > _TRUSTED_DEVIATION_RAD:
@@ -109,7 +110,7 @@ def fit_servos(rests: Rests, description: Description, *, registered: bool) -> S
 def _direction(rests: Rests, robot: Robot) -> Array:
     """1 where the tip moves with the model's along the servo's own axis, -1 where against it."""
     seen_mm = rests.tip_mm
-    expected_mm = ConstantCurvature(robot).tip_mm(rests.setpoint_rad)
+    expected_mm = ConstantCurvature(robot).tip_mm(rests.q_rad)
     together = ((seen_mm - seen_mm.mean(axis=0)) * (expected_mm - expected_mm.mean(axis=0))).sum(
         axis=0
     )

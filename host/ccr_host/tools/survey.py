@@ -17,18 +17,16 @@ import tomlkit
 from numpy.typing import NDArray
 from tomlkit.items import Array
 
-from ccr_host.control.adaptive.identification import Fit, Rests, Scaling
-from ccr_host.control.adaptive.identified import digest_of
-from ccr_host.control.adaptive.parameters import COUNT
-from ccr_host.control.adaptive.rest_survey import fit_to
-from ccr_host.control.adaptive.tour_stops import tour_stops_rad
+from ccr_host.control.adaptive.identification import Fit, digest_of, fit_to, tour_stops_rad
+from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.description.file import file_to_keep_in, keep_in
 from ccr_host.description.schema import Description, Servo
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
+from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
-from ccr_host.run.rest_motion import OnPose, RestTour, visit
+from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
 from ccr_host.tools.register import safe_poses_rad
 from ccr_host.tools.servo_fit import ServoFit, fit_servos
@@ -60,9 +58,9 @@ def identified_section(
     """The keys of ``[identified]``, rounded to less than the board or the camera resolves."""
     return {
         "start_rad": rests.start_rad.round(_ANGLE_DECIMALS).tolist(),
-        "setpoint_rad": _rows(rests.setpoint_rad.round(_ANGLE_DECIMALS).tolist()),
+        "setpoint_rad": _rows(rests.q_rad.round(_ANGLE_DECIMALS).tolist()),
         "tip_mm": _rows(rests.tip_mm.round(_LENGTH_DECIMALS).tolist()),
-        "middle_mm": _rows(rests.markers_mm[:, 0].round(_LENGTH_DECIMALS).tolist()),
+        "middle_mm": _rows(rests.vectors_mm[:, 0].round(_LENGTH_DECIMALS).tolist()),
         "count": [int(count) for count in rests.count],
         "valid_for": digest_of(description),
         "date": date,
@@ -132,30 +130,13 @@ def measure_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
         TrackerError: the markers are not those of the robot, or exchanged.
     """
     check = MarkerCheck(description)
-    return rests_of(visit(rig, check, identification_stops_rad(description), on_pose), np.eye(3))
+    return visit(rig, check, identification_stops_rad(description), on_pose)
 
 
 def identification_stops_rad(description: Description) -> NDArray[np.float64]:
     """Motor angles of the controller's own tour, (N, 2)."""
     prior = Scaling(description.robot).parameters(np.zeros(COUNT))
     return tour_stops_rad(prior, MotorLimits.of(description.servo))
-
-
-def rests_of(tour: RestTour, to_robot: NDArray[np.float64]) -> Rests:
-    """A tour as the controller's model sees it.
-
-    Args:
-        tour: as measured.
-        to_robot: (3, 3), turns vectors of the tour's frame into that of (10).
-    """
-    poses = tour.poses
-    markers_mm = np.array([pose.markers_mm[1:] - pose.markers_mm[0] for pose in poses])
-    return Rests(
-        start_rad=tour.start_rad,
-        setpoint_rad=np.array([pose.q_rad for pose in poses]).reshape(-1, 2),
-        markers_mm=markers_mm.reshape(-1, 2, 3) @ to_robot.T,
-        count=np.array([pose.count for pose in poses], dtype=np.float64),
-    )
 
 
 def calibrate_by_tracker(rig: Rig, description: Description, on_pose: OnPose) -> ServoFit:
@@ -221,7 +202,7 @@ def survey(rig: Rig, description: Description, on_pose: OnPose) -> Survey:
     safe_rad = safe_poses_rad(MotorLimits.of(description.servo))
     stops_rad = np.concatenate([safe_rad, identification_stops_rad(description)])
     check = MarkerCheck(description, in_robot_frame=False)
-    tour = visit(rig, check, stops_rad, on_pose)
-    registration = register(tour.poses, description.robot)
-    rests = rests_of(tour, registration.camera_to_robot)
+    seen = visit(rig, check, stops_rad, on_pose)
+    registration = register(seen, description.robot)
+    rests = seen.turned(registration.camera_to_robot)
     return Survey(registration, fit_servos(rests, description, registered=True), rests)

@@ -16,7 +16,6 @@ Motor angles only serve to tell which motors turn the wrong way.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Robot
+from ccr_host.robot.rests import Rests
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -63,18 +63,6 @@ class RegistrationError(CcrError):
 
 
 @dataclass(frozen=True, eq=False)
-class RestPose:
-    """Markers of the robot at rest, averaged."""
-
-    q_rad: Array
-    """(2,): motor angles believed."""
-    markers_mm: Array
-    """(3, 3): M1, M2 and M3, one a row, in the camera's frame."""
-    count: int = 1
-    """Of the exposures averaged."""
-
-
-@dataclass(frozen=True, eq=False)
 class Registration:
     """Where the camera stands, and how well that is known."""
 
@@ -103,19 +91,19 @@ class Registration:
         return vector
 
 
-def register(poses: Sequence[RestPose], geometry: Robot) -> Registration:
+def register(rests: Rests, geometry: Robot) -> Registration:
     """Fit the rotation and judge it.
 
     Args:
-        poses: at least `MIN_POSES`; segment 1 swung both ways with motor 2 at one angle, and
-            motor 2 turned both ways.
+        rests: at least `MIN_POSES`, in the camera's frame; segment 1 swung both ways with motor 2
+            at one angle, and motor 2 turned both ways.
         geometry: the robot as the controller believes it.
 
     Raises:
         RegistrationError: coverage, residual, scale or uncertainty is poor; tells which, why, and
             what to do.
     """
-    seen = _Vectors.of(poses)
+    seen = _Vectors.of(rests)
     _require_coverage(seen)
     plane = _fit_plane(seen)
     fit = _fit_shape(seen, plane, geometry)
@@ -148,14 +136,13 @@ class _Vectors:
     """(K,): motor 2 stands at its most frequent angle."""
 
     @classmethod
-    def of(cls, poses: Sequence[RestPose]) -> _Vectors:
-        if len(poses) < MIN_POSES:
+    def of(cls, rests: Rests) -> _Vectors:
+        q_rad, markers = rests.q_rad, rests.markers_mm
+        if len(q_rad) < MIN_POSES:
             raise RegistrationError(
-                f"only {len(poses)} poses with all three markers, {MIN_POSES} are needed",
+                f"only {len(q_rad)} poses with all three markers, {MIN_POSES} are needed",
                 "check line of sight and the camera's volume",
             )
-        q_rad = np.array([pose.q_rad for pose in poses])
-        markers = np.array([pose.markers_mm for pose in poses])
         _require_resting_base(markers[:, 0])
         near = np.abs(q_rad[:, 1, None] - q_rad[None, :, 1]) < _SAME_ANGLE_RAD
         most_frequent = near[np.argmax(near.sum(axis=1))]

@@ -36,7 +36,7 @@ def test_a_tour_tells_where_it_began_and_ends_there_disarmed(check: MarkerCheck)
         tour = visit(rig, check, STOPS_RAD, lambda *_: None)
         assert rig.client.read_state().state is State.DISARMED
     np.testing.assert_allclose(np.degrees(tour.start_rad), REST_DEG, atol=0.01)
-    np.testing.assert_allclose([pose.q_rad for pose in tour.poses], STOPS_RAD)
+    np.testing.assert_allclose(tour.q_rad, STOPS_RAD)
     active = [report for report in witness.reports if report.state is State.ACTIVE]
     np.testing.assert_allclose(active[-1].target_cdeg, np.multiply(REST_DEG, 100), atol=1)
 
@@ -57,7 +57,7 @@ def test_poses_without_markers_are_left_out_and_the_tour_goes_on(
         monkeypatch.setattr(rig.tracker, "newest", lambda: None if blind["now"] else seen())
         tour = visit(rig, check, STOPS_RAD, lambda done, _: blind.update(now=done == 0))
         assert rig.client.read_state().state is State.DISARMED
-    np.testing.assert_allclose([pose.q_rad for pose in tour.poses], STOPS_RAD[1:])
+    np.testing.assert_allclose(tour.q_rad, STOPS_RAD[1:])
 
 
 def test_an_interrupted_tour_leaves_no_servo_powered(check: MarkerCheck) -> None:

@@ -1,16 +1,14 @@
 """What the doctor finds, on boards and robots that lack something."""
 
 import datetime
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tomlkit
 
-from ccr_host.control.adaptive.excitation import tour_bending_rad
-from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
-from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.control.adaptive.identification import predicted_mm, tour_bending_rad
+from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.core.clock import VirtualClock
 from ccr_host.description import schema
@@ -18,6 +16,7 @@ from ccr_host.description.schema import Description
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.link.messages import ResetCause
+from ccr_host.robot.rests import Rests
 from ccr_host.run.open_rig import mismatch_of
 from ccr_host.run.options import RigOptions
 from ccr_host.sim.board.board import UnoEmulator
@@ -165,10 +164,10 @@ def _robot_with_rests(folder: Path, off_mm: float) -> str:
     description = Description()
     p = Scaling.of(description).parameters(np.zeros(COUNT))
     stops_rad = unhindered_setpoints_for(p, tour_bending_rad())
-    rests = Rests(np.zeros(2), stops_rad, np.empty(0), np.full(len(stops_rad), 20.0))
-    markers_mm = predicted_mm(p, rests)
-    markers_mm += off_mm * np.random.default_rng(1).standard_normal(markers_mm.shape)
-    seen = replace(rests, markers_mm=markers_mm)
+    count = np.full(len(stops_rad), 20.0)
+    vectors_mm = predicted_mm(p, Rests(np.zeros(2), stops_rad, np.empty(0), count))
+    vectors_mm += off_mm * np.random.default_rng(1).standard_normal(vectors_mm.shape)
+    seen = Rests.of_vectors(np.zeros(2), stops_rad, vectors_mm, count)
     section = identified_section(seen, description, datetime.date(2026, 1, 2))
     file = folder / "robot.toml"
     file.write_text(tomlkit.dumps({"identified": section}))

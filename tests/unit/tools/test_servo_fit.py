@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
-from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.control.adaptive.identification import predicted_mm
+from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.description.schema import Description, Robot, Servo
+from ccr_host.robot.rests import Rests
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
@@ -58,11 +59,12 @@ def modelled(start_deg: tuple[float, float]) -> Rests:
     stops = [(row, column) for row in (-30.0, 0.0, 30.0) for column in (-40.0, -15.0, 15.0, 40.0)]
     rests = Rests(
         start_rad=np.radians(start_deg),
-        setpoint_rad=np.radians(stops),
-        markers_mm=np.zeros((len(stops), 2, 3)),
+        q_rad=np.radians(stops),
+        markers_mm=np.zeros((len(stops), 3, 3)),
         count=np.full(len(stops), 20.0),
     )
-    return replace(rests, markers_mm=predicted_mm(parameters, rests))
+    vectors_mm = predicted_mm(parameters, rests)
+    return Rests.of_vectors(rests.start_rad, rests.q_rad, vectors_mm, rests.count)
 
 
 @pytest.mark.long
@@ -83,7 +85,7 @@ def test_rests_that_no_such_robot_has_are_refused() -> None:
 
 def test_too_few_rests_are_refused() -> None:
     rests = modelled((0.0, 0.0))
-    few = Rests(rests.start_rad, rests.setpoint_rad[:11], rests.markers_mm[:11], rests.count[:11])
+    few = Rests(rests.start_rad, rests.q_rad[:11], rests.markers_mm[:11], rests.count[:11])
     with pytest.raises(CalibrationError, match="11 poses"):
         fit_servos(few, Description(), registered=True)
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.identification import PUSHES, Fit, Scaling
+from ccr_host.control.adaptive.identification import Fit
 from ccr_host.control.adaptive.model import PLAIN, StaticModel
-from ccr_host.control.adaptive.motion import Rest, shifted
-from ccr_host.control.adaptive.parameters import COUNT, Parameters
+from ccr_host.control.adaptive.motion import Pose, shifted
+from ccr_host.control.adaptive.parameters import COUNT, PUSHES, Parameters, Scaling
 from ccr_host.control.adaptive.tip import tip_mm
 
 FloatArray = NDArray[np.float64]
@@ -147,26 +147,26 @@ class Estimator:
         self._since_believed_s += duration_s
 
     def correct(
-        self, rest: Rest, rate_rad_s: FloatArray, jolt_rad: float, seen_mm: FloatArray
-    ) -> Rest:
+        self, pose: Pose, rate_rad_s: FloatArray, jolt_rad: float, seen_mm: FloatArray
+    ) -> Pose:
         """Take in one measurement.
 
         Args:
-            rest: of the model when it was taken, (2,) each.
+            pose: of the model when it was taken.
             rate_rad_s: of the setpoints then, (2,).
             jolt_rad: by how much they have jumped lately.
             seen_mm: measured tip, (3,).
 
         Returns:
-            The rest as the corrected model has it.
+            The pose as the corrected model has it.
         """
         tuning = self._tuning
-        by = self._model.sensitivity(self._scaling, self._state[:COUNT], rest, rate_rad_s)
+        by = self._model.sensitivity(self._scaling, self._state[:COUNT], pose, rate_rad_s)
         slope = np.zeros((3, _STATES))
         slope[:, :COUNT] = by.tip[:, :COUNT]
         slope[:, _DELAY] = -tuning.delay_deviation_s * by.tip[:, COUNT]
         slope[:, _OFFSET] = np.eye(3)
-        expected_mm = tip_mm(self.parameters, rest.theta_rad) + self._state[_OFFSET]
+        expected_mm = tip_mm(self.parameters, pose.theta_1, pose.theta_2) + self._state[_OFFSET]
         surprise = seen_mm - expected_mm
         cross = self._covariance @ slope.T
         noise_mm = self._noise_mm(jolt_rad)
@@ -189,8 +189,8 @@ class Estimator:
         self.parameters = self._scaling.parameters(self._state[:COUNT])
         self._free_load_if_surprised(share * standard)
         self._believe()
-        theta = rest.theta_rad + by.theta_rad[:, :COUNT] @ (self._state[:COUNT] - score)
-        return shifted(before, self.parameters, rest, theta)
+        theta = pose.theta_rad + by.theta_rad[:, :COUNT] @ (self._state[:COUNT] - score)
+        return shifted(before, self.parameters, pose, theta)
 
     def _noise_mm(self, jolt_rad: float) -> float:
         return self._tuning.noise_mm + self._tuning.swing_mm_per_rad * jolt_rad

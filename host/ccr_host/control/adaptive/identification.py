@@ -1,21 +1,26 @@
-"""Fit the static model to a tour of rests: regularised, robust least squares."""
+"""Identification: the tour of rests, and the fit of the static model to it."""
 
 from __future__ import annotations
 
-import copy
+import hashlib
+import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.motion import first_rest, moved
-from ccr_host.control.adaptive.parameters import COUNT, Parameters, parameters_of, prior_of
-from ccr_host.control.adaptive.tip import markers_mm
-from ccr_host.description.schema import Description, Robot, Tracker
-
-FloatArray = NDArray[np.float64]
+from ccr_host.control.adaptive.arithmetic import FloatArray, stacked
+from ccr_host.control.adaptive.motion import first_pose, moved
+from ccr_host.control.adaptive.parameters import COUNT, PUSHES, Parameters, Scaling
+from ccr_host.control.adaptive.statics import unhindered_setpoints_for
+from ccr_host.control.adaptive.tip import markers_of
+from ccr_host.control.shell import Sight
+from ccr_host.core.errors import ConfigError
+from ccr_host.description.schema import Description
+from ccr_host.robot.rests import Rests
+from ccr_host.robot.setpoint_history import SetpointHistory
+from ccr_host.robot.workspace import MotorLimits
 
 _ITERATIONS = 20
 _DAMPING_FIRST, _DAMPING_FALL, _DAMPING_RISE, _DAMPING_MOST = 1e-3, 0.1, 10.0, 1e3
@@ -23,23 +28,31 @@ _PROBE = 1e-4
 _DONE = 1e-2
 """Of a prior deviation: smaller steps of the fit end it."""
 _HUBER_DEVIATIONS = 3.0
-_RINGING_MM = 0.32
-"""Of a coordinate of one measurement at rest, beside the camera's noise."""
-_MODEL_MM = 0.25
-"""Of a coordinate of a rest, however often it was measured: what the model leaves is alike in
-neighbouring rests, so that to believe it less than it seems to be is not enough."""
 _SURPRISING = 2.5
 """Residual over expected residual at which the model does not explain the robot; 0.85 at most in
 the tours of 40 random robots (`bench.misfits.matching`)."""
-TURNS = [Parameters._fields.index(f"turn_{axis}_rad") for axis in "xyz"]
-ZEROS = [Parameters._fields.index(f"zero_{motor}_rad") for motor in (1, 2)]
-PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_per_mm")]
-"""A robot at rest is taken to be pushed by nothing: pushes look like a turned camera."""
-_USUAL_TURN_DEG = 0.5
-"""Standard deviation of a registration that does not state it."""
-_LEAST_TURN_DEG = 0.1
-_FREE_ZERO_RAD = 0.8
-"""Where zeros are looked for: the horn of a servo fits on its spline every 14.4 deg."""
+
+_ROWS_RAD = np.radians((0.0, 50.0, 100.0, -100.0, -50.0))
+_COLUMNS_RAD = np.radians((-110.0, -40.0, 40.0, 110.0))
+SETTLED_AFTER_S = 0.15
+"""A tip counts as resting so long after its servos."""
+_FEWEST_RESTS = 10
+_BELIEVABLE_MM = 60.0
+"""Random robots of the kind are 10 to 30 mm off the prior; markers mixed up are further."""
+_PULSE_KEYS = {"neutral_pulse_us", "pulse_per_90_deg_us"}
+"""What a commanded angle means; limits may change."""
+_DIGITS = 12
+
+
+def predicted_mm(p: Parameters, rests: Rests) -> FloatArray:
+    """M2 and M3 at the rests, (N, ..., 2, 3), for parameters that are floats or arrays (...)."""
+    pose = first_pose(p, *rests.start_rad.tolist())
+    markers = []
+    for q_1, q_2 in rests.q_rad.tolist():
+        pose = moved(p, pose, q_1, q_2)
+        middle, tip = markers_of(p, pose.theta_1, pose.theta_2)
+        markers.append(np.stack([stacked(*middle), stacked(*tip)], axis=-2))
+    return np.array(markers)
 
 
 @dataclass(frozen=True)
@@ -72,98 +85,6 @@ class Fit:
         )
 
 
-@dataclass(frozen=True)
-class Rests:
-    """Rests in the order in which the robot came to them, straight from one to the next.
-
-    ``setpoint_rad`` (N, 2); ``markers_mm`` (N, 2, 3), M2 and M3 against M1, is the mean of
-    ``count`` (N,) measurements, NaN where a marker was not seen; ``start_rad`` (2,) is where the
-    robot came from.
-    """
-
-    start_rad: FloatArray
-    setpoint_rad: FloatArray
-    markers_mm: FloatArray
-    count: FloatArray
-
-    @property
-    def tip_mm(self) -> FloatArray:
-        """M3 against M1, (N, 3)."""
-        return self.markers_mm[:, 1]
-
-
-class Scaling:
-    """Parameters as scores, (parameter - prior mean) / prior deviation, and their bounds.
-
-    Args:
-        robot: what the prior knows.
-        turn_deviation_rad: of the camera's rotation, about each axis or about x, y and z, (3,),
-            where it was registered.
-        zero_deviation_rad: of the servos' zeros, where they are believed otherwise.
-        noise_mm: RMS length of the error of a measured vector between two markers.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        turn_deviation_rad: FloatArray | float | None = None,
-        zero_deviation_rad: float | None = None,
-        noise_mm: float = Tracker().noise_mm,
-    ) -> None:
-        prior = prior_of(robot)
-        self._noise_mm = math.hypot(_RINGING_MM, noise_mm / math.sqrt(3.0))
-        self._mean, self._deviation = prior.mean, prior.deviation
-        if turn_deviation_rad is not None:
-            self._deviation[TURNS] = turn_deviation_rad
-        if zero_deviation_rad is not None:
-            self._deviation[ZEROS] = zero_deviation_rad
-            prior.lower[ZEROS], prior.upper[ZEROS] = -_FREE_ZERO_RAD, _FREE_ZERO_RAD
-        self._lower = (prior.lower - prior.mean) / self._deviation
-        self._upper = (prior.upper - prior.mean) / self._deviation
-
-    @classmethod
-    def of(cls, description: Description) -> Scaling:
-        """Believes a registered camera's rotation as precisely as its registration states."""
-        registration, noise_mm = description.registration, description.tracker.noise_mm
-        if registration is None:
-            return cls(description.robot, noise_mm=noise_mm)
-        stated_deg = registration.uncertainty_deg or _USUAL_TURN_DEG
-        turn_rad = np.radians(np.maximum(stated_deg, _LEAST_TURN_DEG))
-        return cls(description.robot, turn_rad, noise_mm=noise_mm)
-
-    def deviation_mm(self, count: FloatArray) -> FloatArray:
-        """Standard deviation of a coordinate of rests that were measured ``count`` times, (N,)."""
-        deviation_mm: FloatArray = np.hypot(self._noise_mm / np.sqrt(count), _MODEL_MM)
-        return deviation_mm
-
-    def parameters(self, score: FloatArray) -> Parameters:
-        """Floats for the model."""
-        return parameters_of(self._mean + self._deviation * score)
-
-    def perturbed(self, score: FloatArray, probe: float) -> Parameters:
-        """Each score raised by ``probe`` in turn, and at last none: arrays (COUNT + 1,)."""
-        scores = score + probe * np.eye(COUNT + 1, COUNT)
-        return Parameters(*(self._mean + self._deviation * scores).T)
-
-    def freed(self, indices: Sequence[int], factor: float) -> Scaling:
-        """Some parameters are believed so many times less, and may go so much further."""
-        other = copy.copy(self)
-        lower, upper = (self._mean + self._deviation * end for end in (self._lower, self._upper))
-        other._deviation = self._deviation.copy()
-        for index in indices:
-            mean = self._mean[index]
-            other._deviation[index] *= factor
-            upper[index] = mean + factor * (upper[index] - mean)
-            lower[index] *= factor if mean == 0.0 else 0.5
-        other._lower = (lower - other._mean) / other._deviation
-        other._upper = (upper - other._mean) / other._deviation
-        return other
-
-    def bounded(self, score: FloatArray) -> FloatArray:
-        """The nearest scores with a meaning."""
-        return np.clip(score, self._lower, self._upper)
-
-
 Predict = Callable[[Parameters, Rests], FloatArray]
 
 
@@ -189,7 +110,7 @@ class StaticsFit:
         self._predict = predict or predicted_mm
         self.scaling = scaling
         self.rests = rests
-        self._seen = np.isfinite(rests.markers_mm).all(axis=-1).ravel()
+        self._seen = np.isfinite(rests.vectors_mm).all(axis=-1).ravel()
         self._weight = 1.0 / np.repeat(scaling.deviation_mm(rests.count), 2)[self._seen, None]
         self._score = np.zeros(COUNT) if start is None else start
         self._residual_mm, self._cost = self._judge(self._score)
@@ -236,7 +157,7 @@ class StaticsFit:
 
     def _judge(self, score: FloatArray) -> tuple[FloatArray, float]:
         predicted = self._predict(self.scaling.parameters(score), self.rests)
-        residual_mm = (self.rests.markers_mm - predicted).reshape(-1, 3)[self._seen]
+        residual_mm = (self.rests.vectors_mm - predicted).reshape(-1, 3)[self._seen]
         return residual_mm, _cost(residual_mm * self._weight, score)
 
     def _sensitivity(self) -> FloatArray:
@@ -245,17 +166,6 @@ class StaticsFit:
         slope = np.moveaxis(near_mm[:, :COUNT] - near_mm[:, COUNT:], 1, -1) / _PROBE
         slope[..., PUSHES] = 0.0
         return slope.reshape(-1, 3, COUNT)[self._seen]
-
-
-def predicted_mm(p: Parameters, rests: Rests) -> FloatArray:
-    """M2 and M3 at the rests, (N, ..., 2, 3), for parameters that are floats or arrays (...)."""
-    shape = np.shape(p.gain_1)
-    rest = first_rest(p, np.broadcast_to(rests.start_rad, (*shape, 2)))
-    markers = []
-    for setpoint in rests.setpoint_rad:
-        rest = moved(p, rest, np.broadcast_to(setpoint, (*shape, 2)))
-        markers.append(markers_mm(p, rest.theta_rad))
-    return np.array(markers)
 
 
 def _cost(standardised: FloatArray, score: FloatArray) -> float:
@@ -268,3 +178,114 @@ def _huber_weight(standardised: FloatArray) -> FloatArray:
     size = np.linalg.norm(standardised, axis=1)
     weight: FloatArray = _HUBER_DEVIATIONS / np.maximum(size, _HUBER_DEVIATIONS)
     return weight
+
+
+def tour_bending_rad() -> FloatArray:
+    """Bending angles that show all parameters, (N, 2), neighbours next to each other.
+
+    They reach as far as the workspace does: the camera's rotation and the robot's sag can only be
+    told apart by large bends.
+    """
+    stops: list[tuple[float, float]] = []
+    for number, row in enumerate(_ROWS_RAD):
+        columns = _COLUMNS_RAD if number % 2 == 0 else _COLUMNS_RAD[::-1]
+        stops.extend((row, column) for column in columns)
+    return np.array(stops)
+
+
+def tour_stops_rad(p: Parameters, limits: MotorLimits) -> FloatArray:
+    """Motor angles of the tour's rests, (N, 2), as far as the limits allow.
+
+    Args:
+        p: as the robot is believed to be, floats.
+        limits: of the motors.
+    """
+    return limits.clip(unhindered_setpoints_for(p, tour_bending_rad()))
+
+
+class RestSurvey:
+    """Collects measurements and prepares the fit of the model to them.
+
+    Args:
+        scaling: prior of the parameters.
+        predict: for the fit, instead of ``predicted_mm``.
+    """
+
+    def __init__(self, scaling: Scaling, predict: Predict | None = None) -> None:
+        self.start_rad = np.zeros(2)
+        """Where the motors stood before."""
+        self._predict = predict
+        self._scaling = scaling
+        self._setpoints_rad: list[FloatArray] = []
+        self._markers_mm: list[list[FloatArray]] = []
+
+    def add(self, history: SetpointHistory, sight: Sight) -> None:
+        """Keep a measurement if the setpoints had stood for long enough by then."""
+        if sight.time_s - history.resting_since(sight.time_s) < SETTLED_AFTER_S:
+            return
+        setpoint = sight.setpoint_rad
+        if not self._setpoints_rad or not np.array_equal(setpoint, self._setpoints_rad[-1]):
+            self._setpoints_rad.append(setpoint)
+            self._markers_mm.append([])
+        self._markers_mm[-1].append(np.stack([sight.middle_mm, sight.tip_mm]))
+
+    def rests(self) -> Rests:
+        """What was measured."""
+        return Rests.of_vectors(
+            self.start_rad,
+            np.array(self._setpoints_rad),
+            np.array([np.mean(seen, axis=0) for seen in self._markers_mm]),
+            np.array([float(len(seen)) for seen in self._markers_mm]),
+        )
+
+    def fit(self) -> StaticsFit | None:
+        """The fit to what was measured, yet to be made; None if it makes no sense."""
+        return fit_to(self._scaling, self.rests(), self._predict)
+
+
+def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> StaticsFit | None:
+    """The fit to rests, yet to be made; None if there are few, or no such robot rests there."""
+    if len(rests.q_rad) < _FEWEST_RESTS:
+        return None
+    prior = scaling.parameters(np.zeros(COUNT))
+    off_mm = np.linalg.norm(rests.tip_mm - predicted_mm(prior, rests)[:, 1], axis=1)
+    if not np.median(off_mm) < _BELIEVABLE_MM:
+        return None
+    return StaticsFit(scaling, rests, predict)
+
+
+def digest_of(description: Description) -> str:
+    """Of all in a description that decides what its identified rests mean."""
+    registration = description.registration
+    meaning = {
+        "robot": description.robot.model_dump(),
+        "servo": description.servo.model_dump(include=_PULSE_KEYS),
+        "camera": None if registration is None else registration.camera_to_robot_deg,
+    }
+    text = json.dumps(meaning, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
+
+
+def identified_rests(description: Description) -> Rests | None:
+    """The rests of a description; None if nobody has identified the robot.
+
+    Raises:
+        ConfigError: they were measured with another geometry, servo pulses or registration.
+    """
+    identified = description.identified
+    if identified is None:
+        return None
+    if identified.valid_for != digest_of(description):
+        raise ConfigError(
+            "section identified was measured with another [robot], other servo pulses or another "
+            "[registration]",
+            "identify again: ccr-host calibrate --identify; or remove the section",
+        )
+    not_seen = np.full_like(identified.tip_mm, np.nan)
+    middle_mm = np.array(identified.middle_mm) if identified.middle_mm else not_seen
+    return Rests.of_vectors(
+        np.array(identified.start_rad),
+        np.array(identified.setpoint_rad),
+        np.stack([middle_mm, identified.tip_mm], axis=1),
+        np.array(identified.count, dtype=np.float64),
+    )

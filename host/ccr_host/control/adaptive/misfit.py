@@ -16,18 +16,12 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ccr_host.control.adaptive.identification import (
-    ZEROS,
-    Fit,
-    Rests,
-    Scaling,
-    StaticsFit,
-    predicted_mm,
-)
-from ccr_host.control.adaptive.parameters import COUNT, Parameters
+from ccr_host.control.adaptive.identification import Fit, StaticsFit, predicted_mm
+from ccr_host.control.adaptive.parameters import COUNT, ZEROS, Parameters, Scaling
 from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
+from ccr_host.robot.rests import Rests
 
 _MOST_DEVIATIONS = 2.2
 """That a parameter is certainly off its prior; those of robots that match are up to 2.0."""
@@ -198,11 +192,11 @@ def _as_supposed(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> Res
     led = replace(
         rests,
         start_rad=(signs * rests.start_rad)[order],
-        setpoint_rad=(signs * rests.setpoint_rad)[:, order],
+        q_rad=(signs * rests.q_rad)[:, order],
     )
     if not hypothesis.turned:
         return led
     expected_mm = predicted_mm(scaling.parameters(np.zeros(COUNT)), led)
-    seen = np.isfinite(rests.markers_mm).all(axis=-1)
-    turn, _ = Rotation.align_vectors(expected_mm[seen], rests.markers_mm[seen])
-    return replace(led, markers_mm=rests.markers_mm @ turn.as_matrix().T)
+    seen = np.isfinite(rests.vectors_mm).all(axis=-1)
+    turn, _ = Rotation.align_vectors(expected_mm[seen], rests.vectors_mm[seen])
+    return led.turned(turn.as_matrix())

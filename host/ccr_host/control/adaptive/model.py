@@ -2,32 +2,50 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+import math
+from typing import NamedTuple, Protocol
 
-from ccr_host.control.adaptive import identification, motion, path_plan, sensitivity
-from ccr_host.control.adaptive.identification import Rests, Scaling
-from ccr_host.control.adaptive.motion import Rest
-from ccr_host.control.adaptive.parameters import FloatArray, Parameters
-from ccr_host.control.adaptive.sensitivity import Sensitivity
+import numpy as np
+
+from ccr_host.control.adaptive import motion, path_plan
+from ccr_host.control.adaptive.arithmetic import FloatArray
+from ccr_host.control.adaptive.identification import predicted_mm
+from ccr_host.control.adaptive.motion import Pose, first_pose, turned
+from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
 from ccr_host.core.plugins import import_optional
 from ccr_host.description.schema import Control
+from ccr_host.robot.rests import Rests
+from ccr_host.robot.setpoint_history import SetpointHistory
+
+PROBE = 1e-5
+"""Of scores and setpoints, for derivatives."""
+
+
+class Sensitivity(NamedTuple):
+    """Columns are the scores, then time: ``tip`` (3, COUNT + 1), ``theta_rad`` (2, COUNT + 1)."""
+
+    tip: FloatArray
+    theta_rad: FloatArray
 
 
 class StaticModel(Protocol):
-    """The computations; the functions of the same names say what they do."""
+    """The computations; both kinds run the same text of the formulas."""
 
-    def moved(self, p: Parameters, rest: Rest, setpoint_rad: FloatArray) -> Rest:
-        """``motion.moved``."""
-        ...
-
-    def held_after(self, p: Parameters, rest: Rest, setpoint_rad: FloatArray) -> Rest:
-        """``motion.held_after``."""
+    def moved(self, p: Parameters, pose: Pose, setpoint_rad: FloatArray) -> Pose:
+        """``motion.moved``, to setpoints (2,)."""
         ...
 
     def sensitivity(
-        self, scaling: Scaling, score: FloatArray, rest: Rest, rate_rad_s: FloatArray
+        self, scaling: Scaling, score: FloatArray, pose: Pose, rate_rad_s: FloatArray
     ) -> Sensitivity:
-        """``sensitivity.sensitivity``."""
+        """Derivatives of the tip at rest in parameters and setpoints, see ``motion.change_of``.
+
+        Args:
+            scaling: of the scores.
+            score: of the parameters, (COUNT,).
+            pose: at rest.
+            rate_rad_s: of the setpoints, (2,), which makes the last column a speed.
+        """
         ...
 
     def predicted_mm(self, p: Parameters, rests: Rests) -> FloatArray:
@@ -42,13 +60,23 @@ class StaticModel(Protocol):
 
 
 class PlainModel:
-    """In Python."""
+    """In Python: many parameter sets at a time are arrays."""
 
-    moved = staticmethod(motion.moved)
-    held_after = staticmethod(motion.held_after)
-    sensitivity = staticmethod(sensitivity.sensitivity)
-    predicted_mm = staticmethod(identification.predicted_mm)
+    predicted_mm = staticmethod(predicted_mm)
     polished = staticmethod(path_plan.polished)
+
+    def moved(self, p: Parameters, pose: Pose, setpoint_rad: FloatArray) -> Pose:
+        return motion.moved(p, pose, *setpoint_rad.tolist())
+
+    def sensitivity(
+        self, scaling: Scaling, score: FloatArray, pose: Pose, rate_rad_s: FloatArray
+    ) -> Sensitivity:
+        here = motion.slopes_of(scaling.parameters(score), pose)
+        travel_1, travel_2 = np.zeros((2, COUNT + 1))
+        travel_1[-1], travel_2[-1] = PROBE * rate_rad_s
+        near = scaling.perturbed(score, PROBE)
+        columns = np.array(motion.change_of(here, near, pose, travel_1, travel_2)) / PROBE
+        return Sensitivity(columns[:3], columns[3:])
 
 
 PLAIN = PlainModel()
@@ -66,3 +94,44 @@ def make_model(control: Control) -> StaticModel:
 
         return CompiledModel()
     return PLAIN
+
+
+class PoseFollower:
+    """Follows a history of setpoints; play and friction need every turn of them.
+
+    Args:
+        p: parameters, floats.
+        history: of the setpoints.
+        time_s: from when on to follow it.
+        model: what computes the poses.
+    """
+
+    def __init__(
+        self,
+        p: Parameters,
+        history: SetpointHistory,
+        time_s: float,
+        model: StaticModel = PLAIN,
+    ) -> None:
+        self._model = model
+        self._history = history
+        self._time_s = time_s
+        self.pose = first_pose(p, *history.at(time_s).tolist())
+
+    def advance_to(self, p: Parameters, time_s: float) -> Pose:
+        """The pose at a time, or the present one if that is later."""
+        if time_s > self._time_s:
+            for setpoint_rad in self._history.corners(self._time_s, time_s):
+                self.pose = self._model.moved(p, self.pose, setpoint_rad)
+            self._time_s = time_s
+        return self.pose
+
+    def ahead(self, p: Parameters) -> Pose:
+        """What will hold the robot once all commands are done; its bending angles are old ones."""
+        pose = self.pose
+        for setpoint_rad in self._history.corners(self._time_s, math.inf):
+            if p.friction_1 > 0.0:
+                pose = self._model.moved(p, pose, setpoint_rad)
+            else:
+                pose = turned(p, pose, *setpoint_rad.tolist())
+        return pose

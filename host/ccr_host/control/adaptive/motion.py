@@ -5,91 +5,184 @@ Both remember only how far and which way the servos went, not how fast.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from ccr_host.control.adaptive.either import within
-from ccr_host.control.adaptive.parameters import FloatArray, Parameters
+from ccr_host.control.adaptive.arithmetic import FloatArray, Four, Three, positive, stacked, within
+from ccr_host.control.adaptive.parameters import Parameters
 from ccr_host.control.adaptive.statics import (
     STICKING,
-    Drive,
-    likely_bending_rad,
-    rest_at,
-    routes_at,
-    zeros_rad,
+    Forces,
+    forces_of,
+    likely_of,
+    routes_of,
+    settled,
+    shafts_of,
 )
+from ccr_host.control.adaptive.tip import Tip, seen_of, tip_of
 from ccr_host.robot.arc import Number
 
-LONGEST_STEP_RAD = np.radians(8.0)
+_LONGEST_STEP_RAD = np.radians(8.0)
 """Of a motor: over so much it moves the segments one way or the other, not to and fro."""
 _LEAST_PLAY_RAD = 1e-4
+_FRICTION_1 = Parameters._fields.index("friction_1")
+_AFTER_IT = _FRICTION_1 + 1
 _UNMOVED_RAD = np.radians(0.1)
 """Of a shaft: a wish to turn it back by less does not take up the whole play."""
 
 
-class Rest(NamedTuple):
-    """A pose at rest and what holds it: ``theta_rad`` (..., 2)."""
+class Pose(NamedTuple):
+    """A pose at rest and what holds it; floats, or arrays where parameters are.
 
-    drive: Drive
-    theta_rad: FloatArray
+    ``q`` are the setpoints of the servos; ``lag``, from -1 to 1, is the share of their play by
+    which they stay behind; ``anchors`` are the routes of the tendons, as ``routes_of`` has them, at
+    which friction pulls none of them; ``theta`` are the bending angles.
+    """
 
+    q_1: Number
+    q_2: Number
+    lag_1: Number
+    lag_2: Number
+    anchors: Four
+    theta_1: Number
+    theta_2: Number
 
-def held_after(p: Parameters, rest: Rest, setpoint_rad: FloatArray) -> Rest:
-    """``moved``, for those who want to know what holds the robot but not its pose."""
-    if p.friction_1 > 0.0:
-        return moved(p, rest, setpoint_rad)
-    lag = _lag_after(p, rest, setpoint_rad - rest.drive.setpoint_rad)
-    return rest._replace(drive=rest.drive._replace(setpoint_rad=setpoint_rad, lag=lag))
-
-
-def first_rest(p: Parameters, setpoint_rad: FloatArray) -> Rest:
-    """At rest without having come from any side; setpoint (..., 2)."""
-    nowhere = np.zeros_like(setpoint_rad)
-    guess = likely_bending_rad(p, setpoint_rad)
-    free = p._replace(friction_1=0.0 * p.friction_1)
-    theta = rest_at(free, Drive(setpoint_rad, nowhere, routes_at(p, guess)), guess)
-    return Rest(Drive(setpoint_rad, nowhere, routes_at(p, theta)), theta)
+    @property
+    def theta_rad(self) -> FloatArray:
+        """Bending angles, (..., 2)."""
+        return stacked(self.theta_1, self.theta_2)
 
 
-def moved(p: Parameters, rest: Rest, setpoint_rad: FloatArray) -> Rest:
-    """The rest after the setpoints have gone straight to new ones, (2,) each."""
-    travel = setpoint_rad - rest.drive.setpoint_rad
-    steps = int(np.ceil(np.abs(travel).max() / LONGEST_STEP_RAD))
+def first_pose(p: Parameters, q_1: float, q_2: float) -> Pose:
+    """At rest without having come from any side."""
+    guess_1, guess_2 = likely_of(p, q_1, q_2)
+    anchors = routes_of(p, guess_1, guess_2)
+    shafts = shafts_of(p, (q_1, q_2), (0.0, 0.0))
+    theta_1, theta_2 = settled(without_friction(p), guess_1, guess_2, shafts, anchors)
+    return Pose(q_1, q_2, 0.0, 0.0, routes_of(p, theta_1, theta_2), theta_1, theta_2)
+
+
+def without_friction(p: Parameters) -> Parameters:
+    """The parameters of a robot whose tendons slide freely."""
+    fields: tuple[Number, ...] = (*p[:_FRICTION_1], 0.0 * p.friction_1, *p[_AFTER_IT:])
+    return Parameters(*fields)
+
+
+def moved(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
+    """The pose after the setpoints have gone straight to new ones."""
+    travel_1, travel_2 = q_1 - pose.q_1, q_2 - pose.q_2
+    steps = math.ceil(max(abs(travel_1), abs(travel_2)) / _LONGEST_STEP_RAD)
     for _ in range(steps):
-        rest = stepped(p, rest, travel / steps)
-    return rest
+        pose = _stepped(p, pose, travel_1 / steps, travel_2 / steps)
+    return pose
 
 
-def shifted(before: Parameters, after: Parameters, rest: Rest, theta_rad: FloatArray) -> Rest:
-    """The rest moved to where a corrected model has it: what slides keeps sliding."""
-    slid = rest.drive.anchor - routes_at(before, rest.theta_rad)
-    return Rest(rest.drive._replace(anchor=routes_at(after, theta_rad) + slid), theta_rad)
+def turned(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
+    """``moved`` without friction, for those who want to know what holds the robot but not where."""
+    lag_1 = _lag_of(p.play_rad, pose.lag_1, q_1 - pose.q_1)
+    lag_2 = _lag_of(p.play_rad, pose.lag_2, q_2 - pose.q_2)
+    return Pose(q_1, q_2, lag_1, lag_2, pose.anchors, pose.theta_1, pose.theta_2)
 
 
-def setpoint_for(p: Parameters, drive: Drive, shaft_rad: FloatArray) -> FloatArray:
+def _stepped(p: Parameters, pose: Pose, travel_1: float, travel_2: float) -> Pose:
+    """The pose after one short motion of the setpoints."""
+    ahead = turned(p, pose, pose.q_1 + travel_1, pose.q_2 + travel_2)
+    shafts = shafts_of(p, (ahead.q_1, ahead.q_2), (ahead.lag_1, ahead.lag_2))
+    theta_1, theta_2 = settled(p, pose.theta_1, pose.theta_2, shafts, pose.anchors)
+    route_1, route_2, route_3, route_4 = routes_of(p, theta_1, theta_2)
+    anchor_1, anchor_2, anchor_3, anchor_4 = pose.anchors
+    dragged = (
+        route_1 - within(route_1 - anchor_1, STICKING),
+        route_2 - within(route_2 - anchor_2, STICKING),
+        route_3 - within(route_3 - anchor_3, STICKING),
+        route_4 - within(route_4 - anchor_4, STICKING),
+    )
+    return Pose(ahead.q_1, ahead.q_2, ahead.lag_1, ahead.lag_2, dragged, theta_1, theta_2)
+
+
+def _lag_of(play_rad: Number, lag: Number, travel_rad: float) -> Number:
+    """Share of the play by which a servo stays behind, -1 to 1, after it has turned on."""
+    return within(lag + travel_rad / (play_rad + positive(_LEAST_PLAY_RAD - play_rad)), 1.0)
+
+
+def shifted(before: Parameters, after: Parameters, pose: Pose, theta: FloatArray) -> Pose:
+    """The pose moved to where a corrected model has it, (2,): what slides keeps sliding."""
+    theta_1, theta_2 = theta.tolist()
+    routes = zip(
+        pose.anchors,
+        routes_of(before, pose.theta_1, pose.theta_2),
+        routes_of(after, theta_1, theta_2),
+        strict=True,
+    )
+    first, second, third, fourth = (new + (anchor - old) for anchor, old, new in routes)
+    return pose._replace(anchors=(first, second, third, fourth), theta_1=theta_1, theta_2=theta_2)
+
+
+def setpoint_for(p: Parameters, pose: Pose, shafts: tuple[float, float]) -> FloatArray:
     """Setpoint that takes the shafts from where they are to given angles, past their play, (2,)."""
-    lag = drive.lag
-    wanted = shaft_rad + zeros_rad(p)
-    turned = lag + (wanted - drive.setpoint_rad + p.play_rad * lag) / _UNMOVED_RAD
-    return np.asarray(wanted + p.play_rad * within(turned, 1.0))
+    lag, q_rad = np.array([pose.lag_1, pose.lag_2]), np.array([pose.q_1, pose.q_2])
+    wanted = np.array([shafts[0] + p.zero_1_rad, shafts[1] + p.zero_2_rad])
+    ahead = lag + (wanted - q_rad + p.play_rad * lag) / _UNMOVED_RAD
+    return np.asarray(wanted + p.play_rad * within(ahead, 1.0))
 
 
-def stepped(p: Parameters, rest: Rest, travel_rad: FloatArray) -> Rest:
-    """The rest after one short motion of the setpoints, (..., 2)."""
-    lag = _lag_after(p, rest, travel_rad)
-    drive = Drive(rest.drive.setpoint_rad + travel_rad, lag, rest.drive.anchor)
-    theta = rest_at(p, drive, rest.theta_rad)
-    routes = routes_at(p, theta)
-    dragged = routes - within(routes - drive.anchor, STICKING)
-    return Rest(drive._replace(anchor=dragged), theta)
+class Slopes(NamedTuple):
+    """Forces, tip, and how the seen tip moves with each bending angle, of one pose."""
+
+    forces: Forces
+    seen: Three
+    by_1: Three
+    by_2: Three
 
 
-def _lag_after(p: Parameters, rest: Rest, travel_rad: FloatArray) -> FloatArray:
-    lag = rest.drive.lag
-    return np.asarray(lag_of(np.expand_dims(p.play_rad, -1), lag, travel_rad))
+def slopes_of(p: Parameters, pose: Pose) -> Slopes:
+    """What ``change_of`` starts from."""
+    shafts = shafts_of(p, (pose.q_1, pose.q_2), (pose.lag_1, pose.lag_2))
+    tip: Tip = tip_of(p, pose.theta_1, pose.theta_2)
+    return Slopes(
+        forces_of(p, pose.theta_1, pose.theta_2, shafts, pose.anchors),
+        seen_of(p, tip.across, tip.sagittal),
+        seen_of(p, 0.0, tip.sagittal_1),
+        seen_of(p, tip.across_2, tip.sagittal_2),
+    )
 
 
-def lag_of(play_rad: Number, lag: Number, travel_rad: Number) -> Number:
-    """Share of the play by which servos stay behind, -1 to 1, after they have turned on."""
-    return within(lag + travel_rad / np.maximum(play_rad, _LEAST_PLAY_RAD), 1.0)
+def change_of(
+    here: Slopes, near: Parameters, pose: Pose, travel_1: Number, travel_2: Number
+) -> tuple[Number, Number, Number, Number, Number]:
+    """By how much tip and bending angles of a pose change, by the implicit function theorem.
+
+    At rest g(theta, p) = 0, so dtheta = -g_theta^-1 g_p dp and df = f_p dp + f_theta dtheta. What
+    friction holds hardly yields.
+
+    Args:
+        here: of the pose.
+        near: parameters, perturbed a little.
+        pose: at rest.
+        travel_1: by how much the setpoint of motor 1 is perturbed.
+        travel_2: the same of motor 2.
+
+    Returns:
+        Changes of the seen tip, three, and of the bending angles, two.
+    """
+    theta_1, theta_2, forces = pose.theta_1, pose.theta_2, here.forces
+    q = pose.q_1 + travel_1, pose.q_2 + travel_2
+    shafts = shafts_of(near, q, (pose.lag_1, pose.lag_2))
+    there = forces_of(near, theta_1, theta_2, shafts, pose.anchors)
+    moment_1, moment_2 = there.moment_1 - forces.moment_1, there.moment_2 - forces.moment_2
+    k_11, k_12, k_22 = forces.stiffness_11, forces.stiffness_12, forces.stiffness_22
+    determinant = k_11 * k_22 - k_12 * k_12
+    yielding_1 = (k_12 * moment_2 - k_22 * moment_1) / determinant
+    yielding_2 = (k_12 * moment_1 - k_11 * moment_2) / determinant
+    tip = tip_of(near, theta_1, theta_2)
+    x_mm, y_mm, z_mm = seen_of(near, tip.across, tip.sagittal)
+    by_1, by_2 = here.by_1, here.by_2
+    return (
+        x_mm - here.seen[0] + by_1[0] * yielding_1 + by_2[0] * yielding_2,
+        y_mm - here.seen[1] + by_1[1] * yielding_1 + by_2[1] * yielding_2,
+        z_mm - here.seen[2] + by_1[2] * yielding_1 + by_2[2] * yielding_2,
+        yielding_1,
+        yielding_2,
+    )

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import copy
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.description.schema import Robot
+from ccr_host.description.schema import Description, Robot, Tracker
 from ccr_host.robot.arc import Number
 
 FloatArray = NDArray[np.float64]
@@ -78,6 +80,20 @@ class Parameters(NamedTuple):
 
 
 COUNT = len(Parameters._fields)
+TURNS = [Parameters._fields.index(f"turn_{axis}_rad") for axis in "xyz"]
+ZEROS = [Parameters._fields.index(f"zero_{motor}_rad") for motor in (1, 2)]
+PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_per_mm")]
+"""A robot at rest is taken to be pushed by nothing: pushes look like a turned camera."""
+_RINGING_MM = 0.32
+"""Of a coordinate of one measurement at rest, beside the camera's noise."""
+_MODEL_MM = 0.25
+"""Of a coordinate of a rest, however often it was measured: what the model leaves is alike in
+neighbouring rests, so that to believe it less than it seems to be is not enough."""
+_USUAL_TURN_DEG = 0.5
+"""Standard deviation of a registration that does not state it."""
+_LEAST_TURN_DEG = 0.1
+_FREE_ZERO_RAD = 0.8
+"""Where zeros are looked for: the horn of a servo fits on its spline every 14.4 deg."""
 
 
 class Prior(NamedTuple):
@@ -142,3 +158,75 @@ def prior_of(robot: Robot) -> Prior:
 def parameters_of(vector: FloatArray | Sequence[float]) -> Parameters:
     """Floats from a vector, (COUNT,)."""
     return Parameters(*map(float, vector))
+
+
+class Scaling:
+    """Parameters as scores, (parameter - prior mean) / prior deviation, and their bounds.
+
+    Args:
+        robot: what the prior knows.
+        turn_deviation_rad: of the camera's rotation, about each axis or about x, y and z, (3,),
+            where it was registered.
+        zero_deviation_rad: of the servos' zeros, where they are believed otherwise.
+        noise_mm: RMS length of the error of a measured vector between two markers.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        turn_deviation_rad: FloatArray | float | None = None,
+        zero_deviation_rad: float | None = None,
+        noise_mm: float = Tracker().noise_mm,
+    ) -> None:
+        prior = prior_of(robot)
+        self._noise_mm = math.hypot(_RINGING_MM, noise_mm / math.sqrt(3.0))
+        self._mean, self._deviation = prior.mean, prior.deviation
+        if turn_deviation_rad is not None:
+            self._deviation[TURNS] = turn_deviation_rad
+        if zero_deviation_rad is not None:
+            self._deviation[ZEROS] = zero_deviation_rad
+            prior.lower[ZEROS], prior.upper[ZEROS] = -_FREE_ZERO_RAD, _FREE_ZERO_RAD
+        self._lower = (prior.lower - prior.mean) / self._deviation
+        self._upper = (prior.upper - prior.mean) / self._deviation
+
+    @classmethod
+    def of(cls, description: Description) -> Scaling:
+        """Believes a registered camera's rotation as precisely as its registration states."""
+        registration, noise_mm = description.registration, description.tracker.noise_mm
+        if registration is None:
+            return cls(description.robot, noise_mm=noise_mm)
+        stated_deg = registration.uncertainty_deg or _USUAL_TURN_DEG
+        turn_rad = np.radians(np.maximum(stated_deg, _LEAST_TURN_DEG))
+        return cls(description.robot, turn_rad, noise_mm=noise_mm)
+
+    def deviation_mm(self, count: FloatArray) -> FloatArray:
+        """Standard deviation of a coordinate of rests that were measured ``count`` times, (N,)."""
+        deviation_mm: FloatArray = np.hypot(self._noise_mm / np.sqrt(count), _MODEL_MM)
+        return deviation_mm
+
+    def parameters(self, score: FloatArray) -> Parameters:
+        """Floats for the model."""
+        return parameters_of(self._mean + self._deviation * score)
+
+    def perturbed(self, score: FloatArray, probe: float) -> Parameters:
+        """Each score raised by ``probe`` in turn, and at last none: arrays (COUNT + 1,)."""
+        scores = score + probe * np.eye(COUNT + 1, COUNT)
+        return Parameters(*(self._mean + self._deviation * scores).T)
+
+    def freed(self, indices: Sequence[int], factor: float) -> Scaling:
+        """Some parameters are believed so many times less, and may go so much further."""
+        other = copy.copy(self)
+        lower, upper = (self._mean + self._deviation * end for end in (self._lower, self._upper))
+        other._deviation = self._deviation.copy()
+        for index in indices:
+            mean = self._mean[index]
+            other._deviation[index] *= factor
+            upper[index] = mean + factor * (upper[index] - mean)
+            lower[index] *= factor if mean == 0.0 else 0.5
+        other._lower = (lower - other._mean) / other._deviation
+        other._upper = (upper - other._mean) / other._deviation
+        return other
+
+    def bounded(self, score: FloatArray) -> FloatArray:
+        """The nearest scores with a meaning."""
+        return np.clip(score, self._lower, self._upper)

@@ -11,16 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.either import arc_at, split, stacked, within
+from ccr_host.control.adaptive.arithmetic import FloatArray, Two, split, stacked, within
 from ccr_host.control.adaptive.parameters import Parameters
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import straight_tip_mm, tip_of
 from ccr_host.robot.arc import Number
 from ccr_host.robot.workspace import MotorLimits
 
-FloatArray = NDArray[np.float64]
 Polish = Callable[[Parameters, FloatArray, FloatArray, int], FloatArray]
 
 _GRID_STEP_RAD = np.radians(5.0)
@@ -61,7 +59,7 @@ class Atlas:
         self._theta = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
         q_rad = unhindered_setpoints_for(p, self._theta)
         allowed = np.all(limits.clip(q_rad) == q_rad, axis=-1, keepdims=True)
-        self._tip_mm = np.where(allowed, straight_tip_mm(p, self._theta), np.inf)
+        self._tip_mm = np.where(allowed, straight_tip_mm(p, *split(self._theta)), np.inf)
 
     def nearest(self, target_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Local nearest poses of one target: angles (C, 2) and distances (C,), nearest first."""
@@ -86,7 +84,7 @@ def plan_path(
     target_mm: FloatArray,
     knots: FloatArray,
     near: FloatArray,
-    polish: Polish | None = None,
+    polish: Polish,
 ) -> PathPlan:
     """Choose the branch and polish.
 
@@ -96,7 +94,7 @@ def plan_path(
         target_mm: desired tips at the knots, (K, 3), in the robot's frame.
         knots: step index of each, (K,).
         near: bending angles that the plan should start from, (2,).
-        polish: instead of ``polished``.
+        polish: ``polished``, or the same compiled.
     """
     atlas = Atlas(p, limits)
     candidates = [atlas.nearest(target) for target in target_mm]
@@ -107,8 +105,8 @@ def plan_path(
         theta[row, : len(angles)] = angles
         exists[row, : len(angles)] = True
     targets = np.broadcast_to(target_mm[:, None], (*theta.shape[:2], 3))
-    theta = (polish or polished)(p, theta, targets, _POLISHING_STEPS)
-    squared_mm2 = ((straight_tip_mm(p, theta) - targets) ** 2).sum(axis=-1)
+    theta = polish(p, theta, targets, _POLISHING_STEPS)
+    squared_mm2 = ((straight_tip_mm(p, *split(theta)) - targets) ** 2).sum(axis=-1)
     squared_mm2[~exists] = np.inf
     return PathPlan(knots, _cheapest(theta, squared_mm2, near))
 
@@ -125,32 +123,29 @@ def polished(
         iterations: steps to make.
     """
     theta_1, theta_2 = split(theta_rad)
-    x_mm, y_mm, z_mm = np.moveaxis(target_mm, -1, 0)
-    wanted = -y_mm + 1j * z_mm
+    x_mm, y_mm, z_mm = split(target_mm)
+    return stacked(*polished_of(p, theta_1, theta_2, x_mm, -y_mm + 1j * z_mm, iterations))
+
+
+def polished_of(
+    p: Parameters, theta_1: Number, theta_2: Number, x_mm: Number, wanted: Number, iterations: int
+) -> Two:
+    """``polished`` one by one; ``wanted`` is -y + i z of the target."""
     for _ in range(iterations):
-        theta_1, theta_2 = nearer(p, theta_1, theta_2, x_mm, wanted)
-    return stacked(theta_1, theta_2)
-
-
-def nearer(
-    p: Parameters, theta_1: Number, theta_2: Number, x_mm: Number, wanted: Number
-) -> tuple[Number, Number]:
-    """One step of ``polished``; ``wanted`` is -y + i z of the target."""
-    tip = tip_of(p, theta_1, theta_2, arc_at(theta_1), arc_at(theta_2))
-    by_1, by_2 = tip.sagittal_1.conjugate(), tip.sagittal_2.conjugate()
-    off = tip.sagittal - wanted
-    slope_1 = (by_1 * off).real
-    slope_2 = (by_2 * off).real + tip.across_2 * (tip.across - x_mm)
-    gram_11 = (by_1 * tip.sagittal_1).real + _DAMPING_MM2
-    gram_12 = (by_1 * tip.sagittal_2).real
-    gram_22 = (by_2 * tip.sagittal_2).real + tip.across_2 * tip.across_2 + _DAMPING_MM2
-    determinant = gram_11 * gram_22 - gram_12 * gram_12
-    step_1 = (gram_12 * slope_2 - gram_22 * slope_1) / determinant
-    step_2 = (gram_12 * slope_1 - gram_11 * slope_2) / determinant
-    return (
-        theta_1 + within(step_1, _LONGEST_STEP_RAD),
-        theta_2 + within(step_2, _LONGEST_STEP_RAD),
-    )
+        tip = tip_of(p, theta_1, theta_2)
+        by_1, by_2 = tip.sagittal_1.conjugate(), tip.sagittal_2.conjugate()
+        off = tip.sagittal - wanted
+        slope_1 = (by_1 * off).real
+        slope_2 = (by_2 * off).real + tip.across_2 * (tip.across - x_mm)
+        gram_11 = (by_1 * tip.sagittal_1).real + _DAMPING_MM2
+        gram_12 = (by_1 * tip.sagittal_2).real
+        gram_22 = (by_2 * tip.sagittal_2).real + tip.across_2 * tip.across_2 + _DAMPING_MM2
+        determinant = gram_11 * gram_22 - gram_12 * gram_12
+        step_1 = (gram_12 * slope_2 - gram_22 * slope_1) / determinant
+        step_2 = (gram_12 * slope_1 - gram_11 * slope_2) / determinant
+        theta_1 = theta_1 + within(step_1, _LONGEST_STEP_RAD)
+        theta_2 = theta_2 + within(step_2, _LONGEST_STEP_RAD)
+    return theta_1, theta_2
 
 
 def _cheapest(theta: FloatArray, squared_mm2: FloatArray, near: FloatArray) -> FloatArray:

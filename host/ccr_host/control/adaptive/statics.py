@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
-from ccr_host.control.adaptive.either import (
-    Arc,
+from ccr_host.control.adaptive.arithmetic import (
+    FloatArray,
+    Four,
+    Two,
     anywhere,
     arc_at,
     largest,
@@ -28,7 +28,6 @@ from ccr_host.control.adaptive.parameters import (
     MARKER_2_SHARE,
     SEGMENT_1_SHARE,
     SEGMENT_2_SHARE,
-    FloatArray,
     Parameters,
 )
 from ccr_host.robot.arc import Number
@@ -55,23 +54,6 @@ _STILL_STICKS = STICKING * (1.0 - 1e-9)
 """What has just slid stands at the limit and goes on sliding, whatever rounding makes of it."""
 
 
-Two = tuple[Number, Number]
-Four = tuple[Number, Number, Number, Number]
-
-
-class Drive(NamedTuple):
-    """What holds the robot in its pose.
-
-    ``setpoint_rad`` (..., 2) of the servos; ``lag`` (..., 2), from -1 to 1, is the share of their
-    play by which they stay behind; ``anchor`` (..., 4) are the routes of the tendons, as
-    ``routes_at`` has them, at which friction pulls none of them.
-    """
-
-    setpoint_rad: FloatArray
-    lag: FloatArray
-    anchor: FloatArray
-
-
 class Forces(NamedTuple):
     """Gradient of the energy in the bending angles, zero at rest, and its second derivatives."""
 
@@ -82,35 +64,18 @@ class Forces(NamedTuple):
     stiffness_22: Number
 
 
-def forces_at(p: Parameters, theta_rad: FloatArray, drive: Drive) -> Forces:
-    """Forces at bending angles (..., 2)."""
-    theta_1, theta_2 = split(theta_rad)
-    return forces_of(p, theta_1, theta_2, *_held(p, drive))
-
-
-def routes_at(p: Parameters, theta_rad: FloatArray) -> FloatArray:
-    """How much longer bending makes the tendons' routes, in units of r_c, (..., 4).
+def routes_of(p: Parameters, theta_1: Number, theta_2: Number) -> Four:
+    """How much longer bending makes the tendons' routes, in units of r_c.
 
     Those of motor 1 on both sides, then those of motor 2, which pass segment 1 too.
     """
-    return stacked(*routes_of(p, *split(theta_rad)))
-
-
-def routes_of(p: Parameters, theta_1: Number, theta_2: Number) -> Four:
-    """``routes_at`` one by one."""
     sag_1 = p.sag_1 * theta_1 * theta_1
     sag_2 = p.sag_2 * theta_2 * theta_2 + sag_1
     return theta_1 + sag_1, sag_1 - theta_1, theta_2 + sag_2, sag_2 - theta_2
 
 
-def rest_at(p: Parameters, drive: Drive, start_rad: FloatArray) -> FloatArray:
-    """Bending angles at rest, (..., 2), found by Newton's method from a guess."""
-    theta = settled(p, *split(start_rad), *_held(p, drive))
-    return stacked(*theta)
-
-
 def settled(p: Parameters, theta_1: Number, theta_2: Number, shafts: Two, anchors: Four) -> Two:
-    """``rest_at`` one by one.
+    """Bending angles at rest, found by Newton's method from a guess.
 
     Whole steps across the kinks of tendons and friction can go round in circles: one that
     overshoots is cut to where the forces along it vanish.
@@ -165,13 +130,8 @@ def _searched(
 _TINY = 1e-18
 
 
-def likely_bending_rad(p: Parameters, q_rad: FloatArray) -> FloatArray:
-    """Rest at setpoints without gravity and sag, to start a search from; (..., 2)."""
-    return stacked(*likely_of(p, *split(q_rad)))
-
-
 def likely_of(p: Parameters, q_1: Number, q_2: Number) -> Two:
-    """``likely_bending_rad`` one by one."""
+    """Bending angles at setpoints without gravity and sag, to start a search from."""
     q_1, q_2 = q_1 - p.zero_1_rad, q_2 - p.zero_2_rad
     taut_1, taut_2 = positive(abs(q_1) - p.slack_1_rad), positive(abs(q_2) - p.slack_2_rad)
     return (
@@ -197,29 +157,33 @@ def _shortfall(stiffness: Number) -> Number:
 
 
 class Hold(NamedTuple):
-    """Shaft angles (..., 2) and which tendon of each pair pulls, (..., 2): 1 or -1."""
+    """Shaft angles, and which tendon of each pair pulls: 1 or -1."""
 
-    shaft_rad: FloatArray
-    side: FloatArray
+    shafts: Two
+    sides: Two
 
 
-def hold_at(p: Parameters, theta_rad: FloatArray, anchor: FloatArray, side: FloatArray) -> Hold:
+def hold_of(p: Parameters, theta_1: Number, theta_2: Number, anchors: Four, sides: Two) -> Hold:
     """What holds the robot at given bending angles, the exact inverse of rest.
 
     Args:
         p: parameters, floats.
-        theta_rad: bending angles, (..., 2).
-        anchor: of the tendons by friction, (..., 4).
-        side: which tendons have pulled so far, (..., 2); 0 for none.
+        theta_1: bending angle of segment 1.
+        theta_2: bending angle of segment 2.
+        anchors: of the tendons by friction.
+        sides: which tendons have pulled so far; 0 for none.
     """
-    theta_1, theta_2 = split(theta_rad)
-    load = _loads(p, theta_1, theta_2, arc_at(theta_1), arc_at(theta_2))
-    slid = within((routes_at(p, theta_rad) - anchor) / STICKING, 1.0)
-    held_1, held_2 = 0.5 * p.friction_1 * slid[..., :2], 0.5 * p.friction_2 * slid[..., 2:]
+    load = _loads(p, theta_1, theta_2)
+    routes = routes_of(p, theta_1, theta_2)
+    rub_1, rub_2 = 0.5 * p.friction_1, 0.5 * p.friction_2
+    held_11 = rub_1 * within((routes[0] - anchors[0]) / STICKING, 1.0)
+    held_12 = rub_1 * within((routes[1] - anchors[1]) / STICKING, 1.0)
+    held_21 = rub_2 * within((routes[2] - anchors[2]) / STICKING, 1.0)
+    held_22 = rub_2 * within((routes[3] - anchors[3]) / STICKING, 1.0)
     slope_1, slope_2 = 2.0 * p.sag_1 * theta_1, 2.0 * p.sag_2 * theta_2
     sag_12 = p.sag_1 * theta_1 * theta_1
-    pull_2 = load.moment_2 + held_2[..., 0] * (1.0 + slope_2) + held_2[..., 1] * (slope_2 - 1.0)
-    side_2 = _side(pull_2, side[..., 1])
+    pull_2 = load.moment_2 + held_21 * (1.0 + slope_2) + held_22 * (slope_2 - 1.0)
+    side_2 = _side(pull_2, sides[1])
     tension_2 = positive(side_2 * pull_2) / (1.0 + side_2 * slope_2)
     taken_2 = (
         p.gain_2 * p.slack_2_rad
@@ -229,28 +193,29 @@ def hold_at(p: Parameters, theta_rad: FloatArray, anchor: FloatArray, side: Floa
     )
     pull_1 = (
         load.moment_1
-        + held_1[..., 0] * (1.0 + slope_1)
-        + held_1[..., 1] * (slope_1 - 1.0)
-        + (held_2[..., 0] + held_2[..., 1] - tension_2) * slope_1
+        + held_11 * (1.0 + slope_1)
+        + held_12 * (slope_1 - 1.0)
+        + (held_21 + held_22 - tension_2) * slope_1
     )
-    side_1 = _side(pull_1, side[..., 0])
+    side_1 = _side(pull_1, sides[0])
     tension_1 = positive(side_1 * pull_1) / (1.0 + side_1 * slope_1)
     taken_1 = p.gain_1 * p.slack_1_rad + sag_12 + p.compliance_1 * tension_1
     shaft_1 = (theta_1 + side_1 * taken_1) / p.gain_1
     shaft_2 = (theta_2 + side_2 * taken_2) / p.gain_2
-    return Hold(np.stack([shaft_1, shaft_2], axis=-1), np.stack([side_1, side_2], axis=-1))
+    return Hold((shaft_1, shaft_2), (side_1, side_2))
 
 
-def _side(pull: Number, before: FloatArray) -> FloatArray:
+def _side(pull: Number, before: Number) -> Number:
     stays = (before != 0.0) & (before * pull > -_CHANGE_OVER)
-    return np.where(stays, before, np.where(pull < 0.0, -1.0, 1.0))
+    return stays * before + (1 - stays) * (1.0 - 2.0 * (pull < 0.0))
 
 
 def unhindered_setpoints_for(p: Parameters, theta_rad: FloatArray) -> FloatArray:
     """Setpoints that hold given bending angles without friction and play, (..., 2)."""
-    anyhow = np.zeros_like(theta_rad)
-    shafts = hold_at(p, theta_rad, routes_at(p, theta_rad), anyhow).shaft_rad
-    return shafts + zeros_rad(p)
+    theta_1, theta_2 = split(theta_rad)
+    routes = routes_of(p, theta_1, theta_2)
+    shaft_1, shaft_2 = hold_of(p, theta_1, theta_2, routes, (0.0, 0.0)).shafts
+    return stacked(shaft_1 + p.zero_1_rad, shaft_2 + p.zero_2_rad)
 
 
 def zeros_rad(p: Parameters) -> FloatArray:
@@ -258,7 +223,7 @@ def zeros_rad(p: Parameters) -> FloatArray:
     return stacked(p.zero_1_rad, p.zero_2_rad)
 
 
-def _loads(p: Parameters, theta_1: Number, theta_2: Number, first: Arc, second: Arc) -> Forces:
+def _loads(p: Parameters, theta_1: Number, theta_2: Number) -> Forces:
     """Spring, gravity and push; gravity through the heights of markers and segments.
 
     A segment's weight acts at the mean of its points, by Simpson's rule (2 E(t/2) + E(t)) / 6.
@@ -269,7 +234,8 @@ def _loads(p: Parameters, theta_1: Number, theta_2: Number, first: Arc, second: 
     markers = MARKER_2_SHARE * p.body_per_mm + p.tip_per_mm
     carried = (markers + SEGMENT_2_SHARE * p.body_per_mm) * p.length_1_mm
     tip = p.tip_per_mm * p.length_2_mm
-    (arc_1, turn), arc_2 = first, second.derivatives
+    arc_1, turn = arc_at(theta_1)
+    arc_2 = arc_at(theta_2).derivatives
     half_1, half_2 = arc_at(0.5 * theta_1).derivatives, arc_at(0.5 * theta_2).derivatives
     along = weight_2 * (2.0 * half_2[0].real + arc_2[0].real) / 6.0 + tip * arc_2[0].real
     along_2 = weight_2 * (half_2[1].real + arc_2[1].real) / 6.0 + tip * arc_2[1].real
@@ -295,15 +261,6 @@ def _loads(p: Parameters, theta_1: Number, theta_2: Number, first: Arc, second: 
     )
 
 
-def _held(p: Parameters, drive: Drive) -> tuple[Two, Four]:
-    """Shaft angles, and anchors one by one."""
-    lag_1, lag_2 = split(drive.lag)
-    q_1, q_2 = split(drive.setpoint_rad)
-    is_one = drive.anchor.ndim == 1
-    first, second, third, fourth = drive.anchor.tolist() if is_one else drive.anchor.T
-    return shafts_of(p, (q_1, q_2), (lag_1, lag_2)), (first, second, third, fourth)
-
-
 def shafts_of(p: Parameters, q: Two, lag: Two) -> Two:
     """Angles of the shafts at setpoints, by whose play they stay behind."""
     return (
@@ -315,10 +272,12 @@ def shafts_of(p: Parameters, q: Two, lag: Two) -> Two:
 def forces_of(
     p: Parameters, theta_1: Number, theta_2: Number, shafts: Two, anchors: Four
 ) -> Forces:
-    """``forces_at`` one by one, at given shaft angles."""
-    moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22 = _loads(
-        p, theta_1, theta_2, arc_at(theta_1), arc_at(theta_2)
-    )
+    """Forces at bending and shaft angles.
+
+    ``anchors`` are the routes of the tendons, as ``routes_of`` has them, at which friction pulls
+    none of them.
+    """
+    moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22 = _loads(p, theta_1, theta_2)
     spring_1 = 1.0 / p.compliance_1
     spring_2 = p.stiffness_ratio / p.compliance_2
     stick_1 = 0.5 * p.friction_1 / STICKING

@@ -10,13 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccr_host.control.adaptive.either import Arc, arc_at, positive, sign, split, stacked
-from ccr_host.control.adaptive.parameters import (
-    SEGMENT_1_SHARE,
-    SEGMENT_2_SHARE,
+from ccr_host.control.adaptive.arithmetic import (
     FloatArray,
-    Parameters,
+    Three,
+    arc_at,
+    positive,
+    sign,
+    stacked,
 )
+from ccr_host.control.adaptive.parameters import SEGMENT_1_SHARE, SEGMENT_2_SHARE, Parameters
 from ccr_host.robot.arc import Number
 
 _LEAST_SOFTENED = 0.4
@@ -41,38 +43,26 @@ class Tip(NamedTuple):
     middle: Number
 
 
-def tip_at(p: Parameters, theta_rad: FloatArray) -> Tip:
-    """The tip at bending angles (..., 2)."""
-    theta_1, theta_2 = split(theta_rad)
-    return tip_of(p, theta_1, theta_2, arc_at(theta_1), arc_at(theta_2))
+def tip_mm(p: Parameters, theta_1: Number, theta_2: Number) -> FloatArray:
+    """Tip in the camera's frame, (..., 3)."""
+    tip = tip_of(p, theta_1, theta_2)
+    return stacked(*seen_of(p, tip.across, tip.sagittal))
 
 
-def tip_mm(p: Parameters, theta_rad: FloatArray) -> FloatArray:
-    """Tip in the camera's frame over bending angles (..., 2) -> (..., 3)."""
-    tip = tip_at(p, theta_rad)
-    return vector_mm(p, tip.across, tip.sagittal)
+def straight_tip_mm(p: Parameters, theta_1: Number, theta_2: Number) -> FloatArray:
+    """Tip in the robot's frame, (..., 3)."""
+    tip = tip_of(p, theta_1, theta_2)
+    return stacked(tip.across, -tip.sagittal.real, tip.sagittal.imag)
 
 
-def markers_mm(p: Parameters, theta_rad: FloatArray) -> FloatArray:
-    """M2 and M3 against M1 in the camera's frame over bending angles (..., 2) -> (..., 2, 3)."""
-    tip = tip_at(p, theta_rad)
-    middle_mm = vector_mm(p, p.middle_aside_mm, tip.middle)
-    return np.stack([middle_mm, vector_mm(p, tip.across, tip.sagittal)], axis=-2)
+def markers_of(p: Parameters, theta_1: Number, theta_2: Number) -> tuple[Three, Three]:
+    """M2 and M3 against M1 in the camera's frame."""
+    tip = tip_of(p, theta_1, theta_2)
+    return seen_of(p, p.middle_aside_mm, tip.middle), seen_of(p, tip.across, tip.sagittal)
 
 
-def straight_tip_mm(p: Parameters, theta_rad: FloatArray) -> FloatArray:
-    """Tip in the robot's frame over bending angles (..., 2) -> (..., 3)."""
-    tip = tip_at(p, theta_rad)
-    return np.stack([tip.across, -tip.sagittal.real, tip.sagittal.imag], axis=-1)
-
-
-def vector_mm(p: Parameters, across: Number, sagittal: Number) -> FloatArray:
-    """Turn ``across`` and ``sagittal`` into the camera's frame, (..., 3)."""
-    return stacked(*seen_of(p, across, sagittal))
-
-
-def seen_of(p: Parameters, across: Number, sagittal: Number) -> tuple[Number, ...]:
-    """``vector_mm`` one by one."""
+def seen_of(p: Parameters, across: Number, sagittal: Number) -> Three:
+    """A vector given by ``across`` and ``sagittal`` in the camera's frame."""
     return _turned(_turn_of(p, 1.0), (across, -sagittal.real, sagittal.imag))
 
 
@@ -82,11 +72,11 @@ def turned_back_mm(p: Parameters, seen_mm: FloatArray) -> FloatArray:
     return np.array(_turned(_turn_of(p, -1.0), (x, y, z)))
 
 
-def _turn_of(p: Parameters, sense: float) -> tuple[Number, ...]:
+def _turn_of(p: Parameters, sense: float) -> Three:
     return sense * p.turn_x_rad, sense * p.turn_y_rad, sense * p.turn_z_rad
 
 
-def _turned(turn: tuple[Number, ...], point: tuple[Number, ...]) -> tuple[Number, ...]:
+def _turned(turn: Three, point: Three) -> Three:
     """By w = 2 tan(angle / 2) axis: v + (w x v + w x (w x v) / 2) / (1 + w^2 / 4), by Cayley."""
     once = _cross(turn, point)
     twice = _cross(turn, once)
@@ -98,7 +88,7 @@ def _turned(turn: tuple[Number, ...], point: tuple[Number, ...]) -> tuple[Number
     )
 
 
-def _cross(a: tuple[Number, ...], b: tuple[Number, ...]) -> tuple[Number, ...]:
+def _cross(a: Three, b: Three) -> Three:
     return (
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -106,9 +96,10 @@ def _cross(a: tuple[Number, ...], b: tuple[Number, ...]) -> tuple[Number, ...]:
     )
 
 
-def tip_of(p: Parameters, theta_1: Number, theta_2: Number, first: Arc, second: Arc) -> Tip:
-    """The tip, from the arcs of both segments."""
-    (arc_1, turn), arc_2 = first, second.derivatives
+def tip_of(p: Parameters, theta_1: Number, theta_2: Number) -> Tip:
+    """The tip at bending angles."""
+    arc_1, turn = arc_at(theta_1)
+    arc_2 = arc_at(theta_2).derivatives
     short_1 = _SHORTENING * p.sag_1 / (p.gain_1 * p.length_1_mm)
     short_2 = _SHORTENING * p.sag_2 / (p.gain_1 * p.gain_ratio * p.length_2_mm)
     reach_1 = p.length_1_mm * (1.0 - short_1 * theta_1 * theta_1)

@@ -8,13 +8,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.baselines.damped_inverse import damped_inverse
-from ccr_host.control.baselines.law import LONGEST_ERROR_MM, PathView, Plan, Sight, shortened
+from ccr_host.control.shell import NOTHING_MM, Law, PathView, Plan, Sight, believable
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
 
 FloatArray = NDArray[np.float64]
+
+
+def damped_inverse(jacobian: FloatArray, damping: float) -> FloatArray:
+    """(J'J + damping^2 I)^-1 J', (2, 3) of a (3, 2) Jacobian; finite for any damping above 0."""
+    gram = jacobian.T @ jacobian + damping**2 * np.eye(2)
+    return np.asarray(np.linalg.solve(gram, jacobian.T))
 
 
 class JacobianEstimator(Protocol):
@@ -47,20 +53,18 @@ class Tuning:
     """Less motion than this, 3 mm of tip, tells little beside 0.25 mm of noise."""
 
 
-class JacobianFeedback:
+class JacobianFeedback(Law):
     """q += J^+ (path's step + share of the error), J^+ damped, J estimated as the robot moves."""
 
-    def __init__(
-        self, description: Description, estimator: JacobianEstimator, tuning: Tuning
-    ) -> None:
+    def __init__(self, description: Description, estimator: JacobianEstimator) -> None:
         self._model = ConstantCurvature(description.robot)
         self._limits = MotorLimits.of(description.servo)
         self._estimator = estimator
-        self._tuning = tuning
+        self._tuning = Tuning()
 
-    def start(self, path: PathView) -> None:
+    def start(self, path: PathView, history: SetpointHistory) -> None:
         """The first guess of J is the model's at the first point."""
-        self._path = path
+        super().start(path, history)
         self._estimator.start(self._model.jacobian_mm_rad(path.reachable_rad(0.0)))
         self._newest: Sight | None = None
         self._elapsed_s = path.period_s
@@ -75,14 +79,14 @@ class JacobianFeedback:
         self._learn(sight)
         if sight.index is None:
             return
-        error_mm = shortened(self._path.target_mm(sight.index) - sight.tip_mm, LONGEST_ERROR_MM)
+        error_mm = believable(self.path.target_mm(sight.index) - sight.tip_mm)
         share = sight.elapsed_s / (sight.elapsed_s + self._tuning.integral_time_s)
         self._correction_mm = self._correction_mm + share * error_mm
 
-    def plan(self, index: float, commanded_rad: FloatArray) -> Plan:
+    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
         """One increment; where the limits stop it nothing is kept for later."""
         tuning = self._tuning
-        target_mm = self._path.target_mm(index)
+        target_mm = self.path.target_mm(index)
         wanted_mm = target_mm - self._target_mm + self._correction_mm
         self._target_mm, self._correction_mm = target_mm, np.zeros(3)
         jacobian = self._estimator.jacobian_mm_rad
@@ -91,7 +95,7 @@ class JacobianFeedback:
         turn_rad = turn_rad * min(1.0, longest_rad / max(float(np.abs(turn_rad).max()), 1e-9))
         q_rad = self._limits.clip(commanded_rad + turn_rad)
         if self._newest is None:
-            return Plan(q_rad, np.empty((0, 3)))
+            return Plan(q_rad, NOTHING_MM)
         moved_mm = jacobian @ (q_rad - self._newest.setpoint_rad)
         return Plan(q_rad, (self._newest.tip_mm + moved_mm)[None])
 
@@ -102,3 +106,84 @@ class JacobianFeedback:
                 return
             self._estimator.correct(turn_rad, sight.tip_mm - self._anchor.tip_mm)
         self._anchor = sight
+
+
+class BroydenEstimator:
+    """J += rate (dx - J dq) dq' / (dq'dq + regularisation^2).
+
+    As in uncalibrated visual servoing (Jagersand, Fuentes, Nelson, ICRA 1997); the least change of
+    J that explains a motion, as Yip and Camarillo estimate it (IEEE T-RO 30(4), 2014), is Broyden's
+    update as long as no constraint is active.
+
+    Args:
+        rate: 1 meets the newest secant, less smooths over several.
+        regularisation_rad: turns well below it change J little.
+    """
+
+    jacobian_mm_rad: FloatArray
+
+    def __init__(self, rate: float = 0.5, regularisation_rad: float = 0.03) -> None:
+        self._rate = rate
+        self._regularisation_rad = regularisation_rad
+
+    def start(self, guess_mm_rad: FloatArray) -> None:
+        self.jacobian_mm_rad = guess_mm_rad
+
+    def correct(self, turn_rad: FloatArray, move_mm: FloatArray) -> None:
+        residual_mm = move_mm - self.jacobian_mm_rad @ turn_rad
+        weight = self._rate / (turn_rad @ turn_rad + self._regularisation_rad**2)
+        self.jacobian_mm_rad = self.jacobian_mm_rad + weight * np.outer(residual_mm, turn_rad)
+
+
+class KalmanEstimator:
+    """Kalman filter whose state is J's entries.
+
+    As in model-free control of continuum robots (Li, Kang, Branson, Dai, IEEE/ASME T-Mech 23(1),
+    2018): the entries walk at random, each motion dx = J dq + noise is a measurement of them. The
+    rows of J share one covariance, (2, 2): their regressors and noises are the same.
+
+    Args:
+        deviation_mm_rad: of the first guess.
+        walk_mm_rad: of an entry per square root of a radian turned.
+        noise_mm: of a measured motion, everything that is not linear included.
+    """
+
+    jacobian_mm_rad: FloatArray
+
+    def __init__(
+        self, deviation_mm_rad: float = 40.0, walk_mm_rad: float = 15.0, noise_mm: float = 1.5
+    ) -> None:
+        self._deviation_mm_rad = deviation_mm_rad
+        self._walk_mm_rad = walk_mm_rad
+        self._noise_mm = noise_mm
+
+    def start(self, guess_mm_rad: FloatArray) -> None:
+        self.jacobian_mm_rad = guess_mm_rad
+        self._covariance = self._deviation_mm_rad**2 * np.eye(2)
+
+    def correct(self, turn_rad: FloatArray, move_mm: FloatArray) -> None:
+        turned_rad = float(np.linalg.norm(turn_rad))
+        covariance = self._covariance + self._walk_mm_rad**2 * turned_rad * np.eye(2)
+        variance_mm2 = turn_rad @ covariance @ turn_rad + self._noise_mm**2
+        gain = covariance @ turn_rad / variance_mm2
+        innovation_mm = move_mm - self.jacobian_mm_rad @ turn_rad
+        self.jacobian_mm_rad = self.jacobian_mm_rad + np.outer(innovation_mm, gain)
+        self._covariance = covariance - variance_mm2 * np.outer(gain, gain)
+
+
+class Broyden(JacobianFeedback):
+    """With Broyden's rank-one update."""
+
+    name = "broyden"
+
+    def __init__(self, description: Description) -> None:
+        super().__init__(description, BroydenEstimator())
+
+
+class KalmanJacobian(JacobianFeedback):
+    """With a Kalman filter."""
+
+    name = "kalman-jacobian"
+
+    def __init__(self, description: Description) -> None:
+        super().__init__(description, KalmanEstimator())

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.baselines.law import LONGEST_ERROR_MM, PathView, Plan, Sight, shortened
-from ccr_host.control.baselines.loop import PeerLoop
 from ccr_host.control.mpc import sqp
 from ccr_host.control.mpc.problem import Weights, tracking
+from ccr_host.control.shell import Law, PathView, Plan, Sight, believable
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
 
 FloatArray = NDArray[np.float64]
@@ -35,20 +35,22 @@ class Tuning:
     """Of the disturbance before anything was seen."""
 
 
-class OffsetFreeLaw:
+class OffsetFreeMpc(Law):
     """min over q_1..q_M of Q sum |f(q_k) + d - f_k|^2 + R sum |q_k - q_(k-1)|^2."""
 
-    def __init__(self, description: Description, tuning: Tuning) -> None:
+    name = "mpc-offset"
+
+    def __init__(self, description: Description) -> None:
         control = description.control
         self._model = ConstantCurvature(description.robot)
         limits = MotorLimits.of(description.servo)
         self._bounds = sqp.Bounds.of(limits, control.step_bound_rad)
         self._weights = Weights(control.position_weight, control.effort_weight)
         self._live_steps = control.horizon - 1
-        self._tuning = tuning
+        self._tuning = Tuning()
 
-    def start(self, path: PathView) -> None:
-        self._path = path
+    def start(self, path: PathView, history: SetpointHistory) -> None:
+        super().start(path, history)
         self.disturbance_mm = np.zeros(3)
         self._variance_mm2 = self._tuning.first_deviation_mm**2
         self._ahead = np.arange(self._live_steps, dtype=np.float64)
@@ -61,13 +63,13 @@ class OffsetFreeLaw:
         expected_mm = self._model.tip_mm(sight.setpoint_rad) + self.disturbance_mm
         self._variance_mm2 += tuning.drift_mm**2 * sight.elapsed_s
         gain = self._variance_mm2 / (self._variance_mm2 + tuning.noise_mm**2)
-        surprise_mm = shortened(sight.tip_mm - expected_mm, LONGEST_ERROR_MM)
-        self.disturbance_mm = self.disturbance_mm + gain * surprise_mm
+        innovation_mm = believable(sight.tip_mm - expected_mm)
+        self.disturbance_mm = self.disturbance_mm + gain * innovation_mm
         self._variance_mm2 *= 1.0 - gain
 
-    def plan(self, index: float, commanded_rad: FloatArray) -> Plan:
+    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
         """The whole horizon from the last plan, moved on as the reachable path goes on."""
-        targets_mm = np.array([self._path.target_mm(index + k) for k in self._ahead])
+        targets_mm = np.array([self.path.target_mm(index + k) for k in self._ahead])
         before_rad, self._reachable_rad = self._reachable_rad, self._reachable_from(index)
         guess_rad = self._plan_rad + self._reachable_rad - before_rad
         first, second = commanded_rad.tolist()
@@ -87,13 +89,4 @@ class OffsetFreeLaw:
         return Plan(self._plan_rad[0], predicted_mm)
 
     def _reachable_from(self, index: float) -> FloatArray:
-        return np.array([self._path.reachable_rad(index + k) for k in self._ahead])
-
-
-class OffsetFreeMpc(PeerLoop):
-    """See the module."""
-
-    name = "mpc-offset"
-
-    def __init__(self, description: Description) -> None:
-        super().__init__(description, OffsetFreeLaw(description, Tuning()))
+        return np.array([self.path.reachable_rad(index + k) for k in self._ahead])

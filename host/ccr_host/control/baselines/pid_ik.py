@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.baselines.damped_inverse import damped_inverse
-from ccr_host.control.baselines.law import LONGEST_ERROR_MM, PathView, Plan, Sight, shortened
-from ccr_host.control.baselines.loop import PeerLoop
+from ccr_host.control.baselines.jacobian_feedback import damped_inverse
+from ccr_host.control.shell import Law, PathView, Plan, Sight, believable
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
 
 FloatArray = NDArray[np.float64]
@@ -30,20 +30,22 @@ class Tuning:
     """Per rad of motor; J's singular values are about 100 away from the folds."""
 
 
-class PidLaw:
+class PidIk(Law):
     """Inverse kinematics of the path, plus PID on the error that J's damped inverse turns into q.
 
     The error is that of the setpoint in effect when the picture was taken, so the delays add no
     error of their own while the path moves on.
     """
 
-    def __init__(self, description: Description, tuning: Tuning) -> None:
+    name = "pid-ik"
+
+    def __init__(self, description: Description) -> None:
         self._model = ConstantCurvature(description.robot)
         self._limits = MotorLimits.of(description.servo)
-        self._tuning = tuning
+        self._tuning = Tuning()
 
-    def start(self, path: PathView) -> None:
-        self._path = path
+    def start(self, path: PathView, history: SetpointHistory) -> None:
+        super().start(path, history)
         self._error_rad: FloatArray | None = None
         self._rate_rad_s = np.zeros(2)
         self.integral_rad = np.zeros(2)
@@ -53,8 +55,8 @@ class PidLaw:
         if sight.index is None:
             return
         tuning, elapsed_s = self._tuning, sight.elapsed_s
-        error_mm = shortened(self._path.target_mm(sight.index) - sight.tip_mm, LONGEST_ERROR_MM)
-        jacobian = self._model.jacobian_mm_rad(self._path.reachable_rad(sight.index))
+        error_mm = believable(self.path.target_mm(sight.index) - sight.tip_mm)
+        jacobian = self._model.jacobian_mm_rad(self.path.reachable_rad(sight.index))
         error_rad = damped_inverse(jacobian, tuning.damping_mm) @ error_mm
         if self._error_rad is not None:
             rate_rad_s = (error_rad - self._error_rad) / elapsed_s
@@ -64,22 +66,13 @@ class PidLaw:
         gain = elapsed_s / (elapsed_s + tuning.integral_time_s)
         self.integral_rad = self.integral_rad + gain * error_rad
 
-    def plan(self, index: float, commanded_rad: FloatArray) -> Plan:
+    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
         """Feedforward and PID; what the motor limits cut off is taken out of the integral."""
         tuning = self._tuning
-        reachable_rad = self._path.reachable_rad(index)
+        reachable_rad = self.path.reachable_rad(index)
         wanted_rad = reachable_rad + self.integral_rad + tuning.derivative_s * self._rate_rad_s
         if self._error_rad is not None:
             wanted_rad = wanted_rad + tuning.proportional * self._error_rad
         q_rad = self._limits.clip(wanted_rad)
         self.integral_rad = self.integral_rad + (q_rad - wanted_rad)
         return Plan(q_rad, self._model.tip_mm(reachable_rad)[None])
-
-
-class PidIk(PeerLoop):
-    """See the module."""
-
-    name = "pid-ik"
-
-    def __init__(self, description: Description) -> None:
-        super().__init__(description, PidLaw(description, Tuning()))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
+import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.description.schema import Robot
+from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.tracking.markers.labelling import MARKERS, Labeller
 from ccr_host.tracking.tracker import MarkerFrame, RawTracker, Sample, TrackerHealth
 
@@ -16,8 +17,6 @@ Array = NDArray[np.float64]
 
 BelievedAngles = Callable[[], Array]
 """Motor angles as they are believed now, rad, (2,)."""
-
-_BELIEFS_KEPT = 64
 
 
 class MarkerTracker:
@@ -46,7 +45,9 @@ class MarkerTracker:
         self._camera = camera
         self._camera_to_robot = camera_to_robot
         self._labeller = Labeller(geometry, camera_to_robot)
-        self._beliefs = _BeliefHistory(believed_rad)
+        self._believed_rad = believed_rad
+        self._beliefs = SetpointHistory(believed_rad())
+        """What was believed about the motors when an older frame was exposed."""
         self._names_markers = False
         self._frame: MarkerFrame | None = None
         self._lost: tuple[str, ...] = MARKERS
@@ -69,7 +70,9 @@ class MarkerTracker:
 
     def advance_to(self, time_us: int) -> None:
         """Take a new frame if there is one."""
-        self._beliefs.note(time_us)
+        believed_rad = self._believed_rad()
+        if not np.array_equal(believed_rad, self._beliefs.at(math.inf)):
+            self._beliefs.command(time_us * 1e-6, believed_rad, 0.0)
         frame = self._camera.newest_frame()
         last = self._frame
         if frame is None or (last is not None and frame.exposed_us <= last.exposed_us):
@@ -112,24 +115,6 @@ class MarkerTracker:
             unseen = np.full(3, np.nan)
             return np.array([named[m].position_mm if m in named else unseen for m in MARKERS])
         points_mm = frame.points_mm[~frame.out_of_volume]
-        believed_rad = self._beliefs.at(frame.exposed_us)
+        believed_rad = self._beliefs.at(frame.exposed_us * 1e-6)
         found = self._labeller.label(frame.exposed_us, points_mm, believed_rad)
         return found.markers_mm
-
-
-class _BeliefHistory:
-    """What was believed about the motors when an older frame was exposed."""
-
-    def __init__(self, believed_rad: BelievedAngles) -> None:
-        self._believed_rad = believed_rad
-        self._since: deque[tuple[int, Array]] = deque(maxlen=_BELIEFS_KEPT)
-
-    def note(self, time_us: int) -> None:
-        believed = self._believed_rad()
-        if not self._since or not np.array_equal(self._since[-1][1], believed):
-            self._since.append((time_us, believed))
-
-    def at(self, time_us: int) -> Array:
-        """The belief held at a time; the oldest one before that."""
-        held = (belief for since_us, belief in reversed(self._since) if since_us <= time_us)
-        return next(held, self._since[0][1])

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from ccr_host.control.adaptive.control_law import AdaptiveStatics
-from ccr_host.control.adaptive.motion import first_rest, moved
+from ccr_host.control.adaptive.motion import first_pose, moved
 from ccr_host.control.adaptive.parameters import parameters_of, prior_of
 from ccr_host.control.adaptive.path_plan import polished
 from ccr_host.control.adaptive.tip import tip_mm
 from ccr_host.control.base import Observation, Outcome
+from ccr_host.control.registry import make_controller
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
@@ -36,7 +36,7 @@ def _approach(controller, tip_of, time_us):
 
 
 def test_without_any_measurement_it_still_approaches_and_follows():
-    controller = AdaptiveStatics(DESCRIPTION)
+    controller = make_controller("adaptive", DESCRIPTION)
     controller.start(_reference("star", 1.0))
     q_rad, time_us = _approach(controller, lambda _: None, 1_000_000)
     command = controller.step(Observation(0, time_us, None, 0, q_rad))
@@ -47,7 +47,7 @@ def test_without_any_measurement_it_still_approaches_and_follows():
 @pytest.mark.long
 @pytest.mark.parametrize("tip", [np.full(3, np.nan), np.full(3, 1e6), np.zeros(3)])
 def test_senseless_measurements_never_lead_outside_the_limits_or_beyond_the_slew(tip):
-    controller = AdaptiveStatics(DESCRIPTION)
+    controller = make_controller("adaptive", DESCRIPTION)
     reference = _reference("8shape", 20.0)
     controller.start(reference)
     q_rad, time_us = _approach(controller, lambda _: tip, 1_000_000)
@@ -63,15 +63,15 @@ def test_senseless_measurements_never_lead_outside_the_limits_or_beyond_the_slew
 @pytest.mark.long
 def test_a_robot_as_believed_is_led_along_the_path():
     """The twin's own statics would do the same; here the prior model plays the robot."""
-    controller = AdaptiveStatics(DESCRIPTION)
+    controller = make_controller("adaptive", DESCRIPTION)
     reference = _reference("8shape", 1.0)
     controller.start(reference)
-    rest = first_rest(PRIOR, np.zeros(2))
+    pose = first_pose(PRIOR, 0.0, 0.0)
 
     def tip_of(q_rad):
-        nonlocal rest
-        rest = moved(PRIOR, rest, q_rad)
-        return tip_mm(PRIOR, rest.theta_rad)
+        nonlocal pose
+        pose = moved(PRIOR, pose, *q_rad.tolist())
+        return tip_mm(PRIOR, *pose.theta_rad)
 
     q_rad, time_us = _approach(controller, tip_of, 1_000_000)
     errors, unavoidable = [], []
@@ -80,6 +80,6 @@ def test_a_robot_as_believed_is_led_along_the_path():
         q_rad = controller.step(observation).q_rad
         time_us += 1_000_000
         errors.append(np.linalg.norm(tip_of(q_rad) - target_mm))
-        nearest = polished(PRIOR, rest.theta_rad, target_mm, 30)
-        unavoidable.append(np.linalg.norm(tip_mm(PRIOR, nearest) - target_mm))
+        nearest = polished(PRIOR, pose.theta_rad, target_mm, 30)
+        unavoidable.append(np.linalg.norm(tip_mm(PRIOR, *nearest) - target_mm))
     assert np.mean(errors) < np.mean(unavoidable) + 0.1

@@ -1,17 +1,20 @@
 import numpy as np
 import pytest
 
-from ccr_host.control.adaptive.control_law import AdaptiveStatics
-from ccr_host.control.adaptive.excitation import tour_bending_rad
-from ccr_host.control.adaptive.identification import Rests, Scaling, predicted_mm
-from ccr_host.control.adaptive.identified import identified_rests
-from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.control.adaptive.identification import (
+    identified_rests,
+    predicted_mm,
+    tour_bending_rad,
+)
+from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.base import Observation
+from ccr_host.control.registry import make_controller
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.description.schema import Description, Identified
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
+from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.tools.survey import identified_section, trial_fit
 
@@ -22,8 +25,8 @@ TRUTH = PRIOR._replace(slack_1_rad=0.12, tip_per_mm=0.003)
 
 def _rests(count=20):
     stops = unhindered_setpoints_for(PRIOR, tour_bending_rad())[:count]
-    rests = Rests(np.zeros(2), stops, np.zeros((len(stops), 2, 3)), np.full(len(stops), 30.0))
-    return Rests(rests.start_rad, stops, predicted_mm(TRUTH, rests), rests.count)
+    rests = Rests(np.zeros(2), stops, np.zeros((len(stops), 3, 3)), np.full(len(stops), 30.0))
+    return Rests.of_vectors(rests.start_rad, stops, predicted_mm(TRUTH, rests), rests.count)
 
 
 def _identified(description=BELIEVED):
@@ -34,7 +37,7 @@ def _identified(description=BELIEVED):
 
 def test_rests_come_back_as_they_were_measured():
     found, measured = identified_rests(_identified()), _rests()
-    assert found.setpoint_rad == pytest.approx(measured.setpoint_rad, abs=1e-6)
+    assert found.q_rad == pytest.approx(measured.q_rad, abs=1e-6)
     assert found.tip_mm == pytest.approx(measured.tip_mm, abs=1e-4)
     assert found.count == pytest.approx(measured.count)
 
@@ -51,12 +54,12 @@ def test_rests_of_another_robot_are_refused(section, change):
         update={section: getattr(BELIEVED, section).model_copy(update=change)}
     )
     with pytest.raises(ConfigError, match="identify again"):
-        AdaptiveStatics(other)
+        make_controller("adaptive", other)
 
 
 def test_limits_may_change_after_identification():
     narrow = BELIEVED.servo.model_copy(update={"angle_max_deg": (60.0, 60.0)})
-    AdaptiveStatics(_identified().model_copy(update={"servo": narrow}))
+    make_controller("adaptive", _identified().model_copy(update={"servo": narrow}))
 
 
 def _end_of_approach(controller):
@@ -69,11 +72,11 @@ def _end_of_approach(controller):
 
 @pytest.mark.long
 def test_an_identified_robot_is_known_without_a_tour():
-    controller = AdaptiveStatics(_identified())
+    controller = make_controller("adaptive", _identified())
     model, limits = ConstantCurvature(BELIEVED.robot), MotorLimits.of(BELIEVED.servo)
     controller.start(load_path("8shape", 1.0, model, limits))
     command, duration_us = _end_of_approach(controller)
-    there = Rests(np.zeros(2), command.q_rad[None], np.zeros((1, 2, 3)), np.ones(1))
+    there = Rests(np.zeros(2), command.q_rad[None], np.zeros((1, 3, 3)), np.ones(1))
     known_mm, prior_mm = (predicted_mm(p, there)[0, 1] for p in (TRUTH, PRIOR))
     off_prior_mm = np.linalg.norm(prior_mm - known_mm)
     assert duration_us < 5_000_000
@@ -82,9 +85,7 @@ def test_an_identified_robot_is_known_without_a_tour():
 
 def test_rests_of_no_such_robot_are_not_kept():
     measured = _rests()
-    upside_down = Rests(
-        measured.start_rad, measured.setpoint_rad, -measured.markers_mm, measured.count
-    )
+    upside_down = measured.turned(-np.eye(3))
     for rests in (upside_down, _rests(count=5)):
         with pytest.raises(TrackerError, match="no robot as described"):
             trial_fit(rests, BELIEVED)

@@ -4,16 +4,21 @@ import numpy as np
 import pytest
 
 from ccr_host.control.adaptive.estimator import Estimator, Tuning
-from ccr_host.control.adaptive.excitation import tour, tour_bending_rad
-from ccr_host.control.adaptive.identification import Rests, Scaling, StaticsFit, predicted_mm
-from ccr_host.control.adaptive.motion import Rest, first_rest, moved
-from ccr_host.control.adaptive.parameters import COUNT, Parameters
-from ccr_host.control.adaptive.pose_follower import PoseFollower
-from ccr_host.control.adaptive.sensitivity import sensitivity
-from ccr_host.control.adaptive.setpoint_history import SetpointHistory
-from ccr_host.control.adaptive.statics import rest_at, routes_at, unhindered_setpoints_for
+from ccr_host.control.adaptive.identification import StaticsFit, predicted_mm, tour_bending_rad
+from ccr_host.control.adaptive.model import PLAIN, PoseFollower
+from ccr_host.control.adaptive.motion import first_pose, moved
+from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
+from ccr_host.control.adaptive.statics import (
+    routes_of,
+    settled,
+    shafts_of,
+    unhindered_setpoints_for,
+)
 from ccr_host.control.adaptive.tip import tip_mm
+from ccr_host.control.shell import smooth_moves
 from ccr_host.description.schema import Robot
+from ccr_host.robot.rests import Rests
+from ccr_host.robot.setpoint_history import SetpointHistory
 
 SCALING = Scaling(Robot())
 PRIOR = SCALING.parameters(np.zeros(COUNT))
@@ -24,10 +29,10 @@ STILL = np.zeros(2)
 
 def _tour_of(p, noise_mm=0.0, seed=1, count=6.0):
     stops = unhindered_setpoints_for(PRIOR, tour_bending_rad())
-    rests = Rests(STILL, stops, np.zeros((len(stops), 2, 3)), np.full(len(stops), count))
+    rests = Rests(STILL, stops, np.zeros((len(stops), 3, 3)), np.full(len(stops), count))
     tips = predicted_mm(p, rests)
     noise = noise_mm / np.sqrt(count) * np.random.default_rng(seed).standard_normal(tips.shape)
-    return Rests(STILL, stops, tips + noise, rests.count)
+    return Rests.of_vectors(STILL, stops, tips + noise, rests.count)
 
 
 def _believable(seed):
@@ -37,10 +42,10 @@ def _believable(seed):
 
 
 def _tips_elsewhere(p):
-    rest, tips = first_rest(p, STILL), []
+    pose, tips = first_pose(p, 0.0, 0.0), []
     for setpoint in np.radians([[15.0, 33.0], [-20.0, -25.0], [24.0, -30.0]]):
-        rest = moved(p, rest, setpoint)
-        tips.append(tip_mm(p, rest.theta_rad))
+        pose = moved(p, pose, *setpoint)
+        tips.append(tip_mm(p, *pose.theta_rad))
     return np.array(tips)
 
 
@@ -62,9 +67,9 @@ def test_the_tour_tells_play_from_friction():
 @pytest.mark.long
 def test_a_wild_rest_does_not_spoil_the_fit():
     rests = _tour_of(PRIOR)
-    rests.markers_mm[7] += 30.0
+    rests.markers_mm[7, 1:] += 30.0
     found = SCALING.parameters(StaticsFit(SCALING, rests).finish().score)
-    assert np.median(np.linalg.norm(predicted_mm(found, rests) - rests.markers_mm, axis=2)) < 0.3
+    assert np.median(np.linalg.norm(predicted_mm(found, rests) - rests.vectors_mm, axis=2)) < 0.3
 
 
 @pytest.mark.long
@@ -76,28 +81,35 @@ def test_each_step_of_the_fit_leaves_less():
     assert left_mm[-1] < 0.1 * left_mm[0]
 
 
-def _resting_exactly(p, rest):
+def _resting(p, pose):
+    shafts = shafts_of(p, pose[:2], pose[2:4])
+    theta_1, theta_2 = settled(p, pose.theta_1, pose.theta_2, shafts, pose.anchors)
+    return pose._replace(theta_1=theta_1, theta_2=theta_2)
+
+
+def _resting_exactly(p, pose):
     """Everything well on its way of sliding, which derivatives on both sides need."""
-    anchor = 2.0 * rest.drive.anchor - routes_at(p, rest.theta_rad)
-    drive, theta = rest.drive._replace(anchor=anchor), rest.theta_rad
+    routes = routes_of(p, pose.theta_1, pose.theta_2)
+    anchors = tuple(2.0 * a - route for a, route in zip(pose.anchors, routes, strict=True))
+    pose = pose._replace(anchors=anchors)
     for _ in range(3):
-        theta = rest_at(p, drive, theta)
-    return Rest(drive, theta)
+        pose = _resting(p, pose)
+    return pose
 
 
 def test_sensitivity_is_the_derivative_of_the_rest_pose():
     score = np.full(COUNT, 0.3)
     p = SCALING.parameters(score)
-    rest = _resting_exactly(p, moved(p, first_rest(p, STILL), np.array([0.25, -0.6])))
+    pose = _resting_exactly(p, moved(p, first_pose(p, 0.0, 0.0), 0.25, -0.6))
     rate = np.array([0.3, -0.2])
-    found = sensitivity(SCALING, score, rest, rate)
+    found = PLAIN.sensitivity(SCALING, score, pose, rate)
     for index, step in enumerate(3e-3 * np.eye(COUNT)):
         near = [SCALING.parameters(score + sign * step) for sign in (1.0, -1.0)]
-        above, below = (tip_mm(q, rest_at(q, rest.drive, rest.theta_rad)) for q in near)
+        above, below = (tip_mm(q, *_resting(q, pose).theta_rad) for q in near)
         slope = (above - below) / 6e-3
         assert found.tip[:, index] == pytest.approx(slope, abs=5e-3), Parameters._fields[index]
-    ahead = rest.drive._replace(setpoint_rad=rest.drive.setpoint_rad + 1e-3 * rate)
-    speed = (tip_mm(p, rest_at(p, ahead, rest.theta_rad)) - tip_mm(p, rest.theta_rad)) / 1e-3
+    ahead = _resting(p, pose._replace(q_1=pose.q_1 + 3e-4, q_2=pose.q_2 - 2e-4))
+    speed = (tip_mm(p, *ahead.theta_rad) - tip_mm(p, *pose.theta_rad)) / 1e-3
     assert found.tip[:, COUNT] == pytest.approx(speed, rel=0.02, abs=0.05)
 
 
@@ -108,97 +120,65 @@ def _fit_to_the_prior():
 
 def _estimator_at_rest():
     estimator = Estimator(SCALING, _fit_to_the_prior(), Tuning())
-    return estimator, first_rest(estimator.parameters, HERE)
+    return estimator, first_pose(estimator.parameters, *HERE)
 
 
 def test_a_sudden_offset_is_found_within_two_seconds_and_the_filter_stays_sound():
-    estimator, rest = _estimator_at_rest()
-    seen = tip_mm(estimator.parameters, rest.theta_rad) + SHIFT_MM
+    estimator, pose = _estimator_at_rest()
+    seen = tip_mm(estimator.parameters, *pose.theta_rad) + SHIFT_MM
     for _ in range(40):
         estimator.elapse(0.05)
-        rest = estimator.correct(rest, STILL, 0.0, seen)
-    expected = tip_mm(estimator.parameters, rest.theta_rad) + estimator.offset_mm
+        pose = estimator.correct(pose, STILL, 0.0, seen)
+    expected = tip_mm(estimator.parameters, *pose.theta_rad) + estimator.offset_mm
     assert expected == pytest.approx(seen, abs=0.3)
 
 
 def test_a_payload_hung_on_later_is_found_as_a_load_within_two_seconds():
-    estimator, rest = _estimator_at_rest()
+    estimator, pose = _estimator_at_rest()
     true = estimator.parameters
     for _ in range(60):
         estimator.elapse(0.05)
-        rest = estimator.correct(rest, STILL, 0.0, tip_mm(true, first_rest(true, HERE).theta_rad))
+        pose = estimator.correct(pose, STILL, 0.0, tip_mm(true, *first_pose(true, *HERE).theta_rad))
     loaded = true._replace(tip_per_mm=true.tip_per_mm + 0.0025)
-    seen = first_rest(loaded, HERE)
+    seen = first_pose(loaded, *HERE)
     for setpoint in HERE + 0.1 * np.linspace(0.0, 1.0, 41)[1:, None]:
         estimator.elapse(0.05)
-        seen = moved(loaded, seen, setpoint)
-        rest = moved(estimator.parameters, rest, setpoint)
-        rest = estimator.correct(rest, STILL, 0.0, tip_mm(loaded, seen.theta_rad))
+        seen = moved(loaded, seen, *setpoint)
+        pose = moved(estimator.parameters, pose, *setpoint)
+        pose = estimator.correct(pose, STILL, 0.0, tip_mm(loaded, *seen.theta_rad))
     assert estimator.parameters.tip_per_mm - true.tip_per_mm > 0.0012
 
 
 def test_a_swing_after_a_jump_of_the_servos_teaches_next_to_nothing():
-    estimator, rest = _estimator_at_rest()
+    estimator, pose = _estimator_at_rest()
     before = np.array(estimator.parameters)
-    seen = tip_mm(estimator.parameters, rest.theta_rad) + np.array([0.0, 5.0, 20.0])
+    seen = tip_mm(estimator.parameters, *pose.theta_rad) + np.array([0.0, 5.0, 20.0])
     for _ in range(4):
         estimator.elapse(0.05)
-        rest = estimator.correct(rest, STILL, 0.3, seen)
+        pose = estimator.correct(pose, STILL, 0.3, seen)
     assert np.array(estimator.parameters) == pytest.approx(before, rel=0.1, abs=1e-3)
 
 
 def test_five_hundred_noisy_corrections_leave_the_filter_bounded():
     rng = np.random.default_rng(5)
-    estimator, rest = _estimator_at_rest()
-    seen = tip_mm(estimator.parameters, rest.theta_rad)
+    estimator, pose = _estimator_at_rest()
+    seen = tip_mm(estimator.parameters, *pose.theta_rad)
     for _ in range(500):
         estimator.elapse(0.05)
-        rest = estimator.correct(rest, STILL, 0.0, seen + 0.2 * rng.standard_normal(3))
+        pose = estimator.correct(pose, STILL, 0.0, seen + 0.2 * rng.standard_normal(3))
     assert np.abs(estimator.offset_mm).max() < 1.0
 
 
 def test_commands_follow_the_estimate_slowly_enough_for_a_resonant_structure():
     """A swing at 6.7 Hz, seen at 20 Hz, must come back ten times smaller at least."""
-    estimator, rest = _estimator_at_rest()
-    seen, offsets = tip_mm(estimator.parameters, rest.theta_rad), []
+    estimator, pose = _estimator_at_rest()
+    seen, offsets = tip_mm(estimator.parameters, *pose.theta_rad), []
     for number in range(90):
         estimator.elapse(0.05)
         swing = np.array([0.0, 0.0, np.sin(2.0 * np.pi * number / 3.0)])
-        rest = estimator.correct(rest, STILL, 0.0, seen + swing)
+        pose = estimator.correct(pose, STILL, 0.0, seen + swing)
         offsets.append(estimator.offset_mm[2])
     assert np.ptp(offsets[60:]) < 0.2
-
-
-def test_history_follows_ramps_and_knows_when_the_robot_stood():
-    history = SetpointHistory(STILL)
-    history.command(1.0, np.array([0.1, 0.0]), 0.5)
-    assert history.at(1.25) == pytest.approx([0.05, 0.0])
-    assert history.rate_at(1.25) == pytest.approx([0.2, 0.0])
-    history.command(2.0, np.array([0.1, 0.0]), 0.5)
-    assert history.rate_at(2.1) == pytest.approx([0.0, 0.0])
-    assert history.resting_since(2.4) == pytest.approx(1.5)
-    assert history.resting_since(1.2) == pytest.approx(1.2)
-
-
-def test_a_command_during_a_ramp_goes_on_from_where_the_setpoint_is():
-    history = SetpointHistory(STILL)
-    history.command(0.0, np.array([1.0, 0.0]), 1.0)
-    history.command(0.5, np.array([0.0, 0.0]), 1.0)
-    assert history.at(1.0) == pytest.approx([0.25, 0.0])
-    assert history.corners(0.2, 1.0) == [
-        pytest.approx([0.5, 0.0]),
-        pytest.approx([0.25, 0.0]),
-    ]
-
-
-def test_only_jumps_of_the_servos_jolt_the_structure_and_it_calms_down():
-    history = SetpointHistory(STILL)
-    history.command(0.0, np.array([0.02, 0.0]), 0.05)
-    assert history.jolt_at(0.1) == 0.0
-    history.command(0.2, np.array([0.3, 0.0]), 0.05)
-    assert history.jolt_at(0.1) == 0.0
-    assert history.jolt_at(0.2) > 0.15
-    assert history.jolt_at(2.0) < 0.01
 
 
 def test_following_a_history_in_pieces_or_at_once_comes_to_the_same_rest():
@@ -215,7 +195,7 @@ def test_following_a_history_in_pieces_or_at_once_comes_to_the_same_rest():
 
 def test_the_tour_ends_each_move_at_its_stop_and_never_outruns_its_rate():
     stops = np.array([[0.5, -0.5], [0.0, 1.0]])
-    setpoints = tour(STILL, stops, 0.5, 0.05)
+    setpoints = smooth_moves(STILL, stops, 0.5, 0.05)
     assert setpoints[-1] == pytest.approx(stops[-1])
     steps = np.abs(np.diff(np.vstack([STILL, setpoints]), axis=0)).max()
     assert steps <= np.radians(60.0) * 1.9 * 0.05

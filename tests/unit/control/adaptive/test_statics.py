@@ -3,18 +3,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.control.adaptive.motion import first_rest, setpoint_for
+from ccr_host.control.adaptive.motion import first_pose, setpoint_for
 from ccr_host.control.adaptive.parameters import Parameters, parameters_of, prior_of
 from ccr_host.control.adaptive.statics import (
-    Drive,
-    forces_at,
-    hold_at,
-    likely_bending_rad,
-    rest_at,
-    routes_at,
+    forces_of,
+    hold_of,
+    likely_of,
+    routes_of,
+    settled,
     unhindered_setpoints_for,
 )
-from ccr_host.control.adaptive.tip import tip_at, tip_mm, turned_back_mm, vector_mm
+from ccr_host.control.adaptive.tip import seen_of, tip_mm, tip_of, turned_back_mm
 from ccr_host.description.schema import Robot, Twin
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.sim.robot.static_map import Equilibrium
@@ -33,16 +32,16 @@ bends = st.tuples(st.floats(-1.9, 1.9), st.floats(-2.2, 2.2)).map(np.array)
 senses = st.tuples(*[st.sampled_from([-1.0, 1.0])] * 2).map(np.array)
 
 
-def _drive(p, theta, setpoint, slid=0.1):
-    return Drive(np.array(setpoint), STILL, routes_at(p, theta) + slid)
+def _anchors(p, theta, slid=0.1):
+    return tuple(route + slid for route in routes_of(p, *theta))
 
 
 @given(bends, st.sampled_from([0.1, 0.002]))
 def test_stiffness_is_the_derivative_of_the_moments_sliding_and_sticking(theta, slid):
-    drive, h = _drive(HINDERED, theta, (0.3, -0.5), slid), 1e-7
-    here = forces_at(HINDERED, theta, drive)
-    by_1 = forces_at(HINDERED, theta + np.array([h, 0.0]), drive)
-    by_2 = forces_at(HINDERED, theta + np.array([0.0, h]), drive)
+    held, h = ((0.3, -0.5), _anchors(HINDERED, theta, slid)), 1e-7
+    here = forces_of(HINDERED, *theta, *held)
+    by_1 = forces_of(HINDERED, *(theta + np.array([h, 0.0])), *held)
+    by_2 = forces_of(HINDERED, *(theta + np.array([0.0, h])), *held)
     assert (by_1.moment_1 - here.moment_1) / h == pytest.approx(here.stiffness_11, abs=1e-2)
     assert (by_1.moment_2 - here.moment_2) / h == pytest.approx(here.stiffness_12, abs=1e-2)
     assert (by_2.moment_1 - here.moment_1) / h == pytest.approx(here.stiffness_12, abs=1e-2)
@@ -51,30 +50,30 @@ def test_stiffness_is_the_derivative_of_the_moments_sliding_and_sticking(theta, 
 
 @given(bends, senses)
 def test_shafts_put_the_robot_at_rest_where_they_are_meant_to(theta, sense):
-    anchor = routes_at(HINDERED, theta - 0.05 * sense)
-    shaft = hold_at(HINDERED, theta, anchor, STILL).shaft_rad
-    rest = rest_at(HINDERED, Drive(shaft, STILL, anchor), theta - 0.05 * sense)
-    assert rest == pytest.approx(theta, abs=1e-4)
+    start = theta - 0.05 * sense
+    anchors = routes_of(HINDERED, *start)
+    shafts = hold_of(HINDERED, *theta, anchors, (0.0, 0.0)).shafts
+    assert settled(HINDERED, *start, shafts, anchors) == pytest.approx(theta, abs=1e-4)
 
 
 @given(bends)
 def test_the_tendon_that_pulls_goes_on_until_the_other_one_clearly_has_to(theta):
-    anchor = routes_at(PRIOR, theta)
-    free = hold_at(PRIOR, theta, anchor, STILL)
-    kept = hold_at(PRIOR, theta, anchor, -free.side)
-    moved = rest_at(PRIOR, Drive(kept.shaft_rad, STILL, anchor), theta)
-    assert moved == pytest.approx(theta, abs=0.02)
+    anchors = routes_of(PRIOR, *theta)
+    free = hold_of(PRIOR, *theta, anchors, (0.0, 0.0))
+    kept = hold_of(PRIOR, *theta, anchors, tuple(-side for side in free.sides))
+    assert settled(PRIOR, *theta, kept.shafts, anchors) == pytest.approx(theta, abs=0.02)
 
 
 @given(bends)
 def test_one_pose_and_many_agree(theta):
-    drive = _drive(HINDERED, theta, (0.2, 0.4))
-    many = Drive(*(np.array([part] * 2) for part in drive))
-    one = forces_at(HINDERED, theta, drive)
-    two = forces_at(HINDERED, np.array([theta, theta]), many)
+    shafts, anchors = (0.2, 0.4), _anchors(HINDERED, theta)
+    one = forces_of(HINDERED, *theta, shafts, anchors)
+    both = np.stack([theta, theta], axis=-1)
+    two = forces_of(HINDERED, *both, shafts, anchors)
     assert two.moment_1[1] == pytest.approx(one.moment_1, abs=1e-9)
-    rests = rest_at(HINDERED, many, np.array([theta, theta]))
-    assert rests[0] == pytest.approx(rest_at(HINDERED, drive, theta), abs=1e-6)
+    first, second = settled(HINDERED, *both, shafts, anchors)
+    rest = settled(HINDERED, *theta, shafts, anchors)
+    assert (first[0], second[0]) == pytest.approx(rest, abs=1e-6)
 
 
 @given(bends)
@@ -82,17 +81,18 @@ def test_without_weight_and_sag_the_tip_is_that_of_equation_10(theta):
     ideal = PRIOR._replace(body_per_mm=0.0, tip_per_mm=0.0, sag_1=0.0, sag_2=0.0)
     model = ConstantCurvature(Robot())
     expected = model.tip_mm(theta / model.bending_per_motor)
-    assert tip_mm(ideal, theta) == pytest.approx(expected, abs=1e-9)
+    assert tip_mm(ideal, *theta) == pytest.approx(expected, abs=1e-9)
 
 
 @given(bends.map(lambda theta: theta + np.copysign(1e-3, theta)))
 def test_jacobian_is_the_derivative_of_the_tip(theta):
     h = 1e-6
-    tip = tip_at(PRIOR, theta)
-    by_1 = vector_mm(PRIOR, 0.0, tip.sagittal_1)
-    by_2 = vector_mm(PRIOR, tip.across_2, tip.sagittal_2)
+    tip = tip_of(PRIOR, *theta)
+    by_1 = seen_of(PRIOR, 0.0, tip.sagittal_1)
+    by_2 = seen_of(PRIOR, tip.across_2, tip.sagittal_2)
     moved = [
-        (tip_mm(PRIOR, theta + h * e) - tip_mm(PRIOR, theta - h * e)) / 2 / h for e in np.eye(2)
+        (tip_mm(PRIOR, *(theta + h * e)) - tip_mm(PRIOR, *(theta - h * e))) / 2 / h
+        for e in np.eye(2)
     ]
     assert np.array([by_1, by_2]) == pytest.approx(np.array(moved), abs=1e-3)
 
@@ -100,15 +100,15 @@ def test_jacobian_is_the_derivative_of_the_tip(theta):
 def test_turning_a_vector_into_the_cameras_frame_and_back_changes_nothing():
     turned = PRIOR._replace(turn_x_rad=0.05, turn_y_rad=-0.08, turn_z_rad=0.02)
     point = np.array([10.0, -90.0, 25.0])
-    seen = vector_mm(turned, point[0], -point[1] + 1j * point[2])
+    seen = seen_of(turned, point[0], -point[1] + 1j * point[2])
     assert np.linalg.norm(seen) == pytest.approx(np.linalg.norm(point))
-    assert turned_back_mm(turned, seen) == pytest.approx(point)
+    assert turned_back_mm(turned, np.array(seen)) == pytest.approx(point)
 
 
 def test_slack_hides_small_motor_angles_of_a_robot_that_weighs_nothing():
     light = PRIOR._replace(body_per_mm=0.0, tip_per_mm=0.0, slack_1_rad=0.1, slack_2_rad=0.1)
-    assert first_rest(light, np.full(2, 0.09)).theta_rad == pytest.approx(STILL, abs=1e-9)
-    assert np.all(first_rest(light, np.full(2, 0.15)).theta_rad > 0.05)
+    assert first_pose(light, 0.09, 0.09).theta_rad == pytest.approx(STILL, abs=1e-9)
+    assert np.all(first_pose(light, 0.15, 0.15).theta_rad > 0.05)
 
 
 def test_known_parameters_predict_a_weightless_twin_within_a_tenth_of_a_millimetre():
@@ -121,8 +121,8 @@ def test_known_parameters_predict_a_weightless_twin_within_a_tenth_of_a_millimet
     )  # fmt: skip
     equilibrium = Equilibrium(twin)
     for q in np.radians([[20.0, 30.0], [-30.0, 50.0], [10.0, -45.0], [3.0, 60.0]]):
-        rest = rest_at(known, _drive(known, STILL, q), likely_bending_rad(known, q))
-        assert tip_mm(known, rest) == pytest.approx(equilibrium.tip_mm(*q), abs=0.1)
+        rest = settled(known, *likely_of(known, *q), tuple(q), _anchors(known, STILL))
+        assert tip_mm(known, *rest) == pytest.approx(equilibrium.tip_mm(*q), abs=0.1)
 
 
 def test_unequal_slack_of_a_pair_is_an_offset_of_its_servo():
@@ -138,12 +138,11 @@ def test_a_zero_shifts_the_setpoints_and_nothing_else():
     off = PRIOR._replace(zero_1_rad=0.05, zero_2_rad=-0.03)
     shift = np.array([0.05, -0.03])
     for q in np.radians([[20.0, 30.0], [-30.0, 50.0], [0.0, 3.0]]):
-        assert first_rest(off, q + shift).theta_rad == pytest.approx(first_rest(PRIOR, q).theta_rad)
+        there = first_pose(off, *(q + shift)).theta_rad
+        assert there == pytest.approx(first_pose(PRIOR, *q).theta_rad)
     theta = np.array([0.4, -0.6])
     assert unhindered_setpoints_for(off, theta) == pytest.approx(
         unhindered_setpoints_for(PRIOR, theta) + shift
     )
-    rest = first_rest(off, np.radians([20.0, 30.0]))
-    assert setpoint_for(off, rest.drive, np.array([0.5, -0.5])) == pytest.approx(
-        np.array([0.5, -0.5]) + shift
-    )
+    pose = first_pose(off, *np.radians([20.0, 30.0]))
+    assert setpoint_for(off, pose, (0.5, -0.5)) == pytest.approx(np.array([0.5, -0.5]) + shift)

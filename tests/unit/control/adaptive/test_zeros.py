@@ -5,11 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ccr_host.control.adaptive.excitation import tour_bending_rad
-from ccr_host.control.adaptive.identification import Rests, Scaling, StaticsFit, predicted_mm
-from ccr_host.control.adaptive.parameters import COUNT
+from ccr_host.control.adaptive.identification import StaticsFit, predicted_mm, tour_bending_rad
+from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for, zeros_rad
 from ccr_host.description import schema
+from ccr_host.robot.rests import Rests
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.observer import true_errors_mm
 from ccr_host.run.options import RunOptions
@@ -48,13 +48,13 @@ def test_the_end_of_segment_1_tells_a_zero_from_a_turned_camera() -> None:
     scaling = Scaling.of(schema.load())
     truth = scaling.parameters(np.zeros(COUNT))._replace(zero_1_rad=0.06, turn_x_rad=-0.05)
     stops_rad = unhindered_setpoints_for(truth, tour_bending_rad())
-    empty = np.full((len(stops_rad), 2, 3), np.nan)
+    empty = np.zeros((len(stops_rad), 3, 3))
     rests = Rests(np.zeros(2), stops_rad, empty, np.full(len(stops_rad), 6.0))
     seen_mm = predicted_mm(truth, rests)
     off_rad = []
     for first in (0, 1):  # with M2, and without
-        rests.markers_mm[:, first:] = seen_mm[:, first:]
-        rests.markers_mm[:, :first] = np.nan
+        rests.markers_mm[:, 1:] = seen_mm
+        rests.markers_mm[:, 1 : 1 + first] = np.nan
         found = scaling.parameters(StaticsFit(scaling, rests).finish().score)
         off_rad.append([abs(found.turn_x_rad + 0.05), abs(zeros_rad(found)[0] - 0.06)])
     assert np.all(off_rad[0] < np.multiply(off_rad[1], 0.7))

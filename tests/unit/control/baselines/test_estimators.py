@@ -3,9 +3,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.control.baselines.broyden import BroydenEstimator
-from ccr_host.control.baselines.damped_inverse import damped_inverse
-from ccr_host.control.baselines.kalman_jacobian import KalmanEstimator
+from ccr_host.control.baselines.jacobian_feedback import (
+    BroydenEstimator,
+    KalmanEstimator,
+    damped_inverse,
+)
 
 TRUE = np.array([[0.0, 80.0], [60.0, -10.0], [90.0, 25.0]])
 ESTIMATORS = [BroydenEstimator, KalmanEstimator]

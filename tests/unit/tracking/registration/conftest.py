@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Servo, Twin
+from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.sim.robot.robot import TwinRobot
 from ccr_host.tools.register import safe_poses_rad
-from ccr_host.tracking.registration import RestPose
 
 TURNS = {
     "aligned": (0.0, 0.0, 0.0),
@@ -45,12 +45,12 @@ def markers_at_rest(**keys) -> np.ndarray:
 def seen():
     """Rest poses as a camera turned by a rotation vector sees them."""
 
-    def poses(turn=(0.0, 0.0, 0.0), noise_mm=0.0, seed=1, **keys) -> list[RestPose]:
+    def rests(turn=(0.0, 0.0, 0.0), noise_mm=0.0, seed=1, **keys) -> Rests:
         rng = np.random.default_rng(seed)
         # The camera's frame turned by R shows R' p, as the twin's camera does.
         to_robot = Rotation.from_rotvec(turn).as_matrix()
         markers = markers_at_rest(**keys) @ to_robot + (30.0, -50.0, -900.0)
         noisy = markers + rng.normal(0.0, noise_mm, markers.shape)
-        return [RestPose(q, m) for q, m in zip(poses_rad(), noisy, strict=True)]
+        return Rests(np.zeros(2), poses_rad(), noisy, np.ones(len(noisy)))
 
-    return poses
+    return rests

@@ -1,11 +1,13 @@
 """The fit and its judgement, on rest poses of the twin."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Robot
-from ccr_host.tracking.registration import RegistrationError, RestPose, register
+from ccr_host.tracking.registration import RegistrationError, register
 from tests.unit.tracking.registration.conftest import TURNS
 
 NOISE_MM = 0.03
@@ -18,8 +20,18 @@ def error_deg(registration, turn) -> np.ndarray:
     return error.as_rotvec(degrees=True)
 
 
-def changed(poses, q=lambda q: q, markers=lambda m: m):
-    return [RestPose(q(pose.q_rad), markers(pose.markers_mm)) for pose in poses]
+def changed(rests, q=lambda q: q, markers=lambda m: m):
+    return replace(rests, q_rad=q(rests.q_rad), markers_mm=markers(rests.markers_mm))
+
+
+def picked(rests, which):
+    """Some of them, by a slice or a list."""
+    return replace(
+        rests,
+        q_rad=rests.q_rad[which],
+        markers_mm=rests.markers_mm[which],
+        count=rests.count[which],
+    )
 
 
 @pytest.mark.long
@@ -103,26 +115,26 @@ def test_zeros_of_the_servos_bias_the_rotation_by_no_more_than_stated(seen, zero
 
 def test_too_few_poses_are_refused(seen):
     with pytest.raises(RegistrationError, match="only 4 poses"):
-        register(seen()[:4], Robot())
+        register(picked(seen(), np.s_[:4]), Robot())
 
 
 def test_a_swing_too_small_is_refused(seen):
-    poses = [pose for pose in seen() if abs(pose.q_rad[0]) < np.radians(15.0)]
+    rests = seen()
+    near = np.flatnonzero(np.abs(rests.q_rad[:, 0]) < np.radians(15.0))
     with pytest.raises(RegistrationError, match="swung by"):
-        register(poses + poses, Robot())
+        register(picked(rests, [*near, *near]), Robot())
 
 
 def test_a_segment_2_that_stays_is_refused(seen):
-    poses = seen()
-    straight = poses[0].markers_mm
-    poses[-2:] = [RestPose(pose.q_rad, straight) for pose in poses[-2:]]
+    poses = changed(seen(), markers=np.copy)
+    poses.markers_mm[-2:] = poses.markers_mm[0]
     with pytest.raises(RegistrationError, match="segment 2 moved M3"):
         register(poses, Robot())
 
 
 def test_a_motor_2_that_was_never_turned_is_refused(seen):
     with pytest.raises(RegistrationError, match="never turned"):
-        register(seen()[:-2], Robot())
+        register(picked(seen(), np.s_[:-2]), Robot())
 
 
 def test_a_camera_out_of_scale_is_refused(seen):
@@ -132,15 +144,15 @@ def test_a_camera_out_of_scale_is_refused(seen):
 
 
 def test_a_base_that_moved_is_refused(seen):
-    poses = seen()
-    poses[5:] = changed(poses[5:], markers=lambda m: m + np.array([0.0, 2.0, 0.0]))
+    poses = changed(seen(), markers=np.copy)
+    poses.markers_mm[5:] += (0.0, 2.0, 0.0)
     with pytest.raises(RegistrationError, match="M1 moved"):
         register(poses, Robot())
 
 
 def test_exchanged_markers_are_refused(seen):
     for order in ((0, 2, 1), (2, 1, 0), (1, 0, 2)):
-        poses = changed(seen(), markers=lambda m, order=order: m[list(order)])
+        poses = changed(seen(), markers=lambda m, order=order: m[:, list(order)])
         with pytest.raises(RegistrationError):
             register(poses, Robot())
 

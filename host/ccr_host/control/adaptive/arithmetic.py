@@ -1,4 +1,8 @@
-"""Arithmetic that serves floats and arrays alike; on floats it is some ten times faster."""
+"""Arithmetic that serves floats and arrays alike; on floats it is some ten times faster.
+
+The model is written in it once: with floats for one robot, with arrays for many at a time, and
+compiled (`compiled.py`), where everything is a float.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,14 @@ import cmath
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.parameters import FloatArray
 from ccr_host.robot.arc import Number, arc_derivatives, arc_derivatives_at
+
+FloatArray = NDArray[np.float64]
+Two = tuple[Number, Number]
+Three = tuple[Number, Number, Number]
+Four = tuple[Number, Number, Number, Number]
 
 
 class Arc(NamedTuple):
@@ -25,11 +34,11 @@ def arc_at(theta: Number) -> Arc:
     return Arc(arc_derivatives(theta), np.exp(1j * theta))
 
 
-def split(pairs: FloatArray) -> tuple[Number, Number]:
-    """Both columns of (..., 2), as floats if there is but one pair."""
-    if pairs.ndim == 1:
-        return float(pairs[0]), float(pairs[1])
-    return pairs[..., 0], pairs[..., 1]
+def split(rows: FloatArray) -> tuple[Number, ...]:
+    """The columns of (..., n), as floats if there is but one row."""
+    if rows.ndim == 1:
+        return tuple(rows.tolist())
+    return tuple(np.moveaxis(rows, -1, 0))
 
 
 def stacked(*columns: Number) -> FloatArray:

@@ -1,0 +1,192 @@
+"""Preview tracking on a static model that is identified first and keeps learning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ccr_host.control.adaptive.arithmetic import FloatArray
+from ccr_host.control.adaptive.estimator import Estimator, Tuning
+from ccr_host.control.adaptive.identification import (
+    SETTLED_AFTER_S,
+    RestSurvey,
+    StaticsFit,
+    fit_to,
+    identified_rests,
+    tour_stops_rad,
+)
+from ccr_host.control.adaptive.lap_memory import LapMemory
+from ccr_host.control.adaptive.model import PoseFollower, make_model
+from ccr_host.control.adaptive.motion import Pose, setpoint_for
+from ccr_host.control.adaptive.parameters import Scaling
+from ccr_host.control.adaptive.path_plan import PathPlan, plan_path
+from ccr_host.control.adaptive.statics import hold_of, unhindered_setpoints_for
+from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
+from ccr_host.control.shell import Law, PathView, Plan, Sight, Stage, smooth_moves
+from ccr_host.description.schema import Description
+from ccr_host.robot.rests import Rests
+from ccr_host.robot.setpoint_history import SetpointHistory
+from ccr_host.robot.workspace import MotorLimits
+
+_TOUR_REST_S = 0.5
+"""Time for the last move's motion to die down and for six samples of a 20 Hz camera."""
+_KNOT_PERIOD_S = 0.25
+_REFINEMENTS = 4
+_LONGEST_SHIFT_RAD = 0.5
+"""Further from the plan would be another branch."""
+_OLDEST_SAMPLE_S = 0.3
+
+
+class AdaptiveLaw(Law):
+    """Identify, plan the branch, then follow with preview and learning.
+
+    Identification is a tour of rests during the approach, or that of the description. From lap to
+    lap of a closed path, what the model does not explain is remembered by phase.
+
+    Every command is the static model's setpoint for the pose nearest to where the path will be when
+    the command has taken effect, in view of the offset that the estimator sees. Without
+    measurements it goes on with what it knows.
+
+    Raises:
+        ConfigError: the description's rests were measured on another robot, or ``control.solver``
+            needs an extra that is not installed.
+    """
+
+    name = "adaptive"
+    feedback_s = 0.0
+
+    def __init__(self, description: Description) -> None:
+        self._limits = MotorLimits.of(description.servo)
+        self.settle_s = description.control.settle_s
+        self._scaling = Scaling.of(description)
+        self._identified = identified_rests(description)
+        self._model = make_model(description.control)
+
+    @property
+    def delay_s(self) -> float:
+        """As estimated."""
+        return self._estimator.delay_s
+
+    @property
+    def is_identified(self) -> bool:
+        """Whether the approach has no tour of its own."""
+        return self._identified is not None
+
+    @property
+    def rests(self) -> Rests:
+        """What the model was fitted to."""
+        return self._survey.rests() if self.fit is None else self.fit.rests
+
+    def start(self, path: PathView, history: SetpointHistory) -> None:
+        """Plan from the prior."""
+        super().start(path, history)
+        self.fit: StaticsFit | None = None
+        """That the path was planned with; None where no such robot rests there."""
+        self._survey = RestSurvey(self._scaling, self._model.predicted_mm)
+        self._is_surveying = True
+        self._estimator = Estimator(self._scaling, None, Tuning(), self._model)
+        self._memory = LapMemory(path.reference.lap_steps, path.period_s)
+        self._follower: PoseFollower | None = None
+        self._newest_s: float | None = None
+        self._plan = self._plan_path()
+        self._shift_rad = np.zeros(2)
+        self._sides = 0.0, 0.0
+
+    def stages(self) -> Iterator[Stage]:
+        """Tour of rests unless identified, fit, first point."""
+        here_rad = self.history.at(math.inf)
+        if self._identified is not None:
+            self.fit = fit_to(self._scaling, self._identified, self._model.predicted_mm)
+        if self.fit is None:
+            self._survey.start_rad = here_rad
+            stops_rad = tour_stops_rad(self._estimator.parameters, self._limits)
+            yield Stage("exploring the robot", smooth_moves(here_rad, stops_rad, _TOUR_REST_S))
+            self.fit, here_rad = self._survey.fit(), stops_rad[-1]
+            yield Stage("identifying the robot", here_rad[None], is_motion=False)
+        while self.fit is not None and self.fit.improve():
+            yield Stage("identifying the robot", here_rad[None], is_motion=False)
+        self._is_surveying = False
+        fit = None if self.fit is None else self.fit.result()
+        self._estimator = Estimator(self._scaling, fit, Tuning(), self._model)
+        self._plan = self._plan_path()
+        self._follower = None
+        yield from super().stages()
+
+    def first_rad(self) -> FloatArray:
+        """Of the plan."""
+        p, theta_rad = self._estimator.parameters, self._plan.bending_rad(0.0)
+        return self._limits.clip(unhindered_setpoints_for(p, theta_rad))
+
+    def observe(self, sight: Sight) -> None:
+        """Rests for the fit first; then learn, but not from the approach's other moves.
+
+        They are faster than the path: lag would pass for an offset.
+        """
+        if self._is_surveying and sight.clock_index is None:
+            self._newest_s = sight.exposed_s
+            self._survey.add(self.history, sight)
+        elif sight.clock_index is not None or (
+            sight.time_s - self.history.resting_since(sight.time_s) > SETTLED_AFTER_S
+        ):
+            self._learn(sight)
+
+    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
+        """Setpoint for the nearest pose to the path, next to the planned one."""
+        estimator = self._estimator
+        oldest_s = time_s - _OLDEST_SAMPLE_S
+        follower = self._following(oldest_s)
+        follower.advance_to(estimator.parameters, oldest_s)
+        p = estimator.believed
+        expected_mm = estimator.offset_mm + self._memory.at(index)
+        aim_mm = self.path.target_mm(index) - turned_back_mm(p, expected_mm)
+        planned_rad = self._plan.bending_rad(index)
+        theta_rad = self._model.polished(p, planned_rad + self._shift_rad, aim_mm, _REFINEMENTS)
+        shift_rad = np.clip(theta_rad - planned_rad, -_LONGEST_SHIFT_RAD, _LONGEST_SHIFT_RAD)
+        self._shift_rad = shift_rad
+        theta_1, theta_2 = (planned_rad + shift_rad).tolist()
+        pose = follower.ahead(estimator.parameters)
+        hold = hold_of(p, theta_1, theta_2, pose.anchors, self._sides)
+        self._sides = hold.sides
+        setpoint_rad = self._limits.clip(setpoint_for(p, pose, hold.shafts))
+        return Plan(setpoint_rad, (tip_mm(p, theta_1, theta_2) + expected_mm)[None])
+
+    def _learn(self, sight: Sight) -> None:
+        """Correct the estimate."""
+        estimator, time_s = self._estimator, sight.time_s
+        if self._newest_s is not None:
+            estimator.elapse(sight.exposed_s - self._newest_s)
+        self._newest_s = sight.exposed_s
+        follower = self._following(time_s)
+        pose = follower.advance_to(estimator.parameters, time_s)
+        rate_rad_s, jolt_rad = self.history.rate_at(time_s), self.history.jolt_at(time_s)
+        remembered_mm = self._remember(sight, pose, jolt_rad)
+        seen_mm = sight.tip_mm - remembered_mm
+        follower.pose = estimator.correct(pose, rate_rad_s, jolt_rad, seen_mm)
+
+    def _remember(self, sight: Sight, pose: Pose, jolt_rad: float) -> FloatArray:
+        """Note for the next lap what the model does not explain; what the last one has noted."""
+        index = sight.clock_index
+        if index is None:
+            return np.zeros(3)
+        estimator, memory = self._estimator, self._memory
+        gained_mm = memory.turn(index)
+        if gained_mm is not None:
+            estimator.hand_over(gained_mm)
+        unexplained_mm = sight.tip_mm - tip_mm(estimator.parameters, pose.theta_1, pose.theta_2)
+        memory.note(index, unexplained_mm, estimator.trust(jolt_rad))
+        return memory.at(index)
+
+    def _following(self, time_s: float) -> PoseFollower:
+        if self._follower is None:
+            p = self._estimator.parameters
+            self._follower = PoseFollower(p, self.history, time_s, self._model)
+        return self._follower
+
+    def _plan_path(self) -> PathPlan:
+        targets_mm = self.path.reference.target_mm
+        stride = max(1, round(_KNOT_PERIOD_S / self.path.period_s))
+        knots = np.unique(np.append(np.arange(0.0, len(targets_mm), stride), self.path.last))
+        p, near, polish = self._estimator.parameters, np.zeros(2), self._model.polished
+        return plan_path(p, self._limits, targets_mm[knots.astype(int)], knots, near, polish)

@@ -1,0 +1,320 @@
+"""What all feedback laws share, so that they differ in the law alone.
+
+The shell leads the robot to the first point, times commands and measurements, keeps to limits and
+rates, takes the board's word for what it holds, and sorts out measurements that are missing or mad.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome, Phase
+from ccr_host.description.schema import Description
+from ccr_host.robot.reference import Reference
+from ccr_host.robot.setpoint_history import SetpointHistory
+from ccr_host.robot.workspace import MotorLimits
+
+FloatArray = NDArray[np.float64]
+
+COMMAND_DELAY_S = 0.04
+"""From a command to the start of its motion: transport, a tick of the board, a servo pulse."""
+_LONGEST_RAMP_S = 0.5
+_RAMP_SHARE = 0.8
+"""Of the period: a ramp ends before the next command; steps would set the structure swinging."""
+_MEAN_RATE_RAD_S = np.radians(60.0)
+_SHORTEST_MOVE_S = 0.7
+"""Two periods of the structure's slowest oscillation, so that a move leaves none behind."""
+_FARTHEST_LENGTHS = 2.0
+"""A measurement further off than so many lengths of the robot is none."""
+_LONGEST_ERROR_MM = 40.0
+"""A larger error counts as this: above the 30 mm by which the model alone misses the path, below
+what a marker taken for another one shows."""
+_OTHER_COMMAND_RAD = np.radians(0.05)
+"""Above the rounding of the link: the board holds another command than the last one."""
+_US_PER_S = 1e6
+NOTHING_MM = np.empty((0, 3))
+
+
+class PathView:
+    """A reference between its samples; positions are fractional step indices, held at the ends."""
+
+    def __init__(self, reference: Reference) -> None:
+        self.reference = reference
+        self._samples = np.arange(len(reference), dtype=np.float64)
+        self.period_s = reference.period_s
+        self.last = len(reference) - 1.0
+
+    def target_mm(self, index: float) -> FloatArray:
+        """Desired tip, (3,)."""
+        return self._between(index, self.reference.target_mm)
+
+    def reachable_rad(self, index: float) -> FloatArray:
+        """Nearest reachable motor angles by constant curvature, (2,)."""
+        return self._between(index, self.reference.q_rad)
+
+    def _between(self, index: float, rows: FloatArray) -> FloatArray:
+        return np.array([np.interp(index, self._samples, column) for column in rows.T])
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One new measurement, and what was commanded when it was taken."""
+
+    tip_mm: FloatArray
+    """(3,), finite."""
+    middle_mm: FloatArray
+    """M2 - M1, (3,); NaN where not seen."""
+    exposed_s: float
+    """On the clock of the run."""
+    time_s: float
+    """Of the commands that it shows the effect of: exposed, less the law's delay."""
+    setpoint_rad: FloatArray
+    """In effect at ``time_s``, (2,)."""
+    index: float | None
+    """Step index that this setpoint aimed at; None where it followed no path."""
+    clock_index: float | None
+    """Step index at which the path's clock stood at the exposure; None in an approach."""
+    elapsed_s: float
+    """Since the sight before; the period of the commands for the first one."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Motor angles to go to, (2,), and the tips they should lead to, (k, 3)."""
+
+    q_rad: FloatArray
+    predicted_mm: FloatArray
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A part of the approach: setpoints, one a period of it, (K, 2)."""
+
+    name: str
+    setpoints_rad: FloatArray
+    is_motion: bool = True
+    """Whether people can be told how much of it is done."""
+
+
+class Law(ABC):
+    """A feedback law, with time, limits and lost markers taken care of by ``Shell``."""
+
+    name: str
+    settle_s = 0.0
+    """At rest at the first point."""
+    feedback_s = 6.0
+    """At the first point under feedback, before the path's clock starts."""
+
+    @property
+    def delay_s(self) -> float:
+        """From a command to the start of its motion, as far as the law knows."""
+        return COMMAND_DELAY_S
+
+    def start(self, path: PathView, history: SetpointHistory) -> None:
+        """Forget everything; a new path begins.
+
+        Args:
+            path: to follow.
+            history: of the commands; the shell keeps it up to date.
+        """
+        self.path = path
+        self.history = history
+
+    def first_rad(self) -> FloatArray:
+        """Motor angles at the first point, (2,), as far as known by now."""
+        return self.path.reachable_rad(0.0)
+
+    def stages(self) -> Iterator[Stage]:
+        """The parts of the approach before the feedback, each asked for when its turn comes."""
+        here_rad, first_rad = self.history.at(math.inf), self.first_rad()
+        moves_rad = smooth_moves(here_rad, first_rad[None], self.settle_s)
+        yield Stage("approaching the first point", moves_rad)
+
+    @abstractmethod
+    def observe(self, sight: Sight) -> None:
+        """Take in a measurement."""
+
+    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
+        """Where to go so as to be at step ``index`` of the path when it has taken effect.
+
+        Stays where it is unless a law knows better.
+
+        Args:
+            index: fractional step.
+            commanded_rad: the last command, (2,).
+            time_s: now, on the clock of the sights.
+        """
+        return Plan(commanded_rad, NOTHING_MM)
+
+
+class Shell:
+    """A controller of a feedback law; approaches the first point under feedback.
+
+    Commands lie within the motor limits and within the servo's rate of each other. Each aims as
+    far along the path as the robot will be once it has taken effect. Without measurements the law
+    goes on with what it knows.
+    """
+
+    def __init__(self, description: Description, law: Law) -> None:
+        self.law = law
+        self.name = law.name
+        self._limits = MotorLimits.of(description.servo)
+        self._slew_rad_s = np.radians(description.servo.slew_deg_s)
+        robot = description.robot
+        length_mm = sum(robot.segment_lengths_mm) + 2.0 * robot.marker_offset_mm
+        self._farthest_mm = _FARTHEST_LENGTHS * length_mm
+
+    def start(self, reference: Reference) -> Command:
+        """The law's pose for the first sample."""
+        self._path = PathView(reference)
+        self._ramp_s = _ramp_s(reference.period_s)
+        self._history = SetpointHistory(np.zeros(2))
+        self.law.start(self._path, self._history)
+        self._last_rad = self._limits.clip(self.law.first_rad())
+        self._history.restart(self._last_rad)
+        self._is_first = True
+        self._stage: Stage | None = None
+        self._stages = self.law.stages()
+        self._moves: deque[FloatArray] = deque()
+        self._feedback_left = round(self.law.feedback_s / APPROACH_PERIOD_S)
+        self._seen_us: int | None = None
+        return Command(self._last_rad, NOTHING_MM, Outcome.SOLVED, ramp_s=self._ramp_s)
+
+    def approach(self, observation: Observation) -> Command | None:
+        """The law's preparations, a smooth move to the first pose, feedback there.
+
+        None once the path may begin.
+        """
+        self._synchronise(observation)
+        seen = self._look(observation, APPROACH_PERIOD_S, None)
+        if not self._moves and (stage := next(self._stages, None)) is not None:
+            self._stage, self._moves = stage, deque(stage.setpoints_rad)
+        if self._moves:
+            self._last_rad = self._limits.clip(self._moves.popleft())
+            self._note(observation, None, APPROACH_PERIOD_S)
+            return Command(
+                self._last_rad,
+                NOTHING_MM,
+                Outcome.SOLVED,
+                ramp_s=APPROACH_PERIOD_S,
+                phase=self._phase(),
+            )
+        if self._feedback_left == 0:
+            return None
+        self._feedback_left -= 1
+        return self._command(observation, 0.0, APPROACH_PERIOD_S, seen)
+
+    def step(self, observation: Observation) -> Command:
+        """Measurement in, command out; never raises on bad measurements."""
+        self._synchronise(observation)
+        period_s = self._path.period_s
+        # The end of period i, when f_i is aimed at, is the beginning of step i + 1.
+        seen = self._look(observation, period_s, observation.step - 1.0)
+        periods_to_effect = (self.law.delay_s + self._ramp_s) / period_s
+        index = min(observation.step + max(0.0, periods_to_effect - 1.0), self._path.last)
+        return self._command(observation, index, period_s, seen)
+
+    def _synchronise(self, observation: Observation) -> None:
+        """Note what the board holds if that is not the last command."""
+        accepted_rad = observation.q_rad
+        if not np.isfinite(accepted_rad).all():
+            return
+        if self._is_first:
+            self._last_rad = self._limits.clip(accepted_rad)
+            self._history.restart(self._last_rad)
+        elif np.abs(accepted_rad - self._last_rad).max() > _OTHER_COMMAND_RAD:
+            self._last_rad = self._limits.clip(accepted_rad)
+            self._note(observation, None, self._ramp_s)
+        self._is_first = False
+
+    def _look(self, observation: Observation, period_s: float, step: float | None) -> bool:
+        """Let the law see a new measurement; whether there was any, new or not."""
+        tip_mm = observation.tip_mm
+        if tip_mm is None or not np.all(np.abs(tip_mm) < self._farthest_mm):
+            return False
+        exposed_us = observation.time_us - observation.tip_age_us
+        if self._seen_us is None or exposed_us > self._seen_us:
+            before_us, self._seen_us = self._seen_us, exposed_us
+            exposed_s, age_s = _seconds(exposed_us), _seconds(observation.tip_age_us)
+            time_s = exposed_s - self.law.delay_s
+            self.law.observe(
+                Sight(
+                    tip_mm,
+                    observation.middle_mm,
+                    exposed_s,
+                    time_s,
+                    self._history.at(time_s),
+                    self._history.index_at(time_s),
+                    None if step is None else step - age_s / self._path.period_s,
+                    period_s if before_us is None else _seconds(exposed_us - before_us),
+                )
+            )
+        return True
+
+    def _phase(self) -> Phase | None:
+        stage = self._stage
+        if stage is None:
+            return None
+        done = 1.0 - len(self._moves) / len(stage.setpoints_rad)
+        return Phase(stage.name, done if stage.is_motion else None)
+
+    def _command(
+        self, observation: Observation, index: float, period_s: float, seen: bool
+    ) -> Command:
+        time_s = _seconds(observation.time_us)
+        plan = self.law.plan(index, self._last_rad, time_s)
+        if not np.isfinite(plan.q_rad).all():
+            plan = Plan(self._last_rad, NOTHING_MM)
+        most_rad = self._slew_rad_s * period_s
+        move_rad = np.clip(plan.q_rad - self._last_rad, -most_rad, most_rad)
+        self._last_rad = self._limits.clip(self._last_rad + move_rad)
+        ramp_s = _ramp_s(period_s)
+        self._note(observation, index, ramp_s)
+        outcome = Outcome.SOLVED if seen else Outcome.COASTED
+        return Command(self._last_rad, plan.predicted_mm, outcome, ramp_s=ramp_s)
+
+    def _note(self, observation: Observation, index: float | None, ramp_s: float) -> None:
+        self._history.command(_seconds(observation.time_us), self._last_rad, ramp_s, index)
+
+
+def believable(error_mm: FloatArray) -> FloatArray:
+    """An error, (3,), made as short as errors can be."""
+    length_mm = float(np.linalg.norm(error_mm))
+    return (
+        error_mm if length_mm <= _LONGEST_ERROR_MM else error_mm * (_LONGEST_ERROR_MM / length_mm)
+    )
+
+
+def smooth_moves(
+    start_rad: FloatArray, stops_rad: FloatArray, rest_s: float, tick_s: float = APPROACH_PERIOD_S
+) -> FloatArray:
+    """Setpoints, one a tick, (K, 2): from stop to stop, (N, 2), with a rest at each.
+
+    The moves have no jump in rate or acceleration.
+    """
+    setpoints = []
+    here = start_rad
+    for stop in stops_rad:
+        farthest = float(np.abs(stop - here).max())
+        ticks = int(np.ceil(max(_SHORTEST_MOVE_S, farthest / _MEAN_RATE_RAD_S) / tick_s))
+        share = np.arange(1, ticks + 1) / ticks
+        smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        setpoints.append(here + smooth[:, None] * (stop - here))
+        setpoints.append(np.repeat(stop[None], int(np.ceil(rest_s / tick_s)), axis=0))
+        here = stop
+    return np.concatenate(setpoints)
+
+
+def _ramp_s(period_s: float) -> float:
+    return min(_RAMP_SHARE * period_s, _LONGEST_RAMP_S)
+
+
+def _seconds(time_us: int) -> float:
+    return time_us / _US_PER_S
