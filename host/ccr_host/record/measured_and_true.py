@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from ccr_host.run.observer import StepRecord, Vector, measured_errors_mm, true_errors_mm
 
@@ -30,7 +30,9 @@ def why_measured_differs(records: Sequence[StepRecord]) -> str | None:
     if abs(means_mm[0] - means_mm[1]) < max(_MUCH_MM, _MUCH * max(means_mm)):
         return None
     targets = np.array([record.target_mm for record in records])[seen]
-    turn, _ = Rotation.align_vectors(targets + measured[seen], targets + truth[seen])
+    turn, _ = scipy.spatial.transform.Rotation.align_vectors(
+        targets + measured[seen], targets + truth[seen]
+    )
     unturned_mm = turn.inv().apply(targets + measured[seen]) - (targets + truth[seen])
     off_mm, left_mm = _rms_mm(measured[seen] - truth[seen]), _rms_mm(unturned_mm)
     if left_mm < off_mm / 2:

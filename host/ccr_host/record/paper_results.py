@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ccr_host.description.schema import Control, Description, load
 from ccr_host.run.options import RunOptions
 from ccr_host.sim.robot.plant import TWIN
-from ccr_host.tracking.open_tracker import parse_tracker_uri
+from ccr_host.tracking.uri import parse_tracker_uri
 
 _PAPER_RATE_HZ = 1.0
 _OF_THE_ROBOT = {"robot", "control"}

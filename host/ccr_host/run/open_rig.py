@@ -43,7 +43,7 @@ from ccr_host.sim.serving.server import BackgroundServer, BoardServer
 from ccr_host.sim.simavr.board import SimavrBoard
 from ccr_host.sim.simavr.flash_image import find_firmware, read_flash_image
 from ccr_host.sim.simavr.line import SimavrCoSimulation, SimavrLine
-from ccr_host.tracking.open_tracker import parse_tracker_uri
+from ccr_host.tracking.uri import parse_tracker_uri
 
 
 def is_simulated(options: RigOptions) -> bool:

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import cast
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ccr_host.core.clock import NEVER_US, Clock
 from ccr_host.core.errors import ConfigError
-from ccr_host.core.plugins import Guard
-from ccr_host.description.schema import Description
+from ccr_host.core.plugins import Guard, make_plugin
+from ccr_host.description.schema import Description, Tracker
 from ccr_host.sim.polaris.camera import change_faults, faults_of, make_polaris
 from ccr_host.sim.polaris.line import PolarisLine
 from ccr_host.sim.robot.plant import TWIN
 from ccr_host.sim.robot.scene import ExposedCamera, TwinScene, make_plant
 from ccr_host.tracking.markers.marker_tracker import BelievedAngles, MarkerTracker
-from ccr_host.tracking.open_tracker import (
-    TrackerKind,
-    TrackerUri,
-    open_tracker,
-    wait_until_tracking,
+from ccr_host.tracking.sources.aruco import (
+    ArucoSettings,
+    ArucoTracker,
+    TagDetector,
+    Webcam,
+    load_camera_file,
 )
+from ccr_host.tracking.sources.igtl import IgtlTracker
 from ccr_host.tracking.sources.ndi.driver import NdiSettings, NdiTracker
+from ccr_host.tracking.sources.ndi.port import SerialPort, tcp_opener
 from ccr_host.tracking.sources.ndi.rom import load_rom
 from ccr_host.tracking.sources.ndi.session import Tool
 from ccr_host.tracking.sources.twin import Camera, TwinTracker
@@ -37,7 +40,9 @@ from ccr_host.tracking.tracker import (
     TrackerHealth,
     WatchedTracker,
     checked_frame,
+    wait_until_tracking,
 )
+from ccr_host.tracking.uri import TrackerKind, TrackerUri
 
 
 class TrackerRig:
@@ -149,7 +154,9 @@ def camera_rotation(description: Description) -> NDArray[np.float64]:
     registration = description.registration
     if registration is None:
         return np.eye(3)
-    turn = Rotation.from_rotvec(registration.camera_to_robot_deg, degrees=True)
+    turn = scipy.spatial.transform.Rotation.from_rotvec(
+        registration.camera_to_robot_deg, degrees=True
+    )
     matrix: NDArray[np.float64] = turn.as_matrix()
     return matrix
 
@@ -218,3 +225,52 @@ class _Guarded(StartsAndStops):
                     self._frame = None if answer is None else checked_frame(answer)
                 self._answer = answer
         return self._frame
+
+
+def open_tracker(
+    uri: TrackerUri, description: Description, tools: Sequence[Tool] = ()
+) -> RawTracker:
+    """Make a tracker; it is not started yet.
+
+    Args:
+        uri: anything but `twin:` and `ndi-emulator:`, which need a scene.
+        description: of the robot and its tracker.
+        tools: rigid bodies for a Polaris; none for single spheres.
+
+    Raises:
+        ConfigError: a package or a setting is missing.
+        CodeError: the plug-in cannot be constructed.
+    """
+    name = str(uri)
+    latency_us = round(description.tracker.latency_ms * 1000)
+    settings = NdiSettings(tools=tools, latency_us=latency_us)
+    match uri.kind:
+        case TrackerKind.NDI_SERIAL:
+            return NdiTracker(name, lambda: SerialPort(uri.address), settings)
+        case TrackerKind.NDI_TCP:
+            return NdiTracker(name, tcp_opener(uri.address), settings)
+        case TrackerKind.IGTL:
+            host, port = uri.host_and_port
+            return IgtlTracker(host, port, latency_us=latency_us)
+        case TrackerKind.ARUCO:
+            return _aruco(uri, description.tracker, latency_us)
+        case TrackerKind.REPLAY | TrackerKind.OWN:
+            address = (uri.address,) if uri.address else ()
+            methods = ("start", "stop", "advance_to", "newest_frame")
+            made: RawTracker = make_plugin(
+                "tracker", uri.plugin or "replay", methods, description, *address
+            )
+            return made
+    raise ConfigError(f"tracker {uri}: needs the twin", "use it with an emulated board")
+
+
+def _aruco(uri: TrackerUri, tracker: Tracker, latency_us: int) -> RawTracker:
+    if tracker.camera_file is None or tracker.tag_size_mm is None:
+        raise ConfigError(
+            f"tracker {uri}: calibration or size of the tags is missing",
+            "set tracker.camera_file and tracker.tag_size_mm",
+        )
+    camera = load_camera_file(Path(tracker.camera_file))
+    detector = TagDetector(camera, ArucoSettings(tracker.tag_size_mm))
+    number = int(uri.address)
+    return ArucoTracker(str(uri), lambda: Webcam(number), detector, latency_us)

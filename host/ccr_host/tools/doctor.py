@@ -29,7 +29,7 @@ from ccr_host.tools.checks import (
     warning,
 )
 from ccr_host.tools.survey import trial_fit
-from ccr_host.tracking.open_tracker import TrackerKind, TrackerUri, parse_tracker_uri
+from ccr_host.tracking.uri import TrackerKind, TrackerUri, parse_tracker_uri
 
 EXTRAS = {
     "view": "viser",

@@ -18,8 +18,8 @@ from ccr_host.link.transport import parse_device_uri
 from ccr_host.run.open_rig import believed_rad, connect_board, session_number
 from ccr_host.run.tracker_rig import TrackerRig
 from ccr_host.tracking.markers.check import MarkerCheck
-from ccr_host.tracking.open_tracker import parse_tracker_uri
 from ccr_host.tracking.tracker import Sample, TrackerHealth, WatchedTracker
+from ccr_host.tracking.uri import parse_tracker_uri
 
 _RATE_WINDOW_US = 2_000_000
 

@@ -7,13 +7,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from operator import index
 from types import TracebackType
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from ccr_host.core.clock import Clock
 from ccr_host.core.errors import TrackerError
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,3 +290,30 @@ class WatchedTracker(Tracker, Protocol):
     @property
     def health(self) -> TrackerHealth:
         """Of the camera."""
+
+
+DEFAULT_TIMEOUT_US = 20_000_000
+"""A Polaris takes up to 7 s for a reset and as long again when its break is not heard."""
+_MOST_RECONNECTIONS = 4
+"""What closes the connection time after time will not become a camera by waiting."""
+_LOOK_US = 10_000
+
+
+def wait_until_tracking(
+    tracker: RawTracker, clock: Clock, timeout_us: int = DEFAULT_TIMEOUT_US
+) -> None:
+    """Let the clock run until the first frame is there; the tracker is attached to the clock.
+
+    Raises:
+        TrackerError: no frame in time; tells what the driver was doing and its last failure.
+    """
+    start_us = clock.now_us()
+    while tracker.newest_frame() is None:
+        health, waited_us = tracker.health, clock.now_us() - start_us
+        if waited_us >= timeout_us or health.reconnections >= _MOST_RECONNECTIONS:
+            told = "; ".join([f"still {health.state}", *health.warnings])
+            raise TrackerError(
+                f"{tracker.name}: no frame within {waited_us / 1e6:.0f} s, {told}",
+                health.last_error or "check power and cable of the camera",
+            )
+        clock.sleep_until_us(clock.now_us() + _LOOK_US)

@@ -14,7 +14,7 @@ from viser import GuiApi, uplot
 from ccr_host.core.errors import CcrError
 from ccr_host.record.figure_style import BESIDE_THE_TRUTH
 from ccr_host.run.observer import RunSetup
-from ccr_host.tracking.open_tracker import parse_tracker_uri
+from ccr_host.tracking.uri import parse_tracker_uri
 from ccr_host.view import palette
 from ccr_host.view.history import Moment, RunHistory
 

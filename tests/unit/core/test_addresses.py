@@ -10,7 +10,7 @@ from ccr_host.core.addresses import host_and_port, listening_socket
 from ccr_host.core.errors import ConfigError
 from ccr_host.link.transport import parse_device_uri
 from ccr_host.sim.serving.ports import TcpPort
-from ccr_host.tracking.open_tracker import parse_tracker_uri
+from ccr_host.tracking.uri import parse_tracker_uri
 
 
 def refusal_of(parse, text):

@@ -6,8 +6,9 @@ from ccr_host.control.registry import make_controller
 from ccr_host.core.errors import CcrError, CodeError, ConfigError
 from ccr_host.core.plugins import Given, make_plugin, plugin, plugin_names
 from ccr_host.description.schema import Description
+from ccr_host.run.tracker_rig import open_tracker
 from ccr_host.sim.robot.scene import make_plant
-from ccr_host.tracking.open_tracker import TrackerKind, open_tracker, parse_tracker_uri
+from ccr_host.tracking.uri import TrackerKind, parse_tracker_uri
 
 CLASSES = """
 from __future__ import annotations

@@ -5,8 +5,9 @@ import pytest
 from ccr_host.core import plugins as optional
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description, Tracker
-from ccr_host.tracking.open_tracker import TrackerKind, TrackerUri, open_tracker, parse_tracker_uri
+from ccr_host.run.tracker_rig import open_tracker
 from ccr_host.tracking.sources.ndi.driver import NdiTracker
+from ccr_host.tracking.uri import TrackerKind, TrackerUri, parse_tracker_uri
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from ccr_host.control.adaptive.identification import Fit, StaticsFit, predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, ZEROS, Parameters, Scaling
@@ -198,5 +198,7 @@ def _as_supposed(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> Res
         return led
     expected_mm = predicted_mm(scaling.parameters(np.zeros(COUNT)), led)
     seen = np.isfinite(rests.vectors_mm).all(axis=-1)
-    turn, _ = Rotation.align_vectors(expected_mm[seen], rests.vectors_mm[seen])
+    turn, _ = scipy.spatial.transform.Rotation.align_vectors(
+        expected_mm[seen], rests.vectors_mm[seen]
+    )
     return led.turned(turn.as_matrix())

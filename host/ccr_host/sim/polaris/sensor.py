@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ccr_host.sim.polaris.faults import NO_FAULTS, BitOrder, PolarisFaults, is_within
 from ccr_host.tracking.sources.ndi.replies import VICRA
@@ -35,9 +35,9 @@ class Placement:
     """t: origin of the robot frame in the camera frame."""
 
     @cached_property
-    def turn(self) -> Rotation:
+    def turn(self) -> scipy.spatial.transform.Rotation:
         """R^T."""
-        return Rotation.from_rotvec(self.rotation_deg, degrees=True).inv()
+        return scipy.spatial.transform.Rotation.from_rotvec(self.rotation_deg, degrees=True).inv()
 
     def quaternion(self) -> Array:
         """Quaternion (w, x, y, z) of R^T, (4,)."""

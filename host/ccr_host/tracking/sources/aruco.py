@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.core.plugins import import_optional
@@ -178,7 +178,7 @@ class TagDetector:
         )
         if not solved or not np.isfinite(position_mm).all():
             return None
-        turn = Rotation.from_rotvec(np.ravel(rotation))
+        turn = scipy.spatial.transform.Rotation.from_rotvec(np.ravel(rotation))
         return Pose.of(np.ravel(position_mm).astype(np.float64), turn)
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from ccr_host.core.addresses import joined
 from ccr_host.core.errors import TrackerError
@@ -225,7 +225,7 @@ class IgtlTracker(StartsAndStops):
             if np.linalg.det(matrix[:3, :3]) <= 0:
                 self._statuses[name] = "no rotation: its matrix is left-handed"
                 return
-            turn = Rotation.from_matrix(matrix[:3, :3])
+            turn = scipy.spatial.transform.Rotation.from_matrix(matrix[:3, :3])
             self._tools[name] = Pose.of(matrix[:3, 3].copy(), turn)
 
     def _publish(self) -> None:

@@ -6,8 +6,8 @@ import math
 from collections import deque
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ccr_host.core.clock import Clock
 from ccr_host.description.schema import Tracker
@@ -31,8 +31,10 @@ class Camera:
         self._rng = rng
         # M3 - M1 has six independent components of error.
         self._noise_per_coordinate_mm = tracker.noise_mm / math.sqrt(6)
-        turn = Rotation.from_rotvec(tracker.rotation_deg, degrees=True)
-        self._robot_to_camera = turn.inv().as_matrix()
+        self._robot_to_camera = np.eye(3)
+        if any(tracker.rotation_deg):  # scipy's rotations take 0.2 s to load
+            turn = scipy.spatial.transform.Rotation.from_rotvec(tracker.rotation_deg, degrees=True)
+            self._robot_to_camera = turn.inv().as_matrix()
         self._latency_us = round(tracker.latency_ms * 1000)
         self._exposures = 0
         self.next_exposure_us = 0

@@ -9,10 +9,9 @@ import pytest
 
 from ccr_host.core.clock import RealClock
 from ccr_host.core.errors import TrackerError
-from ccr_host.tracking.open_tracker import wait_until_tracking
 from ccr_host.tracking.sources.igtl import IgtlTracker
 from ccr_host.tracking.sources.igtl_stream import IgtlStream, igtl_opener
-from ccr_host.tracking.tracker import ForeignPeerError
+from ccr_host.tracking.tracker import ForeignPeerError, wait_until_tracking
 from tests.foreign_servers import FOREIGN, foreign_server
 
 pyigtl = pytest.importorskip("pyigtl")

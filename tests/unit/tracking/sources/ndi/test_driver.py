@@ -8,7 +8,6 @@ from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.sim.polaris.device import Mode
 from ccr_host.sim.polaris.faults import BitOrder, PolarisFaults
 from ccr_host.sim.polaris.sensor import Placement
-from ccr_host.tracking.open_tracker import wait_until_tracking
 from ccr_host.tracking.sources.ndi.driver import NdiSettings, NdiTracker
 from ccr_host.tracking.sources.ndi.port import tcp_opener
 from ccr_host.tracking.sources.ndi.replies import encode_command
@@ -21,6 +20,7 @@ from ccr_host.tracking.sources.ndi.rom import (
     rom_blocks,
 )
 from ccr_host.tracking.sources.ndi.session import Tool
+from ccr_host.tracking.tracker import wait_until_tracking
 from tests.unit.tracking.sources.ndi.conftest import MARKERS_MM
 
 CAMERA_MM = Placement().to_camera(MARKERS_MM)

@@ -11,9 +11,9 @@ from ccr_host.sim.polaris.sensor import Exposer, Placement
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.ports import TcpPort as ServedTcp
 from ccr_host.sim.serving.server import BackgroundServer, BoardServer
-from ccr_host.tracking.open_tracker import wait_until_tracking
 from ccr_host.tracking.sources.ndi.driver import NdiTracker
 from ccr_host.tracking.sources.ndi.port import SerialPort, TcpPort
+from ccr_host.tracking.tracker import wait_until_tracking
 from tests.unit.tracking.sources.ndi.conftest import MARKERS_MM
 
 
