@@ -1,6 +1,6 @@
-"""Entry point: whatever goes wrong is one line and an exit status.
+"""Entry point: every failure becomes one line and an exit status.
 
-All but the least is imported under its protection: that takes long enough to be interrupted.
+Most modules are imported inside `main`, as importing takes long enough to be interrupted.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from ccr_host.core.standard_streams import keep_streams_writable, lost_output, w
 from ccr_host.core.stop_signals import stop_signals_interrupt
 
 EXIT_DEFECT = 3
-"""Nothing that the user could correct, as with a device that fails."""
+"""Status for defects, the same as for a failing device: the user cannot correct either."""
 EXIT_INTERRUPTED = 130
 
 
 def main() -> NoReturn:
-    """Do what the command line says, and end the process."""
+    """Run the command line and exit."""
     status = 0
     error: BaseException | None = None
     try:
         with stop_signals_interrupt():
             keep_streams_writable()
             status = import_module("ccr_host.commands.app").run(sys.argv[1:])
-        # Typer turns Ctrl-C into this status without a word.
+        # Typer silently turns Ctrl-C into this status.
         error = KeyboardInterrupt() if status == EXIT_INTERRUPTED else None
     except BaseException as caught:
         error = KeyboardInterrupt() if _is_interruption(caught) else caught
@@ -44,7 +44,7 @@ def main() -> NoReturn:
 
 
 def _is_interruption(error: BaseException | None) -> bool:
-    """Whether it is one, or what a library of C has made of one that came while it was imported."""
+    """Whether it is an interrupt, or an error caused by one while a C library was imported."""
     if error is None or isinstance(error, CcrError | KeyboardInterrupt):
         return isinstance(error, KeyboardInterrupt)
     return _is_interruption(error.__cause__)
@@ -67,7 +67,7 @@ def _verdict(error: BaseException) -> tuple[int, str]:
 
 
 def _kept_traceback(error: BaseException) -> str:
-    """Where the traceback was written."""
+    """Write the traceback to a file and return its name."""
     text = "".join(traceback.format_exception(error))
     try:
         with tempfile.NamedTemporaryFile(
@@ -75,5 +75,5 @@ def _kept_traceback(error: BaseException) -> str:
         ) as file:
             file.write(text)
     except OSError as failure:
-        return f"what led to it (its traceback could not be kept: {failure.strerror})"
+        return f"what you did (the traceback could not be written: {failure.strerror})"
     return file.name

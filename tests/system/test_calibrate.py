@@ -68,7 +68,7 @@ def test_marks_of_the_eye_are_kept_in_file_and_board(
             here_deg = there_deg
             terminal.press("\r")
             asked += 1
-            terminal.wait_for(f"{asked} of 10" if asked <= 10 else "kept in")
+            terminal.wait_for(f"{asked} of 10" if asked <= 10 else "saved in")
     terminal.end()
     assert terminal.status == 0
     servo = schema.load(str(calibrated)).servo
@@ -87,7 +87,7 @@ def test_leaving_early_changes_nothing(
     terminal.press("\r")
     terminal.wait_for("2 of 10")
     terminal.press("q")
-    assert "nothing was changed" in terminal.end()
+    assert "nothing changed" in terminal.end()
     assert terminal.status == 0
     assert robot.read_text() == 'name = "mine"  # keep this\n'
     assert not calibrated.exists()
@@ -96,7 +96,7 @@ def test_leaving_early_changes_nothing(
 def test_a_shipped_description_is_not_written_to(ccr_host: CcrHost) -> None:
     ended = ccr_host("calibrate", "--by-eye", "--robot", "hard")
     assert ended.status == 2
-    assert "no file of yours" in ended.err
+    assert "no description of yours" in ended.err
 
 
 def test_an_identified_robot_is_followed_without_a_tour(ccr_host: CcrHost, robot: Path) -> None:

@@ -146,7 +146,7 @@ def test_a_start_that_fails_leaves_no_folder(
     assert ended.status == status, ended.err
     assert len(lines_of(ended)) == 1
     assert [file.name for file in ccr_host.folder.iterdir()] == ["short.csv"]
-    assert "kept in" not in ended.out
+    assert "saved in" not in ended.out
 
 
 def test_a_start_that_fails_leaves_the_earlier_run_in_its_folder(

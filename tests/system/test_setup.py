@@ -33,10 +33,10 @@ def test_a_new_robot_is_set_up_and_followed_and_what_is_done_is_not_done_again(
     words = ("setup", "--robot", "mine.toml", *ends, *OVERRIDES)
     first = DrivenTerminal(tmp_path, *words)
     first.process.timeout = 600
-    first.wait_for("measure how camera and servos stand .Enter begins")
+    first.wait_for("measure camera and servos .Enter starts")
     first.press("\r")
-    assert "motor 1 and 2" in first.wait_for("once more")
-    first.wait_for("kept in mine.toml: camera and rests")
+    assert "motor 1 and 2" in first.wait_for("measuring again")
+    first.wait_for("saved in mine.toml: camera and rests")
     first.wait_for("Enter begins")
     first.press("\r")
     assert "is set up: ccr-host track 8shape --robot mine.toml" in first.end()
@@ -44,9 +44,9 @@ def test_a_new_robot_is_set_up_and_followed_and_what_is_done_is_not_done_again(
     before = (tmp_path / "mine.toml").read_bytes()
 
     again = DrivenTerminal(tmp_path, *words)
-    again.wait_for("done before; Enter goes on")
+    again.wait_for("done before; Enter continues")
     again.press("\r")
-    again.wait_for("Enter begins, s skips")
+    again.wait_for("Enter starts, s skips")
     again.press("s\r")
     assert "poses" not in again.end()
     assert again.status == 0
@@ -67,7 +67,7 @@ def test_a_board_that_does_not_answer_ends_it_and_the_file_stays(ccr_host: CcrHo
     words = ("setup", "--yes", "--robot", "mine.toml", "--tracker", "twin:")
     ended = ccr_host(*words, "--device", "tcp://127.0.0.1:9")
     assert ended.status == 3
-    assert "start again: it goes on here" in ended.out
+    assert "start again: setup continues here" in ended.out
     assert (ccr_host.folder / "mine.toml").read_text() == 'name = "mine"\n'
 
 

@@ -46,7 +46,7 @@ def test_a_width_of_zero_hides_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("short_path")
 def test_the_name_of_a_folder_stays_on_its_line(ccr_host: CcrHost) -> None:
-    assert r"kept in a\nb/: run.json" in ccr_host(*WORDS, "--out", "a\nb").out
+    assert r"saved in a\nb/: run.json" in ccr_host(*WORDS, "--out", "a\nb").out
 
 
 @pytest.mark.usefixtures("short_path")

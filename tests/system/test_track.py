@@ -77,7 +77,7 @@ def test_equal_seeds_give_equal_results_and_logs(ccr_host: CcrHost, short_path: 
 def test_a_run_leaves_configuration_log_and_figure(ccr_host: CcrHost, short_path: str) -> None:
     ended = ccr_host("track", short_path, *PAPERS, "--out", "kept", "--set", "twin.payload_g=2")
     assert ended.status == 0
-    assert "kept in kept/" in ended.out
+    assert "saved in kept/" in ended.out
     folder = ccr_host.folder / "kept"
     run = json.loads((folder / "run.json").read_text())
     assert run["description"]["twin"]["payload_g"] == 2

@@ -1,4 +1,4 @@
-"""The commands of ``ccr-host``, one module each; ``app`` joins them.
+"""The commands of ``ccr-host``, one module each, combined in ``app``.
 
-Each imports what it needs when it is called, so that --help and completion stay quick.
+Each command imports what it needs when it is called, so that --help and completion stay fast.
 """

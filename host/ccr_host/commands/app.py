@@ -1,4 +1,4 @@
-"""All commands in one application."""
+"""The application with all commands."""
 
 from __future__ import annotations
 
@@ -56,16 +56,16 @@ def options_of_all(
         ),
     ] = False,
 ) -> None:
-    """Control of tendon-driven continuum robots; without hardware on a digital twin."""
+    """Control of tendon-driven continuum robots, real or simulated."""
 
 
 def run(words: Sequence[str]) -> int:
-    """Do what the words of the command line say; the exit status.
+    """Run a command line and return the exit status.
 
     Raises:
-        ConfigError: the words are no command.
-        CcrError: what a command has raised.
-        KeyboardInterrupt: it was interrupted.
+        ConfigError: the words are not a valid command line.
+        CcrError: raised by the command.
+        KeyboardInterrupt: the command was interrupted.
     """
     try:
         status = app(

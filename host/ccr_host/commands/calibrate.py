@@ -41,26 +41,26 @@ def calibrate(
         bool,
         typer.Option(
             "--by-eye",
-            help="Lead each servo to marked angles with the arrow keys; finds limits as well.",
+            help="Move each servo to marked angles with the arrow keys; also sets the limits.",
         ),
     ] = False,
     identify: Annotated[
         bool,
         typer.Option(
             "--identify",
-            help="Measure how the robot rests, and keep that in the file alone: controller "
-            "`adaptive` then needs no tour before each path.",
+            help="Measure rest positions and save them in the file alone: controller `adaptive` "
+            "then needs no tour before each path.",
         ),
     ] = False,
     board_name: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="Name the board in its EEPROM; robot.board_name asks for it."
+            metavar="NAME", help="Name the board in its EEPROM; robot.board_name requires it."
         ),
     ] = None,
     emergency_stop: Annotated[
         bool | None,
-        typer.Option(help="Tell the board whether a switch is wired to its emergency-stop input."),
+        typer.Option(help="Whether a switch is wired to the board's emergency-stop input."),
     ] = None,
     supply_divider: Annotated[
         float | None,
@@ -68,15 +68,15 @@ def calibrate(
     ] = None,
     supply_min: Annotated[
         float | None,
-        typer.Option(metavar="V", help="A lower servo supply is a fault while armed; 0: never."),
+        typer.Option(metavar="V", help="A lower servo supply is a fault while armed; 0: off."),
     ] = None,
 ) -> None:
-    """Find how servos and tendons are mounted, and keep it in file and board.
+    """Measure how servos and tendons are mounted, and save it in file and board.
 
-    Under the tracker: neutral pulse, direction and slack, from a tour of some twenty poses.
+    With the tracker: neutral pulse, direction and slack, from a tour of about twenty poses.
     By eye: neutral pulse, direction, scale and limits.
-    With --identify, once servos are calibrated and the camera registered: the rests themselves.
-    With --board-name, --emergency-stop or --supply-...: the board keeps that, and nothing moves.
+    With --identify, once servos are calibrated and the camera registered: rest positions.
+    With --board-name, --emergency-stop or --supply-...: saved in the board; nothing moves.
 
     Example: ccr-host calibrate --by-eye --robot my-robot.toml --device serial:/dev/ttyACM0
     """
@@ -84,7 +84,7 @@ def calibrate(
     from ccr_host.description.file import keep_in
     from ccr_host.run.observer import Observers
     from ccr_host.run.open_rig import open_rig, sees_simulated_robot
-    from ccr_host.tools.equipment import EquipmentChange, told_to_board
+    from ccr_host.tools.equipment import EquipmentChange, set_equipment
     from ccr_host.tools.survey import (
         IDENTIFIED,
         calibrated_section,
@@ -94,7 +94,7 @@ def calibrate(
 
     change = EquipmentChange(board_name, emergency_stop, supply_divider, supply_min)
     if by_eye and identify:
-        raise ConfigError("--identify needs the tracker", "leave --by-eye out")
+        raise ConfigError("--identify needs the tracker", "omit --by-eye")
     options = RigOptions(
         robot=robot,
         device=device,
@@ -107,10 +107,10 @@ def calibrate(
     if not change.is_empty:
         if by_eye or identify or out:
             raise ConfigError(
-                "--board-name, --emergency-stop and --supply-... go into the board alone",
-                "leave --by-eye, --identify and --out out",
+                "--board-name, --emergency-stop and --supply-... are saved only in the board",
+                "omit --by-eye, --identify and --out",
             )
-        console().print(f"the board is now: {told_to_board(options, change)}; kept in its EEPROM")
+        console().print(f"the board is now: {set_equipment(options, change)}; saved in its EEPROM")
         return
     file = file_for_calibration(robot, out)
     if not by_eye:
@@ -121,26 +121,26 @@ def calibrate(
         if identify:
             section = _identify(screen, rig, description)
             keep_in(file, {IDENTIFIED: section}, robot)
-            screen.print(f"kept in {file}, as section {IDENTIFIED}")
+            screen.print(f"saved in {file}, as section {IDENTIFIED}")
             return
         if by_eye:
             blind = sees_simulated_robot(options)
-            servo = lead_by_eye(screen, rig, description, simulated_tip=blind)
+            servo = move_by_eye(screen, rig, description, simulated_tip=blind)
         else:
             servo = _by_tracker(screen, rig, description)
         if servo is None:
-            screen.print("nothing was changed")
+            screen.print("nothing changed")
             return
         keep_calibration(rig.client, description, servo, file, robot)
     for key, value in calibrated_section(servo).items():
         screen.print(f"{key} = {value}")
-    screen.print(f"kept in {file} and in the board's EEPROM")
+    screen.print(f"saved in {file} and in the board's EEPROM")
 
 
-def lead_by_eye(
+def move_by_eye(
     screen: Console, rig: Rig, description: Description, *, simulated_tip: bool
 ) -> Servo | None:
-    """Ask for the marks on a terminal; None if the user leaves before the last one."""
+    """Ask for the marks on a terminal; None if the user quits before the last one."""
     from rich.live import Live
 
     from ccr_host.commands.jog import jog_panel
@@ -179,5 +179,5 @@ def _identify(screen: Console, rig: Rig, description: Description) -> dict[str, 
     with terminal.steps_progress(console(on_stderr=True), "poses") as on_pose:
         rests = measure_rests(rig, description, on_pose)
     fit = trial_fit(rests, description)
-    screen.print(f"{len(rests.count)} rests, of which {fit.residual}")
+    screen.print(f"{len(rests.count)} rests; {fit.residual}")
     return identified_section(rests, description, datetime.date.today())

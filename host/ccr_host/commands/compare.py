@@ -47,7 +47,7 @@ def compare(
     baselines: Annotated[
         bool,
         typer.Option(
-            "--baselines", "--peers", help="The field's usual controllers too; see the docs."
+            "--baselines", "--peers", help="Also the field's usual controllers; see the docs."
         ),
     ] = False,
     path: Annotated[
@@ -70,7 +70,7 @@ def compare(
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Open loop against every controller on the paper's paths.
+    """Run open loop and all controllers on the paper's paths and compare them.
 
     Example: ccr-host compare --robot hard
     """
@@ -104,7 +104,7 @@ def compare(
     ]
     warn_of_mismatch(runs[0])
     for run in runs:
-        reference_of(run)  # refuses what cannot be run before anything is
+        reference_of(run)  # rejects bad options before the first run starts
     screen = console(on_stderr=as_json)
     results: dict[int, RunResult] = {}
     failures: list[Exception | KeyboardInterrupt] = []
@@ -141,7 +141,7 @@ def compare(
 
 
 def _keep(folder: ResultFolder, results: Sequence[RunResult]) -> dict[str, Any]:
-    """Write compare.json and the figure; what was written."""
+    """Write compare.json and the figure; return the content of the former."""
     from ccr_host.record.figure import PlottedRun, write_comparison_figure
     from ccr_host.record.folder import FIGURES
     from ccr_host.record.paper_results import PAPER_RESULTS
@@ -164,7 +164,7 @@ def _keep(folder: ResultFolder, results: Sequence[RunResult]) -> dict[str, Any]:
 
 
 def _of_run(run: RunOptions, error: Exception) -> Exception:
-    """Errors of ours say which run they are of."""
+    """Add the path and controller to the cause of our own errors."""
     if isinstance(error, CcrError):
-        error.cause = f"{run.path} under {run.controller}: {error.cause}"
+        error.cause = f"{run.path} with {run.controller}: {error.cause}"
     return error

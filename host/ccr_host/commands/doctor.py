@@ -35,11 +35,11 @@ def doctor(
     seed: SeedOption = 1,
     overrides: SetOption = None,
     blink: Annotated[
-        bool, typer.Option("--blink", help="Let the board's LED blink: which one is it?")
+        bool, typer.Option("--blink", help="Blink the board's LED, to find it among others.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Look at computer, board and tracker; say what is wrong and what to do. Moves nothing.
+    """Check computer, board and tracker; report what is wrong and what to do. Nothing moves.
 
     Example: ccr-host doctor --device serial:/dev/ttyACM0 --tracker ndi:/dev/ttyUSB0
     """
@@ -61,7 +61,7 @@ def doctor(
 
 
 def printed(findings: Iterable[Finding], screen: Console) -> Iterator[Finding]:
-    """The findings, each shown as it comes."""
+    """Print each finding as it arrives, and yield it."""
     for finding in findings:
         severity = finding.severity.name.lower()
         screen.print(f"{severity:8}", style=_COLOURS[severity], end="")

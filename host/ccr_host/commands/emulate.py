@@ -27,7 +27,7 @@ def emulate(
         bool,
         typer.Option(
             "--polaris",
-            help="Also an emulated Polaris on a pty; it sees the twin that the board moves.",
+            help="Also an emulated Polaris on a pty, which measures the twin moved by the board.",
         ),
     ] = False,
     polaris_tcp: Annotated[
@@ -42,12 +42,10 @@ def emulate(
     ] = None,
     boot_ms: Annotated[
         int,
-        typer.Option(
-            min=0, max=60_000, help="How long the boot loader is deaf after the port is opened."
-        ),
+        typer.Option(min=0, max=60_000, help="Time of the boot loader after the port is opened."),
     ] = 1000,
 ) -> None:
-    """Serve the emulated board, and an emulated Polaris, in real time, for this host or your own.
+    """Serve the emulated board and an emulated Polaris in real time, for this or another host.
 
     Example: ccr-host emulate --tcp 127.0.0.1:5025 --polaris-tcp 127.0.0.1:8765
     """
@@ -61,12 +59,12 @@ def emulate(
     )
 
     if tcp is not None and (pty or simavr):
-        raise ConfigError("--tcp with --pty or --simavr", "start one board for each")
+        raise ConfigError("--tcp with --pty or --simavr", "start one emulator for each")
     with_camera = polaris or polaris_tcp is not None
     if polaris and polaris_tcp is not None:
         raise ConfigError("--polaris with --polaris-tcp", "give one of them")
     if simavr and with_camera:
-        raise ConfigError("a Polaris with --simavr", "leave out --simavr: the board is emulated")
+        raise ConfigError("a Polaris with --simavr", "omit --simavr: the board is then emulated")
     if simavr:
         from ccr_host.sim.simavr.flash_image import find_firmware
         from ccr_host.sim.simavr.serve import open_pty_server

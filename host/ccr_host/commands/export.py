@@ -20,7 +20,7 @@ def export(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="csv, parquet or jsonl; mcap: the log again, finished, after a kill.",
+            help="csv, parquet or jsonl; mcap: repairs the log of a run that was killed.",
         ),
     ] = "csv",
     out: OutOption = None,
@@ -53,6 +53,6 @@ def export(
         what = "messages" if form == _FINISHED_LOG else "rows"
         screen.print(f"{path}: {count} {what}")
     if recording.end.trouble:
-        screen.print(f"{recording.end.trouble}; exported as far as it goes", soft_wrap=True)
+        screen.print(f"{recording.end.trouble}; exported up to there", soft_wrap=True)
     if as_json:
         print_json(counts)

@@ -15,15 +15,15 @@ def flash(
         Path | None,
         typer.Argument(
             metavar="[FILE]",
-            help="HEX or ELF file; by default the checkout is built, or what came along is taken.",
+            help="HEX or ELF file; by default the checkout is built, or the shipped file used.",
         ),
     ] = None,
     port: Annotated[
-        str | None, typer.Option(metavar="PORT", help="Serial port; found where there is only one.")
+        str | None, typer.Option(metavar="PORT", help="Serial port; needed if there are several.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Put the firmware onto an UNO and ask it who it is.
+    """Upload the firmware to an UNO and check that it answers.
 
     Example: ccr-host flash --port /dev/ttyACM0
     """

@@ -32,12 +32,12 @@ _BAR_CELLS = 30
 def jog_panel(
     view: JogView, *, simulated_tip: bool, title: str = "jog", asked: str = ""
 ) -> RenderableType:
-    """Motors, board, markers and keys; below them what the user is asked to do.
+    """Motors, board, markers and keys, and below them a question to the user.
 
     Args:
-        view: the robot.
-        simulated_tip: the board drives a real robot, but the tip is the twin's.
-        title: of the panel.
+        view: state of the robot.
+        simulated_tip: whether the board drives a real robot but the tip is the twin's.
+        title: title of the panel.
         asked: question that Enter answers; empty for none.
     """
     from ccr_host.tools.jog import HELP, HELP_BACK
@@ -48,14 +48,14 @@ def jog_panel(
         Group(
             _motors(view), _state(view), _tip(view, simulated_tip), Text(), _keys(keys), question
         ),
-        title=f"{title}, {view.target.step_deg:g} deg a key",
+        title=f"{title}, {view.target.step_deg:g} deg per key",
         title_align="left",
     )
 
 
 def _motors(view: JogView) -> Table:
     table = Table.grid(padding=(0, 2))
-    table.add_row("", "asked (deg)", "board (deg)", "pulse (us)", "range (deg)", "")
+    table.add_row("", "target (deg)", "board (deg)", "pulse (us)", "range (deg)", "")
     target = view.target
     asked = np.degrees(target.q_rad)
     lower, upper = np.degrees(target.limits.lower_rad), np.degrees(target.limits.upper_rad)
@@ -94,13 +94,13 @@ def _state(view: JogView) -> Text:
 def _tip(view: JogView, simulated: bool) -> Text:
     if simulated:
         return Text(
-            "tip: not shown, it would be the simulated one; --tracker names yours", style="dim"
+            "tip: not shown, as it is simulated; give your tracker with --tracker", style="dim"
         )
     if view.sample is None or view.sample_age_us is None:
         return Text("tip: no markers", style="yellow")
     tip_mm = view.sample.tip_mm
-    told = ", ".join(f"{axis} {tip_mm[component]:.2f}" for axis, component in PATH_AXES.items())
-    return Text(f"tip: {told} mm, {view.sample_age_us / 1000:.0f} ms old")
+    shown = ", ".join(f"{axis} {tip_mm[component]:.2f}" for axis, component in PATH_AXES.items())
+    return Text(f"tip: {shown} mm, {view.sample_age_us / 1000:.0f} ms old")
 
 
 def _keys(help_lines: Iterable[tuple[str, str]]) -> Table:
@@ -151,4 +151,4 @@ def jog(
             live.update(panel, refresh=True)
 
         move_by_hand(rig, description, keyboard.pressed, show)
-    screen.print("disarmed: the servos get no pulses")
+    screen.print("disarmed: no pulses to the servos")

@@ -28,7 +28,7 @@ _LINE_US = 1_000_000
 
 
 def _not_nan(seconds: float | None) -> float | None:
-    """Bounds alone let it through."""
+    """Reject nan, which passes the bounds."""
     if seconds is not None and math.isnan(seconds):
         raise typer.BadParameter("nan is not a number")
     return seconds
@@ -38,7 +38,7 @@ def monitor(
     tracker: TrackerOption = "twin:",
     device: Annotated[
         str | None,
-        typer.Option(metavar="URI", help="Also watch a board; without it none is needed."),
+        typer.Option(metavar="URI", help="Also monitor a board."),
     ] = None,
     robot: RobotOption = None,
     overrides: SetOption = None,
@@ -50,14 +50,14 @@ def monitor(
             min=0.1,
             max=1e6,
             callback=_not_nan,
-            help="End after so long; else by Ctrl-C.",
+            help="End after this time; otherwise with Ctrl-C.",
         ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show live marker positions, rates, ages and losses; nothing moves.
+    """Show live marker positions, rates, ages and losses, without moving the robot.
 
-    With --json one line a second, or with --duration one object at the end.
+    With --json one line per second, or with --duration one object at the end.
 
     Example: ccr-host monitor --tracker ndi:/dev/ttyUSB0
     """
@@ -72,7 +72,7 @@ def monitor(
         suppress(KeyboardInterrupt),
     ):
         if as_json:
-            for last in _looks(opened, duration, _LINE_US):
+            for last in _snapshots(opened, duration, _LINE_US):
                 if duration is None:
                     print_json(last.summary())
                     if is_output_lost():
@@ -86,12 +86,12 @@ def monitor(
     if last.sample is None:
         raise TrackerError(
             f"{tracker}: no sample" + (f": {last.trouble}" if last.trouble else ""),
-            "check line of sight, the camera's volume and the markers",
+            "check line of sight, measurement volume and markers",
         )
 
 
-def _looks(opened: Monitor, duration_s: float | None, period_us: int) -> Iterator[MonitorView]:
-    """Look again and again, the last time at the end."""
+def _snapshots(opened: Monitor, duration_s: float | None, period_us: int) -> Iterator[MonitorView]:
+    """Yield snapshots every ``period_us``, the last one at the end."""
     left_us = None if duration_s is None else round(duration_s * 1e6)
     while left_us is None or left_us > 0:
         step_us = period_us if left_us is None else min(period_us, left_us)
@@ -106,6 +106,6 @@ def _show(opened: Monitor, duration_s: float | None) -> MonitorView | None:
 
     last: MonitorView | None = None
     with Live(console=console(), auto_refresh=False) as live, suppress(KeyboardInterrupt):
-        for last in _looks(opened, duration_s, _REFRESH_US):
+        for last in _snapshots(opened, duration_s, _REFRESH_US):
             live.update(monitor_panel(last), refresh=True)
     return last

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands take."""
+"""Arguments and options shared by several commands."""
 
 from __future__ import annotations
 
@@ -20,46 +20,46 @@ if TYPE_CHECKING:
 
 
 def complete_controllers(incomplete: str) -> list[str]:
-    """Names of controllers; where none fits, the shell itself offers files."""
+    """Matching names of controllers; if there are none, the shell completes files."""
     from ccr_host.control.registry import baseline_names, controller_names
     from ccr_host.core.plugins import plugin_names
 
     names = [*controller_names(), *baseline_names(), *plugin_names("controller")]
-    return _beginning_with(incomplete, names)
+    return _starting_with(incomplete, names)
 
 
 def complete_trackers(incomplete: str) -> list[str]:
-    """Schemes of trackers; where none fits, the shell itself offers files."""
+    """Matching schemes of trackers; if there are none, the shell completes files."""
     from ccr_host.core.addresses import Role, known_forms
     from ccr_host.core.plugins import FORM
 
     forms = [form for form in known_forms(Role.TRACKER) if form != FORM]
-    return _beginning_with(incomplete, [f"{form.partition(':')[0]}:" for form in forms])
+    return _starting_with(incomplete, [f"{form.partition(':')[0]}:" for form in forms])
 
 
 def complete_plants(incomplete: str) -> list[str]:
-    """Names of simulated robots; where none fits, the shell itself offers files."""
+    """Matching names of simulated robots; if there are none, the shell completes files."""
     from ccr_host.core.plugins import plugin_names
     from ccr_host.sim.robot.plant import TWIN
 
-    return _beginning_with(incomplete, [TWIN, *plugin_names("plant")])
+    return _starting_with(incomplete, [TWIN, *plugin_names("plant")])
 
 
 def complete_paths(incomplete: str) -> list[str]:
-    """Names of built-in paths; where none fits, the shell itself offers files."""
+    """Matching names of built-in paths; if there are none, the shell completes files."""
     from ccr_host.robot.paths import path_names
 
-    return _beginning_with(incomplete, path_names())
+    return _starting_with(incomplete, path_names())
 
 
 def complete_robots(incomplete: str) -> list[str]:
-    """Names of shipped descriptions; where none fits, the shell itself offers files."""
+    """Matching names of shipped descriptions; if there are none, the shell completes files."""
     from ccr_host.description.source import shipped_descriptions
 
-    return _beginning_with(incomplete, shipped_descriptions())
+    return _starting_with(incomplete, shipped_descriptions())
 
 
-def _beginning_with(incomplete: str, names: list[str]) -> list[str]:
+def _starting_with(incomplete: str, names: list[str]) -> list[str]:
     return [name for name in names if name.startswith(incomplete)]
 
 
@@ -67,25 +67,25 @@ _USUAL_WIDTH = 80
 
 
 def console(*, on_stderr: bool = False) -> Console:
-    """For text that may contain anything, such as the brackets of a file's name."""
+    """Console without markup, as text may contain brackets, e.g. in the name of a file."""
     made = Console(stderr=on_stderr, markup=False, highlight=False)
-    if made.width < 1:  # COLUMNS=0, as terminals of unknown size have it: nothing would be printed
+    if made.width < 1:  # COLUMNS=0 on terminals of unknown size: nothing would be printed
         made.width = _USUAL_WIDTH
     return made
 
 
 def tell_kept(screen: Console, folder: ResultFolder, *further_troubles: str) -> None:
-    """Where the results are; in one line on standard error, what is missing."""
+    """Print where the results are, and what is missing in one line on standard error."""
     if folder.kept:
         where = printable(str(folder.path))
-        screen.print(f"kept in {where}/: {', '.join(folder.kept)}", soft_wrap=True)
+        screen.print(f"saved in {where}/: {', '.join(folder.kept)}", soft_wrap=True)
     troubles = [trouble for trouble in (folder.trouble, *further_troubles) if trouble]
     if troubles:
         warn(f"{folder.path}: {'; '.join(troubles)}")
 
 
 def print_json(content: dict[str, Any]) -> None:
-    """One object on one line of standard output."""
+    """Print one object on one line of standard output."""
     sys.stdout.write(json.dumps(content) + "\n")
     sys.stdout.flush()
 
@@ -135,9 +135,9 @@ PlantOption = Annotated[
         autocompletion=complete_plants,
     ),
 ]
-RateOption = Annotated[float, typer.Option(metavar="HZ", help="Control steps a second.")]
+RateOption = Annotated[float, typer.Option(metavar="HZ", help="Control steps per second.")]
 SeedOption = Annotated[
-    int, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Seed of every random number.")
+    int, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Seed of all random numbers.")
 ]
 SetOption = Annotated[
     list[str] | None,
@@ -147,9 +147,7 @@ SetOption = Annotated[
 ]
 UncheckedOption = Annotated[
     bool,
-    typer.Option(
-        "--unchecked", help="Follow the path whatever markers and motion of the robot look like."
-    ),
+    typer.Option("--unchecked", help="Skip the checks of the robot's markers and motion."),
 ]
 RealtimeOption = Annotated[bool, typer.Option("--realtime", help="Run in real time.")]
 OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")]
@@ -158,7 +156,7 @@ KeepInOption = Annotated[
     typer.Option(
         "--out",
         metavar="FILE",
-        help="Robot description to keep the result in, made if it is not there; "
+        help="Robot description to save the result in, created if missing; "
         "by default the one of --robot.",
     ),
 ]
@@ -168,10 +166,10 @@ JsonOption = Annotated[
 
 
 def warn_of_mismatch(options: RigOptions) -> None:
-    """Say so where the board is real and the robot simulated, or the other way round.
+    """Print a note if the board is real and the robot simulated, or vice versa.
 
     Raises:
-        ConfigError: the device or tracker URI is not one.
+        ConfigError: the device or tracker URI is invalid.
     """
     from ccr_host.run.open_rig import mismatch_of
 
@@ -180,10 +178,10 @@ def warn_of_mismatch(options: RigOptions) -> None:
 
 
 def require_named_tracker(context: typer.Context, options: RigOptions) -> None:
-    """Refuse to fit a real board's servos to a simulated robot that nobody has asked for.
+    """Refuse to fit the servos of a real board to a robot that is simulated only by default.
 
     Raises:
-        ConfigError: so it would be; or the device or tracker URI is not one.
+        ConfigError: that would happen; or the device or tracker URI is invalid.
     """
     from ccr_host.run.open_rig import sees_simulated_robot
 
@@ -191,7 +189,7 @@ def require_named_tracker(context: typer.Context, options: RigOptions) -> None:
     unnamed = source is not None and source.name == "DEFAULT"
     if unnamed and sees_simulated_robot(options):
         raise ConfigError(
-            f"no tracker was named: the board on {options.device} would be fitted to the simulated "
-            "robot",
-            "name the camera with --tracker; --tracker twin: asks for the simulated one",
+            f"no --tracker was given: the board on {options.device} would be fitted to the "
+            "simulated robot",
+            "give your camera with --tracker; --tracker twin: if you want the simulated one",
         )

@@ -33,7 +33,7 @@ def register(
     out: KeepInOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Move the robot through safe poses, find out how the camera stands, and keep it.
+    """Move the robot through safe poses, measure the camera's orientation, and save it.
 
     Example: ccr-host register --robot my-robot.toml --device serial:/dev/ttyACM0
     --tracker ndi:/dev/ttyUSB0
@@ -75,10 +75,10 @@ def register(
     section = registration_section(found, datetime.date.today())
     screen.print(registration_table(found))
     if file is None:
-        screen.print("not kept: no file of yours was given; with --out FILE it is")
+        screen.print("not saved: give your robot description, or --out FILE")
     else:
         keep_in(file, {REGISTRATION: section}, robot)
-        screen.print(f"kept in {file}, as section {REGISTRATION}")
+        screen.print(f"saved in {file}, as section {REGISTRATION}")
     if as_json:
         print_json(
             {

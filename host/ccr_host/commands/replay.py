@@ -16,7 +16,7 @@ RunArgument = Annotated[
 
 
 class DifferentReplayError(CcrError):
-    """The host does not do any more what it did (exit status 3)."""
+    """The host no longer sends what it sent in the run (exit status 3)."""
 
 
 def replay(
@@ -25,7 +25,7 @@ def replay(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Replaces the recorded one, for instance where its file was moved.",
+            help="Use instead of the recorded one, for instance if its file was moved.",
             autocompletion=complete_controllers,
         ),
     ] = None,
@@ -44,11 +44,11 @@ def replay(
     written_by, ours = recording.setup["versions"], versions()
     changed = {key: old for key, old in written_by.items() if ours.get(key) != old}
     if changed:
-        told = ", ".join(f"{key} {old} (now {ours.get(key)})" for key, old in changed.items())
-        screen.print(f"written by other versions: {told}")
+        listed = ", ".join(f"{key} {old} (now {ours.get(key)})" for key, old in changed.items())
+        screen.print(f"written by other versions: {listed}")
     result = replay_run(recording, controller=controller)
     if recording.end.trouble:
-        screen.print(f"{recording.end.trouble}; compared as far as it goes", soft_wrap=True)
+        screen.print(f"{recording.end.trouble}; compared up to there", soft_wrap=True)
     difference = result.difference
     if as_json:
         print_json(

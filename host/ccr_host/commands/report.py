@@ -21,7 +21,7 @@ def report(
         ),
     ] = None,
 ) -> None:
-    """Make one page of HTML about runs: figures, table, faults, configuration. It prints, too.
+    """Write one HTML page about runs: figures, table, faults, configuration. Printable, too.
 
     Example: ccr-host report runs/20260101-120000-ellipse-adaptive
     """

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from ccr_host.tools.survey import Survey
 
 _ROUNDS = 3
-"""One finds what is to be corrected, the next one that nothing is left of it."""
+"""The first round measures the corrections, the next one verifies them."""
 _FIRST_PATH_S = 20
 _FIRST_PATH_DEG = 15.0
-"""Of both motors: well inside of what the tour has visited."""
+"""Amplitude of both motors: well inside the range of the tour."""
 
 
 def setup(
@@ -45,13 +45,13 @@ def setup(
     realtime: RealtimeOption = False,
     out: KeepInOption = None,
     yes: Annotated[
-        bool, typer.Option("--yes", help="Do all that needs nobody's eyes, without asking.")
+        bool, typer.Option("--yes", help="Do all steps that need no user, without asking.")
     ] = False,
 ) -> None:
-    """Lead a new robot from its box to its first path, step by step.
+    """Set up a new robot step by step, from its box to its first path.
 
-    Board and firmware, servos by eye, camera, servos and rests under the camera, and a short path.
-    The robot description keeps what is done: start it again, and it goes on there.
+    Board and firmware, servos by eye, camera, servos and rests with the camera, and a short path.
+    Results are saved in the robot description: start it again to continue.
 
     Example: ccr-host setup --robot my-robot.toml --device serial:/dev/ttyACM0
     --tracker ndi:/dev/ttyUSB0
@@ -61,7 +61,7 @@ def setup(
     from ccr_host.tools.survey import file_for_calibration
 
     if not yes and not (sys.stdin and sys.stdin.isatty()):
-        raise ConfigError("standard input is not a terminal", "start it from one, or give --yes")
+        raise ConfigError("standard input is not a terminal", "use a terminal, or give --yes")
     file = file_for_calibration(robot, out)
     options = RigOptions(
         robot=str(file),
@@ -74,12 +74,12 @@ def setup(
     require_named_tracker(context, options)
     screen = console()
     if begin_description(file, robot):
-        screen.print(f"made {file}: put what you can measure of your robot into it")
+        screen.print(f"created {file}: enter the dimensions of your robot there")
     guide = _Guide(screen, options, file, asks=not yes)
-    guide.look()
-    guide.lead_servos_by_eye()
+    guide.check()
+    guide.move_servos_by_eye()
     guide.survey()
-    guide.look()
+    guide.check()
     guide.follow_first_path()
     words = " ".join(_words(options))
     screen.print(f"{file} is set up: ccr-host track 8shape {words}", soft_wrap=True)
@@ -96,15 +96,15 @@ def _words(options: RigOptions) -> Sequence[str]:
 
 @dataclass(frozen=True)
 class _Guide:
-    """The steps, each of which raises a CcrError if it fails and can then be taken again."""
+    """The steps, each of which raises a CcrError if it fails and can then be repeated."""
 
     screen: Console
     options: RigOptions
     file: Path
     asks: bool
 
-    def look(self) -> None:
-        """Board, firmware and camera, as ``doctor`` does; nothing moves."""
+    def check(self) -> None:
+        """Check board, firmware and camera, as ``doctor`` does; nothing moves."""
         from ccr_host.commands.doctor import printed
         from ccr_host.link.transport import DeviceKind, parse_device_uri
         from ccr_host.tools.checks import Severity, exit_status
@@ -118,18 +118,18 @@ class _Guide:
             for finding in findings
         )
         is_port = device.kind is DeviceKind.SERIAL
-        if board_failed and is_port and self.asks and self._wanted("put the firmware onto it"):
+        if board_failed and is_port and self.asks and self._wanted("upload the firmware to it"):
             from ccr_host.commands.flash import flash
 
             flash(port=device.address)
             findings = [*printed(examine(self.options, Path()), self.screen)]
         if status := exit_status(findings):
-            self.screen.print("correct what failed, then start again: it goes on here")
+            self.screen.print("correct what failed, then start again: setup continues here")
             raise typer.Exit(status)
 
-    def lead_servos_by_eye(self) -> None:
-        """Scale and limits, which no camera can tell; tendons off."""
-        from ccr_host.commands.calibrate import lead_by_eye
+    def move_servos_by_eye(self) -> None:
+        """Measure scale and limits, which no camera can measure; tendons off."""
+        from ccr_host.commands.calibrate import move_by_eye
         from ccr_host.link.transport import parse_device_uri
         from ccr_host.run.observer import Observers
         from ccr_host.run.open_rig import open_rig, sees_simulated_robot
@@ -137,24 +137,24 @@ class _Guide:
 
         self._title("servos by eye")
         if not self.asks or not parse_device_uri(self.options.device).is_outside:
-            self.screen.print("left out: nobody sees the horns")
+            self.screen.print("skipped: needs a user who sees the servo horns")
             return
         description = self.options.description()
         done = "pulse_per_90_deg_us" in description.servo.model_fields_set
         self.screen.print("tendons off, servo supply on, emergency stop at hand")
-        if not self._wanted("lead each servo to marked angles with the arrow keys", done=done):
+        if not self._wanted("move each servo to marked angles with the arrow keys", done=done):
             return
         with open_rig(self.options, description, Observers()) as rig:
             blind = sees_simulated_robot(self.options)
-            servo = lead_by_eye(self.screen, rig, description, simulated_tip=blind)
+            servo = move_by_eye(self.screen, rig, description, simulated_tip=blind)
             if servo is None:
-                self.screen.print("nothing was changed")
+                self.screen.print("nothing changed")
                 return
             keep_calibration(rig.client, description, servo, self.file, str(self.file))
-        self.screen.print(f"kept in {self.file} and in the board's EEPROM")
+        self.screen.print(f"saved in {self.file} and in the board's EEPROM")
 
     def survey(self) -> None:
-        """Camera, servos and rests, until the servos stand where they are said to."""
+        """Measure camera, servos and rests until the servos match their description."""
         from ccr_host.commands.terminal import steps_progress
         from ccr_host.commands.tracker_screen import registration_table
         from ccr_host.control.adaptive.identification import digest_of
@@ -168,8 +168,8 @@ class _Guide:
         description = self.options.description()
         identified = description.identified
         done = identified is not None and identified.valid_for == digest_of(description)
-        self.screen.print("tendons on, nothing near the robot: it tours some thirty poses")
-        if not self._wanted("measure how camera and servos stand", done=done):
+        self.screen.print("tendons on, nothing near the robot: it visits about thirty poses")
+        if not self._wanted("measure camera and servos", done=done):
             return
         for _ in range(_ROUNDS):
             description = self.options.description()
@@ -185,14 +185,14 @@ class _Guide:
                     return
                 servo = corrected(description.servo, found.servos)
                 keep_calibration(rig.client, description, servo, self.file, str(self.file))
-            self.screen.print(f"servos corrected in {self.file} and in the EEPROM; once more")
+            self.screen.print(f"servos corrected in {self.file} and in the EEPROM; measuring again")
         raise CalibrationError(
-            "the servos stand elsewhere after each correction",
-            "look for a horn, pulley or tendon that slips, then start again",
+            "the zeros of the servos are different after each correction",
+            "check for a horn, pulley or tendon that slips, then start again",
         )
 
     def follow_first_path(self) -> None:
-        """A short loop, under the default controller."""
+        """Follow a short loop with the default controller."""
         import numpy as np
 
         from ccr_host.commands.track import track
@@ -231,15 +231,15 @@ class _Guide:
         keep_in(self.file, {REGISTRATION: registration_section(found.registration, today)}, own)
         section = identified_section(found.rests, self.options.description(), today)
         keep_in(self.file, {IDENTIFIED: section}, own)
-        self.screen.print(f"kept in {self.file}: camera and rests")
+        self.screen.print(f"saved in {self.file}: camera and rests")
 
     def _title(self, text: str) -> None:
         self.screen.rule(text, align="left")
 
     def _wanted(self, step: str, *, done: bool = False) -> bool:
-        """Whether to take a step: Enter does what is still to be done."""
+        """Whether to do a step; Enter does it if it was not done before."""
         if not self.asks:
             return not done
-        question = "done before; Enter goes on, r repeats" if done else "Enter begins, s skips"
+        question = "done before; Enter continues, r repeats" if done else "Enter starts, s skips"
         answer: str = typer.prompt(f"{step} ({question})", default="", show_default=False)
         return answer.strip().lower() == "r" if done else answer.strip().lower() != "s"

@@ -59,7 +59,7 @@ def sweep(
         list[str] | None,
         typer.Option(
             metavar="PATH",
-            help="May be repeated; twins take turns. Default: all three.",
+            help="May be repeated; twins alternate. Default: all three.",
             autocompletion=complete_paths,
         ),
     ] = None,
@@ -73,16 +73,16 @@ def sweep(
             metavar="INDEX",
             min=0,
             max=2**31,
-            help="Only this twin, in this process; keeps nothing.",
+            help="Only this twin, in this process; saves nothing.",
         ),
     ] = None,
     twins: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Your own twins: one JSON object of keys a line."),
+        typer.Option(metavar="FILE", help="Your own twins: one JSON object per line."),
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, max=1024, help="Processes; as many as there are cores."),
+        typer.Option(metavar="N", min=1, max=1024, help="Processes; by default one per core."),
     ] = None,
     scheduler: Annotated[
         str | None,
@@ -94,7 +94,7 @@ def sweep(
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run controllers on many random twins; an --out folder that holds a part of it is completed.
+    """Run controllers on many random twins; an unfinished sweep in --out is completed.
 
     Example: ccr-host sweep --runs 100 --controller adaptive --out sweep1
     """
@@ -143,7 +143,7 @@ def sweep(
             _show(rows, screen, as_json=as_json)
             tell_kept(screen, folder)
             screen.print(
-                "--only INDEX repeats a twin and tells its ccr-host track line", soft_wrap=True
+                "--only INDEX repeats a twin and prints its ccr-host track command", soft_wrap=True
             )
         if failure is not None:
             raise failure

@@ -1,4 +1,4 @@
-"""What people read in the terminal: progress and tables."""
+"""Terminal output: progress bars and tables."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ from ccr_host.run.summary import ratio_to_twin_floor
 _TERMS = {
     "tip error": "distance between measured and desired tip at the end of each step",
     "paper": "mean tip error of the paper's robot in the same experiment",
-    "true": "of the simulated robot itself, without the camera's errors",
-    "floor": "least mean true error that any motion of the two motors reaches",
+    "true": "tip error of the simulated robot itself, without the camera's errors",
+    "floor": "smallest mean true error possible with any motion of the two motors",
     "ratio": "mean true error over floor",
 }
-"""Words of the tables."""
+"""Terms used in the tables, and their explanations."""
 
 
 class OnCount(Protocol):
-    """Told how many more pieces of work are done."""
+    """Callback with the number of newly finished pieces of work."""
 
     def __call__(self, pieces: int = 1) -> None: ...
 
 
 class RunProgress(RunObserver):
-    """Progress bar of a run: over each phase, then over the steps with the error of the last."""
+    """Progress bar of a run: one for each phase, then one for the steps with the current error."""
 
     def __init__(self, progress: Progress, title: str) -> None:
         self._progress = progress
@@ -53,7 +53,7 @@ class RunProgress(RunObserver):
         self._phase = ""
 
     def phase(self, time_us: int, phase: Phase) -> None:
-        """Show a phase, by its share that is done or as one that nobody can tell the end of."""
+        """Show a phase with its progress, or as indeterminate if the progress is unknown."""
         if phase.name != self._phase:
             self._phase = phase.name
             self._progress.remove_task(self._task)
@@ -70,7 +70,7 @@ class RunProgress(RunObserver):
 
 @contextmanager
 def step_progress(console: Console, title: str) -> Iterator[RunProgress]:
-    """Progress bar of a run; the run's observer."""
+    """Progress bar of a run, to be used as its observer."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -83,7 +83,7 @@ def step_progress(console: Console, title: str) -> Iterator[RunProgress]:
 
 @contextmanager
 def count_progress(console: Console, title: str, total: int) -> Iterator[OnCount]:
-    """Progress bar over equal pieces of work; the function takes how many are done, one if not."""
+    """Progress bar over equal pieces of work; call the function with the number finished."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
     with _progress(console, *columns, TimeRemainingColumn()) as progress:
         task = progress.add_task(title, total=total)
@@ -96,7 +96,7 @@ def count_progress(console: Console, title: str, total: int) -> Iterator[OnCount
 
 @contextmanager
 def steps_progress(console: Console, title: str) -> Iterator[Callable[[int, int], None]]:
-    """Progress bar over steps whose number is told while they are done."""
+    """Progress bar over steps; call the function with the steps done and their total."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
     with _progress(console, *columns) as progress:
         task = progress.add_task(title, total=None)
@@ -108,7 +108,7 @@ def steps_progress(console: Console, title: str) -> Iterator[Callable[[int, int]
 
 
 def run_table(summary: Mapping[str, Any], options: RunOptions) -> Group:
-    """The tip error of one run, beside the paper's where the experiment is the paper's."""
+    """The tip error of one run, next to the paper's if the experiment is in the paper."""
     controller, open_loop = summary["controller"], summary["open"]
     rows = []
     if open_loop is not None:
@@ -117,7 +117,7 @@ def run_table(summary: Mapping[str, Any], options: RunOptions) -> Group:
     rows += [
         (f"mean, {controller}", summary["mean_error_mm"], paper_mean_mm(options)),
         ("  95 % of the steps below", summary["p95_error_mm"], None),
-        ("  greatest", summary["max_error_mm"], None),
+        ("  maximum", summary["max_error_mm"], None),
     ]
     unreachable = summary["unreachable_steps"]
     if unreachable:
@@ -160,7 +160,7 @@ def _explained(table: Table, *terms: str) -> Group:
 
 
 def true_error_lines(runs: Sequence[Sequence[StepRecord]]) -> Iterator[str]:
-    """Why measured and true error of simulated robots differ, where they do by much."""
+    """Reasons why measured and true error of simulated robots differ, if they differ by much."""
     causes = Counter(why_measured_differs(records) for records in runs)
     for cause, count in causes.items():
         if cause is not None:
@@ -169,7 +169,7 @@ def true_error_lines(runs: Sequence[Sequence[StepRecord]]) -> Iterator[str]:
 
 
 def health_lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Link, solver and tracker in a few words; what went wrong is named."""
+    """Short lines about link, controller, board and tracker, with all errors."""
     link, solve = summary["link"], summary["solve_us"]
     rtt = link["rtt_us_median"]
     round_trip = f", round trip {rtt / 1000:.1f} ms" if rtt is not None else ""
@@ -179,15 +179,15 @@ def health_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     )
     if solve["median"] is not None:
         median, p99 = solve["median"], solve["p99"]
-        yield f"controller: median {median:.0f} us a step, 99 % below {p99:.0f} us"
+        yield f"controller: median {median:.0f} us per step, 99 % below {p99:.0f} us"
     if summary["missed_deadlines"]:
         skipped = summary["skipped_steps"]
-        note = f", {skipped} of them skipped, as the time for them had gone by" if skipped else ""
+        note = f", {skipped} of them skipped because they were too late" if skipped else ""
         yield f"missed deadlines: {summary['missed_deadlines']}{note}"
     if summary["board_holds"] or summary["board_relaxes"]:
         yield (
-            f"for want of fresh targets the board has held the pose: {summary['board_holds']}; "
-            f"has begun to lead the robot to rest: {summary['board_relaxes']}"
+            f"without fresh targets the board held the pose: {summary['board_holds']} times; "
+            f"started to move the robot to rest: {summary['board_relaxes']} times"
         )
     if summary["clamped_commands"]:
         yield (
@@ -204,7 +204,7 @@ def health_lines(summary: Mapping[str, Any]) -> Iterator[str]:
 def comparison_table(
     summaries: Sequence[Mapping[str, Any]], options: Sequence[RunOptions]
 ) -> Group:
-    """Controllers path by path, beside the paper's figures where the experiment is the paper's."""
+    """Controllers by path, next to the paper's results if the experiment is in the paper."""
     columns: dict[str, list[str]] = {
         "mean": [_mm(summary["mean_error_mm"]) for summary in summaries],
         "p95": [_mm(summary["p95_error_mm"]) for summary in summaries],
@@ -240,14 +240,14 @@ def comparison_table(
 
 
 def sweep_table(groups: Sequence[Mapping[str, Any]]) -> Table:
-    """Distributions over random twins, a row for each controller and rate."""
+    """Distributions over random twins, one row per controller and rate."""
     table = Table(
         title="mean true error over the floor of the same twin",
         title_justify="left",
         box=box.SIMPLE,
         collapse_padding=True,
         pad_edge=False,
-        caption="excess: median above the floor (mm); limits: left them; early: ended by a fault",
+        caption="excess: median above the floor (mm); limits: exceeded; early: ended by a fault",
         caption_justify="left",
     )
     table.add_column("Hz", justify="right")
@@ -281,28 +281,28 @@ def _reached(run: Mapping[str, Any]) -> str:
 
 
 def reach_table(reach: Mapping[str, Any]) -> Table:
-    """What of a path is out of reach."""
+    """Reachability of a path."""
     table = Table(title=f"reach of {reach['path']}", title_justify="left", show_header=False)
     table.add_row("points", str(reach["steps"]))
     table.add_row("out of reach", str(reach["unreachable_steps"]))
     table.add_row("mean unavoidable error (mm)", _mm(reach["floor_mean_error_mm"]))
-    table.add_row("greatest unavoidable error (mm)", _mm(reach["floor_max_error_mm"]))
+    table.add_row("largest unavoidable error (mm)", _mm(reach["floor_max_error_mm"]))
     table.add_row("  at time (s)", f"{reach['floor_max_at_s']:g}")
     for axis in (0, 1):
         low, high = reach["motor_range_deg"][axis]
         table.add_row(f"motor {axis + 1} (deg)", f"{low:.1f} .. {high:.1f}")
-        table.add_row("  greatest step (deg)", f"{reach['motor_step_max_deg'][axis]:.1f}")
+        table.add_row("  largest step (deg)", f"{reach['motor_step_max_deg'][axis]:.1f}")
     return table
 
 
 def _early_note(summary: Mapping[str, Any]) -> str:
-    """How far a run has come that ended early."""
+    """Number of steps done, for a run that ended early."""
     steps, planned = summary["steps"], summary["planned_steps"]
     return f", only {steps} of {planned} steps" if steps < planned else ""
 
 
 def _progress(console: Console, *columns: ProgressColumn) -> Progress:
-    """Shown on terminals only, and gone at the end."""
+    """A progress bar, shown on terminals only and removed at the end."""
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 

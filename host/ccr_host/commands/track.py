@@ -52,21 +52,21 @@ def track(
     laps: Annotated[
         int,
         typer.Option(
-            metavar="N", help="Follow a closed path N times without a stop; `adaptive` learns."
+            metavar="N", help="Follow a closed path N times without stopping; `adaptive` learns."
         ),
     ] = 1,
     with_open: Annotated[
         bool | None,
         typer.Option(
             "--with-open/--no-open",
-            help="Also run the open loop, to compare; by default where it costs no time.",
+            help="Also run the open loop for comparison; by default if the robot is simulated.",
         ),
     ] = None,
     view: ViewOption = None,
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Follow a path and show how well.
+    """Follow a path and show the tracking error.
 
     Example: ccr-host track 8shape --set twin.payload_g=5
     """
@@ -123,7 +123,7 @@ def track(
         if as_json:
             print_json(kept.summary)
         elif page and screen.is_terminal:
-            screen.print(f"the run can be played at {page.url}; Ctrl-C ends")
+            screen.print(f"the run can be replayed at {page.url}; Ctrl-C ends")
             page.wait_until_interrupted()
         if kept.failure is not None:
             raise kept.failure
@@ -140,4 +140,4 @@ def _show(result: RunResult, summary: Mapping[str, Any], screen: Console) -> Non
         for line in terminal.health_lines(summary):
             screen.print(line)
     if isinstance(result.failure, OperatorStop):
-        console(on_stderr=True).print(f"{result.failure}; the board has acknowledged")
+        console(on_stderr=True).print(f"{result.failure}; acknowledged by the board")

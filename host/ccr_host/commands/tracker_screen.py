@@ -1,4 +1,4 @@
-"""What people read about trackers in the terminal."""
+"""Terminal output about trackers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ccr_host.tracking.registration import Registration
 
 
 def registration_table(found: Registration) -> Table:
-    """How the camera stands, and how well that is known."""
+    """The camera's orientation and its uncertainty."""
     table = Table(title="registration", title_justify="left", show_header=False)
     turned, uncertain = found.camera_to_robot_deg, found.uncertainty_deg
     table.add_row("camera to robot, rotation vector (deg)", _numbers(turned, 2))
@@ -27,12 +27,12 @@ def registration_table(found: Registration) -> Table:
     table.add_row("segment 1 as measured (mm)", f"{found.segment_1_mm:.1f}")
     if found.reversed_motors:
         motors = " and ".join(map(str, found.reversed_motors))
-        table.add_row("turns the wrong way", f"motor {motors}; ccr-host calibrate corrects it")
+        table.add_row("reversed", f"motor {motors}; ccr-host calibrate corrects this")
     return table
 
 
 def monitor_panel(view: MonitorView) -> RenderableType:
-    """Markers, figures, complaints and link."""
+    """Markers, figures, warnings and link."""
     parts: list[RenderableType] = [_markers(view), Text(), *_figures(view)]
     parts += [Text(f"! {warning}", style="bold red") for warning in view.health.warnings]
     if view.trouble:
@@ -44,7 +44,7 @@ def monitor_panel(view: MonitorView) -> RenderableType:
 
 
 def _markers(view: MonitorView) -> Table:
-    frame = "robot's frame" if view.registered else "camera's frame: not registered"
+    frame = "robot frame" if view.registered else "camera frame: not registered"
     order = list(PATH_AXES.values()) if view.registered else [0, 1, 2]
     table = Table(title=f"mm, {frame}", title_justify="left")
     for heading in ("", "x", "y", "z", "length"):
@@ -63,7 +63,7 @@ def _markers(view: MonitorView) -> Table:
 def _figures(view: MonitorView) -> Iterator[Text]:
     health = view.health
     yield Text(
-        f"camera: {health.state}; {health.frames} frames, {health.lost_frames} lost on the way, "
+        f"camera: {health.state}; {health.frames} frames, {health.lost_frames} lost in transit, "
         f"{health.damaged_replies} damaged replies, {health.reconnections} reconnections"
     )
     age = "-" if view.age_ms is None else f"{view.age_ms:.0f}"

@@ -20,13 +20,13 @@ ViewOption = Annotated[
     typer.Option(
         "--view",
         metavar="[HOST:PORT]",
-        help=f"Show the run in the browser while it happens; {DEFAULT_ADDRESS} by default.",
+        help=f"Show the run live in the browser; {DEFAULT_ADDRESS} by default.",
     ),
 ]
 
 
 def with_default_address(words: Sequence[str]) -> list[str]:
-    """Give ``--view`` its default where no HOST:PORT follows it."""
+    """Add the default address to a ``--view`` without HOST:PORT."""
     return [
         f"--view={DEFAULT_ADDRESS}"
         if word == "--view" and not _is_like_an_address(following)
@@ -40,9 +40,9 @@ def _is_like_an_address(word: str) -> bool:
 
 
 def view(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder that a run has left behind.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
     address: Annotated[
-        str, typer.Option("--address", metavar="HOST:PORT", help="Where the page is served.")
+        str, typer.Option("--address", metavar="HOST:PORT", help="Address to serve the page on.")
     ] = DEFAULT_ADDRESS,
 ) -> None:
     """Play a recorded run in the browser: scrub, pause, change the speed. Ctrl-C ends it.
@@ -65,13 +65,13 @@ def _show_recorded_run(folder: Path, address: ViewAddress, on_ready: Callable[[s
     """Serve the page until interrupted.
 
     Args:
-        folder: of the run.
-        address: to listen on.
-        on_ready: is told the address to open.
+        folder: folder of the run.
+        address: address to listen on.
+        on_ready: called with the URL to open.
 
     Raises:
-        ConfigError: no run that can be read, or an address that cannot be had.
-        KeyboardInterrupt: the usual end.
+        ConfigError: the run cannot be read, or the address cannot be used.
+        KeyboardInterrupt: the normal end.
     """
     import threading
 

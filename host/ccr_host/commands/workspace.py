@@ -22,7 +22,7 @@ from ccr_host.run.options import RunOptions
 
 
 def reach_of(reference: Reference) -> dict[str, Any]:
-    """Summary of reach: unreachable steps, unavoidable error, motor travel (deg for people)."""
+    """Reachability of a path: unreachable steps, unavoidable error (mm), motor travel (deg)."""
     unavoidable_mm = reference.unavoidable_mm
     q_deg = np.degrees(reference.q_rad)
     worst = int(np.argmax(unavoidable_mm))
@@ -46,7 +46,7 @@ def workspace(
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what of a path two motors can reach, and the error that no controller can avoid.
+    """Show which points of a path are reachable, and the error that no controller can avoid.
 
     Example: ccr-host workspace ellipse --set servo.angle_max_deg=40
     """

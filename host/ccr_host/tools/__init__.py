@@ -1,1 +1,1 @@
-"""Bring-up of a robot: look at everything, move by hand, calibrate."""
+"""Tools for the bring-up of a robot: checks, jogging, calibration; and the sweep."""

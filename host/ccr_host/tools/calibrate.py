@@ -1,4 +1,4 @@
-"""``ccr-host calibrate --by-eye``: the user leads each servo to known angles and marks them."""
+"""``ccr-host calibrate --by-eye``: the user moves each servo to known angles and marks them."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ Array = NDArray[np.float64]
 ANGLES_DEG = (0.0, 45.0, -45.0)
 """Easy to see against a set square."""
 _LIMIT_MARGIN_DEG = 1.0
-"""So far the marks may miss the rest pose, which then is the limit."""
+"""Distance by which the rest pose may exceed the marked limits; it then becomes the limit."""
 _STRAIGHT_DEG = 3.0
-"""Greatest distance of a mark from the line: a servo's own error and that of the eye."""
+"""Largest distance of a mark from the line: nonlinearity of the servo and error of the eye."""
 _LEAST_SPAN_US = 100.0
 _AXES = 2
 _USUAL_RATIO = 1.25
-"""Servos of one robot, and a servo and its description, agree so well in scale."""
+"""Usual ratio of the scales of two servos, or of a servo and its description, at most."""
 _USUAL_NEUTRAL_DEG = 20.0
-"""Further off, the horn sits on a wrong tooth of its spline, which has one each 14.4 deg."""
+"""Further off, the horn is on a wrong tooth of its spline (14.4 deg per tooth)."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """One pose that the user is asked to lead a servo to."""
+    """A pose to which the user is asked to move a servo."""
 
     axis: int
     text: str
@@ -49,8 +49,8 @@ def _questions() -> tuple[Question, ...]:
             Question(axis, f"{horn} 0 deg, segment {axis + 1} straight"),
             Question(axis, f"{horn} +45 deg, which bends {bends[axis]}"),
             Question(axis, f"{horn} -45 deg, to the other side"),
-            Question(axis, f"motor {axis + 1}: the lowest angle that it may ever have"),
-            Question(axis, f"motor {axis + 1}: the highest angle that it may ever have"),
+            Question(axis, f"motor {axis + 1}: lowest angle that is ever allowed"),
+            Question(axis, f"motor {axis + 1}: highest angle that is ever allowed"),
         ]
     return tuple(listed)
 
@@ -59,10 +59,10 @@ QUESTIONS = _questions()
 
 
 def check_marks(servo: Servo, pulses_us: Sequence[float]) -> None:
-    """Judge the answers given so far, as soon as a motor's line or limits are complete.
+    """Check the answers so far, once a motor's line or limits are complete.
 
     Raises:
-        ConfigError: marks that no servo would give.
+        ConfigError: the marks are not plausible.
     """
     axis, last = divmod(len(pulses_us) - 1, len(QUESTIONS) // _AXES)
     marked_us = np.array(pulses_us[len(pulses_us) - 1 - last :])
@@ -73,34 +73,34 @@ def check_marks(servo: Servo, pulses_us: Sequence[float]) -> None:
 
 
 def doubts_about(before: Servo, found: Servo) -> list[str]:
-    """What of a calibration is so unusual that the user should be asked; each a clause."""
+    """Unusual results of a calibration that the user should confirm, each as a clause."""
     scales_us = np.abs(found.pulse_per_90_deg_us)
     doubts = []
     if scales_us.max() > _USUAL_RATIO * scales_us.min():
         first, second = scales_us
-        doubts.append(f"90 deg are {first:g} us of motor 1 but {second:g} us of motor 2")
+        doubts.append(f"90 deg are {first:g} us for motor 1 but {second:g} us for motor 2")
     for axis in range(_AXES):
         described_us, scale_us = abs(before.pulse_per_90_deg_us[axis]), scales_us[axis]
         if not 1.0 / _USUAL_RATIO <= scale_us / described_us <= _USUAL_RATIO:
             doubts.append(
-                f"90 deg of motor {axis + 1} were {described_us:g} us and are {scale_us:g} us"
+                f"90 deg of motor {axis + 1} were {described_us:g} us, now {scale_us:g} us"
             )
         moved_us = found.neutral_pulse_us[axis] - before.neutral_pulse_us[axis]
         moved_deg = 90.0 * moved_us / scale_us
         if abs(moved_deg) > _USUAL_NEUTRAL_DEG:
-            doubts.append(f"motor {axis + 1} stands straight {abs(moved_deg):.0f} deg off its zero")
+            doubts.append(f"motor {axis + 1} is straight {abs(moved_deg):.0f} deg from its zero")
     return doubts
 
 
 def servo_from_marks(servo: Servo, pulses_us: Sequence[float]) -> Servo:
-    """The calibration through the marks; all but calibration and angle limits as before.
+    """The servos with calibration and angle limits from the marks, all else unchanged.
 
     Args:
-        servo: as described so far.
-        pulses_us: answers to ``QUESTIONS``, in their order.
+        servo: present description.
+        pulses_us: answers to ``QUESTIONS``, in the same order.
 
     Raises:
-        ConfigError: marks that no servo would give.
+        ConfigError: the marks are not plausible.
     """
     marks_us = np.reshape(np.asarray(pulses_us, dtype=np.float64), (_AXES, -1))
     lines = [_line(axis, marks_us[axis, : len(ANGLES_DEG)]) for axis in range(_AXES)]
@@ -125,7 +125,7 @@ def _limits_deg(axis: int, marked_us: Array, line: Pair, rest_deg: float) -> tup
     low, high = sorted(90.0 * (marked_us - neutral_us) / per_90_us)
     if not low - _LIMIT_MARGIN_DEG <= rest_deg <= high + _LIMIT_MARGIN_DEG:
         raise ConfigError(
-            f"motor {axis + 1}: its rest pose of {rest_deg:g} deg is outside of the range marked, "
+            f"motor {axis + 1}: its rest pose of {rest_deg:g} deg is outside the marked range of "
             f"{low:.1f} to {high:.1f} deg",
             "mark the limits again, or correct servo.rest_deg",
         )
@@ -133,7 +133,7 @@ def _limits_deg(axis: int, marked_us: Array, line: Pair, rest_deg: float) -> tup
 
 
 def _line(axis: int, marked_us: Array) -> Pair:
-    """Neutral pulse and pulse per 90 deg of one servo."""
+    """Neutral pulse and pulse per 90 deg of one servo, us."""
     per_deg_us, neutral_us = np.polyfit(ANGLES_DEG, marked_us, 1)
     if abs(marked_us[1] - marked_us[2]) < _LEAST_SPAN_US:
         raise ConfigError(
@@ -143,9 +143,9 @@ def _line(axis: int, marked_us: Array) -> Pair:
     off_deg = np.abs(marked_us - neutral_us - per_deg_us * np.array(ANGLES_DEG)) / abs(per_deg_us)
     if off_deg.max() > _STRAIGHT_DEG:
         raise ConfigError(
-            f"motor {axis + 1}: the marks at -45, 0 and 45 deg miss a line by {off_deg.max():.1f} "
-            "deg",
-            "mark them again; a servo that still does so has slipped on its horn",
+            f"motor {axis + 1}: the marks at -45, 0 and 45 deg are {off_deg.max():.1f} deg off a "
+            "line",
+            "mark them again; if they still are, the horn has slipped",
         )
     return float(neutral_us), float(90.0 * per_deg_us)
 
@@ -161,7 +161,7 @@ def _rounded(angles_deg: Sequence[float]) -> Pair:
 
 
 def calibration_table(fit: ServoFit, description: Description) -> Table:
-    """A line for each servo."""
+    """Table of the fitted mounting, one row per servo."""
     robot = description.robot
     described_gain = robot.pulley_radius_mm / robot.tendon_radius_mm
     table = Table(
@@ -188,13 +188,13 @@ def calibration_table(fit: ServoFit, description: Description) -> Table:
 
 
 Show = Callable[[JogView, str], None]
-"""Draws the robot and what is asked."""
+"""Draws the robot and the question."""
 
 
 def calibrate_by_eye(
     rig: Rig, description: Description, pressed: Callable[[], Iterable[str]], show: Show
 ) -> Servo | None:
-    """Ask all questions; None if the user leaves before the last one.
+    """Ask all questions; None if the user quits before the last one.
 
     Raises:
         DeviceError: the board cannot be armed or disarmed.
@@ -209,26 +209,26 @@ def calibrate_by_eye(
 
 
 class _Dialogue:
-    """Questions and answers; marks that no servo would give are asked for again."""
+    """Questions and answers; implausible marks are asked for again."""
 
     def __init__(self, servo: Servo) -> None:
         self._before = servo
         self._pulses_us: list[float] = []
         self._refused = ""
-        """Why the last marks have to be made again; empty if they need not."""
+        """Why the last marks must be repeated; empty if they need not be."""
 
     @property
     def asked(self) -> str:
-        """The question that is to be answered, with whatever the user has to know first."""
+        """The current question, after the reason for asking again, if any."""
         number = len(self._pulses_us)
         if number == len(QUESTIONS):
             doubts = "; ".join(self._doubts())
-            return f"{doubts}.\nEnter keeps this, b goes back, q leaves" if doubts else ""
+            return f"{doubts}.\nEnter accepts this, b goes back, q quits" if doubts else ""
         question = f"{number + 1} of {len(QUESTIONS)}: {QUESTIONS[number].text}, then Enter"
         return f"{self._refused}\n{question}" if self._refused else question
 
     def mark(self, report: StateReport) -> bool:
-        """Take the present pulse for an answer, or the user's word that all of them are right."""
+        """Record the present pulse as an answer, or accept all answers; whether all are done."""
         if len(self._pulses_us) == len(QUESTIONS):
             return True
         half_us = report.pulse_half_us[QUESTIONS[len(self._pulses_us)].axis]
@@ -244,12 +244,12 @@ class _Dialogue:
         return len(self._pulses_us) == len(QUESTIONS) and not self._doubts()
 
     def back(self) -> None:
-        """Take the last answer back."""
+        """Discard the last answer."""
         if self._pulses_us:
             self._pulses_us.pop()
 
     def servo(self) -> Servo:
-        """As marked, once all questions are answered."""
+        """The calibrated servos, once all questions are answered."""
         return servo_from_marks(self._before, self._pulses_us)
 
     def _doubts(self) -> list[str]:

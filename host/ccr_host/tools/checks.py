@@ -1,4 +1,4 @@
-"""Checks of the board and the way to it, and of what the tracker sees at rest."""
+"""Checks of the board, the link, and the tracker's measurements of the robot at rest."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ from ccr_host.link.messages import (
 from ccr_host.link.statistics import LinkStatistics
 from ccr_host.robot.marker_shape import seen_lengths_mm, wrong_segments
 from ccr_host.robot.rests import Rests
-from ccr_host.tools.equipment import described
+from ccr_host.tools.equipment import equipment_text
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample, Tracker
 
 
 class Severity(enum.IntEnum):
-    """How bad it is."""
+    """Severity of a finding."""
 
     GOOD = 0
     WARNING = 1
-    """A run is possible but not as good or not as safe as it could be."""
+    """A run is possible, but less accurate or less safe than it could be."""
     FAILURE = 2
     """A run is not possible."""
 
@@ -51,15 +51,15 @@ class Finding:
     """One line of the doctor's report."""
 
     subject: str
-    """What was looked at, in a word or two."""
+    """What was checked, in a word or two."""
     severity: Severity
     text: str
     remedy: str = ""
     exit_status: int = 0
-    """Of the command if this is a failure; the same as the error's that a run would end with."""
+    """Exit status for a failure, the same as that of a run that ends with this error."""
 
     def as_summary(self) -> dict[str, str]:
-        """For JSON."""
+        """The finding as a JSON object."""
         return {
             "subject": self.subject,
             "severity": self.severity.name.lower(),
@@ -69,27 +69,27 @@ class Finding:
 
 
 def good(subject: str, text: str) -> Finding:
-    """Nothing to do."""
+    """A finding that needs no action."""
     return Finding(subject, Severity.GOOD, text)
 
 
 def warning(subject: str, text: str, remedy: str) -> Finding:
-    """To be mended, but not now."""
+    """A finding that should be fixed, though a run is possible."""
     return Finding(subject, Severity.WARNING, text, remedy)
 
 
 def failure(subject: str, error: CcrError) -> Finding:
-    """What would end a run."""
+    """A finding with which a run would fail."""
     return Finding(subject, Severity.FAILURE, error.cause, error.cure, error.exit_status)
 
 
 def judged(subject: str, text: str, *, fine: bool, remedy: str) -> Finding:
-    """Good or a warning."""
+    """A good finding if ``fine``, else a warning."""
     return good(subject, text) if fine else warning(subject, text, remedy)
 
 
 def exit_status(findings: Iterable[Finding]) -> int:
-    """0 while a run is possible; else that of the first failure."""
+    """0 if a run is possible, else the status of the first failure."""
     return next((f.exit_status for f in findings if f.severity is Severity.FAILURE), 0)
 
 
@@ -98,16 +98,16 @@ _LOOK_US = 5_000
 _RATE_SHARE = 0.9
 _NOISE_FACTOR = 2.0
 _TURN_RAD = np.radians(1.0)
-"""A camera that is aligned, or was registered, is turned by no more."""
+"""Standard deviation of the rotation of an aligned or registered camera."""
 _ZERO_RAD = np.radians(1.0)
-"""Servos that were calibrated are set to zero so well."""
+"""Standard deviation of the zeros of calibrated servos."""
 _SURPRISING = 2.0
-"""Standard deviations."""
+"""In standard deviations."""
 _PROBE = 1e-4
 
 
 def check_tracker(tracker: Tracker, clock: Clock, description: Description) -> Iterator[Finding]:
-    """Watch the robot at rest for a few seconds."""
+    """Observe the robot at rest for a few seconds."""
     samples, ages_us = _listen(tracker, clock)
     if not samples:
         told = tracker.trouble()
@@ -115,7 +115,7 @@ def check_tracker(tracker: Tracker, clock: Clock, description: Description) -> I
             "markers",
             TrackerError(
                 f"{tracker.name} gives no sample" + (f": {told}" if told else ""),
-                "check line of sight, the camera's volume and the markers; see ccr-host monitor",
+                "check line of sight, measurement volume and markers; see ccr-host monitor",
             ),
         )
         return
@@ -126,7 +126,7 @@ def check_tracker(tracker: Tracker, clock: Clock, description: Description) -> I
     yield _second_marker(samples)
     yield from _shape(samples, description)
     told = tracker.trouble()
-    yield judged("tracker", told or f"{tracker.name} has no complaints", fine=not told, remedy=told)
+    yield judged("tracker", told or f"{tracker.name} reports no error", fine=not told, remedy=told)
 
 
 def _listen(tracker: Tracker, clock: Clock) -> tuple[list[Sample], list[int]]:
@@ -147,9 +147,9 @@ def _rate(samples: list[Sample], description: Description) -> Finding:
     expected_hz = description.tracker.rate_hz
     return judged(
         "rate",
-        f"{rate_hz:.1f} samples a second of {expected_hz:g}",
+        f"{rate_hz:.1f} of {expected_hz:g} samples per second",
         fine=_RATE_SHARE * expected_hz <= rate_hz <= expected_hz / _RATE_SHARE,
-        remedy="look for hidden markers and reflections, or correct tracker.rate_hz",
+        remedy="check for hidden markers and reflections, or correct tracker.rate_hz",
     )
 
 
@@ -161,7 +161,7 @@ def _age(ages_us: list[int], description: Description) -> Finding:
         f"samples arrive {np.median(ages_us) / 1000:.0f} ms after their exposure, "
         f"at most {oldest_ms:.0f} ms",
         fine=oldest_ms < limit_ms,
-        remedy="check the connection; for a slow tracker raise control.stale_after_ms",
+        remedy="check the connection; for a slow tracker increase control.stale_after_ms",
     )
 
 
@@ -187,7 +187,7 @@ def _second_marker(samples: list[Sample]) -> Finding:
 
 
 def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]:
-    """Lengths of the segments, and where the robot points to."""
+    """Check the lengths of the segments and the orientation of the robot."""
     markers_mm = np.nanmedian([sample.markers_mm for sample in samples], axis=0)
     robot = description.robot
     if np.isfinite(markers_mm).all():
@@ -203,19 +203,19 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
             else "measure robot.segment_lengths_mm again; check that each marker is the right one, "
             "the camera's calibration, and that the robot is at rest (ccr-host jog)",
         )
-    off_deg, allowed_deg = _askew_deg(markers_mm[2] - markers_mm[0], description)
+    off_deg, allowed_deg = _deflection_deg(markers_mm[2] - markers_mm[0], description)
     yield judged(
         "orientation",
-        f"the robot at rest points {off_deg:.0f} deg away from where its model rests; expected: "
-        f"at most {allowed_deg:.0f}",
+        f"the robot at rest points {off_deg:.0f} deg away from its model; expected: at most "
+        f"{allowed_deg:.0f}",
         fine=off_deg < allowed_deg,
-        remedy="ccr-host register finds out how the camera stands; check robot.* and servo.* with "
-        "ccr-host calibrate, and that gravity pulls the robot away from its markers",
+        remedy="ccr-host register measures the camera's orientation; check robot.* and servo.* "
+        "with ccr-host calibrate, and that gravity pulls the robot away from its markers",
     )
 
 
-def _askew_deg(tip_mm: NDArray[np.float64], description: Description) -> tuple[float, float]:
-    """Angle to where the robot should rest, and how much of it would be no surprise."""
+def _deflection_deg(tip_mm: NDArray[np.float64], description: Description) -> tuple[float, float]:
+    """Angle between measured and expected rest direction, and its largest expected value, deg."""
     scaling = Scaling(description.robot, _TURN_RAD, _ZERO_RAD)
     rest_rad = np.radians(description.servo.rest_deg)
     rests = Rests(rest_rad, rest_rad[None], np.full((1, 3, 3), np.nan), np.ones(1))
@@ -232,17 +232,17 @@ def _askew_deg(tip_mm: NDArray[np.float64], description: Description) -> tuple[f
 _TRIPS = 100
 _LISTEN_US = 1_000_000
 _SLOW_TRIP_US = 20_000
-"""A USB port with its usual 16 ms latency timer stays below."""
+"""A USB port with the usual latency timer of 16 ms stays below this."""
 _LEAST_STACK_BYTES = 128
 _NOT_MEASURED = 0xFFFF
-_ODD_RESETS = (ResetCause.BROWN_OUT, ResetCause.WATCHDOG)
+_ABNORMAL_RESETS = (ResetCause.BROWN_OUT, ResetCause.WATCHDOG)
 
 
 def check_board(client: Client, clock: Clock, description: Description) -> Iterator[Finding]:
-    """Ask, listen for a second, move nothing.
+    """Query the board and listen for a second, without moving the robot.
 
     Raises:
-        DeviceError: the board does not answer any more.
+        DeviceError: the board stops answering.
     """
     identity = client.identity
     assert identity is not None, "connected"
@@ -266,14 +266,14 @@ def _identity(identity: HelloReply) -> Finding:
     return judged(
         "board",
         f"firmware {version}, boot {identity.boot_id}, last reset: {cause.name.lower()}",
-        fine=cause not in _ODD_RESETS,
-        remedy="look at the supply (brown_out) or report a defect (watchdog)",
+        fine=cause not in _ABNORMAL_RESETS,
+        remedy="check the supply (brown_out), or report a defect (watchdog)",
     )
 
 
 def _equipment(client: Client, description: Description) -> Iterator[Finding]:
     equipment = client.read_equipment()
-    yield good("equipment", described(equipment))
+    yield good("equipment", equipment_text(equipment))
     if equipment.supply_full_dv:
         supply_dv = client.read_state().supply_dv
         yield judged(
@@ -298,16 +298,16 @@ def _state(report: StateReport) -> Finding:
         return warning(
             "state",
             f"{state.name.lower()}, the servos get pulses",
-            "another host is at work, or left the robot armed",
+            "another host is running, or left the robot armed",
         )
     return good("state", f"{state.name.lower()}, no pulses")
 
 
 def _eeprom(identity: HelloReply) -> Finding:
-    again = "run ccr-host calibrate again; replace the board if it comes back"
+    again = "run ccr-host calibrate again; replace the board if this recurs"
     match identity.eeprom_status:
         case EepromStatus.BLANK:
-            return good("EEPROM", "no configuration kept; ccr-host calibrate keeps one")
+            return good("EEPROM", "no configuration saved; ccr-host calibrate saves one")
         case EepromStatus.LOADED:
             return good("EEPROM", "configuration loaded")
         case EepromStatus.ONE_SLOT_BAD:
@@ -317,7 +317,7 @@ def _eeprom(identity: HelloReply) -> Finding:
 
 
 def _faults(records: list[FaultRecord], boot_id: int) -> str:
-    """The newest first."""
+    """The fault log in words, newest first."""
     return "; ".join(_fault(record, boot_id) for record in records) or "none"
 
 
@@ -329,15 +329,16 @@ def _fault(record: FaultRecord, boot_id: int) -> str:
 
 
 def _configuration(identity: HelloReply, differing: list[str]) -> Finding:
-    """What a board has kept belongs to one robot; firmware's own values belong to none."""
+    """Compare the board's configuration with the description; firmware defaults may differ."""
     if not differing:
         return good("configuration", "as in the robot description")
     if identity.eeprom_status is EepromStatus.BLANK:
-        return good("configuration", "the firmware's own; a run sets what is described")
+        return good("configuration", "firmware defaults; a run sets the described values")
     return warning(
         "configuration",
-        f"the board holds other values than described: {'; '.join(differing)}",
-        "check --robot and the board; a run sets what is described, ccr-host calibrate keeps it",
+        f"the board's values differ from the description: {'; '.join(differing)}",
+        "check --robot and the board; a run sets the described values, ccr-host calibrate saves "
+        "them",
     )
 
 
@@ -347,7 +348,7 @@ def _round_trips(figures: LinkStatistics) -> Finding:
         "round trip",
         f"median {median_us / 1000:.1f} ms, 99 % below {p99_us / 1000:.1f} ms",
         fine=p99_us < _SLOW_TRIP_US,
-        remedy="lower the latency timer of the USB port; use no hub",
+        remedy="reduce the latency timer of the USB port; avoid hubs",
     )
 
 
@@ -365,7 +366,7 @@ def _losses(figures: LinkStatistics, counters: CountersReply) -> Finding:
         "link",
         ", ".join(seen) or f"nothing lost in {_TRIPS} requests and {reports} reports",
         fine=not seen,
-        remedy="shorten the cable, keep it off the servos' wires, check the common ground",
+        remedy="use a shorter cable, keep it away from the servo wires, check the common ground",
     )
 
 
@@ -374,7 +375,7 @@ def _stack(report: StateReport) -> Iterator[Finding]:
     if free_bytes != _NOT_MEASURED:
         yield judged(
             "memory",
-            f"at least {free_bytes} bytes of stack left",
+            f"at least {free_bytes} bytes of stack free",
             fine=free_bytes >= _LEAST_STACK_BYTES,
             remedy="report this as a defect of the firmware",
         )

@@ -1,4 +1,4 @@
-"""``ccr-host doctor``: one look at everything, nothing moved or changed."""
+"""``ccr-host doctor``: check everything without moving or changing anything."""
 
 from __future__ import annotations
 
@@ -40,21 +40,21 @@ EXTRAS = {
     "aruco": "cv2",
     "firmware": "platformio",
 }
-"""Extras by one of their packages."""
+"""One package of each extra, to see whether it is installed."""
 
 _NAPS = 200
 _NAP_US = 1000
 _LATE_US = 5000
-"""A quarter of the board's tick, and less than what a camera's latency varies by."""
+"""A quarter of the board's tick, and less than the jitter of a camera's latency."""
 _LEAST_FREE_BYTES = 1_000_000_000
 
 
 def check_host(clock: Clock, folder: Path) -> Iterator[Finding]:
-    """Versions, extras, disk, and how late this process wakes.
+    """Check versions, extras, disk space, and the wake-up latency of this process.
 
     Args:
-        clock: real.
-        folder: in which runs are kept.
+        clock: real-time clock.
+        folder: folder in which runs are stored.
     """
     yield good("versions", ", ".join(f"{name} {value}" for name, value in versions().items()))
     yield _extras()
@@ -63,14 +63,14 @@ def check_host(clock: Clock, folder: Path) -> Iterator[Finding]:
         "disk",
         f"{free_bytes / 1e9:.1f} GB free for runs in {folder.resolve()}",
         fine=free_bytes > _LEAST_FREE_BYTES,
-        remedy="make room, or start from another folder",
+        remedy="free disk space, or start from another folder",
     )
     late_us = _lateness_us(clock)
     yield judged(
         "timing",
         f"this process wakes {np.median(late_us):.0f} us late, at most {late_us.max():.0f} us",
         fine=bool(late_us.max() < _LATE_US),
-        remedy="end what else keeps this computer busy; let it run on full power",
+        remedy="close other busy programs; disable power saving",
     )
 
 
@@ -96,14 +96,14 @@ _BLINK_S = 20
 
 
 def examine(options: RigOptions, folder: Path, *, blink: bool = False) -> Iterator[Finding]:
-    """Computer, description, board and tracker, one finding after the other.
+    """Check computer, description, board and tracker, yielding one finding after the other.
 
-    What cannot be reached is a finding, and does not keep the rest from being looked at.
+    A device that cannot be reached is a finding and does not stop the other checks.
 
     Args:
-        options: description, device and tracker count.
-        folder: in which runs would be kept.
-        blink: let the board's LED show which of several boards it is.
+        options: description, device and tracker are used.
+        folder: folder in which runs would be stored.
+        blink: blink the board's LED, to tell it from other boards.
     """
     yield from check_host(RealClock(), folder)
     yield _ports()
@@ -116,7 +116,7 @@ def examine(options: RigOptions, folder: Path, *, blink: bool = False) -> Iterat
     yield from _describe(description, tracker)
     yield from _or_failure("identification", lambda: _identified(description))
     if mismatch := mismatch_of(options):
-        remedy = "name your own with --device and --tracker"
+        remedy = "give your own with --device and --tracker"
         yield warning("device and tracker", mismatch, remedy)
     yield from _or_failure("board", lambda: _board(device, description, options.seed, blink))
     yield from _or_failure("tracker", lambda: _tracker(tracker, description, options.seed))
@@ -136,28 +136,28 @@ def _describe(description: Description, tracker: TrackerUri) -> Iterator[Finding
     elif tracker.kind is not TrackerKind.TWIN:
         yield warning(
             "registration",
-            "none: the camera is taken to be aligned with the robot",
+            "none: the camera is assumed to be aligned with the robot",
             "ccr-host register, with your --device and --tracker",
         )
 
 
 def _identified(description: Description) -> Iterator[Finding]:
-    """Whether the model explains the rests that were kept; silent if there are none."""
+    """Check that the model fits the identified rests; no finding if there are none."""
     rests = identified_rests(description)
     if rests is None:
         return
     fit = trial_fit(rests, description)
     yield judged(
         "identification",
-        f"{len(rests.count)} rests are kept; {fit.residual}",
+        f"{len(rests.count)} rests identified; {fit.residual}",
         fine=fit.explains,
-        remedy="measure robot.segment_lengths_mm and the radii again, look for loose or rubbing "
+        remedy="measure robot.segment_lengths_mm and the radii again, check for loose or rubbing "
         "tendons, then ccr-host calibrate --identify",
     )
 
 
 def _or_failure(subject: str, check: Callable[[], Iterable[Finding]]) -> Iterator[Finding]:
-    """The findings of a check; what ends it is one of them."""
+    """Yield the findings of a check, and as the last one the error that ends it, if any."""
     try:
         yield from check()
     except CcrError as error:
@@ -170,7 +170,7 @@ def _board(
     with open_board(device, description, seed) as (client, clock):
         if blink:
             client.blink(_BLINK_S)
-            yield good("LED", f"blinks six times a second for {_BLINK_S} s")
+            yield good("LED", f"blinks six times per second for {_BLINK_S} s")
         yield from check_board(client, clock, description)
 
 
@@ -180,7 +180,7 @@ def _tracker(uri: TrackerUri, description: Description, seed: int) -> Iterator[F
     if eyes.scene is not None:
         clock.attach(eyes.scene)
     with eyes.running(clock):
-        # Spheres without a name are told apart without a rotation if none was registered.
+        # Anonymous spheres are labelled without a rotation if none was registered.
         unregistered = description.registration is None
         tracker = eyes.tracker(clock, lambda: np.zeros(2), in_camera_frame=unregistered)
         eyes.wait_until_tracking(clock)

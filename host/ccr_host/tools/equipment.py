@@ -1,4 +1,4 @@
-"""The board's name and what is wired to it: kept in its EEPROM, told and changed by the host."""
+"""The board's name and equipment, stored in its EEPROM, read and changed by the host."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ _U8_MAX = 255
 
 @dataclass(frozen=True)
 class EquipmentChange:
-    """What is to be changed; None leaves it."""
+    """Requested changes; None leaves a value unchanged."""
 
     board_name: str | None = None
     emergency_stop: bool | None = None
     supply_divider: float | None = None
-    """Servo supply over what reaches the board's pin; 0: none is wired."""
+    """Servo supply voltage over the voltage at the board's pin; 0: not wired."""
     supply_min_v: float | None = None
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is to be changed."""
+        """Whether no change is requested."""
         return self == EquipmentChange()
 
     def applied_to(self, equipment: Equipment) -> Equipment:
         """The equipment with this change.
 
         Raises:
-            ConfigError: the board cannot keep it.
+            ConfigError: the board cannot store the result.
         """
         if self.board_name is not None:
             equipment = replace(equipment, board_name=_name_bytes(self.board_name))
@@ -49,8 +49,8 @@ class EquipmentChange:
             equipment = replace(equipment, supply_min_dv=_deci(self.supply_min_v, "--supply-min"))
         if equipment.supply_min_dv > equipment.supply_full_dv:
             raise ConfigError(
-                f"a supply of {equipment.supply_min_dv / 10:g} V cannot be seen with a divider for "
-                f"up to {equipment.supply_full_dv / 10:g} V",
+                f"a supply of {equipment.supply_min_dv / 10:g} V cannot be measured with a divider "
+                f"for up to {equipment.supply_full_dv / 10:g} V",
                 "give --supply-divider N as it is wired, or --supply-min 0",
             )
         return equipment
@@ -59,15 +59,15 @@ class EquipmentChange:
 def change_equipment(
     client: Client, description: Description, change: EquipmentChange
 ) -> Equipment:
-    """Set it and let the board save it.
+    """Change the equipment and save it in the board.
 
     Args:
-        client: connected, to a board that is not armed.
-        description: configures a board that has no configuration yet, as it saves all or nothing.
-        change: what to change.
+        client: client connected to a board that is not armed.
+        description: configures a board without a configuration, as a board saves all or nothing.
+        change: requested changes.
 
     Raises:
-        ConfigError: the board cannot keep it.
+        ConfigError: the board cannot store the result.
         DeviceError: the board refuses, or its EEPROM fails.
     """
     wanted = change.applied_to(client.read_equipment())
@@ -78,24 +78,24 @@ def change_equipment(
     return wanted
 
 
-def told_to_board(options: RigOptions, change: EquipmentChange) -> str:
-    """Connect, change and save; gives the board's equipment then, for people.
+def set_equipment(options: RigOptions, change: EquipmentChange) -> str:
+    """Connect, change and save; return the board's equipment as text.
 
     Raises:
-        ConfigError: unknown URI, or the board cannot keep it.
+        ConfigError: unknown URI, or the board cannot store the result.
         DeviceError: no board, or it refuses.
     """
     device = parse_device_uri(options.device)
     description = options.description()
     with open_board(device, description, options.seed) as (client, _):
-        told = described(change_equipment(client, description, change))
+        text = equipment_text(change_equipment(client, description, change))
         if client.read_state().fault is Fault.EMERGENCY_STOP:
-            told += " (open now: the board is in fault until it is closed and cleared)"
-        return told
+            text += " (now open: the board stays in fault until it is closed and cleared)"
+        return text
 
 
-def described(equipment: Equipment) -> str:
-    """For people."""
+def equipment_text(equipment: Equipment) -> str:
+    """The equipment in words."""
     name = board_name(equipment)
     stop = "emergency stop fitted" if equipment.emergency_stop else "no emergency stop"
     supply = "supply not measured"
@@ -107,12 +107,12 @@ def described(equipment: Equipment) -> str:
 
 
 def _deci(voltage_v: float, option: str) -> int:
-    """In 0.1 V."""
+    """A voltage in units of 0.1 V."""
     deci = voltage_v * 10
     if not 0 <= deci <= _U8_MAX:
         raise ConfigError(
-            f"{option}: the board cannot take {voltage_v:g} V at its supply",
-            f"it takes 0 to {_U8_MAX / 10:g} V",
+            f"{option}: a supply of {voltage_v:g} V is out of range",
+            f"the board supports 0 to {_U8_MAX / 10:g} V",
         )
     return round(deci)
 

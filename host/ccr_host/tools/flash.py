@@ -1,4 +1,4 @@
-"""`ccr-host flash`: from an UNO on a cable to a board that answers."""
+"""`ccr-host flash`: upload the firmware to an UNO and check that it answers."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from ccr_host.sim.simavr.flash_image import RELEASED_FIRMWARE, read_flash_image
 _UNO: Final = frozenset(
     {(0x2341, 0x0043), (0x2341, 0x0001), (0x2A03, 0x0043), (0x2341, 0x0243), (0x2341, 0x006A)}
 )
-"""USB vendor and product, from boards.txt of the Arduino core."""
+"""USB vendor and product ids, from boards.txt of the Arduino core."""
 _BRIDGE: Final = frozenset({(0x1A86, 0x7523), (0x0403, 0x6001), (0x10C4, 0xEA60)})
-"""USB-to-serial chips of compatible boards, and of much else: CH340, FT232R, CP2102."""
+"""USB-to-serial chips of compatible boards and many other devices: CH340, FT232R, CP2102."""
 
 
 class PortInfo(Protocol):
-    """What pyserial tells of a port."""
+    """The attributes of pyserial's port information that are used here."""
 
     device: str
     vid: int | None
@@ -38,15 +38,15 @@ class PortInfo(Protocol):
 
 
 def choose_port(given: str | None, ports: Iterable[PortInfo] | None = None) -> str:
-    """The given port, or the only one that an UNO can be on.
+    """The given port, or the only one that can be an UNO.
 
     Args:
-        given: path of a port, which need not be a USB port; None to look for one.
-        ports: to choose from; None for those of this machine.
+        given: path of a port, not necessarily USB; None to search for one.
+        ports: ports to choose from; None for those of this machine.
 
     Raises:
-        ConfigError: several fit.
-        DeviceError: none fits, or it cannot be opened.
+        ConfigError: several ports match.
+        DeviceError: no port matches, or it cannot be opened.
     """
     if given is None:
         given = _only_candidate(list_ports.comports() if ports is None else ports)
@@ -77,25 +77,25 @@ _INSTALL_AVRDUDE: Final = {
     "darwin": "brew install avrdude",
     "win32": "winget install AVRDudes.AVRDUDE",
 }
-"""By sys.platform; elsewhere with apt."""
+"""Install command by sys.platform; apt elsewhere."""
 
 
 def find_project() -> Path | None:
-    """Folder of platformio.ini: this one, or the checkout that the host runs from."""
+    """Folder of platformio.ini: the current one, or the checkout that the host runs from."""
     folders = (Path.cwd(), _CHECKOUT)
     return next((folder for folder in folders if (folder / "platformio.ini").exists()), None)
 
 
 def upload_project(port: str, project: Path, *, pio: str = "pio") -> None:
-    """Build the firmware if need be, and upload it: `pio run -t upload`.
+    """Build the firmware if necessary and upload it: `pio run -t upload`.
 
     Args:
-        port: of the board.
+        port: port of the board.
         project: folder of platformio.ini.
-        pio: the program.
+        pio: PlatformIO's program.
 
     Raises:
-        ConfigError: there is no PlatformIO.
+        ConfigError: PlatformIO is not installed.
         DeviceError: the upload failed.
     """
     program = shutil.which(pio)
@@ -105,10 +105,10 @@ def upload_project(port: str, project: Path, *, pio: str = "pio") -> None:
 
 
 def upload_file(port: str, firmware: Path) -> None:
-    """Upload an ELF or HEX file through the boot loader, and read it back.
+    """Upload an ELF or HEX file through the boot loader and verify it.
 
     Raises:
-        ConfigError: it is not a file for an UNO, or there is no avrdude.
+        ConfigError: not a file for an UNO, or avrdude is not installed.
         DeviceError: the upload failed.
     """
     read_flash_image(firmware)
@@ -125,7 +125,7 @@ def upload_file(port: str, firmware: Path) -> None:
 
 
 def _avrdude() -> list[str]:
-    """The system's avrdude, or PlatformIO's with its configuration file."""
+    """Command of the system's avrdude, or of PlatformIO's with its configuration file."""
     if program := shutil.which("avrdude"):
         return [program]
     core = Path(os.environ.get("PLATFORMIO_CORE_DIR") or Path.home() / ".platformio")
@@ -138,7 +138,7 @@ def _avrdude() -> list[str]:
 
 
 def _run(command: list[str], folder: Path, port: str) -> None:
-    """What the program says goes to standard error: standard output is for the summary."""
+    """Run a program with its output on standard error; standard output is for the summary."""
     cure = "press no button, close other programs on the port, then try again"
     try:
         result = subprocess.run(
@@ -150,25 +150,25 @@ def _run(command: list[str], folder: Path, port: str) -> None:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise DeviceError(f"{port}: no end of the upload", cure) from None
+        raise DeviceError(f"{port}: the upload timed out", cure) from None
     if result.returncode != 0:
         raise DeviceError(f"{port}: {Path(command[0]).name} failed, see above", cure)
 
 
 @dataclass(frozen=True)
 class FlashReport:
-    """What is now on the board."""
+    """The firmware on the board after flashing."""
 
     port: str
     identity: HelloReply
 
     @property
     def firmware_version(self) -> str:
-        """As in the board's answer."""
+        """Firmware version reported by the board, e.g. ``1.2.0``."""
         return ".".join(map(str, self.identity.firmware_version))
 
     def summary(self) -> dict[str, object]:
-        """For `--json`."""
+        """The report as a JSON object, for `--json`."""
         return {
             "port": self.port,
             "firmware_version": self.firmware_version,
@@ -185,19 +185,19 @@ def flash_board(
     project: Path | None = None,
     pio: str = "pio",
 ) -> FlashReport:
-    """Find the board, upload, and let it say hello.
+    """Find the board, upload the firmware, and query its identity.
 
     Args:
-        port: of the board; None to look for it.
-        firmware: HEX or ELF file for avrdude; None to build the project with PlatformIO, or where
-            there is none to take the file that came with this installation.
-        project: folder of platformio.ini; None for this folder or the checkout of the host.
+        port: port of the board; None to search for it.
+        firmware: HEX or ELF file for avrdude; None to build the project with PlatformIO, or, if
+            there is no project, to use the file that came with this installation.
+        project: folder of platformio.ini; None for the current folder or the host's checkout.
         pio: PlatformIO's program.
 
     Raises:
-        ConfigError: something is missing on this machine, or several boards are there.
-        DeviceError: no board, upload failed, or the board does not answer.
-        SpecMismatchError: it answers, but was built from another spec than this host.
+        ConfigError: a program is missing on this machine, or there are several boards.
+        DeviceError: no board, the upload failed, or the board does not answer.
+        SpecMismatchError: the board was built from another spec than this host.
     """
     chosen = choose_port(port)
     project = project or find_project()
@@ -209,10 +209,10 @@ def flash_board(
 
 
 def say_hello(port: str) -> HelloReply:
-    """Open the port, which resets the board, and ask until it answers.
+    """Open the port, which resets the board, and query its identity until it answers.
 
     Raises:
-        DeviceError: it does not.
+        DeviceError: the board does not answer.
     """
     clock = RealClock()
     transport = open_transport(parse_device_uri(f"serial:{port}"))

@@ -248,7 +248,7 @@ class Robot:
             warnings.warn(f"{folder.path}: {trouble}", stacklevel=2)
         if kept.failure is not None:
             if folder.kept:
-                kept.failure.add_note(f"kept in {folder.path}: {', '.join(folder.kept)}")
+                kept.failure.add_note(f"saved in {folder.path}: {', '.join(folder.kept)}")
             raise kept.failure
         return Run(folder.path)
 

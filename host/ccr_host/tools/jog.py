@@ -25,61 +25,61 @@ _FIRST_STEP = 2
 HELP = (
     ("up, down", "motor 1"),
     ("right, left", "motor 2"),
-    ("+, -", "greater or smaller step"),
-    ("0", "to the rest pose"),
-    ("space, Esc", "STOP: no pulses from now on"),
+    ("+, -", "larger or smaller step"),
+    ("0", "go to the rest pose"),
+    ("space, Esc", "STOP: no more pulses"),
     ("c", "clear a stop or a fault and arm again"),
-    ("q", "disarm and leave"),
+    ("q", "disarm and quit"),
 )
 
-HELP_BACK = ("b, Backspace", "back to the question before")
+HELP_BACK = ("b, Backspace", "back to the previous question")
 
 _MOVES = {UP: (1, 0), DOWN: (-1, 0), RIGHT: (0, 1), LEFT: (0, -1)}
 
 
-class Wish(enum.Enum):
-    """What a key asks for besides another angle."""
+class KeyAction(enum.Enum):
+    """What a key does; all keys that do nothing else belong to MOVE."""
 
     MOVE = enum.auto()
     STOP = enum.auto()
     CLEAR = enum.auto()
     ENTER = enum.auto()
     BACK = enum.auto()
-    LEAVE = enum.auto()
+    QUIT = enum.auto()
 
 
-_WISHES = {
-    " ": Wish.STOP,
-    ESCAPE: Wish.STOP,
-    "c": Wish.CLEAR,
-    "q": Wish.LEAVE,
-    "\n": Wish.ENTER,
-    "\r": Wish.ENTER,
-    "b": Wish.BACK,
-    "\b": Wish.BACK,
-    "\x7f": Wish.BACK,
+_ACTIONS = {
+    " ": KeyAction.STOP,
+    ESCAPE: KeyAction.STOP,
+    "c": KeyAction.CLEAR,
+    "q": KeyAction.QUIT,
+    "\n": KeyAction.ENTER,
+    "\r": KeyAction.ENTER,
+    "b": KeyAction.BACK,
+    "\b": KeyAction.BACK,
+    "\x7f": KeyAction.BACK,
 }
 
 
 @dataclass(frozen=True)
 class JogTarget:
-    """Motor angles asked for, and how far one key moves them."""
+    """Commanded motor angles, and the step of one key press."""
 
     q_rad: NDArray[np.float64]
-    """(2,)."""
+    """Commanded angles, (2,)."""
     limits: MotorLimits
     rest_rad: NDArray[np.float64]
-    """(2,)."""
+    """Rest pose, (2,)."""
     step: int = _FIRST_STEP
     """Index into `STEPS_DEG`."""
 
     @property
     def step_deg(self) -> float:
-        """How far one key moves a motor."""
+        """Angle by which one key press moves a motor."""
         return STEPS_DEG[self.step]
 
     def after(self, key: str) -> JogTarget:
-        """The target once a key was pressed; keys without a meaning change nothing."""
+        """The target after a key press; unassigned keys have no effect."""
         if key in _MOVES:
             motion_rad = np.radians(self.step_deg) * np.array(_MOVES[key])
             return replace(self, q_rad=self.limits.clip(self.q_rad + motion_rad))
@@ -89,33 +89,33 @@ class JogTarget:
         return replace(self, q_rad=self.rest_rad) if key == "0" else self
 
 
-def wish_of(key: str) -> Wish:
-    """What to do about a key."""
-    return _WISHES.get(key, Wish.MOVE)
+def action_of(key: str) -> KeyAction:
+    """The action of a key."""
+    return _ACTIONS.get(key, KeyAction.MOVE)
 
 
 _PERIOD_US = 50_000
 _VALIDITY_MS = 500
-"""The board holds by itself when the host is gone for so long."""
+"""The board holds its pose if the host sends nothing for this time."""
 
 
 @dataclass(frozen=True)
 class JogView:
-    """What is shown of the robot while it is jogged."""
+    """State shown while the robot is jogged."""
 
     target: JogTarget
     report: StateReport | None
     sample: Sample | None
     sample_age_us: int | None
     trouble: str
-    """Why the robot does not move; empty while it does."""
+    """Why the robot does not move; empty if it does."""
 
 
 Entered = Callable[[StateReport], bool]
-"""Told of the board's state when Enter is pressed; whether that was the last one wanted."""
+"""Called with the board's state when Enter is pressed; returns whether that ends the jog."""
 
 
-def _nothing_wanted(_: StateReport) -> bool:
+def _never_done(_: StateReport) -> bool:
     return False
 
 
@@ -128,27 +128,27 @@ def jog(
     description: Description,
     pressed: Callable[[], Iterable[str]],
     show: Callable[[JogView], None],
-    entered: Entered = _nothing_wanted,
+    entered: Entered = _never_done,
     back: Callable[[], None] = _nowhere,
 ) -> bool:
-    """Arm, follow the keys until one asks to leave, disarm.
+    """Arm, follow the keys until the user quits, disarm.
 
-    After a stop or a fault, also one from before, the board stays as it is until the key for
+    After a stop or a fault, including one from before, the board keeps its state until the key for
     clearing is pressed.
 
     Args:
         rig: board and tracker.
         description: limits and rest pose.
-        pressed: keys since it was called last.
-        show: draws; called once a period.
-        entered: called when Enter is pressed while the robot moves as asked.
+        pressed: returns the keys pressed since the last call.
+        show: draws the state; called once per period.
+        entered: called when Enter is pressed and the robot can move.
         back: called when the key for going back is pressed.
 
     Returns:
-        Whether all that was wanted was entered.
+        Whether `entered` ended the jog.
 
     Raises:
-        DeviceError: the board cannot be disarmed at last.
+        DeviceError: the board cannot be disarmed at the end.
     """
     rest_rad = np.radians(description.servo.rest_deg)
     target = JogTarget(rest_rad, MotorLimits.of(description.servo), rest_rad)
@@ -157,22 +157,22 @@ def jog(
     while not done:
         due_us = rig.clock.now_us()
         keys = list(pressed())
-        wishes = [wish_of(key) for key in keys]
+        actions = [action_of(key) for key in keys]
         target = reduce(JogTarget.after, keys, target)
         try:
-            if Wish.STOP in wishes:
+            if KeyAction.STOP in actions:
                 rig.client.stop()
                 trouble = "stopped by key"
-            elif Wish.LEAVE in wishes:
+            elif KeyAction.QUIT in actions:
                 break
-            elif Wish.BACK in wishes:
+            elif KeyAction.BACK in actions:
                 back()
-            elif Wish.CLEAR in wishes and trouble:
+            elif KeyAction.CLEAR in actions and trouble:
                 rig.client.clear_fault()
                 target, trouble = replace(target, q_rad=rest_rad), _armed(rig.client)
             if not trouble:
                 _send(rig, target)
-                if Wish.ENTER in wishes:
+                if KeyAction.ENTER in actions:
                     done = entered(rig.client.read_state())
             show(_view(rig, target, trouble))
             rig.clock.sleep_until_us(due_us + _PERIOD_US)
@@ -184,7 +184,7 @@ def jog(
 
 
 def _armed(client: Client) -> str:
-    """Arm; why the board cannot be, empty if it is."""
+    """Arm; return why the board cannot be armed, empty if it is."""
     try:
         client.arm()
     except DeviceError as error:

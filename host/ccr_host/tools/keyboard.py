@@ -1,4 +1,4 @@
-"""Keys of a terminal, one by one and without waiting."""
+"""Single keys from a terminal, without waiting."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ _APPLICATION_MODE = "O"
 
 
 class Keyboard:
-    """Takes keys as they are pressed; to be used as a context manager.
+    """Reads keys as they are pressed; a context manager.
 
     Args:
         stream: the terminal; None for standard input.
 
     Raises:
-        ConfigError: it is not a terminal, or not one that gives keys one by one.
+        ConfigError: not a terminal, or one that does not report single keys.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
-        stream = stream or sys.stdin  # None where the shell has closed it
+        stream = stream or sys.stdin  # None if the shell has closed it
         if stream is None or stream.closed or not stream.isatty():
             raise ConfigError("standard input is not a terminal", "start it from a terminal")
         if not _SUPPORTED:
-            raise ConfigError("no keys one by one on this system", "use Linux, macOS or WSL")
+            raise ConfigError("single keys cannot be read here", "use Linux, macOS or WSL")
         self._file = stream.fileno()
 
     def __enter__(self) -> Self:
@@ -50,7 +50,7 @@ class Keyboard:
             tty.setcbreak(self._file)
         except (termios.error, OSError) as error:
             raise ConfigError(
-                f"the terminal does not give keys one by one ({error})",
+                f"the terminal does not report single keys ({error})",
                 "start it from another terminal",
             ) from None
         return self
@@ -61,7 +61,7 @@ class Keyboard:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        with suppress(termios.error, OSError):  # it may be gone
+        with suppress(termios.error, OSError):  # the terminal may be gone
             termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
 
     def pressed(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""``ccr-host monitor``: what tracker and board tell while nobody moves the robot."""
+"""``ccr-host monitor``: live data of tracker and board, without moving the robot."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _RATE_WINDOW_US = 2_000_000
 
 @dataclass(frozen=True)
 class LinkView:
-    """The board and the way to it."""
+    """State of the board and the link."""
 
     device: str
     state: str
     fault: str
     supply_v: float | None
-    """Of the servos; None where it is not measured."""
+    """Servo supply voltage; None if it is not measured."""
     report_age_ms: float | None
     crc_errors: int
     retries: int
@@ -40,34 +40,34 @@ class LinkView:
 
 @dataclass(frozen=True, eq=False)
 class MonitorView:
-    """One look at everything."""
+    """Snapshot of tracker, board and this program."""
 
     tracker: str
     seconds: float
-    """Since the monitor was opened."""
+    """Time since the monitor was opened."""
     registered: bool
-    """Whether positions are in the robot's frame; otherwise in the camera's."""
+    """Whether positions are in the robot frame; otherwise they are in the camera frame."""
     health: TrackerHealth
     trouble: str
     sample: Sample | None
     age_ms: float | None
-    """Of the newest sample."""
+    """Age of the newest sample."""
     arrival_age_ms: float | None
-    """Median from an exposure to its sample over the last two seconds."""
+    """Median time from exposure to arrival over the last two seconds."""
     rate_hz: float
-    """Of samples over the last two seconds."""
+    """Sample rate over the last two seconds."""
     samples: int
     cpu_share: float
-    """Of one core, by this program."""
+    """CPU load of this program, as a fraction of one core."""
     link: LinkView | None
 
     @property
     def frames_without_tip(self) -> int:
-        """Frames so far in which M1 or M3 was not certain."""
+        """Number of frames so far in which M1 or M3 was not identified with certainty."""
         return max(0, self.health.frames - self.samples)
 
     def summary(self) -> dict[str, Any]:
-        """For scripts."""
+        """The snapshot as a JSON object."""
         markers = None if self.sample is None else _listed(self.sample.markers_mm)
         return {
             "tracker": self.tracker,
@@ -88,14 +88,14 @@ class MonitorView:
 
 
 class Monitor:
-    """Counts samples as they come; part of the world that the clock moves.
+    """Counts samples as they arrive; attach it to the clock.
 
     Args:
-        clock: real.
-        tracker: attached to it.
-        board: its URI and a connected client, if there is one.
-        check: what does not fit a robot near its rest is told.
-        registered: whether the tracker's samples are in the robot's frame.
+        clock: real-time clock.
+        tracker: tracker attached to the clock.
+        board: URI of the board and a connected client, if there is one.
+        check: checks the markers against those of a robot near its rest pose.
+        registered: whether the tracker's samples are in the robot frame.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class Monitor:
         self._arrivals: deque[tuple[int, int]] = deque()
 
     def advance_to(self, time_us: int) -> None:
-        """Look for a new sample."""
+        """Poll the tracker for a new sample."""
         sample = self._tracker.newest()
         while self._arrivals and self._arrivals[0][0] <= time_us - _RATE_WINDOW_US:
             self._arrivals.popleft()
@@ -130,7 +130,7 @@ class Monitor:
         self._arrivals.append((time_us, time_us - sample.exposed_us))
 
     def watch(self, duration_us: int) -> MonitorView:
-        """Let time pass; then look."""
+        """Wait for ``duration_us``, then return a snapshot."""
         self._clock.sleep_until_us(self._clock.now_us() + duration_us)
         now_us = self._clock.now_us()
         ages_ms = [age_us / 1000 for _, age_us in self._arrivals]
@@ -173,12 +173,12 @@ def _link_view(device: str, client: Client) -> LinkView:
 def open_monitor(
     tracker_text: str, device_text: str | None, description: Description, seed: int
 ) -> Iterator[Monitor]:
-    """Start the tracker, and connect to the board if one is named; nothing is armed or configured.
+    """Start the tracker, and connect to the board if given; the board is not armed or configured.
 
     Raises:
-        ConfigError: unknown URI, or the description lacks what the tracker needs.
-        DeviceError: no board, or not one of ours.
-        TrackerError: there is no such camera.
+        ConfigError: unknown URI, or the description lacks keys that the tracker needs.
+        DeviceError: no board, or not one with our firmware.
+        TrackerError: the camera cannot be opened.
     """
     session_seed, camera_seed = np.random.SeedSequence(seed).spawn(2)
     eyes = TrackerRig(parse_tracker_uri(tracker_text), description, camera_seed)
@@ -210,5 +210,5 @@ def _angles(client: Client | None) -> NDArray[np.float64]:
 
 
 def _listed(markers_mm: NDArray[np.float64]) -> list[list[float] | None]:
-    """Null for a marker that is lost."""
+    """Positions as a list, with None for lost markers."""
     return [None if np.isnan(row).any() else row.tolist() for row in markers_mm]

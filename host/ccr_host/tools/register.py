@@ -1,6 +1,6 @@
-"""``ccr-host register``: move the robot through safe poses and find out how the camera stands.
+"""``ccr-host register``: move the robot through safe poses and find the camera's orientation.
 
-The rig's tracker must give markers in the camera's own frame: open it without a registration.
+The rig's tracker must report markers in the camera frame: open it without a registration.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from ccr_host.tracking.registration import Registration, register
 Array = NDArray[np.float64]
 
 REGISTRATION = "registration"
-"""Of the robot description."""
+"""Section of the robot description."""
 
 _SWING_DEG = 40.0
-"""Of motor 1, inside the +-43 deg that the paper's paths need."""
+"""Amplitude of motor 1, within the +-43 deg that the paper's paths need."""
 _SIDEWAYS_DEG = 20.0
-"""Of motor 2."""
+"""Amplitude of motor 2."""
 _SHARE_OF_LIMITS = 0.6
-"""Neither motor goes further than this share of the way to its limit."""
+"""Each motor uses at most this fraction of its range."""
 _SWINGS = (0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0)
-"""Poses of motor 1, each from both sides so that friction cancels."""
+"""Poses of motor 1, each approached from both sides so that friction cancels."""
 _SIDES = (1.0, -1.0)
 
 
@@ -46,12 +46,12 @@ def safe_poses_rad(limits: MotorLimits) -> Array:
 
 
 def register_robot(rig: Rig, description: Description, on_pose: OnPose) -> Registration:
-    """Arm the robot, visit the poses, disarm, fit and judge.
+    """Arm the robot, visit the poses, disarm, fit and check the result.
 
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
-        TrackerError: no markers, or none of this robot.
-        RegistrationError: the poses give no rotation that could be trusted.
+        TrackerError: no markers, or not those of this robot.
+        RegistrationError: the poses do not determine the rotation reliably.
     """
     return register(collect_rests(rig, description, on_pose), description.robot)
 
@@ -61,7 +61,7 @@ def collect_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
 
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
-        TrackerError: no markers in any pose, or none of this robot.
+        TrackerError: no markers in any pose, or not those of this robot.
         RegistrationError: the robot does not come to rest.
     """
     check = MarkerCheck(description, in_robot_frame=False)
@@ -69,13 +69,13 @@ def collect_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
     if not len(rests.q_rad):
         raise TrackerError(
             f"no markers from {rig.tracker.name} in any pose",
-            "check line of sight and the camera's volume; see ccr-host monitor",
+            "check line of sight and the camera's measurement volume; see ccr-host monitor",
         )
     return rests
 
 
 def registration_section(registration: Registration, date: datetime.date) -> dict[str, Any]:
-    """The keys of ``[registration]``, rounded to what they are good for."""
+    """The keys of ``[registration]``, rounded to their accuracy."""
     return {
         "camera_to_robot_deg": [round(float(v), 4) for v in registration.camera_to_robot_deg],
         "uncertainty_deg": [round(float(v), 2) for v in registration.uncertainty_deg],

@@ -1,7 +1,6 @@
-"""How servos and tendons are mounted, fitted to rests that the tracker has seen.
+"""Fits the mounting of servos and tendons to rests measured by the tracker.
 
-It is the fit of ``control.adaptive``'s statics with a prior that knows next to nothing of the
-servos' zeros.
+This is the fit of ``control.adaptive``'s statics with a wide prior for the servos' zeros.
 """
 
 from __future__ import annotations
@@ -23,11 +22,12 @@ from ccr_host.robot.rests import Rests
 Array = NDArray[np.float64]
 
 _REGISTERED_TURN_RAD = math.radians(0.5)
-"""Standard deviation of a registered camera's rotation; the statics' prior has that of others. More
-than registrations state: servos that are not calibrated yet disturb them."""
+"""Standard deviation of a registered camera's rotation; for others that of the statics' prior is
+used. Larger than registrations state, as servos that are not yet calibrated disturb them."""
 _ZERO_DEVIATION_RAD = math.radians(30.0)
 _STARTS_RAD = np.radians((-6.0, 6.0))
-"""Neutral angles of motor 1 to begin with; friction bends the cost, and one way can end short."""
+"""Starting values of the neutral angle of motor 1; friction distorts the cost, so that one start
+alone can end in a local minimum."""
 _TRUSTED_DEVIATION_RAD = math.radians(1.0)
 _FEWEST_RESTS = 12
 _SIDEWAYS, _UP = 0, 2
@@ -35,42 +35,42 @@ _SIDEWAYS, _UP = 0, 2
 
 
 class CalibrationError(CcrError):
-    """The rests give no calibration that could be trusted (exit status 3)."""
+    """The rests do not determine the calibration reliably (exit status 3)."""
 
 
 @dataclass(frozen=True, eq=False)
 class ServoFit:
-    """What was found; all arrays (2,), one entry a servo."""
+    """Result of the fit; all arrays are (2,), one entry per servo."""
 
     direction: Array
-    """1 as described, -1 the other way round."""
+    """1 if as described, -1 if reversed."""
     neutral_rad: Array
-    """Angle, as described so far, at which the shaft stands at 0."""
+    """Angle under the present calibration at which the shaft is at 0."""
     neutral_deviation_rad: Array
-    """Standard deviation of it."""
+    """Standard deviation of ``neutral_rad``."""
     take_up_rad: Array
     """Motor angle that takes up the slack of a straight segment."""
     gain: Array
-    """Bending over motor angle of taut tendons; the description says r_p / r_c."""
+    """Bending over motor angle with taut tendons; r_p / r_c in the description."""
     residual: str
-    """What the fit leaves, in words."""
+    """Residual of the fit, in words."""
 
 
 def fit_servos(rests: Rests, description: Description, *, registered: bool) -> ServoFit:
-    """Fit and judge.
+    """Fit the mounting and check the result.
 
     Args:
-        rests: in the robot's frame; angles as commanded under the present calibration.
-        description: what is believed of the robot's geometry and the camera's noise.
-        registered: whether the camera's rotation was found out before.
+        rests: rests in the robot frame, with the angles commanded under the present calibration.
+        description: geometry of the robot and noise of the camera.
+        registered: whether the camera's rotation was measured before.
 
     Raises:
-        CalibrationError: too few rests, or the fit cannot be trusted.
+        CalibrationError: too few rests, or the fit is not reliable.
     """
     if len(rests.q_rad) < _FEWEST_RESTS:
         raise CalibrationError(
-            f"the markers were seen in {len(rests.q_rad)} poses of at least {_FEWEST_RESTS}",
-            "see that no marker is hidden: ccr-host monitor",
+            f"the markers were seen in {len(rests.q_rad)} poses; {_FEWEST_RESTS} are needed",
+            "check with ccr-host monitor that no marker is hidden",
         )
     direction = _direction(rests, description.robot)
     scaling = Scaling(
@@ -86,15 +86,15 @@ def fit_servos(rests: Rests, description: Description, *, registered: bool) -> S
     starts[:, ZEROS[0]] = _STARTS_RAD / _ZERO_DEVIATION_RAD
     fits = [StaticsFit(scaling, as_mounted, start=start) for start in starts]
     found = min((fit.finish() for fit in fits), key=lambda fit: fit.cost)
-    # Residuals larger than believed are errors of the model, of which the deviations must tell.
+    # Residuals above the noise are model errors, by which the deviations are enlarged.
     misfit = max(1.0, math.sqrt(found.cost / rests.vectors_mm.size))
     zero_deviations = np.sqrt(np.diag(found.covariance)[ZEROS])
     deviation_rad = misfit * _ZERO_DEVIATION_RAD * zero_deviations
     if not found.explains or deviation_rad.max() > _TRUSTED_DEVIATION_RAD:
         raise CalibrationError(
-            f"{found.residual}; neutral angles are known to "
+            f"{found.residual}; neutral angles are uncertain by "
             f"{np.degrees(deviation_rad.max()):.1f} deg",
-            "check geometry, tendons and registration; does a segment touch something?",
+            "check geometry, tendons and registration, and that no segment touches anything",
         )
     p = scaling.parameters(found.score)
     return ServoFit(
@@ -108,7 +108,7 @@ def fit_servos(rests: Rests, description: Description, *, registered: bool) -> S
 
 
 def _direction(rests: Rests, robot: Robot) -> Array:
-    """1 where the tip moves with the model's along the servo's own axis, -1 where against it."""
+    """1 if the tip moves like the model's along the servo's axis, -1 if the other way, (2,)."""
     seen_mm = rests.tip_mm
     expected_mm = ConstantCurvature(robot).tip_mm(rests.q_rad)
     together = ((seen_mm - seen_mm.mean(axis=0)) * (expected_mm - expected_mm.mean(axis=0))).sum(

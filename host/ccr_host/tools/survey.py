@@ -1,8 +1,8 @@
-"""One tour for all that a camera can tell of a new robot.
+"""One tour for everything that a camera can measure on a new robot.
 
-How the camera stands follows from the shapes alone, whatever the servos' zeros and directions.
-Those follow from the same rests, once turned into the robot's frame. And the rests themselves are
-what controller `adaptive` begins with.
+The camera's orientation follows from the shapes alone, independent of the servos' zeros and
+directions. Those follow from the same rests, once rotated into the robot frame. The rests
+themselves are the starting point of controller `adaptive`.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ _ANGLE_DECIMALS, _LENGTH_DECIMALS = 6, 4
 
 
 def trial_fit(rests: Rests, description: Description) -> Fit:
-    """Fit the controller's model as it will do, to see whether the rests are good for it.
+    """Fit the model as the controller will, to check that the rests are suitable.
 
     Raises:
-        TrackerError: no robot of the kind rests there.
+        TrackerError: the rests do not fit the described robot at all.
     """
     fit = fit_to(Scaling.of(description), rests)
     if fit is None:
         raise TrackerError(
-            f"{len(rests.count)} rests were seen, and no robot as described rests there",
+            f"the {len(rests.count)} rests measured do not fit the described robot",
             "check the markers with ccr-host monitor, and segment lengths and pulleys in [robot]",
         )
     return fit.finish()
@@ -55,7 +55,7 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
 def identified_section(
     rests: Rests, description: Description, date: datetime.date
 ) -> dict[str, Any]:
-    """The keys of ``[identified]``, rounded to less than the board or the camera resolves."""
+    """The keys of ``[identified]``, rounded below the resolution of board and camera."""
     return {
         "start_rad": rests.start_rad.round(_ANGLE_DECIMALS).tolist(),
         "setpoint_rad": _rows(rests.q_rad.round(_ANGLE_DECIMALS).tolist()),
@@ -77,43 +77,43 @@ _KEYS = ("neutral_pulse_us", "pulse_per_90_deg_us", "angle_min_deg", "angle_max_
 
 
 def file_for_calibration(robot: str | None, out: Path | None) -> Path:
-    """Where a calibration goes, to be asked before any work is done.
+    """File for a calibration; call it before the measurement.
 
     Args:
         robot: as given with ``--robot``.
         out: as given with ``--out``.
 
     Raises:
-        ConfigError: no file of the user's was given, or it could not be written.
+        ConfigError: the user gave no file, or it is not writable.
     """
     file = file_to_keep_in(robot, out)
     if file is None:
         raise ConfigError(
-            "a calibration belongs to one robot, and no file of yours was given",
+            "a calibration belongs to one robot, but no description of yours was given",
             "give --out FILE, or your own description with --robot FILE",
         )
     return file
 
 
 def calibrated_section(servo: Servo) -> dict[str, Any]:
-    """The keys of ``[servo]`` that a calibration decides."""
+    """The keys of ``[servo]`` that a calibration determines."""
     return {key: list(getattr(servo, key)) for key in _KEYS}
 
 
 def keep_calibration(
     client: Client, description: Description, servo: Servo, file: Path, robot: str | None
 ) -> None:
-    """Set the board, let it save, then rewrite the description.
+    """Configure the board, save in its EEPROM, then rewrite the description.
 
     Args:
-        client: of the board.
-        description: as it was; only its servos are replaced.
-        servo: as calibrated.
-        file: of `file_for_calibration`.
+        client: client of the board.
+        description: present description; only its servos are replaced.
+        servo: calibrated servos.
+        file: as returned by `file_for_calibration`.
         robot: as given with ``--robot``.
 
     Raises:
-        ConfigError: the board cannot take it, or the file cannot be written.
+        ConfigError: the values are out of the board's range, or the file cannot be written.
         DeviceError: the board refuses, or its EEPROM fails.
     """
     client.configure(board_config(description.model_copy(update={"servo": servo})))
@@ -122,19 +122,19 @@ def keep_calibration(
 
 
 def measure_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
-    """Arm, visit the rests of the controller's own tour, averaging at each, disarm.
+    """Arm, visit the rests of the controller's tour and average at each, disarm.
 
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
         RegistrationError: the robot does not come to rest.
-        TrackerError: the markers are not those of the robot, or exchanged.
+        TrackerError: the markers are not those of the robot, or are swapped.
     """
     check = MarkerCheck(description)
     return visit(rig, check, identification_stops_rad(description), on_pose)
 
 
 def identification_stops_rad(description: Description) -> NDArray[np.float64]:
-    """Motor angles of the controller's own tour, (N, 2)."""
+    """Motor angles of the controller's tour, rad, (N, 2)."""
     prior = Scaling(description.robot).parameters(np.zeros(COUNT))
     return tour_stops_rad(prior, MotorLimits.of(description.servo))
 
@@ -145,14 +145,14 @@ def calibrate_by_tracker(rig: Rig, description: Description, on_pose: OnPose) ->
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
         RegistrationError: the robot does not come to rest.
-        CalibrationError: the poses give no calibration that could be trusted.
+        CalibrationError: the poses do not determine the calibration reliably.
     """
     rests = measure_rests(rig, description, on_pose)
     return fit_servos(rests, description, registered=description.registration is not None)
 
 
 def corrected(servo: Servo, fit: ServoFit) -> Servo:
-    """The servos with neutral pulse and direction as found; scale and limits as before."""
+    """The servos with fitted neutral pulse and direction; scale and limits unchanged."""
     per_90_us = np.array(servo.pulse_per_90_deg_us)
     neutral_us = np.array(servo.neutral_pulse_us) + per_90_us * fit.neutral_rad / np.radians(90.0)
     return servo.model_copy(
@@ -164,21 +164,21 @@ def corrected(servo: Servo, fit: ServoFit) -> Servo:
 
 
 _AGREEMENT_RAD = np.radians(0.5)
-"""What is left of a zero that was corrected: about what a tour can tell of motor 1."""
+"""Remaining error of a corrected zero: about the accuracy of a tour for motor 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What one tour has told."""
+    """Results of one tour."""
 
     registration: Registration
     servos: ServoFit
     rests: Rests
-    """In the robot's frame."""
+    """Rests in the robot frame."""
 
     @property
     def servos_are_as_described(self) -> bool:
-        """Whether there is nothing to correct."""
+        """Whether the described servos need no correction."""
         return bool(
             np.all(self.servos.direction > 0.0)
             and np.all(np.abs(self.servos.neutral_rad) < _AGREEMENT_RAD)
@@ -189,15 +189,15 @@ def survey(rig: Rig, description: Description, on_pose: OnPose) -> Survey:
     """Arm, visit the poses of registration and identification, disarm, fit.
 
     Args:
-        rig: with samples in the camera's own frame.
-        description: of the robot; how its servos turn and where they stand need not be right.
-        on_pose: is told of the poses.
+        rig: rig with samples in the camera frame.
+        description: description of the robot; directions and zeros of its servos may be wrong.
+        on_pose: called for each pose.
 
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
-        TrackerError: the markers are not those of the robot, or exchanged.
-        RegistrationError: the robot does not rest, or its shapes tell no rotation.
-        CalibrationError: the rests tell nothing certain of the servos.
+        TrackerError: the markers are not those of the robot, or are swapped.
+        RegistrationError: the robot does not rest, or its shapes do not determine the rotation.
+        CalibrationError: the rests do not determine the servos' mounting reliably.
     """
     safe_rad = safe_poses_rad(MotorLimits.of(description.servo))
     stops_rad = np.concatenate([safe_rad, identification_stops_rad(description)])

@@ -58,7 +58,7 @@ def test_a_scale_far_from_the_other_motors_is_taken_only_if_the_user_says_so() -
     keys = (*marks(0, USUAL_DEG), *marks(1, HALF_DEG))
     found, asked = calibrated(*keys, "", "q")
     assert found is None
-    assert "1000 us of motor 1 but 556 us of motor 2" in asked[-1]
+    assert "1000 us for motor 1 but 556 us for motor 2" in asked[-1]
     found, _ = calibrated(*keys, "", "\r")
     assert found is not None
     assert found.pulse_per_90_deg_us == (1000.0, 556)
@@ -80,7 +80,7 @@ def test_marks_that_no_servo_gives_are_asked_for_again_and_the_others_kept() -> 
     rest = marks(1, USUAL_DEG[2:], here_deg=-20.0)
     found, asked = calibrated(*marks(0, USUAL_DEG), *crooked, "", *rest)
     assert any("motor 2" in question and "8 of 10" in question for question in asked)
-    assert any("miss a line" in question for question in asked)
+    assert any("off a line" in question for question in asked)
     assert found is not None
     assert found.pulse_per_90_deg_us == (1000.0, 1000.0)
 

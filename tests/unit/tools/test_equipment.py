@@ -30,7 +30,12 @@ from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.serving.ports import TcpPort
 from ccr_host.sim.serving.server import BackgroundServer, BoardServer
 from ccr_host.tools.checks import Severity, check_board
-from ccr_host.tools.equipment import EquipmentChange, change_equipment, described, told_to_board
+from ccr_host.tools.equipment import (
+    EquipmentChange,
+    change_equipment,
+    equipment_text,
+    set_equipment,
+)
 
 
 class Bench(UnoEmulator):
@@ -61,7 +66,7 @@ def change(
 ) -> str:
     wanted = EquipmentChange(board_name, emergency_stop, supply_divider, supply_min_v)
     with connected(board) as client:
-        return described(change_equipment(client, Description(), wanted))
+        return equipment_text(change_equipment(client, Description(), wanted))
 
 
 def test_each_thing_that_is_told_is_kept_and_leaves_the_rest_as_it_was() -> None:
@@ -77,7 +82,7 @@ def test_each_thing_that_is_told_is_kept_and_leaves_the_rest_as_it_was() -> None
     board.reset(ResetCause.POWER_ON)
     with connected(board) as client:
         assert (
-            described(client.read_equipment())
+            equipment_text(client.read_equipment())
             == "named left arm, emergency stop fitted, supply not measured"
         )
     assert (
@@ -240,5 +245,5 @@ def test_emergency_stop_that_is_open_when_the_board_is_told_of_it_is_pointed_out
     board.open_emergency_stop(is_open)
     server = BoardServer(SerialLine(board), TcpPort(0), RealClock(), boot_loader_us=0)
     with BackgroundServer(server) as served:
-        told = told_to_board(RigOptions(device=served.uri), EquipmentChange(emergency_stop=True))
-    assert ("open now" in told) == is_open
+        told = set_equipment(RigOptions(device=served.uri), EquipmentChange(emergency_stop=True))
+    assert ("now open" in told) == is_open

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Servo
 from ccr_host.robot.workspace import MotorLimits
-from ccr_host.tools.jog import STEPS_DEG, JogTarget, Wish, wish_of
+from ccr_host.tools.jog import STEPS_DEG, JogTarget, KeyAction, action_of
 from ccr_host.tools.keyboard import DOWN, ESCAPE, LEFT, RIGHT, UP, Keyboard, split_keys
 
 LIMITS = MotorLimits.of(Servo(angle_min_deg=(-30.0, -5.0), angle_max_deg=(20.0, 40.0)))
@@ -47,9 +47,9 @@ def test_zero_leads_back_to_rest_and_keeps_the_step() -> None:
 
 
 def test_only_its_keys_stop_clear_and_leave() -> None:
-    wishes = {key: wish_of(key) for key in KEYS if wish_of(key) is not Wish.MOVE}
-    assert wishes == {" ": Wish.STOP, ESCAPE: Wish.STOP, "c": Wish.CLEAR}
-    assert wish_of("q") is Wish.LEAVE
+    actions = {key: action_of(key) for key in KEYS if action_of(key) is not KeyAction.MOVE}
+    assert actions == {" ": KeyAction.STOP, ESCAPE: KeyAction.STOP, "c": KeyAction.CLEAR}
+    assert action_of("q") is KeyAction.QUIT
 
 
 @given(st.lists(st.sampled_from([*MOVES, "a", "+", " ", "\x1b[3~", "ü"]), max_size=30))

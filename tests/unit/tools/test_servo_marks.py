@@ -40,7 +40,7 @@ GOOD = marks_us(1500.0, 1000.0, -60.0, 60.0)
     ("first", "told"),
     [
         ([1500.0] * 5, "nearly the same pulse"),
-        ([1500.0, 2000.0, 1200.0, 1000.0, 2000.0], "miss a line"),
+        ([1500.0, 2000.0, 1200.0, 1000.0, 2000.0], "off a line"),
         (marks_us(1500.0, 1000.0, 20.0, 60.0), "rest pose"),
     ],
 )
@@ -66,9 +66,9 @@ def test_usual_servos_leave_no_doubt() -> None:
 @pytest.mark.parametrize(
     ("other", "told"),
     [
-        (marks_us(1500.0, 500.0, -60.0, 60.0), "1000 us of motor 1 but 500 us of motor 2"),
-        (marks_us(1500.0, -1600.0, -30.0, 30.0), "motor 2 were 1000 us and are 1600 us"),
-        (marks_us(1800.0, 1000.0, -60.0, 30.0), "motor 2 stands straight 27 deg off"),
+        (marks_us(1500.0, 500.0, -60.0, 60.0), "1000 us for motor 1 but 500 us for motor 2"),
+        (marks_us(1500.0, -1600.0, -30.0, 30.0), "motor 2 were 1000 us, now 1600 us"),
+        (marks_us(1800.0, 1000.0, -60.0, 30.0), "motor 2 is straight 27 deg from"),
     ],
 )
 def test_a_servo_unlike_its_fellow_or_its_description_is_doubted(other, told) -> None:
@@ -79,9 +79,9 @@ def test_marks_are_judged_as_soon_as_a_motor_has_enough_of_them() -> None:
     good, crooked = marks_us(1500.0, 1000.0, -60.0, 60.0), [1500.0, 2000.0, 1200.0]
     for count in range(1, len(QUESTIONS) + 1):
         check_marks(SERVO, [*good, *good][:count])
-    with pytest.raises(ConfigError, match=r"motor 1: .*miss a line"):
+    with pytest.raises(ConfigError, match=r"motor 1: .*off a line"):
         check_marks(SERVO, crooked)
-    with pytest.raises(ConfigError, match=r"motor 2: .*miss a line"):
+    with pytest.raises(ConfigError, match=r"motor 2: .*off a line"):
         check_marks(SERVO, [*good, *crooked])
     with pytest.raises(ConfigError, match=r"motor 2: its rest pose"):
         check_marks(SERVO, [*good, *marks_us(1500.0, 1000.0, 20.0, 60.0)])

@@ -1,5 +1,5 @@
-"""Many runs over random twins: how good a controller is where its model is wrong.
+"""Many runs over random twins, to measure how robust a controller is to a wrong model.
 
-``plan`` says what is run, ``random_twin`` draws a twin, ``job`` runs one, ``workers`` runs all of
-them on dask.distributed, ``store`` keeps their rows, ``statistics`` and ``figure`` sum them up.
+``plan`` defines the runs, ``random_twin`` draws a twin, ``job`` runs one, ``workers`` runs all of
+them on dask.distributed, ``store`` keeps their rows, ``statistics`` summarises them.
 """

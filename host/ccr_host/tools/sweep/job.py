@@ -1,4 +1,4 @@
-"""Runs one twin under everything that drives it."""
+"""Runs one twin with each of its rates and controllers."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ _CONTROLLER_CALLS = ("start", "approach", "step")
 
 
 class CpuSeconds:
-    """CPU time of one run in one thread: ``total``, and of its ``parts``.
+    """CPU time of one run in one thread: ``total`` and its ``parts``.
 
-    The parts are timed by the wall clock, whose reading costs an eighth of that of the CPU clock,
-    and are shares of the total: on a busy machine all parts wait alike.
+    The parts are timed by the wall clock, which is eight times faster to read than the CPU clock,
+    and scaled to the total: on a busy machine all parts wait alike.
     """
 
     def __init__(self) -> None:
@@ -56,7 +56,7 @@ _running: ContextVar[CpuSeconds | None] = ContextVar("cpu seconds of this thread
 
 @contextmanager
 def cpu_seconds_of(options: RunOptions) -> Iterator[CpuSeconds]:
-    """CPU time that a run of these options costs this thread until the context is left."""
+    """Measure the CPU time of a run with these options in this thread."""
     for owner, name, part in _CALLS:
         _time(owner, name, part)
     controller = type(make_controller(options.controller, options.description()))
@@ -74,7 +74,7 @@ def cpu_seconds_of(options: RunOptions) -> Iterator[CpuSeconds]:
 
 
 def _time(owner: type, name: str, part: str) -> None:
-    """Time a method while a run's costs are asked for."""
+    """Wrap a method so that it is timed inside `cpu_seconds_of`."""
     method = getattr(owner, name)
     if not hasattr(method, "__wrapped__"):
         setattr(owner, name, _timed(method, part))
@@ -106,7 +106,7 @@ class LimitWatch(RunObserver):
 
     def __init__(self) -> None:
         self.violations: set[str] = set()
-        """What was outside: command, target, setpoint, slew, pulse."""
+        """Quantities found outside: command, target, setpoint, slew, pulse."""
         self._last: StateReport | None = None
 
     def begin(self, setup: RunSetup) -> None:
@@ -142,7 +142,7 @@ class LimitWatch(RunObserver):
 
 
 def _pulse_limits_us(servo: Servo) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Shortest and longest pulse that the limits of angle and pulse leave, (2,) each."""
+    """Shortest and longest pulse allowed by the angle and pulse limits, us, (2,) each."""
     at_limits_us = np.array(servo.neutral_pulse_us) + np.array(
         [servo.angle_min_deg, servo.angle_max_deg]
     ) / 90.0 * np.array(servo.pulse_per_90_deg_us)
@@ -157,18 +157,18 @@ _NO_FIGURES = (
     "path", "controller", "planned_steps", "device", "tracker", "laps", "open", "faults",
     "skipped_steps", "board_holds", "board_relaxes", "clamped_commands",
 )  # fmt: skip
-"""Of the JSON summary: told otherwise, the same for all runs, or a matter of real time."""
+"""Keys of the JSON summary left out: given otherwise, the same for all runs, or real-time only."""
 
 LOST_MM = 15.0
-"""So far above its floor over the last quarter of the path a run counts as diverged: two thirds of
-what the open loop of the paper leaves, twice what its controller does."""
+"""A run counts as diverged if its mean error over the last quarter of the path exceeds its floor by
+this: two thirds of the error of the paper's open loop, twice that of its controller."""
 
 
 def run_job(job: TwinJob) -> list[Row]:
-    """One row for each drive, the twin's static map made once for all of them.
+    """One row for each drive; the twin's static map is computed once for all of them.
 
     Raises:
-        ConfigError: something of the job exists only on another machine.
+        ConfigError: the job refers to a file that exists only on another machine.
     """
     stopwatch = CpuStopwatch()
     static_map = static_map_of_run(job.options(job.drives[0]), cache=None)
@@ -176,8 +176,8 @@ def run_job(job: TwinJob) -> list[Row]:
     return [{**_run(job, drive, static_map), "map_cpu_s": map_s} for drive in job.drives]
 
 
-def row_of_a_lost_job(job: TwinJob, drive: Drive, why: str) -> Row:
-    """The row of a run that came to nothing."""
+def failed_row(job: TwinJob, drive: Drive, why: str) -> Row:
+    """Row of a run without results."""
     return {**_identity(job, drive), "diverged": False, "within_limits": True, "fault": why}
 
 
@@ -190,7 +190,7 @@ def _run(job: TwinJob, drive: Drive, static_map: StaticMap | None) -> Row:
         with cpu_seconds_of(options) as spent:
             result = execute(options, watch, lambda *_: None)
     except UnfitTwinError as error:
-        return row_of_a_lost_job(job, drive, str(error))
+        return failed_row(job, drive, str(error))
     summary = summarise(result, twin_floor_mm=floor_mm)
     end_error_mm = _last_quarter_mm(result)
     return {
@@ -220,7 +220,7 @@ def _identity(job: TwinJob, drive: Drive) -> Row:
 
 
 def _flat(summary: dict[str, Any]) -> Row:
-    """Figures of the JSON summary, nested ones as ``outer_inner``."""
+    """Figures of the JSON summary, nested ones named ``outer_inner``."""
     flat: Row = {}
     for key, value in summary.items():
         if isinstance(value, dict):
@@ -231,7 +231,7 @@ def _flat(summary: dict[str, Any]) -> Row:
 
 
 def _last_quarter_mm(result: RunResult) -> float | None:
-    """Mean true error over the last quarter of the steps that were done."""
+    """Mean true error over the last quarter of the executed steps."""
     errors_mm = true_errors_mm(result.records)
     if errors_mm is None or not len(errors_mm):
         return None

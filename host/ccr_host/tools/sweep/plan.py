@@ -1,4 +1,4 @@
-"""What a sweep runs: its twins, and what each of them is driven by."""
+"""Plan of a sweep: its twins, and the rates and controllers to run on each of them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ccr_host.tools.sweep.random_twin import Settings, as_overrides, draw_twin
 
 _MOST_BYTES = 64_000_000
 _DURATION_RATE_HZ = 10.0
-"""Samples the path to see how long it takes: the same twin at every control rate."""
+"""Rate for finding the duration of a path, the same at every control rate so that twins agree."""
 
 Drive = tuple[float, str]
 """Control rate in Hz, and controller."""
@@ -31,19 +31,19 @@ Drive = tuple[float, str]
 
 @dataclass(frozen=True)
 class TwinJob:
-    """One twin on one path, under some rates and controllers; small and picklable."""
+    """One twin on one path, with some rates and controllers; small and picklable."""
 
     index: int
     seed: int
     path: str
     robot: str | None
     overrides: tuple[str, ...]
-    """Of the whole description: the sweep's own, then the twin's."""
+    """Overrides of the description: the sweep's, then the twin's."""
     plant: str
     drives: tuple[Drive, ...]
 
     def options(self, drive: Drive) -> RunOptions:
-        """One of its runs."""
+        """Options of one of its runs."""
         rate_hz, controller = drive
         return RunOptions(
             path=self.path,
@@ -56,7 +56,7 @@ class TwinJob:
         )
 
     def command(self, drive: Drive) -> str:
-        """The command line that repeats one of its runs exactly."""
+        """Command line that exactly repeats one of its runs."""
         rate_hz, controller = drive
         robot = ["--robot", self.robot] if self.robot else []
         robot += ["--plant", self.plant] if self.plant != TWIN else []
@@ -68,9 +68,9 @@ class TwinJob:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """All of a sweep but how many of its twins are run, and under what.
+    """Definition of a sweep's twins, without their number, rates and controllers.
 
-    Twin number ``index`` follows from ``seed`` and ``index`` alone; the paths take turns.
+    Twin number ``index`` depends on ``seed`` and ``index`` alone; the paths alternate.
     """
 
     seed: int
@@ -78,16 +78,16 @@ class SweepPlan:
     robot: str | None = None
     overrides: tuple[str, ...] = ()
     twins: tuple[Settings, ...] | None = None
-    """Given ones; None draws them."""
+    """Given twins; None for random ones."""
     plant: str = TWIN
-    """The simulated robot that is made from each."""
+    """Simulated robot created from each twin."""
 
     def jobs(self, indices: Sequence[int], drives: Sequence[Drive]) -> list[TwinJob]:
-        """One job a twin.
+        """One job per twin.
 
         Raises:
             ConfigError: the description, a path, a rate, a controller, a plant or a given twin is
-                no good.
+                invalid.
             CodeError: a plug-in cannot be constructed.
         """
         base = schema.load(self.robot, self.overrides)
@@ -105,7 +105,7 @@ class SweepPlan:
         return [self._job(index, tuple(drives), base, durations_s) for index in indices]
 
     def as_json(self) -> dict[str, Any]:
-        """All that decides what the runs of an index are."""
+        """JSON object of everything that determines the runs of an index."""
         return {
             "seed": self.seed,
             "paths": list(self.paths),
@@ -137,15 +137,15 @@ class SweepPlan:
 
 
 def read_twins(file: Path) -> tuple[Settings, ...]:
-    """Your own twins: a JSON object with dotted keys on each line.
+    """Read the user's twins: one JSON object with dotted keys per line.
 
     Raises:
-        ConfigError: the file cannot be read, or names the line that is no such object.
+        ConfigError: the file cannot be read, or a line is not such an object.
     """
     text, _ = read_text(file, "--twins", "give a file of JSON lines", _MOST_BYTES)
     twins = [_twin(file, n, line) for n, line in enumerate(lines_of(text), 1) if line.strip()]
     if not twins:
-        raise ConfigError(f"--twins {file}: empty", "give one JSON object a line")
+        raise ConfigError(f"--twins {file}: empty", "give one JSON object per line")
     return tuple(twins)
 
 

@@ -1,6 +1,6 @@
-"""Draws a twin, its camera, the controller's wrong belief of it, and a disturbance.
+"""Draws a twin, its camera, the controller's wrong model of it, and a disturbance.
 
-Ranges are those of the project's robustness goal; factors apply to the description's own values.
+Ranges are those of the project's robustness goal; factors apply to the values of the description.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from ccr_host.description.schema import Description
 
 SLACK_MM = 2.0
 UNEQUAL_SLACK_MM = 0.5
-"""Between the two tendons of a motor at most, as far as both stay within `SLACK_MM`."""
+"""Largest difference between the two tendons of a motor, with both within `SLACK_MM`."""
 ZERO_DEG = 5.0
-"""Of each servo: a tooth of its spline is 14.4 deg, and the eye sets the horn to some degrees."""
+"""Zero error of each servo: a tooth of its spline is 14.4 deg; by eye the horn is set to a few
+degrees."""
 SPREAD = 0.5
-"""Of stiffness and masses."""
+"""Relative spread of stiffness and masses."""
 BELIEF_SPREAD = 0.1
-"""Of the geometry that the controller believes."""
+"""Relative spread of the geometry in the controller's model."""
 DEAD_ZONE_DEG = 1.0
-"""Greatest deadband of the servos, and greatest dead zone that friction makes of them."""
+"""Largest deadband of the servos, and largest dead zone caused by friction."""
 ROTATION_DEG = 5.0
 LATENCY_MS = 100.0
 NOISE_MM = 0.5
@@ -39,19 +40,19 @@ _GEOMETRY = (
     "marker_offset_mm",
     "pulley_radius_mm",
 )
-"""Stays the description's own while the controller's belief of it is drawn."""
+"""Kept as described in the twin, while the controller's model of it is drawn."""
 
 Settings = dict[str, Any]
 """Values of the robot description by their dotted keys."""
 
 
 def draw_twin(rng: np.random.Generator, base: Description, duration_s: float) -> Settings:
-    """One twin; the same generator state gives the same twin.
+    """Draw one twin; the same generator state gives the same twin.
 
     Args:
-        rng: used the same number of times whatever comes out.
+        rng: always called the same number of times.
         base: description that the factors apply to.
-        duration_s: of the path; the push falls into it.
+        duration_s: duration of the path, in which the push falls.
     """
     twin, robot = base.twin, base.robot
     stiffness = [_spread(rng, k, SPREAD) for k in twin.bending_stiffness_nm_rad]
@@ -99,17 +100,17 @@ def draw_twin(rng: np.random.Generator, base: Description, duration_s: float) ->
 
 
 def friction_n(base: Description, dead_zone_deg: float) -> float:
-    """Tendon friction that holds the robot still while a motor turns by the dead zone to a side.
+    """Tendon friction that keeps the robot still while a motor turns by the dead zone to one side.
 
-    A stuck robot gives way once the pull of one tendon has changed by the friction of both tendons
-    of its pair: k_t r_p phi = 2 F. Turning back costs twice the zone, as with a servo's deadband.
+    A stuck robot moves once the force of one tendon has changed by the friction of both tendons of
+    its pair: k_t r_p phi = 2 F. A reversal takes twice the zone, as with a servo's deadband.
     """
     pull_n_rad = base.twin.tendon_stiffness_n_m * base.twin.pulley_radius_mm * 1e-3
     return pull_n_rad * math.radians(dead_zone_deg) / 2
 
 
 def as_overrides(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """What ``--set`` takes, one for each key."""
+    """Arguments for ``--set``, one for each key."""
     return tuple(f"{key}={_toml(value)}" for key, value in settings.items())
 
 
@@ -123,7 +124,7 @@ def _direction(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def _readable(value: Any) -> Any:  # noqa: ANN401 - any TOML value
-    """Four digits: a command line that can be read, and repeats the twin exactly."""
+    """Round to four digits, so that the command line is readable and repeats the twin exactly."""
     if isinstance(value, dict):
         return {key: _readable(part) for key, part in value.items()}
     if isinstance(value, list | tuple):

@@ -12,21 +12,21 @@ from ccr_host.record.figure_style import controller_colours, plain, save_figure
 from ccr_host.tools.sweep.job import Row
 
 WORST = 3
-"""So many of each group are named."""
+"""Number of worst runs listed for each group."""
 
 
 def groups_of(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """One object for each controller and rate.
+    """Statistics as one object for each controller and rate.
 
-    Ratios are of the true mean error to the floor of the same twin, errors of the true position. A
-    run that diverged or ended early counts in the distributions with what it reached.
+    Ratios are true mean error over the floor of the same twin; errors are those of the true
+    position. Runs that diverged or ended early are included with the errors that they reached.
     """
     keys = sorted({(row["rate_hz"], row["controller"]) for row in rows})
     return [_group(key, [row for row in rows if _key(row) == key]) for key in keys]
 
 
 def worst_first(rows: Sequence[Row]) -> list[Row]:
-    """Runs that have no figures, then those that diverged, then by ratio."""
+    """Runs sorted with those without results first, then by ratio, largest first."""
     return sorted(rows, key=lambda row: (_ratio(row), row["diverged"]), reverse=True)
 
 
@@ -80,11 +80,11 @@ _MARKERS = {True: "X", False: "o"}
 
 
 def write_sweep_figure(file: Path, rows: Sequence[Row]) -> None:
-    """A row of panels for each rate: distribution of the ratio, and error against floor.
+    """Draw a row of panels per rate: distribution of the ratio, and error over floor.
 
     Args:
-        file: PNG to write; PDF and SVG come beside it.
-        rows: of the sweep; those without figures are left out.
+        file: PNG to write; PDF and SVG are written next to it.
+        rows: rows of the sweep; those without results are left out.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - costs 0.7 s
 
@@ -124,7 +124,7 @@ def _draw_distribution(axes: Axes, groups: dict[str, list[Row]], colours: dict[s
 
 
 def _write_out_numbers(axes: Axes) -> None:
-    """Ticks of logarithmic axes as 2 and 30, not as powers."""
+    """Label logarithmic axes with plain numbers instead of powers of ten."""
     from matplotlib.ticker import LogFormatter  # noqa: PLC0415 - as above
 
     for axis in (axes.xaxis, axes.yaxis):

@@ -1,7 +1,7 @@
 """The folder of a sweep: its plan, and a row for each run.
 
-Rows are written as they come, one Parquet file a twin; ``runs.parquet`` gathers them. Whatever
-kills the sweep loses only the twins that were being run.
+Rows are written as they arrive, one Parquet file per twin; ``runs.parquet`` gathers them. If the
+sweep is killed, only the twins that were running are lost.
 """
 
 from __future__ import annotations
@@ -73,14 +73,14 @@ _MOST_ROWS = 1_000_000
 
 
 class SweepFolder:
-    """Keeps and gives back the rows of one sweep.
+    """Stores and loads the rows of one sweep.
 
     Args:
-        folder: that exists; empty, or that of a sweep over the same twins, which goes on.
-        plan: of the sweep.
+        folder: an existing folder; empty, or that of a sweep over the same twins to continue.
+        plan: plan of the sweep.
 
     Raises:
-        ConfigError: another sweep is in the folder, or what is there cannot be read.
+        ConfigError: the folder contains another sweep, or cannot be read.
     """
 
     def __init__(self, folder: Path, plan: SweepPlan) -> None:
@@ -91,11 +91,11 @@ class SweepFolder:
         self._rows = {_key(row): row for file in files if file.exists() for row in _read(file)}
 
     def rows(self) -> list[Row]:
-        """All that is there, by index, rate and controller."""
+        """All rows, sorted by index, rate and controller."""
         return [self._rows[key] for key in sorted(self._rows)]
 
     def missing(self, jobs: Sequence[TwinJob]) -> list[TwinJob]:
-        """What of the jobs has no row yet."""
+        """Those parts of the jobs that have no row yet."""
         left = [
             replace(job, drives=tuple(d for d in job.drives if (job.index, *d) not in self._rows))
             for job in jobs
@@ -103,10 +103,10 @@ class SweepFolder:
         return [job for job in left if job.drives]
 
     def keep(self, rows: Sequence[Row]) -> None:
-        """Write the rows of one twin; they are safe when this returns.
+        """Write the rows of one twin; they are on disk when this returns.
 
         Raises:
-            OSError: they cannot be written, and have to be run again.
+            OSError: they cannot be written and must be run again.
         """
         self._make_folder()
         names = "-".join(sorted({f"{row['controller']}{row['rate_hz']:g}" for row in rows}))
@@ -116,10 +116,10 @@ class SweepFolder:
             self._rows |= {_key(row): row for row in rows}
 
     def gather(self) -> None:
-        """Put all rows into one file.
+        """Move all rows into one file.
 
         Raises:
-            OSError: it cannot be written; the rows stay where they are.
+            OSError: it cannot be written; the rows stay in their files.
         """
         self._make_folder()
         _write(self._folder / GATHERED, self.rows())
@@ -127,7 +127,7 @@ class SweepFolder:
             part.unlink()
 
     def _make_folder(self) -> None:
-        """With the first row; again, if somebody has removed it."""
+        """Create the folder and its plan, also if they were deleted meanwhile."""
         (self._folder / _PARTS).mkdir(parents=True, exist_ok=True)
         file = self._folder / _PLAN
         if not file.exists():
@@ -138,7 +138,7 @@ class SweepFolder:
         if not file.exists():
             if any((self._folder / name).exists() for name in (GATHERED, _PARTS)):
                 raise ConfigError(
-                    f"--out {self._folder}: holds a sweep without its {_PLAN}",
+                    f"--out {self._folder}: contains a sweep without its {_PLAN}",
                     "name another folder",
                 )
             return
@@ -150,7 +150,7 @@ class SweepFolder:
             raise ConfigError(f"{file} cannot be read", "name another folder") from None
         if differing:
             raise ConfigError(
-                f"--out {self._folder}: holds a sweep of other twins ({', '.join(differing)})",
+                f"--out {self._folder}: contains a sweep of other twins ({', '.join(differing)})",
                 "name another folder, or repeat its --seed, --path, --robot, --set and --twins",
             )
 

@@ -1,4 +1,4 @@
-"""Jobs on dask.distributed: processes of this machine, or a cluster that is already there."""
+"""Jobs on dask.distributed: processes of this machine, or an existing cluster."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ def run_missing(
     scheduler: str | None,
     on_count: OnCount,
 ) -> None:
-    """Run what has no row yet, and keep each twin's rows as they come.
+    """Run all runs without a row, and store each twin's rows as they arrive.
 
     Args:
-        store: of the sweep.
-        jobs: all of the sweep.
-        workers: local processes; None for as many as there are cores.
+        store: folder of the sweep.
+        jobs: all jobs of the sweep.
+        workers: number of local processes; None for one per core.
         scheduler: address of an existing cluster, used instead.
-        on_count: told of each row, first of those that are there already.
+        on_count: called with numbers of finished rows, first with that of the existing ones.
 
     Raises:
         ConfigError: no scheduler at that address.
-        CcrError: the workers cannot do such jobs, a row cannot be stored, or twins are missing
+        CcrError: the workers cannot run the jobs, a row cannot be stored, or twins are missing
             because their workers were killed; all other rows are stored.
     """
     left = store.missing(jobs)
@@ -59,19 +59,19 @@ def run_missing(
             except OSError as error:
                 raise CcrError(
                     f"the sweep ends early: twin {job.index} cannot be stored: {why(error)}",
-                    "the same command with room for its results goes on",
+                    "free disk space; the same command continues the sweep",
                 ) from None
             on_count(len(rows))
     if lost:
         twins = ", ".join(map(str, sorted(lost)))
         raise CcrError(
-            f"twins are missing, their workers were killed again and again: {twins}",
-            "look for a lack of memory, give fewer --workers; the same command runs them again",
+            f"twins are missing, as their workers were killed repeatedly: {twins}",
+            "check for lack of memory, use fewer --workers; the same command runs them again",
         )
 
 
 def sum_up(store: SweepFolder, folder: ResultFolder) -> list[Row]:
-    """Gather the rows and write figure and summary of what is there; returns the rows."""
+    """Gather the rows, write their figure and summary, and return them."""
     rows = store.rows()
     folder.keep(lambda _: store.gather(), GATHERED)
     folder.keep_json("summary.json", {"groups": groups_of(rows)})
@@ -81,15 +81,15 @@ def sum_up(store: SweepFolder, folder: ResultFolder) -> list[Row]:
 
 _CONNECT_S = 10
 _IDENTIFY_S = 5
-"""A scheduler tells who it is within milliseconds; a client would wait minutes for one."""
+"""A scheduler identifies itself within milliseconds; a client would wait minutes for one."""
 
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Client]:
     """Worker processes of one thread each; one that dies is replaced and its job repeated.
 
-    Whoever reaches a scheduler can let its workers run any code. So connections take certificates
-    that exist in these processes alone, and dask's web pages are left out.
+    A client that connects to a scheduler can run any code on its workers. So connections require
+    certificates known only to these processes, and dask's web pages are disabled.
     """
     _silence()
     pages: dict[str, list[str]] = {
@@ -112,16 +112,16 @@ def local_workers(count: int) -> Iterator[Client]:
 
 @contextmanager
 def existing_cluster(address: str) -> Iterator[Client]:
-    """Workers of a scheduler elsewhere, each with this version of ccr-host installed.
+    """Workers of an existing scheduler, each with this version of ccr-host installed.
 
     Raises:
-        ConfigError: no scheduler answers there, or it is no address.
+        ConfigError: no scheduler answers there, or the address is invalid.
     """
     _silence()
     try:
         asyncio.run(asyncio.wait_for(_require_scheduler(address), _IDENTIFY_S))
         client = Client(address, timeout=_CONNECT_S)
-    except Exception as error:  # whatever else listens there is decoded as if it were dask's
+    except Exception as error:  # a reply of any other service is decoded as if it were dask's
         telling = isinstance(error, OSError | TypeError) and str(error)
         raise ConfigError(
             f"--scheduler {address}: no dask scheduler answers there"
@@ -133,13 +133,13 @@ def existing_cluster(address: str) -> Iterator[Client]:
 
 
 def run_jobs(client: Client, jobs: Sequence[TwinJob]) -> Iterator[tuple[TwinJob, list[Row] | None]]:
-    """Each job with its rows, in the order in which the jobs end.
+    """Yield each job with its rows, in the order in which the jobs end.
 
-    A job whose worker is killed is repeated on others; one that several workers did not survive has
-    None for its rows.
+    A job whose worker is killed is repeated on others; after several killed workers its rows are
+    None.
 
     Raises:
-        CcrError: the workers cannot do such jobs.
+        CcrError: the workers cannot run the jobs.
     """
     job_of: dict[Future, TwinJob] = {
         client.submit(run_job, job, key=f"twin-{job.index}", pure=False, priority=-job.index): job
@@ -176,7 +176,7 @@ async def _require_scheduler(address: str) -> None:
 
 
 def _silence() -> None:
-    """What a worker's death means is told by the sweep, not by the log of a library."""
+    """Silence dask's log: the sweep itself reports killed workers."""
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
 
 

@@ -87,5 +87,5 @@ def test_rests_of_no_such_robot_are_not_kept():
     measured = _rests()
     upside_down = measured.turned(-np.eye(3))
     for rests in (upside_down, _rests(count=5)):
-        with pytest.raises(TrackerError, match="no robot as described"):
+        with pytest.raises(TrackerError, match="do not fit the described robot"):
             trial_fit(rests, BELIEVED)
