@@ -3,7 +3,7 @@
     python protocol/generate.py           write the files
     python protocol/generate.py --check   only compare; exit status 1 names the stale ones
 
-Needs nothing but pydantic.
+Needs nothing but pydantic and jinja2.
 """
 
 from __future__ import annotations

@@ -9,8 +9,9 @@ constants, and ranges that become wider.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
-from ccr_protocol.spec import Eeprom, Enumeration, Field, FlagSet, Message, Spec
+from ccr_protocol.spec import Enumeration, Field, FlagSet, Message, Spec
 
 _FIRST_CONTACT = ("hello", "hello_reply")
 """Readable across all versions: the other end's version is only known after them."""
@@ -27,11 +28,11 @@ def never_allowed(old: Spec, new: Spec) -> Iterator[str]:
             yield from _id_keeps_meaning(message, now_by_id[message.id])
     for enum in old.enums:
         if enum.name in new.enum_by_name:
-            yield from _values_keep_meaning(enum, new.enum_by_name[enum.name])
+            yield from _numbers_keep_meaning("enum", enum, new.enum_by_name[enum.name])
     flags_now = {flags.name: flags for flags in new.flag_sets}
     for flags in old.flag_sets:
         if flags.name in flags_now:
-            yield from _bits_keep_meaning(flags, flags_now[flags.name])
+            yield from _numbers_keep_meaning("flags", flags, flags_now[flags.name])
     if old.eeprom.layout == new.eeprom.layout and _saved(old) != _saved(new):
         yield "eeprom: the saved configuration differs, eeprom.layout must be another"
 
@@ -64,47 +65,30 @@ def _id_keeps_meaning(old: Message, new: Message) -> Iterator[str]:
             yield f"{place}, field {index} {field.name}: differs in more than its range"
 
 
-def _layout(field: Field) -> tuple[object, ...]:
-    return (
-        field.name,
-        field.type,
-        field.count,
-        field.unit,
-        field.scale,
-        field.enum,
-        field.flags,
-    )
+def _layout(field: Field) -> dict[str, Any]:
+    return field.model_dump(exclude={"prose", "minimum", "maximum"})
 
 
-def _saved(spec: Spec) -> list[tuple[object, ...]]:
+def _saved(spec: Spec) -> list[dict[str, Any]]:
     structs = {struct.name: struct for struct in spec.structs}
     return [_layout(field) for name in spec.eeprom.configuration for field in structs[name].fields]
 
 
-def _values_keep_meaning(old: Enumeration, new: Enumeration) -> Iterator[str]:
+def _numbers_keep_meaning(
+    kind: str, old: Enumeration | FlagSet, new: Enumeration | FlagSet
+) -> Iterator[str]:
+    """Values of an enumeration, or bits of a flag set."""
+    word, bit = ("value", "") if kind == "enum" else ("bit", "bit ")
     if old.type != new.type:
-        yield f"enum {old.name}: {old.type.name} must not become {new.type.name}"
-    names = {value.value: value.name for value in new.values}
-    numbers = {value.name: value.value for value in new.values}
-    for value in old.values:
-        place = f"enum {old.name}, {value.name} = {value.value}"
-        if names.get(value.value, value.name) != value.name:
-            yield f"{place}: the value must not be given to {names[value.value]}"
-        if numbers.get(value.name, value.value) != value.value:
-            yield f"{place}: must not become {numbers[value.name]}"
-
-
-def _bits_keep_meaning(old: FlagSet, new: FlagSet) -> Iterator[str]:
-    if old.type != new.type:
-        yield f"flags {old.name}: {old.type.name} must not become {new.type.name}"
-    names = {bit.bit: bit.name for bit in new.bits}
-    numbers = {bit.name: bit.bit for bit in new.bits}
-    for bit in old.bits:
-        place = f"flags {old.name}, {bit.name} = bit {bit.bit}"
-        if names.get(bit.bit, bit.name) != bit.name:
-            yield f"{place}: the bit must not be given to {names[bit.bit]}"
-        if numbers.get(bit.name, bit.bit) != bit.bit:
-            yield f"{place}: must not become bit {numbers[bit.name]}"
+        yield f"{kind} {old.name}: {old.type.name} must not become {new.type.name}"
+    numbers = new.numbers
+    names = {number: name for name, number in numbers.items()}
+    for name, number in old.numbers.items():
+        place = f"{kind} {old.name}, {name} = {bit}{number}"
+        if names.get(number, name) != name:
+            yield f"{place}: the {word} must not be given to {names[number]}"
+        if numbers.get(name, number) != number:
+            yield f"{place}: must not become {bit}{numbers[name]}"
 
 
 def needs_new_version(old: Spec, new: Spec) -> Iterator[str]:
@@ -125,26 +109,23 @@ def needs_new_version(old: Spec, new: Spec) -> Iterator[str]:
             yield from _message(message, new.message_by_name[message.name])
     if set(old.transitions) != set(new.transitions):
         yield "state machine: a transition has changed"
-    if _addresses(old.eeprom) != _addresses(new.eeprom):
+    if _addresses(old) != _addresses(new):
         yield "eeprom: the layout has changed"
 
 
 def _enumerators(old: Spec, new: Spec) -> Iterator[str]:
     """Receivers are strict: a value that they do not know spoils the whole message."""
-    for enum in old.enums:
-        now = new.enum_by_name.get(enum.name)
-        before = {value.name for value in enum.values}
-        after = {value.name for value in now.values} if now else set()
-        for name in sorted(before - after):
-            yield f"enum {enum.name}, {name}: is gone"
-        if now:
-            for name in sorted(after - before):
-                yield f"enum {enum.name}, {name}: is new"
-    flags_now = {flags.name: {bit.name for bit in flags.bits} for flags in new.flag_sets}
-    for flags in old.flag_sets:
-        for bit in flags.bits:
-            if bit.name not in flags_now.get(flags.name, ()):
-                yield f"flags {flags.name}, {bit.name}: is gone"
+    for kind, before, after in (
+        ("enum", old.enums, new.enums),
+        ("flags", old.flag_sets, new.flag_sets),
+    ):
+        now = {one.name: one.numbers for one in after}
+        for one in before:
+            numbers = now.get(one.name, {})
+            for name in sorted(one.numbers.keys() - numbers):
+                yield f"{kind} {one.name}, {name}: is gone"
+            for name in sorted(numbers.keys() - one.numbers) if kind == "enum" else ():
+                yield f"{kind} {one.name}, {name}: is new"
 
 
 def _message(old: Message, new: Message) -> Iterator[str]:
@@ -162,14 +143,7 @@ def _message(old: Message, new: Message) -> Iterator[str]:
         yield f"{place}: its consistency rule has changed"
 
 
-def _addresses(eeprom: Eeprom) -> tuple[int, ...]:
-    return (
-        eeprom.size,
-        eeprom.slot_a,
-        eeprom.slot_b,
-        eeprom.boot_counter,
-        eeprom.boot_counters,
-        eeprom.magic,
-        eeprom.layout,
-        eeprom.slot_size,
-    )
+def _addresses(spec: Spec) -> dict[str, Any]:
+    eeprom = spec.eeprom
+    sizes = eeprom.model_dump(exclude={"prose", "configuration"})
+    return sizes | {"slot_size": eeprom.slot_size}

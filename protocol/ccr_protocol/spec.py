@@ -89,6 +89,11 @@ class Enumeration(_Part):
     values: Annotated[tuple[Enumerator, ...], NotEmpty]
     internal: StrictBool = False
 
+    @property
+    def numbers(self) -> dict[str, int]:
+        """Values by name."""
+        return {value.name: value.value for value in self.values}
+
 
 class Bit(_Part):
     """One bit of a flag set."""
@@ -105,6 +110,11 @@ class FlagSet(_Part):
     type: Unsigned
     prose: Prose
     bits: Annotated[tuple[Bit, ...], NotEmpty]
+
+    @property
+    def numbers(self) -> dict[str, int]:
+        """Bits by name."""
+        return {bit.name: bit.bit for bit in self.bits}
 
 
 class Field(_Part):
