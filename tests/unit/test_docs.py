@@ -1,6 +1,7 @@
 """What the docs promise to cover is there."""
 
 import ast
+import json
 import re
 import textwrap
 import tomllib
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from ccr_host.control import base
+from ccr_host.core.version import __version__
 from ccr_host.description import schema
 from ccr_host.link.device_errors import BoardFaultError
 from ccr_host.link.messages import Fault
@@ -149,3 +151,10 @@ def test_every_extra_is_listed_for_newcomers() -> None:
 def test_no_page_tells_to_type_a_placeholder_for_this_repository() -> None:
     pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")]
     assert not [page.name for page in pages if re.search(r"git clone [A-Z]+\b", page.read_text())]
+
+
+def test_the_release_has_one_number() -> None:
+    citation = (ROOT / "CITATION.cff").read_text()
+    library = json.loads((ROOT / "firmware" / "lib" / "core" / "library.json").read_text())
+    assert f"\nversion: {__version__}\n" in citation
+    assert library["version"] == __version__

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ccr_host.control.base import Controller
 from ccr_host.core.errors import ConfigError, DeviceError, TrackerError
@@ -124,7 +124,7 @@ class Robot:
         self._connected().client.arm()
         self._is_armed = True
 
-    def move(self, q_deg: ArrayLike, settle_s: float = 0.5) -> None:
+    def move(self, q_deg: Sequence[float] | NDArray[np.float64], settle_s: float = 0.5) -> None:
         """Move smoothly to motor angles and return when the robot is there.
 
         Args:
@@ -279,7 +279,7 @@ class Robot:
             raise DeviceError("the robot is not armed", "call arm() first")
         return self._connected()
 
-    def _checked(self, q_deg: ArrayLike) -> NDArray[np.float64]:
+    def _checked(self, q_deg: object) -> NDArray[np.float64]:
         try:
             asked_deg = np.asarray(q_deg, dtype=np.float64)
         except (TypeError, ValueError):

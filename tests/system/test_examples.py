@@ -1,0 +1,78 @@
+"""The programs in examples/ do what they say."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import ccr_host
+from tests.system.conftest import CcrHost
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+pytestmark = pytest.mark.long
+
+
+def run(name: str, folder: Path, *words: str) -> str:
+    """What an example prints."""
+    ended = subprocess.run(
+        [sys.executable, EXAMPLES / name, *words],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (ended.returncode, ended.stderr) == (0, "")
+    return ended.stdout
+
+
+def numbers(text: str) -> list[float]:
+    return [float(number) for number in re.findall(r"-?\d+\.\d+", text)]
+
+
+def test_two_motors_move_the_tip(tmp_path: Path) -> None:
+    told = run("move_two_motors.py", tmp_path).splitlines()
+    hanging, first, both = (numbers(line) for line in told)
+    assert abs(first[2] - hanging[2]) > 10, "motor 1 moves the tip along z"
+    assert abs(both[1] - first[1]) > 5, "motor 2 moves it along y"
+
+
+def test_the_controller_beats_the_open_loop_and_its_run_can_be_read(tmp_path: Path) -> None:
+    mean_mm, open_mm = numbers(run("own_controller.py", tmp_path))
+    assert mean_mm < open_mm / 2
+    (folder,) = (tmp_path / "runs").iterdir()
+    told = run("read_run.py", tmp_path, str(folder))
+    assert "8shape under python:IntegralFeedback: 80 steps" in told
+    assert numbers(told)[0] == pytest.approx(mean_mm, abs=0.1)
+    assert "event: following the path" in told
+
+
+def test_the_tracker_leads_the_robot(tmp_path: Path) -> None:
+    assert numbers(run("own_tracker.py", tmp_path))[0] < 10
+
+
+def test_the_plant_is_the_model(tmp_path: Path) -> None:
+    assert numbers(run("own_plant.py", tmp_path))[0] < 0.5
+
+
+def test_the_command_takes_all_three(ccr_host: CcrHost, short_path: str) -> None:
+    for option, name in (
+        ("--controller", "own_controller.py:IntegralFeedback"),
+        ("--tracker", "own_tracker.py:CoarseCamera"),
+        ("--plant", "own_plant.py:ConstantCurvaturePlant"),
+    ):
+        ended = ccr_host("track", short_path, "--no-open", "--json", option, str(EXAMPLES / name))
+        assert ended.status == 0, ended.err
+
+
+def test_the_notebook_runs_from_top_to_bottom(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    notebook = json.loads((EXAMPLES / "first_steps.ipynb").read_text(encoding="utf-8"))
+    code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert len(code) > 3
+    for cell in code:
+        prints = any(word in "".join(cell["source"]) for word in ("print(", "plt.show("))
+        assert prints == bool(cell["outputs"]), "kept as it was run, for the page that shows it"
+    names: dict[str, object] = {}
+    for cell in code:
+        exec("".join(cell["source"]), names)
+    assert isinstance(names["run"], ccr_host.Run)
