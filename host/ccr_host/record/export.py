@@ -61,7 +61,7 @@ _ROW_GROUP = 20_000
 
 
 class Format(StrEnum):
-    """Of the exported files."""
+    """Format of the exported files."""
 
     CSV = "csv"
     PARQUET = "parquet"

@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 
 X, Y, Z = (PATH_AXES[axis] for axis in "xyz")
 _MOST_MARKERS = 200
-"""With more points than this a line shows more without them."""
+"""With more points than this, lines are drawn without markers."""
 _SHADE = 0.3
 _DASHES = ("-", "--", ":", "-.")
-"""For several runs of one controller."""
+"""Line styles of several runs of one controller."""
 _ERROR = "tip error (mm)"
 
 
@@ -53,7 +53,7 @@ class PlottedRun:
 
     @property
     def name(self) -> str:
-        """For the legend."""
+        """Name in the legend."""
         return plain(self.label or self.options.controller)
 
 
@@ -244,7 +244,7 @@ def _draw_legend(figure: Figure, runs: Sequence[PlottedRun] = ()) -> None:
 
 
 def _styled(runs: Sequence[PlottedRun]) -> Iterator[tuple[PlottedRun, str, str]]:
-    """Each run with the colour of its controller, and a dash of its own among those of one."""
+    """Yield each run with its controller's colour and a dash that tells its runs apart."""
     colours = controller_colours(run.options.controller for run in runs)
     seen: Counter[str] = Counter()
     for run in runs:

@@ -45,7 +45,7 @@ class ResultFolder:
     def __init__(self, wanted: Path | None, title: str) -> None:
         self.path = wanted or next(name for name in _default_names(title) if not is_there(name))
         self.kept: list[str] = []
-        """Names of the files that were written."""
+        """Names of the files written."""
         self._missing: dict[str, list[str]] = {}
         self._made = [f for f in (self.path, *self.path.parents) if not is_there(f)]
         try:
@@ -75,7 +75,7 @@ class ResultFolder:
 
     @property
     def trouble(self) -> str:
-        """What was not written, and why; empty if nothing is missing."""
+        """What was not written and why; empty if nothing is missing."""
         missing = self._missing.items()
         return "; ".join(f"no {', '.join(names)}: {cause}" for cause, names in missing)
 

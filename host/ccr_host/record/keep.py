@@ -52,11 +52,11 @@ def execute_logged(
 
 @dataclass(frozen=True)
 class KeptRun:
-    """What is in the folder of a run, and what is to be told about it."""
+    """The outcome of keeping a run in its folder."""
 
     summary: dict[str, Any]
     failure: Exception | KeyboardInterrupt | None
-    """What ended the run early, or has interrupted what came after it."""
+    """The error that ended the run early, or the interruption of what followed it."""
     no_open_loop: str
     """Why the comparison is missing; empty if it is not."""
 

@@ -1,4 +1,4 @@
-"""Why a simulated robot's tip is not where its camera says."""
+"""Explains why measured and true tip of a simulated robot differ."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ccr_host.run.observer import StepRecord, Vector, measured_errors_mm, true_e
 
 _MUCH_MM = 0.5
 _MUCH = 0.15
-"""Of the greater of both means."""
+"""Share of the greater of the two means."""
 _FEWEST_STEPS = 5
-"""A turn cannot be told from less."""
+"""Fewest steps from which a rotation can be estimated."""
 
 
 def why_measured_differs(records: Sequence[StepRecord]) -> str | None:

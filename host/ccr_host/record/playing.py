@@ -94,7 +94,7 @@ class TapePlayer:
 
     @property
     def error(self) -> TapeError:
-        """Of the next token that stands for one."""
+        """Error of the next token that carries one."""
         return self._errors[0]
 
     def interrupt(self) -> None:

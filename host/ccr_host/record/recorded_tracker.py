@@ -48,7 +48,7 @@ class ReplayTracker(StartsAndStops):
 
     @property
     def health(self) -> TrackerHealth:
-        """How far the replay is."""
+        """Progress of the replay."""
         if not self._running:
             state = "stopped"
         else:

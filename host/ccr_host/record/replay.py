@@ -41,7 +41,7 @@ from ccr_host.tracking.tracker import Sample
 
 @dataclass(frozen=True)
 class Difference:
-    """Where the replayed host first does something else than the recorded one."""
+    """The first point at which the replayed host differs from the recorded one."""
 
     time_us: int
     steps_done: int
@@ -53,7 +53,7 @@ class ReplayResult:
     """How far the replay has come, and how it ended."""
 
     frames: int = 0
-    """Sent and equal."""
+    """Number of frames sent that were equal."""
     steps: int = 0
     end_us: int = 0
     difference: Difference | None = None
@@ -95,7 +95,7 @@ class _Feed:
     received: deque[bytes] = field(default_factory=deque)
     samples: dict[int, Sample] = field(default_factory=dict)
     failure: ConfigError | None = None
-    """Why it could not be read on."""
+    """Why reading stopped, if it failed."""
 
     def __post_init__(self) -> None:
         self._messages = self.recording.messages(*_INPUT_TOPICS)

@@ -46,12 +46,12 @@ _METRICS = validator(
         link=nullable(OBJECT),
     )
 )
-"""What the page uses of them."""
+"""The metrics that the page uses."""
 
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """What a report is made from."""
+    """Everything a report shows of one run."""
 
     folder: Path
     setup: RunSetup
@@ -66,7 +66,7 @@ class RecordedRun:
 
     @property
     def title(self) -> str:
-        """For people."""
+        """Title of the run."""
         options = self.setup.options
         return f"{self.setup.reference.name}, {options.controller}, {options.rate_hz:g} Hz"
 

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _SHAPE_ERROR_MM = 0.1
-"""What the sagging arc leaves on twins with half to 1.5 times the default's loads."""
+"""Residual of the sagging arc on twins with half to 1.5 times the default loads."""
 _LENGTH_TOLERANCE_MM = 0.5
 """Print, glue and centre of a marker, standard deviation: of L_1, of the heights of M1 and M2."""
 _LOAD_PRIOR = (0.35, 1.0)
@@ -40,15 +40,15 @@ _LOAD_PRIOR = (0.35, 1.0)
 _SAME_ANGLE_RAD = math.radians(0.5)
 _STARTS = 12
 _POINTS = 41
-"""Of a sagging segment."""
+"""Points along a sagging segment."""
 _SWEEPS = 3
 """Each gains a factor of about ten; three are exact to 0.01 mm up to a load of 1."""
 
 MIN_POSES = 5
 MIN_SWING_RAD = math.radians(60.0)
-"""Of segment 1 over all poses; below it sag and rotation cannot be told apart."""
+"""Least swing of segment 1 over all poses; below it sag and rotation cannot be told apart."""
 MIN_SIDEWAYS_MM = 5.0
-"""Of M3 between the two ends of motor 2."""
+"""Least motion of M3 between the two ends of motor 2."""
 MAX_BASE_MOTION_MM = 1.0
 MAX_RESIDUAL_MM = 0.6
 MAX_UNCERTAINTY_DEG = 1.5
@@ -64,7 +64,7 @@ class RegistrationError(CcrError):
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Where the camera stands, and how well that is known."""
+    """Rotation of the camera with its uncertainty."""
 
     camera_to_robot: Array
     """(3, 3): turns vectors of the camera's frame into that of (10)."""
@@ -82,7 +82,7 @@ class Registration:
     base_marker_aside_mm: float
     """M1 beside the plane in which segment 1 bends."""
     reversed_motors: tuple[int, ...]
-    """Those that turn against their description, 1 or 2."""
+    """Numbers of the motors that turn against their description, 1 or 2."""
 
     @property
     def camera_to_robot_deg(self) -> Array:
@@ -124,7 +124,7 @@ def register(rests: Rests, geometry: Robot) -> Registration:
 
 @dataclass(frozen=True, eq=False)
 class _Vectors:
-    """What the poses show, whatever the camera's place; K poses."""
+    """What K poses show, independent of the position of the camera."""
 
     q_rad: Array
     """(K, 2)."""

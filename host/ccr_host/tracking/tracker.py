@@ -69,7 +69,7 @@ class MarkerFrame:
     exposed_us: int
     """Best estimate of when the markers were there, on the run's clock."""
     frame_number: int
-    """Of the device, since it was started last."""
+    """Frame number of the device since it was last started."""
     points_mm: FloatArray
     """(n, 3): single markers in the camera's frame, one a row, in no order."""
     out_of_volume: BoolArray
@@ -111,14 +111,14 @@ def _checked_pose(name: str, pose: Pose) -> Pose:
 
 @dataclass(frozen=True)
 class TrackerHealth:
-    """How a camera is doing, for people to read."""
+    """State of a camera, for people to read."""
 
     state: str
     """What the driver is doing, e.g. `tracking`."""
     tracking: bool = False
     """Whether frames can be expected."""
     rate_hz: float = 0.0
-    """Of new frames over the last second or so."""
+    """Rate of new frames over about the last second."""
     frames: int = 0
     """New frames so far."""
     lost_frames: int = 0
@@ -126,7 +126,7 @@ class TrackerHealth:
     damaged_replies: int = 0
     """Answers refused by their check sum or their grammar."""
     reconnections: int = 0
-    """How often contact was lost and made again."""
+    """How often contact was lost and regained."""
     odd_frame_numbers: int = 0
     """How often a frame number did not follow the one before: damage, or a counter that changed."""
     warnings: tuple[str, ...] = ()
@@ -171,7 +171,7 @@ class FrameCount:
 
     @property
     def rate_hz(self) -> float:
-        """Of the last frames."""
+        """Rate of the last frames."""
         times_us = self._exposures_us
         if len(times_us) < 2:  # noqa: PLR2004 - a rate needs an interval
             return 0.0
@@ -204,7 +204,7 @@ class FrameCount:
 
 
 class ForeignPeerError(TrackerError):
-    """What answers is something else than the tracker that was expected there."""
+    """The peer that answers is not the tracker that was expected."""
 
 
 class RawTracker(Protocol):
@@ -218,7 +218,7 @@ class RawTracker(Protocol):
 
     @property
     def health(self) -> TrackerHealth:
-        """How it is doing now."""
+        """Present state of the tracker."""
 
     def start(self) -> None:
         """Open the device; frames follow as the clock goes on.
@@ -289,13 +289,13 @@ class WatchedTracker(Tracker, Protocol):
 
     @property
     def health(self) -> TrackerHealth:
-        """Of the camera."""
+        """Health of the camera."""
 
 
 DEFAULT_TIMEOUT_US = 20_000_000
 """A Polaris takes up to 7 s for a reset and as long again when its break is not heard."""
 _MOST_RECONNECTIONS = 4
-"""What closes the connection time after time will not become a camera by waiting."""
+"""A peer that keeps closing the connection will not become a camera by waiting."""
 _LOOK_US = 10_000
 
 

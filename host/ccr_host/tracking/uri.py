@@ -23,7 +23,7 @@ class TrackerKind(Enum):
     ARUCO = "aruco"
     REPLAY = "replay"
     OWN = "own"
-    """By a plug-in."""
+    """A plug-in."""
 
 
 _EXAMPLES = {
@@ -81,7 +81,7 @@ class TrackerUri:
 
     @property
     def host_and_port(self) -> tuple[str, int]:
-        """Of a tracker on TCP."""
+        """Host and port of a tracker on TCP."""
         return host_and_port(self.address, f"tracker {self}", _EXAMPLES[self.kind])
 
 

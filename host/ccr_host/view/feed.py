@@ -24,22 +24,22 @@ Item = tuple[str, tuple[Any, ...]]
 
 
 class Batch(NamedTuple):
-    """What happened in a little while, in order."""
+    """A batch of events, in order."""
 
     items: Sequence[Item]
     dropped_batches: int
-    """So far."""
+    """Number of batches dropped so far."""
 
 
 class RunEnded(NamedTuple):
     """The last message of a run."""
 
     folder: Path
-    """With its complete log."""
+    """Folder with the complete log."""
 
 
 _REAL_TIME_US = 40_000
-"""Of the run's clock between two batches: a little more often than the page draws."""
+"""Time on the run's clock between two batches: a little more often than the page draws."""
 _VIRTUAL_TIME_US = 1_000_000
 """The same where a second passes in a few hundredths."""
 _STEP_EVERY_US = 5_000
@@ -97,7 +97,7 @@ class ViewFeed(RunObserver):
             self._hand_on(time_us)
 
     def resumed(self) -> Batch:
-        """Where the run stands, for a page that has seen nothing of it; asked by any thread."""
+        """State of the run, for a page that has seen none of it; callable from any thread."""
         return Batch(list(self._known.values()), self._dropped_batches)
 
     def _kept(self, method: str, *arguments: object) -> Item:
@@ -125,7 +125,7 @@ class SharedButtons:
         self._pause: Any = context.RawValue(c_bool, False)
 
     def press_stop(self) -> None:
-        """For good."""
+        """Stop the robot; cannot be undone."""
         self._stop.value = True
 
     def set_pause(self, paused: bool) -> None:

@@ -219,10 +219,10 @@ class StepColumns(NamedTuple):
     true_error_mm: FloatArray
     """NaN without a twin."""
     unavoidable_mm: FloatArray
-    """What the model says cannot be reached."""
+    """Error that the model cannot avoid."""
     solve_us: FloatArray
     age_us: FloatArray
-    """Of the sample; NaN where the markers were lost."""
+    """Age of the sample; NaN where the markers were lost."""
     late: FloatArray
     """1 where the command came too late."""
 
@@ -233,7 +233,7 @@ class Moment:
 
     time_us: float
     phase: Phase | None
-    """What the run was doing."""
+    """Phase of the run."""
     record: StepRecord | None
     """The last step that has ended."""
     horizon_mm: FloatArray
@@ -241,7 +241,7 @@ class Moment:
     markers_mm: FloatArray | None
     """(3, 3), newest whole sample, M1 is the origin; None where it is too old to be believed."""
     markers_age_us: float
-    """Since that sample came; NaN before the first."""
+    """Age of that sample; NaN before the first."""
     board: BoardState | None
     link: LinkHealth | None
     steps: StepColumns

@@ -48,7 +48,7 @@ class Door:
     """A socket that listens, and what a visitor must know; goes to the process that serves."""
 
     host: str
-    """As the user has written it."""
+    """Host as the user wrote it."""
     listening: socket.socket
     token: str
 
@@ -124,7 +124,7 @@ class LivePage:
             self._keeper.join()
 
     def close(self) -> None:
-        """End the page, though it hang."""
+        """End the page, even one that hangs."""
         with self._changing:
             self._is_wanted = False
             self._process.kill()
@@ -177,7 +177,7 @@ class LivePage:
 
 @contextmanager
 def live_page(address: ViewAddress, *, realtime: bool) -> Iterator[LivePage]:
-    """Serve a page from a process of its own; it ends with the context.
+    """Serve a page from a separate process, which ends with the context.
 
     Args:
         address: to listen on.

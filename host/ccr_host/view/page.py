@@ -23,7 +23,7 @@ SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "5": 5.0, "10": 10.0}
 
 @dataclass
 class Playback:
-    """Where in the run the page stands, and how it goes on."""
+    """Position of the page in the run, and its speed."""
 
     end_us: float
     at_us: float = 0.0

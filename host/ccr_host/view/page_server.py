@@ -69,7 +69,7 @@ _SAID_BY_A_PAGE = msgspec.msgpack.Decoder(_Camera | _Control)
 
 
 _Data: TypeAlias = Any
-"""In truth bytes, but the method has overloads, of which only this fits all."""
+"""Bytes in fact; the method has overloads, and only this type fits them all."""
 
 
 class _Visitor(ServerConnection):
@@ -142,7 +142,7 @@ def page_server(door: Door) -> Iterator[ViserServer]:
         try:
             if guarded.server is None:
                 raise CcrError(
-                    "this version of viser cannot be guarded: it opens a port of its own",
+                    "this version of viser cannot be guarded: it opens another port",
                     'pip install "viser==1.1.*"',
                 )
             starting = guarded.server.start_serving()

@@ -12,7 +12,7 @@ Rgb = tuple[int, int, int]
 
 
 def rgb(colour: str) -> Rgb:
-    """From ``#rrggbb``."""
+    """RGB of ``#rrggbb``."""
     red, green, blue = bytes.fromhex(colour.removeprefix("#"))
     return red, green, blue
 
@@ -43,7 +43,7 @@ def of_controller(name: str) -> Rgb:
 
 
 def css(colour: Rgb, opacity: float = 1.0) -> str:
-    """As style sheets write it."""
+    """Colour as style sheets write it."""
     return "#{:02x}{:02x}{:02x}{:02x}".format(*colour, round(255 * opacity))
 
 

@@ -63,7 +63,7 @@ def draw_surroundings(scene: SceneApi, description: Description) -> None:
 
 
 def draw_desired(scene: SceneApi, reference: Reference) -> None:
-    """The path, its unreachable parts in a colour of their own."""
+    """The path, with its unreachable parts in another colour."""
     segments = joined(reference.target_mm)
     reachable = reference.reachable[:-1] & reference.reachable[1:]
     for name, chosen, colour in (
@@ -214,7 +214,7 @@ def _add_marker(scene: SceneApi, number: int) -> IcosphereHandle:
 
 
 def _add_disks(scene: SceneApi, description: Description) -> BatchedMeshHandle:
-    """As many as the description gives the twin; a real robot's are not described."""
+    """Add the disks of the twin's description; those of a real robot are not described."""
     disk = trimesh.creation.cylinder(
         radius=(description.robot.tendon_radius_mm + _DISK_MARGIN_MM) / SCENE_UNIT_MM,
         height=_DISK_THICKNESS_MM / SCENE_UNIT_MM,

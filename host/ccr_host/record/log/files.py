@@ -1,4 +1,4 @@
-"""The files of one log, cut so that each opens alone and none is unwieldy."""
+"""The files of one log, split so that each can be opened alone and none is unwieldy."""
 
 from __future__ import annotations
 
@@ -25,9 +25,8 @@ FILE_US = 3_600_000_000
 """An hour of 20 Hz operation is about 64 MB and still opens at once in a viewer."""
 END_RECORD = "ccr_host.end"
 """Name of the metadata record that closes the last file."""
-LOST_MESSAGES = "lost_messages"
-TROUBLE = "copied_with"
-"""Its key."""
+LOST_MESSAGES, TROUBLE = "lost_messages", "copied_with"
+"""Keys of that record."""
 
 _NS_PER_US = 1000
 _NO_LIMIT = 2**62
@@ -49,7 +48,7 @@ class Chunk:
 
     messages: list[Packed] = field(default_factory=list)
     size: int = 0
-    """Bytes of their contents."""
+    """Total size of their contents in bytes."""
 
     def add(self, message: Packed) -> None:
         """Add one message."""
@@ -110,7 +109,7 @@ class McapFile:
         self._stream = _AllOrNothing(path)
         self._identity = os.fstat(self._stream.file.fileno())
         self.messages = 0
-        """How many have been written."""
+        """Number of messages written."""
         self._writer = Writer(self._stream, chunk_size=_NO_LIMIT)
         self._writer.start(library=f"ccr-host {__version__}")
         for topic in topics:
@@ -127,7 +126,7 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        """Bytes so far."""
+        """Size of the file in bytes."""
         return self._stream.size
 
     @property
@@ -220,9 +219,9 @@ class LogFiles:
         self._start_ns = 0
         self._file: McapFile | None = None
         self.error: OSError | None = None
-        """What has ended the log early."""
+        """The error that ended the log early."""
         self.lost = 0
-        """Messages that were not written, or whose file is gone."""
+        """Number of messages that were not written, or whose file is gone."""
 
     def write(self, chunk: Chunk, repeated: Mapping[int, bytes]) -> None:
         """Add a chunk, in a new file if the present one is full; count it as lost after an error.
@@ -297,6 +296,6 @@ def log_files(folder: Path, prefix: str) -> list[Path]:
 
 
 def file_number(path: Path) -> int:
-    """Place of a file in its log, from 0."""
+    """Number of a file within its log, from 0."""
     digits = path.stem.rpartition("_")[2]
     return int(digits) if digits.isdecimal() else 0

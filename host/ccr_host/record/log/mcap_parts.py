@@ -1,4 +1,4 @@
-"""Reads an MCAP file as far as it is whole, and tells what of it is not.
+"""Reads an MCAP file as far as it is intact, and reports which parts are not.
 
 The package's own reader gives up at the first byte that is wrong, and believes every length that a
 file states. This one goes on at the next record that can be told from noise: a damaged byte costs
@@ -42,7 +42,7 @@ MOST_FILE_BYTES = 256_000_000
 _MOST_CHUNK_BYTES = 64_000_000
 """Unpacked; ours end at 4 MB and the message that is added then."""
 _MOST_UNPACKED_BYTES = 2_000_000_000
-"""Of all chunks of a file."""
+"""Limit on the sum of all chunks of a file."""
 
 _HEADER_BYTES = 64
 
@@ -69,13 +69,13 @@ numbers of an index may look like the former alone."""
 
 @dataclass(frozen=True)
 class Damage:
-    """Bytes that cannot be read."""
+    """A range of bytes that cannot be read."""
 
     start: int
     end: int
     why: str = ""
     reaches_end: bool = False
-    """Nothing can be read behind it."""
+    """Whether nothing after it can be read."""
 
 
 Part = Channel | Metadata | Message | Damage
@@ -93,9 +93,9 @@ class McapParts:
         self.is_finished = data.endswith(MCAP0_MAGIC) and len(data) > len(MCAP0_MAGIC)
         """Whether the writer has closed the file."""
         self.channels: dict[int, Channel] = {}
-        """As the summary repeats them."""
+        """The channels that the summary lists."""
         self.message_count: int | None = None
-        """As the summary states it; None without a summary that can be trusted."""
+        """The count in the summary; None without a summary that can be trusted."""
         for record in self._summary():
             if isinstance(record, Channel):
                 self.channels[record.id] = record
@@ -113,7 +113,7 @@ class McapParts:
         return b"ccr-host" in self._data[:_HEADER_BYTES]
 
     def __iter__(self) -> Iterator[Part]:
-        """What stands before the summary, in order; all that can be read."""
+        """Yield everything readable in front of the summary, in order."""
         at, unpacked_bytes = len(MCAP0_MAGIC), 0
         while at < len(self._data):
             record = self._record(at)
@@ -167,7 +167,7 @@ class McapParts:
         return None if record is None else (record, end)
 
     def _landmark(self, at: int) -> int | None:
-        """Where the next record begins that is surely one."""
+        """Find the start of the next record that is certainly one."""
         for found in _LANDMARK.finditer(self._data, at):
             if self._record(found.start()) is not None:
                 return found.start()
@@ -175,7 +175,7 @@ class McapParts:
 
 
 class _Whole(ReadDataStream):
-    """Does not take less than a length says."""
+    """Refuses to return less than the length that was asked for."""
 
     def read(self, length: int) -> bytes:
         data = super().read(length)

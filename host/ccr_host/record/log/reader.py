@@ -59,9 +59,9 @@ class LogEnd:
     """How a log ends, and what is missing in it."""
 
     is_complete: bool
-    """Whether the run has closed it; not so while it lasts or after a kill."""
+    """Whether the run has closed it; False during the run and after a kill."""
     lost_messages: int
-    """As the closing record says, or by gaps in the numbers of those that are there."""
+    """Count in the closing record, or gaps in the sequence numbers of the messages present."""
     trouble: str = ""
     """What is wrong with the log, and where, in one line; empty if nothing is."""
 
@@ -122,7 +122,7 @@ class RunRecording:
 
     @property
     def options(self) -> RunOptions:
-        """As the run was told."""
+        """Options of the run."""
         try:
             options = self.setup["options"]
             told = {**options, "overrides": tuple(options["overrides"])}
@@ -133,7 +133,7 @@ class RunRecording:
 
     @property
     def description(self) -> Description:
-        """The robot that was run."""
+        """Description of the robot in the run."""
         try:
             return Description.model_validate(self.setup["description"])
         except (KeyError, ValidationError):
@@ -161,7 +161,7 @@ class RunRecording:
         return Reference(name, period_s=period_s, laps=about.get("laps", 1), **columns)
 
     def foreign(self, what: str) -> ConfigError:
-        """What to raise for content that this version cannot make sense of."""
+        """Error for content that this version does not understand."""
         writer = self.setup.get("versions", {}).get("ccr_host", "unknown")
         return _unusable(
             self.source,
@@ -223,7 +223,7 @@ class _Account:
             self._is_lower_bound = True
 
     def end(self) -> LogEnd:
-        """What it comes to."""
+        """Sum up what was counted."""
         closing = {} if self._closing is None else self._closing.metadata
         told, copied_with = closing.get(LOST_MESSAGES, ""), closing.get(TROUBLE, "")
         never_written = int(told) if told.isdecimal() else 0

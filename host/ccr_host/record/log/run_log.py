@@ -38,7 +38,7 @@ def open_run_log(folder: Path, *, realtime: bool) -> Iterator[RunLog]:
 
     Args:
         folder: of the run.
-        realtime: write from a thread of its own, and what measures the machine into the same files.
+        realtime: write from a background thread, and put machine timings into the same files.
     """
 
     def open_sinks() -> tuple[Sink, Sink | None]:
@@ -236,7 +236,7 @@ class RunLog(RunObserver):
         return self._log is not None
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write what is left, and close the files."""
         for sink in (self._log, self._timing):
             if sink is not None:
                 sink.close()

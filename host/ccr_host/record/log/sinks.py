@@ -1,4 +1,4 @@
-"""From messages to the files of a log: at once, or through a thread of its own."""
+"""Sinks that write messages to the files of a log, at once or from a background thread."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ccr_host.record.log.files import Chunk, LogFiles, Packed
 from ccr_host.record.log.topics import EVENT, Topic
 
 QUEUE_CHUNKS = 60
-"""Most that waits for the disk, at a chunk a second: as long as a disk may stand still."""
+"""Most chunks that wait for the disk. At one chunk a second this is how long a disk may stall."""
 CHUNK_US = 850_000
 """A chunk is closed after so long on the run's clock.
 
@@ -23,7 +23,7 @@ With the tenth of a second that inputs wait for theirs, a kill costs less than a
 CHUNK_BYTES = 4_000_000
 
 _CLOSE_AFTER_S = 0.85
-"""The same in real time, for a control loop that hangs and lets nothing more be logged."""
+"""The same in real time, for a control loop that hangs and logs nothing more."""
 _NS_PER_US = 1000
 
 
@@ -34,7 +34,7 @@ class Sink(Protocol):
         """Add one message."""
 
     def close(self) -> None:
-        """Write what is left and close."""
+        """Write what is left, and close the files."""
 
     @property
     def trouble(self) -> str:

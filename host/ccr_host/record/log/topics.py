@@ -39,12 +39,12 @@ def array(items: Schema, length: int | None = None) -> Schema:
 
 
 def nullable(schema: Schema) -> Schema:
-    """The same, or null."""
+    """The same schema, or null."""
     return {**schema, "type": [schema["type"], "null"]}
 
 
 def described(schema: Schema, description: str) -> Schema:
-    """The same, with a word on what it means."""
+    """The same schema with a description."""
     return {**schema, "description": description}
 
 
@@ -171,11 +171,11 @@ class Topic:
     name: str
     schema: Schema
     repeated: bool = False
-    """Stands at the start of every file of a log, so that each can be read alone."""
+    """Whether every file of a log begins with it, so that each can be read alone."""
 
     @property
     def schema_name(self) -> str:
-        """Under which a viewer knows the schema."""
+        """Name by which a viewer knows the schema."""
         title: str = self.schema["title"]
         return title
 
@@ -295,7 +295,7 @@ STEP = Topic(
         measured_age_us=nullable(INTEGER),
         true_mm=nullable(_POINT_MM),
         error_mm=nullable(NUMBER),
-        solve_us=described(nullable(NUMBER), "in real time; in virtual time in files of its own"),
+        solve_us=described(nullable(NUMBER), "in real time; in virtual time in separate files"),
     ),
 )
 POSE_MEASURED = Topic("/pose/measured", POSE_IN_FRAME)
@@ -312,4 +312,4 @@ LOG_TOPICS = (
 
 SOLVE_TIME = Topic("/timing/solve", record("ccr.SolveTime", step=COUNT, solve_us=NUMBER))
 TIMING_TOPICS = (SOLVE_TIME,)
-"""What measures the machine, where all else repeats with the seed: in files of its own."""
+"""Machine timings. They go into separate files where everything else repeats with the seed."""

@@ -1,4 +1,4 @@
-"""Whether M1, M2 and M3 are where they can be on the robot, and not each other's.
+"""Checks that M1, M2 and M3 are where they can be on the robot, and are not exchanged.
 
 A camera that names bodies (tools, tags, devices of a server) is believed as to where they are, not
 as to which is which: names are given by people. What a robot of the described geometry cannot do,
@@ -46,11 +46,11 @@ _REST_BENDING_RAD = math.radians(120.0)
 _REVERSED = 0.34
 """Sine by which M3 is beyond the base: more than even such a bending makes."""
 _JUMP_RATIO = 0.3
-"""Of how far markers are from each other's last places to how far they are from their own."""
+"""Ratio of the distances to each other's last positions to those to their own, for a jump."""
 _JUMP_MM = 20.0
 _SAMPLES = 3
 _CONFIRMED_US = 300_000
-"""So many samples over so long are no outliers."""
+"""That many samples over that time are no outliers."""
 _RENAME = (
     "exchange their names: tracker.tool_files, the tags on the robot, or the names in the server"
 )
@@ -77,11 +77,11 @@ class MarkerCheck:
         self._misfit_since_us = 0
 
     def robot_moves(self) -> None:
-        """From now on the robot need not be near its rest."""
+        """Tell that the robot has left its rest."""
         self._moves = True
 
     def accepts(self, sample: Sample) -> bool:
-        """Whether a sample can be used; to be asked about each one once, in order.
+        """Whether a sample can be used; call once for each sample, in order.
 
         Raises:
             TrackerError: several in a row do not fit; tells which markers are exchanged, or what
@@ -130,7 +130,7 @@ class MarkerCheck:
         )
 
     def _exchange(self, markers_mm: Array) -> Order | None:
-        """How the names must be exchanged to fit the robot, and its lengths clearly better."""
+        """Find the exchange of names that fits the robot, and its lengths clearly better."""
         fitting = [
             order
             for order in _EXCHANGES
@@ -151,7 +151,7 @@ class MarkerCheck:
         return float(np.abs(named).sum() - np.abs(exchanged).sum())
 
     def _fits(self, markers_mm: Array) -> bool:
-        """By its distances; those of lost markers, NaN, fit."""
+        """Whether the distances fit the robot; those of lost markers, NaN, do."""
         distances = _distances_mm(markers_mm)
         too_near = distances < self._low_mm
         too_far = distances > self._high_mm

@@ -39,7 +39,7 @@ NEAR_MM = 30.0
 """Phantoms do harm near the markers, so they are counted there."""
 _NEAR_MM3 = 4.0 / 3.0 * math.pi * NEAR_MM**3
 _ROOM_MM3 = 200.0**3
-"""Where the base can be, when nothing is known."""
+"""Volume in which the base can be when nothing is known."""
 _GATE = 25.0
 """Squared Mahalanobis distance of three coordinates: 1.5e-5 of the true markers are lost to it."""
 _LOG_JUMP = math.log(1e-3)
@@ -62,9 +62,9 @@ class Base:
     place_mm: Array
     """(3,): mean of what was seen, in the camera's frame."""
     frames: int
-    """In which it was seen."""
+    """Number of frames in which it was seen."""
     seen_us: int
-    """Newest of them."""
+    """Time of the newest of them."""
 
     @property
     def sigma_mm(self) -> float:
@@ -89,11 +89,11 @@ class Hypothesis:
     points: tuple[int, int, int]
     """Indices of M1, M2 and M3 in the newest frame, or `MISSING`."""
     harm_mm: tuple[float, float]
-    """How far off M2 and M3 would be if their points in the newest frame were phantoms."""
+    """Errors of M2 and M3 if their points in the newest frame were phantoms."""
     hidden_frames: tuple[int, int]
-    """For how many frames M2 and M3 have not been seen."""
+    """Number of frames for which M2 and M3 have been hidden."""
     complete_frames: int
-    """In which all three markers were seen, so far."""
+    """Number of frames so far in which all three markers were seen."""
     expected_mm: Array
     """(6,): M2 and M3 relative to M1 after the newest frame."""
 
@@ -108,7 +108,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What one frame shows, and what is known besides."""
+    """One frame and what else is known about that time."""
 
     points_mm: Array
     """(n, 3): in the camera's frame."""
@@ -120,7 +120,7 @@ class Scene:
     motor_motion_rad: Array
     """(2,): how far they moved lately."""
     phantoms: float
-    """To be expected within `NEAR_MM` of a marker."""
+    """Expected number of phantoms within `NEAR_MM` of a marker."""
     clean: bool
     """No point too many has been seen for a while."""
 
@@ -139,7 +139,7 @@ class _Choice(NamedTuple):
 
     point: int
     gain: float
-    """Of the score."""
+    """Increase of the score."""
     harm_mm: float
     after: Expectation
     """Given that answer."""
@@ -207,7 +207,7 @@ def _find_base(parent: Hypothesis, scene: Scene) -> tuple[int, Base, float]:
 
 
 def _probability_seen(hidden_frames: int) -> float:
-    """Who hides stays hidden for a while."""
+    """Probability that a marker is seen: one that is hidden stays hidden for a while."""
     return max(_SEEN / (1.0 + 0.5 * hidden_frames), _HIDDEN_LONG)
 
 

@@ -1,4 +1,4 @@
-"""Which of the points that a camera sees are M1, M2 and M3.
+"""Labelling: which of the points that a camera sees are M1, M2 and M3.
 
 Three single spheres have no identity. What they have: M1 does not move; M2 and M3 hang on M1 by
 the robot, which has only two degrees of freedom; and markers persist while phantoms do not. So the
@@ -57,11 +57,11 @@ _PHANTOMS_AT_START = 1.0
 _PHANTOMS_FLOOR = 0.3
 """Never fewer are expected near a marker, however clean the camera's view has been."""
 _PHANTOM_FRAMES = 100
-"""Over which they are counted."""
+"""Number of frames over which phantoms are averaged."""
 _CLEAN_FRAMES = 40
 """Without a fourth point in view before phantoms are taken to be rare; one is enough to doubt."""
 _PHANTOM_MARGIN = 3.0
-"""As many times more are expected as were counted: a mistake costs more than a lost frame."""
+"""Factor of safety on the count of phantoms: a mistake costs more than a lost frame."""
 
 MARKERS = ("M1", "M2", "M3")
 
@@ -150,7 +150,7 @@ class Labeller:
         )
 
     def _count_phantoms(self, scene: Scene) -> None:
-        """What the best hypothesis leaves over near M2 or M3; without one, all points."""
+        """Count the points near M2 or M3 that the best hypothesis leaves over; without one, all."""
         found = float(len(scene.points_mm))
         if self._hypotheses:
             best = self._hypotheses[0]
@@ -195,7 +195,7 @@ class Labeller:
         return Labelled(scene.time_us, markers, base_age_us)
 
     def _is_certain(self, agreeing: list[bool]) -> bool:
-        """Whether it can be neglected that hypotheses that do not agree are true, or none is."""
+        """Whether the hypotheses that disagree are negligible, and so is that none is true."""
         scores = np.array([one.score for one in self._hypotheses])
         favour = np.logaddexp.reduce(scores[np.array(agreeing)])
         against = np.logaddexp.reduce([0.0, *scores[~np.array(agreeing)]])

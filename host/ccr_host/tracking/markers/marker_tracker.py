@@ -1,4 +1,4 @@
-"""From a camera's frames to samples: labelling, then registration."""
+"""Turns a camera's frames into samples: labelling, then registration."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class MarkerTracker:
 
     @property
     def health(self) -> TrackerHealth:
-        """Of the camera."""
+        """Health of the camera."""
         return self._camera.health
 
     @property

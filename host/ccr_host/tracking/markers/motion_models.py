@@ -31,11 +31,11 @@ _BELIEVED_BENDING_SIGMA_RAD = 0.7
 """Slack, sag and servo lag between believed and true bending; 0.3 to 0.5 were seen on the twin."""
 
 _MODEL_MM = 2.5
-"""How far M2 is from constant curvature: sag, rotation error, glue."""
+"""Deviation of M2 from constant curvature: sag, rotation error, glue."""
 _SEGMENT_2_MM = 1.0
 """The same for M3 as seen from M2."""
 _LIMIT = 3.5
-"""Standard deviations beyond which a pose is none of this robot."""
+"""Standard deviations beyond which a pose cannot be this robot's."""
 _SPHERE_MM = 11.5
 """Two of NDI's passive spheres cannot be nearer to each other."""
 _ROOM_MM2 = 280.0 * 120.0
@@ -60,7 +60,7 @@ class Belief:
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """Where M2 and M3 are expected relative to M1: six coordinates."""
+    """Expected position of M2 and M3 relative to M1: six coordinates."""
 
     mean_mm: Array
     """(6,): M2, M3."""
@@ -105,7 +105,7 @@ class Bounds(NamedTuple):
 
     @classmethod
     def of(cls, geometry: Robot) -> Bounds:
-        """Those of a robot, with tolerance for glue, noise and sag."""
+        """Bounds of a robot, with tolerance for glue, noise and sag."""
         length_1, length_2 = geometry.segment_lengths_mm
         offset = geometry.marker_offset_mm
         # A chord is never longer than its arc; past 1.2 half turns nothing of use is reached.
@@ -135,7 +135,7 @@ class MotionModel(Protocol):
         """The belief after some time in which the motors were told to move so much, (2,)."""
 
     def expect(self, belief: Belief) -> Expectation:
-        """Where M2 and M3 are then."""
+        """Expected markers of a belief."""
 
     def settled(self, before: Belief, mean: Array, covariance: Array) -> Belief:
         """The belief corrected to a mean and a covariance; learns how agitated the robot is."""

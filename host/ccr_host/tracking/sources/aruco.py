@@ -35,7 +35,7 @@ _RETRY_US = 1_000_000
 _CAMERA_FILE_BYTES = 1_000_000
 _MATRIX_NUMBERS = 9
 DISTORTION_COUNTS = (4, 5, 8, 12, 14)
-"""As many numbers as OpenCV's models have."""
+"""Numbers of coefficients that OpenCV's models have."""
 _DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 """ROS's names of OpenCV's models."""
 _OFF_CENTRE = 0.25
@@ -50,7 +50,7 @@ _POLL_NS = 1
 
 @dataclass(frozen=True)
 class ArucoSettings:
-    """What hangs on the robot, and how it is looked for."""
+    """The tags on the robot, and how they are detected."""
 
     tag_size_mm: float
     """Edge of the black square."""
@@ -213,7 +213,7 @@ class ArucoTracker(StartsAndStops):
 
     @property
     def health(self) -> TrackerHealth:
-        """How it is doing now."""
+        """Present state of the tracker."""
         tracking = self._camera is not None and self._frames.count > 0
         state = "stopped" if not self._running else ("tracking" if tracking else "looking for tags")
         return TrackerHealth(

@@ -111,7 +111,7 @@ class IgtlTracker(StartsAndStops):
 
     @property
     def health(self) -> TrackerHealth:
-        """How it is doing now."""
+        """Present state of the tracker."""
         if not self._running:
             state = "stopped"
         else:
@@ -286,7 +286,7 @@ class _Stamps:
 
 
 def _status(message: Message) -> str:
-    """What PLUS says of a transform; a server that says nothing takes it to be good."""
+    """Status that PLUS gives a transform; OK if the server gives none."""
     told = {key.lower(): value.strip().upper() for key, value in message.metadata.items()}
     status = told.get("transformstatus", "OK")
     is_valid = told.get("transformvalid", "TRUE") in ("TRUE", "1")

@@ -18,7 +18,7 @@ from ccr_host.core.plugins import import_optional
 from ccr_host.tracking.tracker import ForeignPeerError
 
 Message = Any
-"""Of pyigtl, which has no types."""
+"""A message of pyigtl, which has no types."""
 
 POSE_TYPES = ("TRANSFORM", "POINT")
 """Types of the messages that are unpacked; the others are skipped."""
@@ -27,7 +27,7 @@ _CONNECT_S = 3.0
 _NOT_YET = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EINPROGRESS, errno.ENOTCONN)
 _READ_BYTES = 1 << 16
 _READS_AT_ONCE = 64
-"""So that a server that floods the line cannot hold up the run."""
+"""Limit that keeps a server that floods the line from holding up the run."""
 
 _HEADER_BYTES = 58
 _HEADER = re.compile(rb"\0[\x01-\x03](?P<type>[A-Z][A-Z0-9_]*)\0*")

@@ -38,7 +38,7 @@ class Camera:
         self._latency_us = round(tracker.latency_ms * 1000)
         self._exposures = 0
         self.next_exposure_us = 0
-        """When to call ``expose`` next."""
+        """Time of the next call of ``expose``."""
         self._in_flight: deque[Sample] = deque()
         self._newest: Sample | None = None
 
@@ -49,7 +49,7 @@ class Camera:
 
     @property
     def next_arrival_us(self) -> int:
-        """Before then ``newest`` gives nothing new."""
+        """Time before which ``newest`` gives nothing new."""
         exposed_us = self._in_flight[0].exposed_us if self._in_flight else self.next_exposure_us
         return exposed_us + self._latency_us
 
@@ -92,7 +92,7 @@ class TwinTracker:
 
     @property
     def health(self) -> TrackerHealth:
-        """What can be told without a protocol."""
+        """Present state of the tracker."""
         rate_hz = self._camera.rate_hz
         return TrackerHealth(state="tracking", tracking=True, rate_hz=rate_hz)
 
@@ -106,7 +106,7 @@ class TwinTracker:
 
     @property
     def next_arrival_us(self) -> int:
-        """Before then ``newest`` gives nothing new."""
+        """Time before which ``newest`` gives nothing new."""
         return self._camera.next_arrival_us
 
     def trouble(self) -> str:

@@ -129,7 +129,7 @@ _BITS_PER_BYTE = 10
 
 @dataclass(frozen=True)
 class NdiSettings:
-    """What a lab can choose."""
+    """Settings that a lab can choose."""
 
     tools: Sequence[Tool] = ()
     """Rigid bodies; without any, a dummy tool lights the illuminators for single spheres."""
@@ -169,7 +169,7 @@ class NdiTracker(StartsAndStops):
 
     @property
     def health(self) -> TrackerHealth:
-        """How it is doing now."""
+        """Present state of the tracker."""
         frames, log = self._frames, self._log
         return TrackerHealth(
             state=log.doing,

@@ -92,7 +92,7 @@ class ReplySplitter:
 
     @property
     def unfinished(self) -> bytes:
-        """What has come of an unfinished reply."""
+        """Bytes of an unfinished reply."""
         return bytes(self._rest)
 
     def clear(self) -> None:
@@ -178,7 +178,7 @@ REPLY_MODE = "1801"
 
 MAX_STRAYS = 50
 _UNITS_PER_ONE = 10_000
-"""Of quaternions and errors."""
+"""Scale of quaternions and errors."""
 _UNITS_PER_MM = 100
 _NORM_TOLERANCE = 0.01
 """Rounding to 1e-4 moves the norm of a quaternion by 1e-4 at most."""
@@ -278,7 +278,7 @@ def _tool(match: re.Match[str]) -> ToolReport:
         return ToolReport(handle, ToolState(match["absent"]), status, frame)
     quaternion = _decimals(match["q"], _RATIO_CHARS, _UNITS_PER_ONE)
     if abs(float(quaternion @ quaternion) - 1) > _NORM_TOLERANCE:
-        raise DamagedReplyError("a rotation that is none")
+        raise DamagedReplyError("a quaternion that is not of unit length")
     pose = Pose(
         position_mm=_decimals(match["t"], _COORDINATE_CHARS, _UNITS_PER_MM),
         quaternion=quaternion,

@@ -20,7 +20,7 @@ from ccr_host.tracking.tracker import FloatArray
 
 BLOCK_BYTES = 64
 MEMORY_BYTES = 1024
-"""Of the virtual SROM; the rest of a shorter file counts as zeros."""
+"""Size of the virtual SROM; a shorter file is padded with zeros."""
 
 _FILE_BYTES = 752
 _MAGIC = b"NDI\0"
@@ -89,7 +89,7 @@ def checksum(rom: bytes) -> int:
 
 
 def part_number(rom: bytes) -> str:
-    """As written in the file."""
+    """Part number in the file."""
     field = rom[_PART_NUMBER_AT : _PART_NUMBER_AT + _PART_NUMBER_BYTES]
     return field.split(b"\0")[0].decode("ascii", "replace")
 

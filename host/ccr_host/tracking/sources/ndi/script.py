@@ -109,7 +109,7 @@ class Conversation:
         self._step: Step | None = None
         self._deadline_us = 0
         self._failure: TrackerError | None = None
-        """Of a step that is over as soon as it has begun."""
+        """Error of a step that ends as soon as it begins."""
 
     def advance_to(self, time_us: int) -> None:
         """Go as far as the script can by now.
@@ -145,7 +145,7 @@ class Conversation:
                 self._port.set_break(on)
 
     def _result(self, time_us: int) -> object:
-        """Of the step under way: a `Reply`, an error, None, or `_PENDING`."""
+        """Result of the current step: a `Reply`, an error, None, or `_PENDING`."""
         match self._step:
             case Hear():
                 if self._replies:

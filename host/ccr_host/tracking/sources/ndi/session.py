@@ -1,4 +1,4 @@
-"""What is said to a Polaris, from the first byte to the endless stream of frames."""
+"""The conversation with a Polaris, from the first byte to the endless stream of frames."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _TX_TIMEOUT_US = 400_000
 """The longest reply, 50 strays and 6 tools, takes 130 ms at 115200 baud."""
 _ATTEMPTS = 3
 _DAMAGED_IN_A_ROW = 20
-"""So much is no longer noise: the device may have been reset to its slow rate."""
+"""More than noise explains: the device may have been reset to its slow rate."""
 _DONE = "OKAY"
 _RESET = "RESET"
 """Said by a device that has just been reset, whatever it was asked."""
@@ -74,12 +74,12 @@ class Tool:
 
 @dataclass
 class SessionLog:
-    """What a session has to tell while it runs."""
+    """What a session reports while it runs."""
 
     doing: str = "not started"
     tracking: bool = False
     baud: int = RESET_BAUD
-    """At which it goes; without meaning on TCP."""
+    """Present rate of the line; meaningless on TCP."""
     damaged_replies: int = 0
     warnings: tuple[str, ...] = ()
     """One readable line each."""
@@ -119,7 +119,7 @@ def session(port: Port, tools: Sequence[Tool], log: SessionLog, on_reply: ReplyS
 
 
 def farewell() -> bytes:
-    """What leaves the device quiet; nobody waits for the answer."""
+    """Commands that leave the device quiet; nobody waits for the answer."""
     return encode_command("TSTOP")
 
 
