@@ -1,4 +1,4 @@
-// Bytes on their way between an interrupt and the main loop, one on each side.
+// A ring of bytes between an interrupt and the main loop, one on each side.
 #ifndef CCR_UNO_BYTE_RING_H
 #define CCR_UNO_BYTE_RING_H
 
@@ -6,8 +6,8 @@
 
 namespace uno {
 
-/// Holds one byte less than its size. An index is one byte, which an AVR reads and writes at once,
-/// so neither side has to keep the other one out.
+/// Holds one byte less than its size. An index is one byte, which an AVR accesses atomically, so no
+/// locking is needed.
 template <uint16_t kSize>
 class ByteRing {
  public:
@@ -23,7 +23,7 @@ class ByteRing {
   }
 
   uint8_t free() const { return static_cast<uint8_t>(tail_ - head_ - 1) & kMask; }
-  /// Into a ring that has room for them.
+  /// Adds bytes; call only if there is room for them.
   void push_all(const uint8_t* bytes, uint8_t count) {
     uint8_t head = head_;
     for (uint8_t at = 0; at < count; ++at) {
@@ -33,7 +33,7 @@ class ByteRing {
     head_ = head;
   }
 
-  /// Of a ring that is not empty.
+  /// Removes the oldest byte; call only if the ring is not empty.
   uint8_t pop() {
     const uint8_t byte = bytes_[tail_];
     tail_ = after(tail_);

@@ -1,8 +1,8 @@
-// The one thing that pure virtual functions need of a C++ runtime, which avr-gcc comes without.
+// The only part of a C++ runtime that pure virtual functions need; avr-gcc has none.
 
 #include <avr/interrupt.h>
 
-/// Called where an object is used before it is made. The watchdog ends it.
+/// Called if an object is used before it is constructed. The watchdog ends it.
 extern "C" void __cxa_pure_virtual() {
   cli();
   for (;;) {

@@ -28,12 +28,12 @@ static_assert(1000UL * kMsPrescaler * kCountsPerMs == F_CPU, "Timer2 counts whol
 constexpr uint8_t kMsPerFrame = ccr::kTickUs / 1000;
 constexpr uint16_t kFrameCountsPerMs = kFrameCounts / kMsPerFrame;
 constexpr uint8_t kTickAtMs = ccr::kTickPhaseUs / 1000;
-// The pins are low then, whatever the pulses: connecting or disconnecting one cuts none. The tick
-// has 1 ms; if it is late its pulses wait for the next frame.
+// The pins are low then, whatever the pulse widths: connecting or disconnecting one cuts no pulse.
+// The tick has 1 ms; if it is late, its pulses wait for the next frame.
 constexpr uint8_t kCommitAtMs = kTickAtMs + 1;
 static_assert(kCommitAtMs < kMsPerFrame, "before the next frame");
-// Which pins are connected changes at once, unlike how long their pulses last: never so late that
-// the next frame may have begun.
+// Connecting pins takes effect at once, unlike setting pulse widths, so it must not happen so late
+// that the next frame may have started.
 constexpr uint16_t kCommitBeforeCounts = kFrameCounts - 50 * kCountsPerUs;
 static_assert(ccr::kPulseCeilingHalfUs < kTickAtMs * 1000UL * kCountsPerUs, "pins are low");
 
@@ -52,12 +52,12 @@ volatile uint8_t ticks_due = 0;
 volatile bool has_overrun = false;
 volatile bool has_lost_ms = false;
 
-/// Of interrupts alone. Counted, and held against Timer1, which cannot lose any.
+/// Used by interrupts only. Counted, and checked against Timer1, which cannot lose any.
 uint8_t ms_in_frame = 0;
 uint16_t ms_began_counts = 0;
 bool has_frame_had_its_tick = false;
 
-/// The pin is high for one count more than the register says.
+/// The pin is high for one count more than the register value.
 constexpr uint16_t compare_value(uint16_t pulse_half_us) {
   return static_cast<uint16_t>(pulse_half_us - 1);
 }
@@ -81,7 +81,7 @@ bool is_in_ms(uint16_t counts) {
   return static_cast<uint16_t>(counts - ms_began_counts) < kFrameCountsPerMs;
 }
 
-/// The boot loader may have left them running.
+/// The boot loader may have left the timers running.
 inline void stop_and_clear_timers() {
   TCCR1B = 0;
   TCCR2B = 0;
@@ -101,7 +101,7 @@ void start() {
   PORTB = PORTB & static_cast<uint8_t>(~(_BV(PORTB0) | _BV(PORTB1) | _BV(PORTB2)));
   DDRB = DDRB | _BV(DDB0) | _BV(DDB1) | _BV(DDB2);
   stop_and_clear_timers();
-  // Prescalers held at zero until both timers have their clocks.
+  // Hold the prescalers at zero until both timers have their clocks.
   GTCCR = _BV(TSM) | _BV(PSRASY) | _BV(PSRSYNC);
   TCCR1B = kFastPwmToIcr1B | _BV(CS11);
   TCCR2B = _BV(CS22);
@@ -172,7 +172,7 @@ ISR(TIMER2_COMPA_vect) {
   count_ms_since_feed();
   const uint16_t counts = TCNT1;
   begin_next_ms();
-  while (!is_in_ms(counts)) {  // Once round the frame at most.
+  while (!is_in_ms(counts)) {  // One frame of milliseconds at most.
     has_lost_ms = true;
     begin_next_ms();
   }

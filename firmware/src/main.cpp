@@ -1,8 +1,7 @@
-// Puts the board together and runs it.
+// Assembles the board and runs it.
 //
-// There is a `main` of our own although the framework is Arduino's: its own one would start Timer0
-// with an interrupt every millisecond, which this firmware has no use for, and set Timer1 and
-// Timer2, which it has.
+// Replaces the `main` of the Arduino framework, which would start Timer0 with an interrupt every
+// millisecond, which is not needed, and configure Timer1 and Timer2, which are used here.
 
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -26,10 +25,10 @@
 
 namespace {
 
-/// Only the processor sleeps: timers and UART go on.
+/// Only the processor sleeps: timers and UART keep running.
 constexpr uint8_t kSleepIdle = _BV(SE);
 
-/// Twice what the deepest interrupt takes.
+/// Twice the stack of the deepest interrupt.
 constexpr uint16_t kLeastFreeStack = 64;
 
 struct Firmware {
@@ -46,12 +45,12 @@ struct Firmware {
     if (stack.least_free() < kLeastFreeStack) {
       board.raise_fault(ccr::Fault::kStackLow);
     }
-    // Before the tick, which may have come at another time or once too often.
+    // Before the tick, which may have come at the wrong time or once too often.
     if (uno::frame_timer::take_lost_ms()) {
       board.raise_fault(ccr::Fault::kInternal);
     }
     const ccr::Pulses pulses = board.tick();
-    uno::keep_in_mind(pulses);
+    uno::remember_pulses(pulses);
     uno::frame_timer::prepare(pulses);
     board.report();
     uno::frame_timer::finish_tick();
@@ -68,8 +67,8 @@ struct Firmware {
   }
 };
 
-/// Interrupts are off between the last look and the sleep, so that none is slept through: the
-/// instruction after `sei` still runs before any interrupt.
+/// Interrupts are off between the last check and the sleep, so that none is missed: the instruction
+/// after `sei` is executed before any interrupt.
 void sleep_unless_needed() {
   cli();
   if (!uno::frame_timer::is_tick_due() && !uno::uart::has_received()) {

@@ -8,7 +8,7 @@ namespace uno {
 
 namespace {
 
-/// It bites after 120 ms; its oscillator may be a tenth fast. In good health it is fed every 20 ms.
+/// The watchdog resets after 120 ms; its oscillator may be 10 % fast. It is fed every 20 ms.
 constexpr uint8_t kStarvedMs = 80;
 
 constexpr uint32_t kRunMark = 0x52756E21UL;
@@ -18,9 +18,9 @@ constexpr uint32_t kPulsesMark = 0x41726D64UL;
 uint32_t run_mark __attribute__((section(".noinit")));
 uint32_t pulses_mark __attribute__((section(".noinit")));
 
-// A supply that comes up may set several flags. One that has broken down while somebody pressed the
-// reset button has broken down all the same. Boot loaders that leave the flags start the program by
-// a watchdog reset of their own after an external one, so that both are set.
+// At power-up several flags may be set. A brown-out takes precedence over the reset button. Boot
+// loaders that leave the flags start the program by a watchdog reset after an external one, so that
+// both flags are set.
 ccr::ResetCause cause_of(uint8_t flags) {
   if ((flags & _BV(PORF)) != 0) {
     return ccr::ResetCause::kPowerOn;
@@ -34,10 +34,10 @@ ccr::ResetCause cause_of(uint8_t flags) {
   return (flags & _BV(WDRF)) != 0 ? ccr::ResetCause::kWatchdog : ccr::ResetCause::kUnknown;
 }
 
-// The boot loader that UNOs are sold with, optiboot 4.4, clears the flags, as older ones do. Those
-// from 5.0 on hand them on in r2, but some of them a watchdog reset for every external one, and r2
-// is anything behind the others: memory tells better. No flag is set either where no reset has come
-// at all, and the program has jumped to its start.
+// The boot loader that UNOs are sold with, optiboot 4.4, clears the flags, as older ones do.
+// Versions from 5.0 on pass them in r2, but some report a watchdog reset for every external one, and r2 is
+// undefined with other boot loaders: memory is more reliable. No flag is set either if there was no
+// reset at all and the program jumped to its start.
 ccr::ResetCause cause_by_memory() {
   if (run_mark != kRunMark) {
     return ccr::ResetCause::kPowerOn;
@@ -49,7 +49,7 @@ ccr::ResetCause cause_by_memory() {
 
 volatile uint8_t ms_since_feed __attribute__((section(".noinit")));
 
-void keep_in_mind(const ccr::Pulses& pulses) {
+void remember_pulses(const ccr::Pulses& pulses) {
   pulses_mark = pulses.are_none() ? 0 : kPulsesMark;
 }
 

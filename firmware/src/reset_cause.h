@@ -1,4 +1,4 @@
-// Why the board started, also where the boot loader has cleared the flags that tell.
+// Cause of the last reset, even if the boot loader has cleared the reset flags.
 #ifndef CCR_UNO_RESET_CAUSE_H
 #define CCR_UNO_RESET_CAUSE_H
 
@@ -9,10 +9,10 @@
 
 namespace uno {
 
-// Memory that a reset leaves as it is; power-off does not.
+// Kept through a reset, but not through a loss of power.
 extern volatile uint8_t ms_since_feed;
 
-/// Every millisecond, for the next start to know whether the watchdog had reason to bite.
+/// Call every millisecond, so that the next start knows whether the watchdog had expired.
 inline void count_ms_since_feed() {
   const uint8_t ms = ms_since_feed;
   if (ms < UINT8_MAX) {
@@ -21,11 +21,11 @@ inline void count_ms_since_feed() {
 }
 inline void clear_ms_since_feed() { ms_since_feed = 0; }
 
-/// In each tick, before its pulses are handed on: whether a servo has one is what the next start
-/// has to know.
-void keep_in_mind(const ccr::Pulses& pulses);
+/// Call in each tick before its pulses are handed on: stores for the next start whether there are
+/// pulses.
+void remember_pulses(const ccr::Pulses& pulses);
 
-/// Once, at the start.
+/// Call once, at the start.
 ccr::Start find_start();
 
 }  // namespace uno

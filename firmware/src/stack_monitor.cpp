@@ -2,7 +2,7 @@
 
 #include <avr/io.h>
 
-/// End of the variables, from the linker: the stack grows down to it.
+/// End of the variables, set by the linker: the stack grows down towards it.
 extern uint8_t _end;
 
 namespace uno {
@@ -12,7 +12,7 @@ namespace {
 constexpr uint8_t kStackPaint = 0xC5;
 constexpr uint8_t kBytesPerLook = 32;
 
-/// Below the stack pointer: more than the deepest interrupt takes while the paint is put there.
+/// Margin below the stack pointer: more than the deepest interrupt uses while the stack is painted.
 constexpr uint8_t kUnpaintedBytes = 64;
 
 const uint8_t* bottom() { return &_end; }
@@ -26,7 +26,7 @@ const uint8_t* first_used(const uint8_t* from, const uint8_t* to) {
 
 }  // namespace
 
-// With interrupts on: it takes half a millisecond.
+// Interrupts stay on: it takes half a millisecond.
 StackMonitor::StackMonitor()
     : lowest_used_(reinterpret_cast<const uint8_t*>(SP) - kUnpaintedBytes), next_(bottom()) {
   for (uint8_t* at = &_end; at < lowest_used_; ++at) {
@@ -34,7 +34,7 @@ StackMonitor::StackMonitor()
   }
 }
 
-// From the bottom, because variables that are never written leave gaps of paint higher up.
+// Scans from the bottom, because locals that are never written leave gaps of paint higher up.
 void StackMonitor::look_further() {
   const uint8_t* const end =
       lowest_used_ - next_ > kBytesPerLook ? next_ + kBytesPerLook : lowest_used_;

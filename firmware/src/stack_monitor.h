@@ -1,4 +1,4 @@
-// How much of the stack was never used, told by the paint that is left.
+// Measures how much of the stack was never used, by the paint that is left.
 #ifndef CCR_UNO_STACK_MONITOR_H
 #define CCR_UNO_STACK_MONITOR_H
 
@@ -8,10 +8,10 @@ namespace uno {
 
 class StackMonitor {
  public:
-  /// Paints what lies between the variables and the stack.
+  /// Paints the memory between the variables and the stack.
   StackMonitor();
 
-  /// Looks at the next few bytes; a sweep over all takes a second at one call a tick.
+  /// Scans the next few bytes; a complete scan takes a second at one call per tick.
   void look_further();
   uint16_t least_free() const;
 

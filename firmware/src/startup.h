@@ -1,4 +1,4 @@
-// What has to happen before variables are set up.
+// Initialisation that must happen before variables are set up.
 #ifndef CCR_UNO_STARTUP_H
 #define CCR_UNO_STARTUP_H
 
@@ -6,7 +6,7 @@
 
 namespace uno {
 
-/// MCUSR as it was found; 0 where a boot loader has cleared it.
+/// MCUSR at the start; 0 if a boot loader has cleared it.
 uint8_t reset_flags_found();
 
 }  // namespace uno

@@ -25,16 +25,16 @@ constexpr uint32_t error_baud(uint32_t clocks_per_count) {
   return real > kBaud ? real - kBaud : kBaud - real;
 }
 
-// Sixteen samples a bit tolerate more clock error than eight, where they can make the baud rate.
+// 16 samples per bit tolerate more clock error than 8, if they can produce the baud rate.
 constexpr bool kIsDoubleSpeed = error_baud(8) < error_baud(16);
 constexpr uint32_t kClocksPerCount = kIsDoubleSpeed ? 8 : 16;
 static_assert(divisor(kClocksPerCount) <= 4096, "the baud rate register has 12 bits");
 // 115200, the fallback, is 2.1 % off.
 static_assert(error_baud(kClocksPerCount) * 40 <= kBaud, "baud rate more than 2.5 % off");
 
-// 2.5 ms of a saturated line; the loop is back after 0.5 ms at most.
+// 2.5 ms of a saturated line; the main loop returns after 0.5 ms at most.
 ByteRing<ccr::kOutstandingBytes + 1> received;
-// Two more bytes are in the UART.
+// The UART holds two more bytes.
 ByteRing<ccr::kSendBytes + 1> to_send;
 volatile uint8_t lost_bytes = 0;
 
@@ -66,9 +66,9 @@ void send(const uint8_t* bytes, uint8_t size) {
 }
 
 ISR(USART_RX_vect) {
-  const uint8_t status = UCSR0A;  // Reading the byte clears it.
+  const uint8_t status = UCSR0A;  // Before UDR0, as reading the byte clears it.
   const uint8_t byte = UDR0;
-  // A byte with a framing error is taken like any other: the CRC judges the frame as a whole.
+  // A byte with a framing error is accepted like any other: the CRC checks the frame as a whole.
   if ((status & _BV(DOR0)) != 0) {
     lost_bytes = static_cast<uint8_t>(lost_bytes + 1);
   }

@@ -1,4 +1,4 @@
-// The serial line to the host. Interrupts move bytes between it and two rings, nothing else.
+// The serial line to the host. Interrupts only move bytes between it and two rings.
 #ifndef CCR_UNO_UART_H
 #define CCR_UNO_UART_H
 
@@ -10,13 +10,13 @@ namespace uart {
 void start();
 
 bool has_received();
-/// Of a line that has received.
+/// Next received byte; call only if `has_received`.
 uint8_t take_byte();
-/// Received bytes lost since the last call, in the UART or for want of room.
+/// Number of received bytes lost since the last call, in the UART or because the ring was full.
 uint8_t take_lost_bytes();
 
 bool has_room(uint8_t size);
-/// Of a line that has room for it.
+/// Queues bytes; call only if `has_room`.
 void send(const uint8_t* bytes, uint8_t size);
 
 }  // namespace uart

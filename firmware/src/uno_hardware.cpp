@@ -15,8 +15,8 @@ uint8_t* eeprom_pointer(uint16_t address) { return reinterpret_cast<uint8_t*>(ad
 
 }  // namespace
 
-// The emergency-stop input, pin 7, is pulled up: what is not wired, or broken, is open. The divider
-// is at A0, held against the 5 V of the board; a conversion takes 0.1 ms, the first 0.2 ms.
+// The emergency-stop input, pin 7, is pulled up: a missing or broken wire counts as open. The
+// divider is at A0, measured against the board's 5 V; a conversion takes 0.1 ms, the first one 0.2 ms.
 UnoHardware::UnoHardware(const StackMonitor& stack) : stack_(stack) {
   PORTD |= _BV(PORTD7);
   ADMUX = _BV(REFS0) | _BV(ADLAR);
@@ -36,7 +36,7 @@ void UnoHardware::send(const uint8_t* frame, uint8_t size) { uart::send(frame, s
 
 bool UnoHardware::is_eeprom_ready() { return eeprom_is_ready(); }
 
-// Both wait while a byte is being written: at the start, if a reset came in the midst of a save.
+// Both wait while a byte is being written: at the start, if a reset came during a save.
 uint8_t UnoHardware::read_eeprom(uint16_t address) {
   return eeprom_read_byte(eeprom_pointer(address));
 }
@@ -53,7 +53,7 @@ uint8_t UnoHardware::supply_reading() {
   return reading;
 }
 
-// Pin 8; an output since the start.
+// Pin 8; configured as an output at the start.
 void UnoHardware::set_servo_supply(bool is_on) {
   if (is_on) {
     PORTB |= _BV(PORTB0);
@@ -62,7 +62,7 @@ void UnoHardware::set_servo_supply(bool is_on) {
   }
 }
 
-// Pin 13, where the UNO has its own one.
+// Pin 13, the UNO's built-in LED.
 void UnoHardware::set_led(bool is_on) {
   DDRB |= _BV(DDB5);
   if (is_on) {

@@ -1,4 +1,4 @@
-// The hardware watchdog, 120 ms or six ticks, is fed once control tick and receiver made progress.
+// The hardware watchdog (120 ms, six ticks) is fed once both tick and receiver made progress.
 #ifndef CCR_UNO_WATCHDOG_H
 #define CCR_UNO_WATCHDOG_H
 

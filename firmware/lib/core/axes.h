@@ -1,4 +1,4 @@
-// The board drives two servos.
+// The two servo axes of the board.
 #ifndef CCR_AXES_H
 #define CCR_AXES_H
 

@@ -1,4 +1,4 @@
-// The whole board but for its hardware: bytes and ticks in, frames and pulses out.
+// The whole board without its hardware: bytes and ticks in, frames and pulses out.
 #ifndef CCR_BOARD_H
 #define CCR_BOARD_H
 
@@ -15,26 +15,26 @@ namespace ccr {
 
 class Board {
  public:
-  /// Loads the configuration and counts the boot, waiting for EEPROM where it has to.
+  /// Loads the configuration and counts the boot, waiting for the EEPROM if necessary.
   ///
-  /// `first_tick` is what the tick counter shows before the first tick, to see it wrap.
+  /// `first_tick` is the value of the tick counter before the first tick, to test wrapping.
   Board(Hardware& hardware, Start start, uint32_t first_tick = 0)
       : controller_(hardware, start, first_tick), dispatcher_(controller_, hardware, start.cause) {}
 
-  /// Takes a received byte; answers where it completes a request.
+  /// Processes a received byte; answers if it completes a request.
   void on_byte(uint8_t byte) { dispatcher_.receive(decoder_.feed(byte), decoder_); }
 
-  /// One control tick but for its report; returns the pulses of the next frame.
+  /// Runs one control tick without its report; returns the pulses of the next frame.
   Pulses tick() { return controller_.tick(); }
 
-  /// After each tick, when its pulses are on their way: sends telemetry where it is due.
+  /// Call after each tick, once its pulses are handed on: sends telemetry if it is due.
   void report() { dispatcher_.end_tick(); }
 
   void raise_fault(Fault fault) { controller_.raise_fault(fault); }
-  /// Received bytes that were lost before they came here.
+  /// Counts received bytes that were lost before `on_byte`.
   void count_overruns(uint16_t bytes) { dispatcher_.count_overruns(bytes); }
 
-  /// To look at, from outside.
+  /// For tests.
   const Controller& controller() const { return controller_; }
 
  private:

@@ -23,7 +23,7 @@ bool is_intact(const uint8_t (&bytes)[kSlotSize], uint8_t crc_at) {
          get_u32(bytes + crc_at) == crc32_of(bytes, crc_at);
 }
 
-/// False where it is of an unknown layout, or damaged.
+/// Converts a slot to the current layout; false if its layout is unknown or it is damaged.
 bool bring_to_layout(uint8_t (&bytes)[kSlotSize]) {
   const uint8_t layout = get_u8(bytes + kSlotLayoutAt);
   if (layout != kFirstLayout) {
@@ -38,7 +38,7 @@ bool bring_to_layout(uint8_t (&bytes)[kSlotSize]) {
 
 }  // namespace
 
-// Not inlined: it would be four times in flash.
+// Not inlined: it would be in flash four times.
 __attribute__((noinline)) void Crc32::add(uint8_t byte) {
   constexpr uint32_t kReflectedPolynomial = 0xEDB88320UL;
   remainder_ ^= byte;

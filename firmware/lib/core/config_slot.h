@@ -1,4 +1,4 @@
-// One of the two places in EEPROM that hold a configuration.
+// One of the two EEPROM slots that hold a configuration.
 #ifndef CCR_CONFIG_SLOT_H
 #define CCR_CONFIG_SLOT_H
 
@@ -16,7 +16,7 @@ constexpr uint8_t kSlotLayoutAt = 2;
 constexpr uint8_t kSlotGenerationAt = 3;
 constexpr uint8_t kSlotConfigurationAt = 5;
 constexpr uint8_t kSlotCrcAt = kSlotConfigurationAt + kConfigurationSize;
-/// In a slot of layout 1.
+/// Place of the CRC in a slot of layout 1.
 constexpr uint8_t kFirstSlotCrcAt = kSlotConfigurationAt + kFirstConfigurationSize;
 constexpr uint8_t kSlotSize = kSlotCrcAt + sizeof(uint32_t);
 
@@ -25,7 +25,7 @@ static_assert(kEepromSlotA + kSlotSize <= kEepromSlotB, "slots do not overlap");
 static_assert(kEepromSlotB + kSlotSize <= kEepromBootCounter, "nor do the boot counters");
 static_assert(kEepromBootCounter + kEepromBootCounters * sizeof(uint16_t) <= kEepromSize, "all fits");
 
-/// CRC-32 (ISO-HDLC, as in zip and Ethernet). Bit by bit: it only sees EEPROM, a byte a tick.
+/// CRC-32 (ISO-HDLC, as in zip and Ethernet). Computed bit by bit: EEPROM is a byte per tick.
 class Crc32 {
  public:
   void add(uint8_t byte);
@@ -37,21 +37,21 @@ class Crc32 {
 
 uint32_t crc32_of(const uint8_t* bytes, uint8_t size);
 
-/// Generation and configuration are only good where the content is.
+/// Generation and configuration are valid only if the content is good.
 SlotContent read_slot(Hardware& hardware, uint16_t address, uint16_t& generation,
                       Configuration& configuration);
 
-/// Is `generation` newer than `other`, modulo 65536?
+/// Whether `generation` is newer than `other`, modulo 65536.
 constexpr bool is_newer(uint16_t generation, uint16_t other) {
   return generation != other && static_cast<uint16_t>(generation - other) < 0x8000U;
 }
 
-/// Makes the bytes of a slot one after the other.
+/// Generates the bytes of a slot one by one.
 class SlotWriter {
  public:
   void begin(uint16_t generation);
   bool is_done() const { return size_ == kSlotSize; }
-  /// Bytes made so far.
+  /// Number of bytes generated so far.
   uint8_t size() const { return size_; }
   uint8_t next(const Configuration& configuration);
 

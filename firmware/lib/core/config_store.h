@@ -1,4 +1,4 @@
-// Keeps the configuration in two EEPROM slots of which one is always whole, and counts boots.
+// Stores the configuration in two EEPROM slots, one of which is always complete, and counts boots.
 #ifndef CCR_CONFIG_STORE_H
 #define CCR_CONFIG_STORE_H
 
@@ -15,21 +15,21 @@ class ConfigStore {
  public:
   explicit ConfigStore(Hardware& hardware) : hardware_(hardware) {}
 
-  /// Loads the newest good slot; without one the configuration stays as it is, but that its
-  /// equipment is missing where a slot is corrupt.
+  /// Loads the newest good slot; without one the configuration is unchanged, except that its
+  /// equipment is missing if a slot is corrupt.
   EepromStatus load(Configuration& configuration);
 
   /// Counts this boot in EEPROM and returns its number.
   uint16_t count_boot();
 
   bool is_saving() const { return is_saving_; }
-  /// Over the slot that is not the newest.
+  /// Starts to overwrite the slot that is not the newest.
   void begin_save();
 
   enum class Step : uint8_t { kNothing, kFinished, kFailed };
 
-  /// Reads back the byte written before, then writes the next one. Once a tick: EEPROM takes 3.4 ms
-  /// a byte.
+  /// Verifies the byte written before, then writes the next one. Call once per tick: EEPROM takes
+  /// 3.4 ms per byte.
   Step continue_save(const Configuration& configuration);
 
  private:

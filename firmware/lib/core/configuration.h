@@ -1,4 +1,4 @@
-// The configuration in use: six groups, each whole or missing.
+// The configuration in use: six groups, each complete or missing.
 #ifndef CCR_CONFIGURATION_H
 #define CCR_CONFIGURATION_H
 
@@ -8,7 +8,7 @@
 
 namespace ccr {
 
-/// Those that a new board lacks.
+/// Groups that are missing on a new board.
 constexpr uint8_t kRobotsGroups = config_groups::kLimits | config_groups::kSlew |
                                config_groups::kWatchdog | config_groups::kCalibration;
 
@@ -32,15 +32,15 @@ constexpr uint8_t kCalibrationAt = kWatchdogAt + Watchdog::kSize;
 constexpr uint8_t kEquipmentAt = kCalibrationAt + Calibration::kSize;
 constexpr uint8_t kAccelerationAt = kEquipmentAt + Equipment::kSize;
 constexpr uint8_t kConfigurationSize = kAccelerationAt + Acceleration::kSize;
-/// Of layout 1, which has no more.
+/// Size in layout 1, which lacks the later groups.
 constexpr uint8_t kFirstConfigurationSize = kEquipmentAt;
 
 Configuration empty_configuration();
 
-/// The groups as they lie in EEPROM.
+/// Writes the groups in their order in EEPROM.
 void encode(const Configuration& configuration, uint8_t* bytes);
 
-/// False, and nothing is promised of the configuration, where a value may not be used.
+/// Returns false, with an undefined configuration, if a value is not allowed.
 bool decode(const uint8_t* bytes, Configuration& configuration);
 
 }  // namespace ccr

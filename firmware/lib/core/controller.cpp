@@ -4,7 +4,7 @@ namespace ccr {
 
 namespace {
 
-/// Of the LED (LED-1): step n is bit n.
+/// LED pattern (LED-1): step n is bit n.
 constexpr uint8_t led_steps(State state) {
   switch (state) {
     case State::kBoot:

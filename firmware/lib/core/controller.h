@@ -1,4 +1,4 @@
-// What the board does in a control tick and what a request makes it do, without any bytes.
+// Behaviour of the board in a control tick and on a request, without any bytes.
 #ifndef CCR_CONTROLLER_H
 #define CCR_CONTROLLER_H
 
@@ -23,7 +23,7 @@ class Controller {
   /// Loads the configuration and counts the boot.
   Controller(Hardware& hardware, Start start, uint32_t first_tick);
 
-  /// One control tick but for its report (TIM-4).
+  /// Runs one control tick without its report (TIM-4).
   Pulses tick();
 
   /// Requests that have passed all checks.
@@ -46,7 +46,7 @@ class Controller {
   const Configuration& configuration() const { return configuration_; }
   /// As of the last tick.
   bool has_pulses() const { return !pulses_.are_none(); }
-  /// Never where none is fitted.
+  /// Always false if none is fitted.
   bool is_emergency_stop_open() const;
   FaultRecord fault_record(uint8_t place) const { return fault_log_.at(place); }
   bool is_saving() const { return store_.is_saving(); }
@@ -55,12 +55,12 @@ class Controller {
   EepromStatus eeprom_status() const { return eeprom_status_; }
   int16_t target_cdeg(uint8_t axis) const { return setpoints_[axis].target_cdeg(); }
 
-  /// `status_flags` but for the session's.
+  /// `status_flags` without that of the session.
   uint8_t flags() const;
-  /// All but what the link knows.
+  /// Fills in everything except the link's fields.
   void fill(StateReport& report) const;
 
-  /// Those of the counters that are counted here; they wrap.
+  /// The counters that are counted here; they wrap.
   struct Counts {
     uint32_t targets_accepted;
     uint16_t targets_clamped;
@@ -95,10 +95,10 @@ class Controller {
   TargetRecord target_;
   Counts counts_ = {};
   Countdown blinking_{0};
-  /// After the last tick.
+  /// State after the last tick.
   State state_before_ = State::kBoot;
   Fault logged_fault_ = Fault::kNone;
-  /// In the last tick.
+  /// Supply voltage in the last tick.
   uint8_t supply_dv_ = 0;
   uint8_t ticks_of_sag_ = 0;
   /// As of the last tick.

@@ -8,7 +8,7 @@ namespace ccr {
 static_assert(kOutstandingRequests * wire_size(CountersReply::kSize) +
                       2 * wire_size(Telemetry::kSize) + wire_size(Ack::kSize) <=
                   kSendBytes,
-              "the longest answers to what a host may ask at once, and two reports");
+              "room for the longest answers to all outstanding requests, and two reports");
 
 void Dispatcher::receive(Received received, const FrameDecoder& frame) {
   counters_.count(received);
@@ -106,7 +106,7 @@ void Dispatcher::handle(const FrameDecoder& frame) {
 
 template <typename Request>
 Dispatcher::Refusal Dispatcher::check(const FrameDecoder& frame, Request& request) const {
-  // Looked up by the compiler: on an AVR a table that is read at run time lies in RAM.
+  // Looked up at compile time: on an AVR a table that is read at run time is placed in RAM.
   constexpr RequestRule rule = *find_request(Request::kId);
   const Refusal refusal =
       check_admission(frame, rule.size, rule.needs_session, rule.allowed_states);
@@ -133,7 +133,7 @@ Dispatcher::Refusal Dispatcher::check_admission(const FrameDecoder& frame, uint8
   if (frame.payload_size() != size) {
     return Refusal{NackCode::kBadLength, 0};
   }
-  // Whatever needs a session begins with it.
+  // Requests that need a session start with its number.
   if (needs_session && (!session_.is_open() || get_u16(frame.payload()) != session_.number)) {
     return Refusal{NackCode::kBadSession, 0};
   }

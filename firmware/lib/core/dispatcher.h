@@ -1,4 +1,4 @@
-// From a request to its answer: the checks in their order (REQ-2), then the deed.
+// Processing of a request: the checks in their order (REQ-2), execution, and the answer.
 #ifndef CCR_DISPATCHER_H
 #define CCR_DISPATCHER_H
 
@@ -18,9 +18,9 @@ class Dispatcher {
   Dispatcher(Controller& controller, Hardware& hardware, ResetCause cause)
       : controller_(controller), hardware_(hardware), cause_(cause) {}
 
-  /// Counts what was received and answers it where it is a request.
+  /// Counts what was received, and answers it if it is a request.
   void receive(Received received, const FrameDecoder& frame);
-  /// Telemetry, and one tick more of what is counted in ticks.
+  /// Sends telemetry if due, and advances what is counted in ticks.
   void end_tick();
   void count_overruns(uint16_t bytes) {
     counters_.overruns = static_cast<uint16_t>(counters_.overruns + bytes);
@@ -32,7 +32,7 @@ class Dispatcher {
     uint8_t detail;
   };
   static constexpr NackCode kGranted = static_cast<NackCode>(0);
-  static_assert(!is_nack_code(static_cast<uint8_t>(kGranted)), "no code of a refusal");
+  static_assert(!is_nack_code(static_cast<uint8_t>(kGranted)), "not the code of a refusal");
 
   void dispatch(const FrameDecoder& frame);
   template <typename Request>
@@ -40,11 +40,11 @@ class Dispatcher {
   template <typename Request>
   Refusal check(const FrameDecoder& frame, Request& request) const;
 
-  /// Length, session and state.
+  /// Checks length, session and state.
   Refusal check_admission(const FrameDecoder& frame, uint8_t size, bool needs_session,
                           uint16_t allowed_states) const;
 
-  /// What is particular to a request; most have nothing.
+  /// Checks that are specific to a request; most have none.
   template <typename Request>
   Refusal check_particular(const Request&) const {
     return Refusal{kGranted, 0};
@@ -94,9 +94,9 @@ class Dispatcher {
 
   void refuse(const FrameDecoder& frame, Refusal refusal);
   void acknowledge(const FrameDecoder& frame);
-  /// Makes a frame of the reply, or of the struct that is all there is in it, and sends it where
-  /// there is room for it and, but for the answer to `stop`, for such an answer besides. On a
-  /// saturated line most answers find none, and take no time then.
+  /// Builds a frame from the reply, or from the only struct in it, and sends it if there is room
+  /// for it and, except for the answer to `stop`, for such an answer as well. On a saturated line most
+  /// answers find no room, and then take no time.
   template <typename Reply, uint8_t kLeft = wire_size(Ack::kSize), typename Make>
   void send(uint8_t sequence, Make make);
   bool finds_room(uint8_t size);

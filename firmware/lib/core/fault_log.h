@@ -11,15 +11,15 @@ namespace ccr {
 
 class FaultLog {
  public:
-  /// Looks for the newest record.
+  /// Finds the newest record.
   explicit FaultLog(Hardware& hardware);
 
   FaultRecord at(uint8_t place) const;
 
   bool is_writing() const { return written_ < FaultRecord::kSize; }
-  /// Number and check are given to it.
+  /// Starts to write a record; fills in its number and check.
   void begin(FaultRecord record);
-  /// Once a tick, while nothing else writes to EEPROM.
+  /// Call once per tick while nothing else writes to EEPROM.
   void continue_writing();
 
  private:

@@ -1,4 +1,4 @@
-// What the core needs from the board it runs on.
+// Interface of the hardware that the core runs on.
 #ifndef CCR_HARDWARE_H
 #define CCR_HARDWARE_H
 
@@ -11,33 +11,33 @@ class Hardware {
   /// Bits of `capabilities`.
   virtual uint16_t capabilities() = 0;
 
-  /// Since the reset; wraps.
+  /// Time since the reset; wraps.
   virtual uint32_t time_us() = 0;
 
-  /// May so many bytes more be queued? Looked at before an answer is made, which takes much longer.
+  /// Whether `size` more bytes can be queued. Checked before building an answer, which takes longer.
   virtual bool has_room(uint8_t size) = 0;
   /// Queues a frame for which there is room.
   virtual void send(const uint8_t* frame, uint8_t size) = 0;
 
-  /// May EEPROM be read or written without waiting?
+  /// Whether EEPROM can be read or written without waiting.
   virtual bool is_eeprom_ready() = 0;
   virtual uint8_t read_eeprom(uint16_t address) = 0;
   /// Starts to write a byte.
   virtual void write_eeprom(uint16_t address, uint8_t byte) = 0;
 
-  /// Is the emergency-stop input open? It is where nothing is wired to it.
+  /// Whether the emergency-stop input is open; true if nothing is wired to it.
   virtual bool is_emergency_stop_open() = 0;
-  /// Output of the servo supply's divider, in 255ths of 5 V, no older than a tick. In each tick.
+  /// Output of the servo supply's divider, in 5 V / 255, no older than a tick. Called in each tick.
   virtual uint8_t supply_reading() = 0;
-  /// In each tick.
+  /// Called in each tick.
   virtual void set_servo_supply(bool is_on) = 0;
   virtual void set_led(bool is_on) = 0;
 
-  /// Least free stack so far; `kStackNotMeasured` where nobody knows.
+  /// Least free stack so far; `kStackNotMeasured` if unknown.
   virtual uint16_t least_free_stack() = 0;
 
  protected:
-  // Nobody owns hardware through this class; a virtual destructor would pull in a heap.
+  // Hardware is never owned through this class; a virtual destructor would pull in a heap.
   ~Hardware() = default;
 };
 

@@ -1,4 +1,4 @@
-// What the link counts since the reset. All wrap.
+// Counters of the link since the reset. All wrap.
 #ifndef CCR_LINK_COUNTERS_H
 #define CCR_LINK_COUNTERS_H
 

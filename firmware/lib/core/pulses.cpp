@@ -6,7 +6,7 @@ namespace {
 
 constexpr int16_t kReferenceCdeg = 9000;
 
-/// Halves away from zero.
+/// Rounds to nearest, halves away from zero.
 int32_t rounded_quotient(int32_t dividend, int16_t divisor) {
   const int32_t half = divisor / 2;
   return (dividend < 0 ? dividend - half : dividend + half) / divisor;

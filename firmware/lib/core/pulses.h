@@ -1,4 +1,4 @@
-// From an angle to the width of a servo pulse.
+// Conversion of an angle to the width of a servo pulse.
 #ifndef CCR_PULSES_H
 #define CCR_PULSES_H
 
@@ -17,13 +17,13 @@ struct Pulses {
   bool are_none() const { return half_us[0] == kNoPulse && half_us[1] == kNoPulse; }
 };
 
-/// PUL-1.
+/// Pulse of an angle, clamped (PUL-1).
 uint16_t pulse_half_us(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg);
 
-/// Does PUL-1 clamp the pulse of this angle?
+/// Whether the pulse of this angle is clamped (PUL-1).
 bool is_saturated(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg);
 
-/// Is this what the calibration and the spec allow a servo to get?
+/// Whether the calibration and the spec allow this pulse.
 bool is_allowed_pulse(const Calibration& calibration, uint8_t axis, uint16_t half_us);
 
 }  // namespace ccr

@@ -9,7 +9,7 @@
 
 namespace ccr {
 
-/// Longest payload of a `once` request; 0 if one is answered by anything but `ack`.
+/// Longest payload of a `once` request; 0 if one is answered by anything other than `ack`.
 constexpr uint8_t longest_acknowledged_once() {
   uint8_t longest = 0;
   for (const RequestRule& rule : kRequestRules) {
@@ -25,22 +25,22 @@ constexpr uint8_t longest_acknowledged_once() {
 
 class RetryMemory {
  public:
-  /// Is this the remembered request, not too long ago (REQ-3)?
+  /// Whether this is the remembered request, within the retry window (REQ-3).
   bool holds(const FrameDecoder& request) const;
-  /// How it was answered.
+  /// Its answer.
   Ack answer() const { return Ack{id_, state_after_}; }
 
   void remember(const FrameDecoder& request, State state_after);
   void forget() { is_set_ = false; }
-  /// After a stop: what came before it is neither executed nor acknowledged again.
+  /// Call after a stop: the request before it is neither executed nor acknowledged again.
   void make_void() { is_void_ = true; }
   bool is_void() const { return is_void_; }
-  /// At the end of each tick.
+  /// Call at the end of each tick.
   void count();
 
  private:
   static constexpr uint8_t kMaxSize = longest_acknowledged_once();
-  static_assert(kMaxSize > 0, "every once request is answered by ack, of which the state is kept");
+  static_assert(kMaxSize > 0, "every once request is answered by ack, whose state is stored");
 
   bool is_set_ = false;
   bool is_void_ = false;

@@ -50,7 +50,7 @@ void Safety::raise(Fault fault) {
 
 void Safety::tick(bool is_at_rest, const Watchdog& watchdog) {
   if (!is_state(static_cast<uint8_t>(state_))) {
-    state_ = State::kBoot;  // From where the table leads on.
+    state_ = State::kBoot;  // A state for which the table has a fault transition.
     raise(Fault::kInternal);
   }
   make_due_transition(is_at_rest, watchdog);
@@ -124,7 +124,7 @@ void Safety::leave_boot() {
   }
 }
 
-// The table lies in the one file that uses it: each other one would have its copy in RAM.
+// Only this file uses the table: every other one would have its own copy in RAM.
 void Safety::apply(Event event) { state_ = next_state(state_, event); }
 
 }  // namespace ccr

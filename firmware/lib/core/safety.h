@@ -1,4 +1,4 @@
-// The safety state machine: the generated table of transitions and what brings them about.
+// The safety state machine: the generated transition table and the events that drive it.
 #ifndef CCR_SAFETY_H
 #define CCR_SAFETY_H
 
@@ -9,10 +9,10 @@
 
 namespace ccr {
 
-/// How the board came to start.
+/// Circumstances of the last reset.
 struct Start {
   ResetCause cause;
-  /// Did it make pulses when the reset came?
+  /// Whether there were pulses when the reset came.
   bool had_pulses;
 };
 
@@ -21,10 +21,10 @@ class Safety {
   explicit Safety(Start start);
 
   State state() const { return state_; }
-  /// The first one since the last clear.
+  /// The first fault since the last clear.
   Fault fault() const { return fault_; }
 
-  /// Requests; whether they are allowed in this state is checked before.
+  /// Requests; the caller has checked that they are allowed in this state.
   void arm(const Watchdog& watchdog);
   void disarm();
   void stop();
@@ -36,10 +36,10 @@ class Safety {
   /// The part of a control tick before the setpoint moves (TIM-4).
   void tick(bool is_at_rest, const Watchdog& watchdog);
 
-  /// As of the last tick, and unless a fault has come since: does the state lead the setpoint to rest?
+  /// Whether the state moves the setpoint to rest, as of the last tick and without a later fault.
   bool leads_to_rest() const { return leads_to_rest_ && has_pulses(); }
   bool allows_pulses(uint8_t axis) const;
-  /// Is this a state with pulses?
+  /// Whether the state has pulses.
   bool has_pulses() const;
 
  private:
@@ -51,9 +51,9 @@ class Safety {
   State state_ = State::kBoot;
   Fault fault_ = Fault::kNone;
   Fault fault_after_boot_;
-  /// Until boot, the stage of arming, the validity of the target, or hold is over.
+  /// Time left of boot, the stage of arming, the validity of the target, or hold.
   Countdown countdown_;
-  /// Since the last arming.
+  /// Number of axes enabled since the last arming.
   uint8_t enabled_axes_ = 0;
   bool leads_to_rest_ = false;
 };

@@ -1,4 +1,4 @@
-// What the board knows of the host it obeys.
+// The open session: its number, telemetry and last request.
 #ifndef CCR_SESSION_H
 #define CCR_SESSION_H
 

@@ -6,8 +6,8 @@ namespace ccr {
 
 namespace {
 
-/// The longest step after which steps that each shrink by the acceleration go no further than that
-/// way: of m full ones and a rest. No more than 233 rounds, for 270 deg and the least acceleration.
+/// Longest step from which steps that each shrink by the acceleration stop within `way`: m full
+/// ones and a remainder. At most 233 iterations, for 270 deg and the smallest acceleration.
 int16_t longest_step(uint16_t way, uint16_t acceleration) {
   uint16_t sum = 0;
   uint16_t full = acceleration;

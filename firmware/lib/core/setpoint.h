@@ -1,4 +1,4 @@
-// Commanded angle of one axis: where the ramp, the slew limit and the acceleration limit stand.
+// Commanded angle of one axis, with ramp, slew limit and acceleration limit.
 #ifndef CCR_SETPOINT_H
 #define CCR_SETPOINT_H
 
@@ -6,24 +6,24 @@
 
 namespace ccr {
 
-/// Moves only in control ticks. Angles in 0.01 deg.
+/// Changes only in control ticks. Angles in 0.01 deg.
 class Setpoint {
  public:
   explicit Setpoint(int16_t cdeg) : cdeg_(cdeg) {}
 
   int16_t cdeg() const { return cdeg_; }
-  /// The last one aimed at; 0 before the first.
+  /// The last target; 0 before the first.
   int16_t target_cdeg() const { return target_cdeg_; }
 
-  /// From here to a target in a straight line over so many ticks (TGT-2).
+  /// Starts a linear ramp from here to a target over `ramp_ticks` (TGT-2).
   void aim_at(int16_t target_cdeg, uint16_t ramp_ticks);
-  /// One tick along that line, at most by the slew (TGT-3). An acceleration of 0 is any.
+  /// Moves one tick along the ramp, within the slew (TGT-3). Acceleration 0 is unlimited.
   void follow_ramp(uint16_t slew_cdeg, uint16_t acceleration_cdeg);
-  /// One tick straight to an angle, at most by the slew (ACC-2).
+  /// Moves one tick towards an angle, within the slew (ACC-2).
   void step_towards(int16_t goal_cdeg, uint16_t slew_cdeg, uint16_t acceleration_cdeg);
-  /// One tick of coming to a stand (ACC-1).
+  /// Decelerates for one tick (ACC-1).
   void brake(uint16_t acceleration_cdeg);
-  /// Did the last tick move it, with an acceleration limit?
+  /// Whether the last tick moved it, with an acceleration limit.
   bool is_moving() const { return step_cdeg_ != 0; }
   void clamp(int16_t least_cdeg, int16_t greatest_cdeg);
 
@@ -31,7 +31,7 @@ class Setpoint {
   int16_t next_on_ramp();
 
   int16_t cdeg_;
-  /// Of the last tick; 0 without an acceleration limit.
+  /// Step of the last tick; 0 without an acceleration limit.
   int16_t step_cdeg_ = 0;
   int16_t start_cdeg_ = 0;
   int16_t target_cdeg_ = 0;

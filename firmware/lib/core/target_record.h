@@ -1,4 +1,4 @@
-// What the reports tell of the last accepted target, beside its angles.
+// Reported properties of the last accepted target, apart from its angles.
 #ifndef CCR_TARGET_RECORD_H
 #define CCR_TARGET_RECORD_H
 
@@ -18,10 +18,10 @@ class TargetRecord {
 
   uint8_t sequence() const { return sequence_; }
   bool was_clamped() const { return was_clamped_; }
-  /// 65535 before the first and when it is older.
+  /// 65535 before the first target, and when it is older than that.
   uint16_t age_ms() const { return age_ms_; }
 
-  /// In each tick.
+  /// Call in each tick.
   void count() {
     age_ms_ = age_ms_ > kOldest - kMsPerTick ? kOldest : static_cast<uint16_t>(age_ms_ + kMsPerTick);
   }

@@ -1,4 +1,4 @@
-// One report in so many ticks.
+// Periodic reports, one every `period_ticks`.
 #ifndef CCR_TELEMETRY_STREAM_H
 #define CCR_TELEMETRY_STREAM_H
 
@@ -17,7 +17,7 @@ class TelemetryStream {
 
   void stop() { start(0); }
 
-  /// Once a tick: is a report due at it (TEL-1)?
+  /// Call once per tick; whether a report is due at this tick (TEL-1).
   bool is_due() {
     if (period_ticks_ == 0) {
       return false;
@@ -30,7 +30,7 @@ class TelemetryStream {
     return true;
   }
 
-  /// Of the report that is due.
+  /// Sequence number of the report that is due.
   uint8_t take_sequence() { return next_sequence_++; }
 
  private:

@@ -1,4 +1,4 @@
-// Consistent Overhead Byte Stuffing of short frames, a byte at a time.
+// Consistent Overhead Byte Stuffing of short frames, byte by byte.
 #ifndef CCR_COBS_H
 #define CCR_COBS_H
 
@@ -6,11 +6,11 @@
 
 namespace ccr {
 
-/// From so many data bytes on, COBS needs a second code byte, which nothing here does.
+/// Largest data size; longer data would need a second code byte, which is not implemented.
 constexpr uint8_t kCobsMaxData = 253;
 
-/// Encodes in place: data of so many bytes at `encoded + 1`, with room for a byte after them.
-/// Returns the size with the closing zero.
+/// Encodes in place: `size` data bytes at `encoded + 1`, with room for one byte after them. Returns
+/// the size including the closing zero.
 inline uint8_t encode_cobs(uint8_t* encoded, uint8_t size) {
   const uint8_t end = static_cast<uint8_t>(size + 1);
   uint8_t code_at = 0;
@@ -25,13 +25,13 @@ inline uint8_t encode_cobs(uint8_t* encoded, uint8_t size) {
   return static_cast<uint8_t>(end + 1);
 }
 
-/// Decodes the bytes of one frame, its zero excluded.
+/// Decodes the bytes of one frame, excluding its zero.
 class CobsReader {
  public:
-  /// Takes the first byte of a frame, which is no data.
+  /// Processes the first byte of a frame, which is not data.
   void begin(uint8_t code) { left_in_block_ = static_cast<uint8_t>(code - 1); }
 
-  /// Takes any further byte and returns the data byte that it stands for.
+  /// Processes any further byte and returns the decoded data byte.
   uint8_t next(uint8_t byte) {
     if (left_in_block_ == 0) {
       begin(byte);
@@ -41,7 +41,7 @@ class CobsReader {
     return byte;
   }
 
-  /// May the frame end here?
+  /// Whether the frame may end here.
   bool is_complete() const { return left_in_block_ == 0; }
 
  private:

@@ -9,8 +9,8 @@ namespace ccr {
 class Crc16X25 {
  public:
   // Eight steps of the polynomial at once: the byte acts as itself and three shifted copies. Its
-  // halves are exchanged instead of shifted, which an AVR does in one cycle. Inlined also where the
-  // compiler saves space: a call would double the time a byte takes.
+  // nibbles are swapped instead of shifted, which an AVR does in one cycle. Always inlined, even if
+  // optimised for size: a call would double the time per byte.
   __attribute__((always_inline)) void add(uint8_t byte) {
     const uint8_t difference = static_cast<uint8_t>(byte ^ low_);
     const uint8_t mix = static_cast<uint8_t>(difference ^ (swap_halves(difference) & 0xF0));
@@ -21,7 +21,7 @@ class Crc16X25 {
 
   uint16_t value() const { return static_cast<uint16_t>(~(static_cast<uint16_t>(high_) << 8 | low_)); }
 
-  /// After the data and their CRC, low byte first: were they good?
+  /// After the data and their CRC, low byte first: whether they were good.
   bool is_residue() const { return high_ == (kResidue >> 8) && low_ == (kResidue & 0xFF); }
 
  private:

@@ -13,22 +13,22 @@ namespace ccr {
 
 constexpr uint8_t kFrameHeader = 2;
 constexpr uint8_t kFrameOverhead = kFrameHeader + 2;
-/// On the wire, with the closing zero.
+/// Largest size on the wire, including the closing zero.
 constexpr uint8_t kMaxWireFrame = kMaxEncodedFrame + 1;
 
 static_assert(kMaxDecodedFrame == kMaxPayload + kFrameOverhead, "as the spec says");
 static_assert(kMaxDecodedFrame <= kCobsMaxData, "one code byte");
 
-/// Where the payload lies before a frame is closed: behind the first code byte and the header.
+/// Place of the payload before a frame is closed: after the first code byte and the header.
 constexpr uint8_t kPayloadAt = 1 + kFrameHeader;
 
-/// Size on the wire, with the closing zero.
+/// Size on the wire, including the closing zero.
 constexpr uint8_t wire_size(uint8_t payload_size) {
   return static_cast<uint8_t>(payload_size + kFrameOverhead + 2);
 }
 static_assert(wire_size(kMaxPayload) == kMaxWireFrame, "as the spec says");
 
-/// Makes a frame of the payload at `wire + kPayloadAt`, in place; returns its size.
+/// Builds a frame in place around the payload at `wire + kPayloadAt`; returns its size.
 inline uint8_t close_frame(uint8_t id, uint8_t sequence, uint8_t payload_size, uint8_t* wire) {
   uint8_t* const content = wire + 1;
   const uint8_t checked_size = static_cast<uint8_t>(kFrameHeader + payload_size);
@@ -42,7 +42,7 @@ inline uint8_t close_frame(uint8_t id, uint8_t sequence, uint8_t payload_size, u
   return encode_cobs(wire, static_cast<uint8_t>(payload_size + kFrameOverhead));
 }
 
-/// Writes a frame with its zero; returns its size, or 0 if the payload is too long.
+/// Writes a frame including its zero; returns its size, or 0 if the payload is too long.
 inline uint8_t encode_frame(uint8_t id, uint8_t sequence, const uint8_t* payload, uint8_t size,
                             uint8_t (&wire)[kMaxWireFrame]) {
   if (size > kMaxPayload) {
@@ -54,7 +54,7 @@ inline uint8_t encode_frame(uint8_t id, uint8_t sequence, const uint8_t* payload
   return close_frame(id, sequence, size, wire);
 }
 
-/// What a received byte has completed.
+/// What a received byte completes.
 enum class Received : uint8_t {
   kNothing,
   kFrame,
@@ -63,7 +63,7 @@ enum class Received : uint8_t {
   kBadSize,
 };
 
-/// Finds frames in received bytes, whatever they are. Bounded in memory and in time a byte.
+/// Finds frames in arbitrary received bytes. Bounded in memory and in time per byte.
 class FrameDecoder {
  public:
   Received feed(uint8_t byte) {
@@ -85,7 +85,7 @@ class FrameDecoder {
     return Received::kNothing;
   }
 
-  /// Of the frame just received; valid until the next byte is fed.
+  /// Fields of the frame just received; valid until the next byte is fed.
   uint8_t id() const { return content_[0]; }
   uint8_t sequence() const { return content_[1]; }
   const uint8_t* payload() const { return content_ + kFrameHeader; }

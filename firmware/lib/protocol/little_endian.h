@@ -1,4 +1,4 @@
-// Integers as they go over the wire: least byte first, whatever the machine.
+// Little-endian integers as on the wire, independent of the machine.
 #ifndef CCR_LITTLE_ENDIAN_H
 #define CCR_LITTLE_ENDIAN_H
 
@@ -36,7 +36,8 @@ inline int8_t get_i8(const uint8_t* bytes) { return static_cast<int8_t>(get_u8(b
 inline int16_t get_i16(const uint8_t* bytes) { return static_cast<int16_t>(get_u16(bytes)); }
 inline int32_t get_i32(const uint8_t* bytes) { return static_cast<int32_t>(get_u32(bytes)); }
 
-/// Does a struct lie in memory as on the wire? Then it is copied whole, which takes less flash.
+/// Whether a struct has the same layout in memory as on the wire, so that it can be copied as a
+/// whole, which takes less flash.
 template <typename Layout>
 constexpr bool lies_as_on_the_wire() {
   return sizeof(Layout) == uint8_t{Layout::kSize} && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__;

@@ -1,4 +1,4 @@
-/* EEPROM that is busy while it writes; simavr's is done at once. */
+/* EEPROM that is busy during a write; simavr's writes take no time. */
 #include "parts.h"
 
 #include <stdlib.h>
@@ -55,7 +55,7 @@ static void control_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void
         avr->data[address] = (value & EECR_EERIE) | EECR_EEPE;
         return;
     }
-    /* Address bits that the chip has not got read as 0; simavr would follow them out of its EEPROM. */
+    /* Missing address bits read as 0 on the chip; simavr would access memory beyond its EEPROM. */
     avr->data[REG_EEARH] &= (eeprom->memory->size - 1) >> 8;
     eeprom->control_write.call(avr, address, value, eeprom->control_write.param);
     if (enabled && value & EECR_EEPE) start_write(rig, before);

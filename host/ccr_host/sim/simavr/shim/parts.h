@@ -1,4 +1,4 @@
-/* The parts of the rig among themselves. See rig.h for licence and purpose. */
+/* Interfaces between the parts of the rig. See rig.h for licence and purpose. */
 #pragma once
 
 #include "rig.h"
@@ -49,7 +49,7 @@ enum {
     REG_UDR0 = 0xC6,
 };
 
-/* Records that wait to be taken; grows as needed. */
+/* Queue of records to be fetched; grows as needed. */
 typedef struct {
     void *records;
     size_t record_size, count, room;
@@ -63,16 +63,16 @@ typedef struct {
     void *param;
 } write_handler_t;
 
-/* simavr refuses to replace a handler of its own, so its table is written directly. */
+/* simavr refuses to replace its own handlers, so its table is written directly. */
 write_handler_t replace_write(avr_t *avr, avr_io_addr_t address, avr_io_write_t call, void *param);
 void replace_read(avr_t *avr, avr_io_addr_t address, avr_io_read_t call, void *param);
 
-/* Call `again` whenever the service routine of `vector` has returned. */
+/* Call `again` each time the service routine of `vector` has returned. */
 void on_return_from(avr_int_vector_t *vector, avr_irq_notify_t again, void *param);
-/* A flag that asks for its interrupt for as long as it is set. */
+/* A flag that requests its interrupt while it is set. */
 void set_level_flag(avr_t *avr, avr_int_vector_t *vector, bool active);
 
-/* The wire to the board: one byte on it, the rest waiting. */
+/* The line to the board: one byte in transmission, the rest queued. */
 typedef struct {
     uint8_t *bytes;
     uint32_t *bit_cycles;
@@ -111,7 +111,7 @@ typedef struct {
     uint16_t held;               /* the counter while it is stopped */
     uint16_t written[RIG_SERVO_PINS];
     uint16_t compare[RIG_SERVO_PINS];
-    bool output[RIG_SERVO_PINS]; /* of the waveform generators, connected to a pin or not */
+    bool output[RIG_SERVO_PINS]; /* of the waveform generators, whether connected to a pin or not */
 } timer1_t;
 
 typedef struct {
@@ -136,7 +136,7 @@ typedef struct {
 } profile_t;
 
 struct rig {
-    avr_io_t module; /* first, so that simavr's call back leads here; hears of resets */
+    avr_io_t module; /* first, so that simavr's callback leads here; is notified of resets */
     avr_t *avr;
     uint64_t stop_cycle;
     uart_t uart;
@@ -156,18 +156,18 @@ avr_timer_t *find_timer(avr_t *avr, char name);
 void uart_attach(rig_t *rig);
 void uart_reset(rig_t *rig);
 void uart_free(rig_t *rig);
-/* Whether a byte is on the wire, either way. */
+/* Whether a byte is being transmitted in either direction. */
 bool uart_is_busy(const rig_t *rig);
 
 void timer1_attach(rig_t *rig);
 void timer1_reset(rig_t *rig);
-/* Whether a waveform generator has the pin, and not the port. */
+/* Whether a waveform generator drives the pin instead of the port. */
 bool timer1_drives(const rig_t *rig, rig_pin_t pin);
 
 void timer_flags_attach(avr_t *avr);
 
 void pins_attach(rig_t *rig);
-/* Find out what the pins show now. */
+/* Update the levels of the pins. */
 void pins_update(rig_t *rig, uint64_t cycle);
 
 void eeprom_attach(rig_t *rig);

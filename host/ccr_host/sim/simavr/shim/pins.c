@@ -1,5 +1,5 @@
-/* The pins as an oscilloscope shows them. simavr's own pin signals report changes that
- * do not happen, whenever a port is written. */
+/* The pins as an oscilloscope would show them. simavr's own pin signals report changes that do
+ * not happen, whenever a port is written. */
 #include "parts.h"
 
 static const uint8_t PORT_BIT[RIG_PINS] = {
@@ -43,8 +43,8 @@ static void toggle_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void 
     write_and_update(rig->pins.toggle_write, avr, address, value, rig);
 }
 
-/* Pin 7 is 0 while its switch to ground is closed; all others of the port are what they are driven or
- * pulled to. */
+/* Pin 7 is 0 while its switch to ground is closed; the other pins of the port have the level that
+ * they are driven or pulled to. */
 static uint8_t port_d_read(avr_t *avr, avr_io_addr_t address, void *param) {
     const rig_t *rig = param;
     const uint8_t *data = rig->avr->data;

@@ -10,7 +10,7 @@ enum {
     CLOCK_HZ = 16000000,
     SUPPLY_MV = 5000,
     UNLIMITED_CYCLES = 1000000, /* simavr's default of 1 steps every instruction, 10 times slower */
-    /* Datasheet, "Interrupt Response Time"; simavr serves interrupts in no time. */
+    /* Datasheet, "Interrupt Response Time"; in simavr interrupts take no time. */
     RESPONSE_CYCLES = 4,
     WAKE_UP_CYCLES = 4,
     ADDRESS_SPACE = 1 << 16,
@@ -84,7 +84,7 @@ static uint16_t opcode_at(const avr_t *avr, avr_flashaddr_t pc) {
     return avr->flash[pc] | avr->flash[pc + 1] << 8;
 }
 
-/* Between the writes of its halves the stack pointer means nothing; avr-gcc writes SPH first. */
+/* The stack pointer is invalid between the writes of its halves; avr-gcc writes SPH first. */
 static void watch_stack(rig_t *rig, uint16_t opcode) {
     const avr_t *avr = rig->avr;
     const uint16_t pointer = avr->data[R_SPL] | avr->data[R_SPH] << 8;
@@ -122,8 +122,8 @@ static void serve_interrupt(rig_t *rig, bool woken) {
     avr_cycle_timer_process(avr);
 }
 
-/* In place of simavr's own step, which sleeps one cycle too long, ends at a sleep with interrupts
- * off, from which a watchdog or a reset still wakes, and serves interrupts in no time. */
+/* Replaces simavr's step, which sleeps one cycle too long, ends at a sleep with interrupts off (from
+ * which a watchdog or a reset can still wake), and serves interrupts in no time. */
 static void step(avr_t *avr) {
     rig_t *rig = rig_of(avr);
     const uint16_t opcode = opcode_at(avr, avr->pc);
@@ -132,7 +132,7 @@ static void step(avr_t *avr) {
     const bool slept = avr->state == cpu_Sleeping;
     const avr_cycle_count_t idle = avr_cycle_timer_process(avr);
     avr->pc = next_pc;
-    if (avr->run != step) { /* the watchdog has bitten and left its reset there */
+    if (avr->run != step) { /* the watchdog has expired and stored its reset there */
         avr->run(avr);
         return;
     }
@@ -205,7 +205,7 @@ void rig_fill_sram(rig_t *rig, uint8_t value) {
     memset(avr->data + avr->ioend + 1, value, avr->ramend - avr->ioend);
 }
 
-/* simavr reports an access beyond a memory's end and carries it out all the same. */
+/* simavr reports an access beyond the end of a memory, but still executes it. */
 static uint8_t *with_room_for_any_address(uint8_t *memory, size_t size) {
     uint8_t *roomy = realloc(memory, ADDRESS_SPACE);
     memset(roomy + size, 0xFF, ADDRESS_SPACE - size);
@@ -223,7 +223,7 @@ rig_t *rig_new(void) {
     avr->custom.data = rig;
     avr_init(avr);
     avr->data = with_room_for_any_address(avr->data, avr->ramend + 1);
-    /* Behind its end simavr keeps an opcode that catches what runs on. */
+    /* After the end simavr stores an opcode that catches a program running past it. */
     avr->flash = with_room_for_any_address(avr->flash, avr->flashend + 3);
     avr->log = LOG_ERROR;
     avr->frequency = CLOCK_HZ;

@@ -1,7 +1,7 @@
-/* Timer/Counter1 in place of simavr's, which latches no compare value after the first in fast PWM,
- * takes no new ICR1 while it runs, and clears all flags of TIFR1 at once.
- * Modes: normal, CTC (4, 12), fast PWM (5, 6, 7, 14, 15); others count like normal. No input capture, no external clock, no
- * forced compare; the prescaler starts when the clock is selected.
+/* Replaces simavr's Timer/Counter1, which latches no compare value after the first in fast PWM,
+ * accepts no new ICR1 while it runs, and clears all flags of TIFR1 at once.
+ * Modes: normal, CTC (4, 12), fast PWM (5, 6, 7, 14, 15); others count like normal. No input capture,
+ * no external clock, no forced compare; the prescaler starts when the clock is selected.
  */
 #include "parts.h"
 
@@ -59,7 +59,7 @@ static uint16_t count_at(const rig_t *rig, uint64_t cycle) {
     return cycle < timer->base_cycle ? 0 : (cycle - timer->base_cycle) / timer->prescaler;
 }
 
-/* A counter that is beyond the top, because the top was lowered, runs on to its end. */
+/* A counter beyond the top, because the top was lowered, runs to its maximum. */
 static uint32_t counts_to_wrap(const rig_t *rig, uint64_t cycle) {
     const uint16_t top = top_of(rig);
     return count_at(rig, cycle) > top ? COUNTS : top + 1u;
@@ -150,7 +150,7 @@ static bool is_known(unsigned mode) {
            is_fast_pwm(mode);
 }
 
-/* The Arduino core passes through a phase-correct mode, without an output, as it starts. */
+/* The Arduino core passes through a phase-correct mode, without an output, at its start. */
 static void refuse_output_in_unknown_mode(rig_t *rig) {
     const unsigned mode = mode_of(rig->avr);
     const bool output = match_action(rig, RIG_OC1A) || match_action(rig, RIG_OC1B);
@@ -226,7 +226,7 @@ void timer1_attach(rig_t *rig) {
     replace_write(avr, REG_ICR1L, top_write, rig);
     replace_write(avr, REG_TCNT1L, count_write, rig);
     replace_read(avr, REG_TCNT1L, count_read, rig);
-    /* simavr captures ICR1 by its pin also where it is the top, which the chip does not. */
+    /* simavr captures ICR1 by its pin even if it is the top, which the chip does not. */
     avr_unconnect_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), IOPORT_IRQ_PIN0),
                       avr_io_getirq(avr, AVR_IOCTL_TIMER_GETIRQ('1'), TIMER_IRQ_IN_ICP));
 }

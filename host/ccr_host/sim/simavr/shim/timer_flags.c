@@ -1,4 +1,4 @@
-/* TIFRn and TIMSKn as the datasheet has them: simavr clears all flags of a timer on any write to
+/* TIFRn and TIMSKn as in the datasheet: simavr clears all flags of a timer on any write to
  * TIFRn, and forgets a flag that was set while its interrupt was disabled. */
 #include "parts.h"
 

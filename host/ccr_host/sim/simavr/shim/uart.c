@@ -1,5 +1,5 @@
-/* USART0 in place of simavr's, whose bytes last 11 bits, whose receiver holds 64 bytes, and whose
- * transmitter may wait a byte's time before it starts. 8N1 only; PRR, parity and MPCM have no effect.
+/* Replaces simavr's USART0, whose bytes last 11 bits, whose receiver holds 64 bytes, and whose
+ * transmitter may wait for the time of a byte before it starts. 8N1 only; PRR, parity and MPCM have no effect.
  */
 #include "parts.h"
 

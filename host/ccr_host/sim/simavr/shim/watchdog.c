@@ -1,4 +1,4 @@
-/* A new time-out counts from when it is set; simavr keeps the old one until the next WDR. */
+/* A new time-out takes effect when it is set; simavr keeps the old one until the next WDR. */
 #include "parts.h"
 
 static void control_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
