@@ -7,7 +7,7 @@ import pytest
 from ccr_host.core.clock import Clock
 from ccr_host.core.errors import DeviceError
 from ccr_host.link import messages as m
-from ccr_host.link.client import BOOT_TIMEOUT_US
+from ccr_host.link.board import BOOT_TIMEOUT_US
 from ccr_host.link.device_errors import BoardSilentError
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
 from ccr_host.link.transport import DeviceUri, open_transport

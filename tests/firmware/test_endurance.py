@@ -10,8 +10,9 @@ import pytest
 from ccr_host.core.clock import VirtualClock
 from ccr_host.description import schema
 from ccr_host.link import messages as m
+from ccr_host.link.board import drawn_session
 from ccr_host.link.board_config import board_config
-from ccr_host.link.client import Client, drawn_session
+from ccr_host.link.client import Client
 from ccr_host.link.device_errors import BoardFaultError
 from ccr_host.sim.simavr.board import SimavrBoard
 from ccr_host.sim.simavr.flash_image import read_flash_image

@@ -12,8 +12,8 @@ from rich.text import Text
 
 from ccr_host.robot.reference import PATH_AXES
 from ccr_host.tools.monitor import LinkView, MonitorView
-from ccr_host.tracking.markers.labelling import MARKERS
 from ccr_host.tracking.registration import Registration
+from ccr_host.tracking.tracker import MARKERS
 
 
 def registration_table(found: Registration) -> Table:

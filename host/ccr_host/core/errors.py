@@ -72,9 +72,14 @@ def blaming(who: str, cure: str) -> Iterator[None]:
     except CcrError:
         raise
     except (Exception, SystemExit) as error:
-        told = " ".join(str(error).split())
-        cause = f"{who} has failed: {type(error).__name__}: {told}; the robot is disarmed"
-        raise CodeError(cause, cure, error) from error
+        raise code_error(who, cure, error) from error
+
+
+def code_error(who: str, cure: str, error: BaseException) -> CodeError:
+    """What to raise where a class of the user's own has raised an error."""
+    told = " ".join(str(error).split())
+    cause = f"{who} has failed: {type(error).__name__}: {told}; the robot is disarmed"
+    return CodeError(cause, cure, error)
 
 
 def full_text(error: Exception) -> str:

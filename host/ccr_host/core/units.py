@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import degrees, isfinite, radians
+from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +18,17 @@ def deg_to_cdeg(angle_deg: float) -> int:
     return round(angle_deg * CDEG_PER_DEG)
 
 
-def rad_to_cdeg(angle_rad: float) -> int:
-    """Angle in units of 0.01 deg, rounded to nearest.
+def rad_to_cdeg(angles_rad: NDArray[np.float64]) -> list[int]:
+    """Nearest 0.01 deg of each angle.
 
     Raises:
-        ValueError: the angle is not finite.
+        ValueError: not a finite number.
     """
-    if not isfinite(angle_rad):
-        raise ValueError(f"an angle of {angle_rad} rad cannot be sent")
-    return deg_to_cdeg(degrees(angle_rad))
+    cdeg: list[float] = np.rint(np.degrees(angles_rad) * CDEG_PER_DEG).tolist()
+    try:
+        return list(map(int, cdeg))
+    except (ValueError, OverflowError):
+        raise ValueError(f"angles of {angles_rad} rad cannot be sent") from None
 
 
 def cdeg_to_rad(angles_cdeg: Iterable[int]) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import floor
+from math import floor, isqrt
 from typing import Final
 
 from ccr_host.core.errors import ConfigError
@@ -23,6 +23,7 @@ from ccr_host.link.payload import Field
 _TICK_S = TICK_US * 1e-6
 _HALF_US_PER_US = 2
 _ROUNDING_SLACK = 1e-9
+_MARGIN_US = 1_000_000
 
 _KEYS: Final[dict[type, tuple[str, ...]]] = {
     Limits: ("servo.angle_min_deg", "servo.angle_max_deg", "servo.rest_deg"),
@@ -48,6 +49,21 @@ class BoardConfig:
     watchdog: Watchdog
     calibration: Calibration
     acceleration: Acceleration
+
+    def way_to_rest_us(self) -> int:
+        """Bound of the way from any pose to rest."""
+        longest_ticks = 0
+        for axis in (0, 1):
+            range_cdeg = self.limits.angle_max_cdeg[axis] - self.limits.angle_min_cdeg[axis]
+            slew = min(self.watchdog.relax_slew_cdeg_tick, self.slew.slew_cdeg_tick[axis])
+            ticks = range_cdeg // max(slew, 1) + 1
+            acceleration = self.acceleration.acceleration_cdeg_tick2[axis]
+            if (
+                acceleration
+            ):  # to speed up, and before that to brake from whatever step fits the range
+                ticks += slew // acceleration + isqrt(2 * range_cdeg // acceleration) + 4
+            longest_ticks = max(longest_ticks, ticks)
+        return longest_ticks * TICK_US + _MARGIN_US
 
 
 ConfigGroup = Limits | Slew | Watchdog | Calibration | Acceleration

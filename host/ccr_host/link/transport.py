@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
 
 from ccr_host.core.addresses import Role, split_uri, tcp_address
 from ccr_host.core.byte_port import BytePort, Peer
 from ccr_host.core.errors import ConfigError, DeviceError
+from ccr_host.link.exchange import Transport
 from ccr_host.link.messages import BAUD
 
 
@@ -77,21 +77,6 @@ def _serial(text: str, port: str) -> DeviceUri:
 
 
 _BOARD = Peer("board", DeviceError, if_refused="start the server: ccr-host emulate")
-
-
-class Transport(Protocol):
-    """A byte stream; `DeviceError` from any method means that the port is lost."""
-
-    name: str
-
-    def write(self, data: bytes) -> None:
-        """Send bytes."""
-
-    def read(self) -> bytes:
-        """Bytes that have arrived; empty if none have, never waits."""
-
-    def close(self) -> None:
-        """Let go of the port."""
 
 
 def open_transport(uri: DeviceUri, baud: int = BAUD) -> Transport:

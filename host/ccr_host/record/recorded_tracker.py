@@ -13,6 +13,7 @@ from ccr_host.description.schema import Description
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.tracking.tracker import (
+    MARKERS,
     FloatArray,
     FrameCount,
     MarkerFrame,
@@ -21,7 +22,6 @@ from ccr_host.tracking.tracker import (
     TrackerHealth,
 )
 
-MARKER_NAMES = ("M1", "M2", "M3")
 _UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -75,7 +75,7 @@ class ReplayTracker(StartsAndStops):
                 return
             _, markers_mm = self._samples.popleft()
             poses = (Pose(marker_mm, _UNTURNED) for marker_mm in markers_mm)
-            self._frames.add_poses(exposed_us, dict(zip(MARKER_NAMES, poses, strict=True)))
+            self._frames.add_poses(exposed_us, dict(zip(MARKERS, poses, strict=True)))
 
     def newest_frame(self) -> MarkerFrame | None:
         """Newest frame, whatever its age; None before the first."""
@@ -98,7 +98,7 @@ def _sample(path: Path, content: dict[str, Any]) -> tuple[int, FloatArray]:
     try:
         markers_mm = np.array(content["markers_mm"], dtype=np.float64)
         exposed_us = content["exposed_us"]
-        if not isinstance(exposed_us, int) or markers_mm.shape != (len(MARKER_NAMES), 3):
+        if not isinstance(exposed_us, int) or markers_mm.shape != (len(MARKERS), 3):
             raise ValueError
     except (ValueError, KeyError, TypeError):
         raise ConfigError(f"recording {path}: not the log of a run", "record it again") from None

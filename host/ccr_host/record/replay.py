@@ -35,6 +35,7 @@ from ccr_host.run.observer import Observers, StepRecord
 from ccr_host.run.open_rig import is_simulated, meet_board
 from ccr_host.run.operator import stopping_at_once
 from ccr_host.run.rig import Rig
+from ccr_host.run.robot_check import motion_check
 from ccr_host.run.tape import Tape, TapeError, TapePiece, Token
 from ccr_host.tracking.tracker import Sample
 
@@ -175,11 +176,12 @@ class _Replay:
     def _execute(self) -> None:
         description = self._recording.description
         tape, tracker = self._tape, PlayedTracker(self._feed.samples)
-        is_real = not is_simulated(self._recording.options)
-        clock = PlayedClock(tape, tracker, realtime=is_real)
+        clock = PlayedClock(tape, tracker, realtime=not is_simulated(self._recording.options))
         operator = PlayedOperator(tape)
         session = _session(self._recording)
-        device = parse_device_uri(self._recording.options.device)
+        options = self._recording.options
+        device, checks = parse_device_uri(options.device), options.effective_checks
+        motion = motion_check(options, self._controller, description, self._recording.reference)
         try:
             clock.idle()  # while the board and the camera were connected
             client = Client(
@@ -202,7 +204,8 @@ class _Replay:
                         Observers(),
                         self._count_step,
                         operator,
-                        self._recording.options.effective_checks,
+                        checks_markers=checks != "none",
+                        motion=motion,
                     )
         except (CcrError, KeyboardInterrupt):
             return  # as the recorded run ended

@@ -17,6 +17,7 @@ from ccr_host.run.operator import NoOperator, Operator, stopping_at_once
 from ccr_host.run.options import RunOptions
 from ccr_host.run.recording import RecordedOperator
 from ccr_host.run.rig import Rig
+from ccr_host.run.robot_check import motion_check
 from ccr_host.run.summary import RunResult
 
 
@@ -57,6 +58,7 @@ def execute(
     description = options.description()
     reference = reference_of(options)
     controller = make_controller(options.controller, description)
+    motion = motion_check(options, controller, description, reference)
     observer.begin(RunSetup(options, description, reference))
     records: list[StepRecord] = []
 
@@ -78,7 +80,8 @@ def execute(
                     observer,
                     keep,
                     heard,
-                    options.effective_checks,
+                    checks_markers=options.effective_checks != "none",
+                    motion=motion,
                 )
     except (Exception, KeyboardInterrupt) as error:
         if rig is None and not isinstance(error, DeviceError | TrackerError | KeyboardInterrupt):

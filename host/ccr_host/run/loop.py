@@ -7,8 +7,8 @@ aims at f_i; the error of step i is taken at the end of that period, before the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -23,18 +23,20 @@ from ccr_host.control.base import (
     checked,
 )
 from ccr_host.core.clock import Stopwatch
-from ccr_host.core.errors import CodeError, TrackerError, blaming
+from ccr_host.core.errors import CcrError, CodeError, code_error
 from ccr_host.description.schema import Description
 from ccr_host.link.device_errors import LinkLossError
 from ccr_host.robot.reference import Reference
-from ccr_host.robot.rests import Rests
+from ccr_host.run.marker_watch import MarkerWatch
 from ccr_host.run.observer import RunObserver, StepRecord, Vector
 from ccr_host.run.operator import NoOperator, Operator
-from ccr_host.run.options import Checks
 from ccr_host.run.rig import Rig
-from ccr_host.run.robot_check import RobotCheck
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample
+
+if TYPE_CHECKING:
+    from ccr_host.robot.rests import Rests
+    from ccr_host.run.robot_check import RobotCheck
 
 _SOLVE_SHARE_OF_PERIOD = 0.5
 """A command later than this share of its period is dropped; the last one stays."""
@@ -43,8 +45,6 @@ _VALIDITY_LIMITS_MS = (200, 10_000)
 
 _BEAT_US = 100_000
 """A multiple of the board's tick and of the usual camera's period."""
-_FIRST_SAMPLE_TIMEOUT_US = 5_000_000
-_SAMPLE_POLL_US = 10_000
 _CURE = "correct the controller"
 _APPROACH = Phase("approaching the first point")
 _PROBE = Phase("checking that the robot moves as described")
@@ -61,7 +61,9 @@ def follow_path(
     observer: RunObserver,
     on_step: Progress,
     operator: Operator | None = None,
-    checks: Checks = "markers",
+    *,
+    checks_markers: bool = True,
+    motion: RobotCheck | None = None,
 ) -> list[StepRecord]:
     """Arm the robot, approach the first point, follow the path, disarm.
 
@@ -77,8 +79,9 @@ def follow_path(
         MisfitError: the robot is not the one that is described; it is disarmed by then.
     """
     heard = operator or NoOperator()
+    markers = MarkerCheck(description) if checks_markers else None
     return _PathRun(
-        rig, controller, reference, description, observer, on_step, heard, checks
+        rig, controller, reference, description, observer, on_step, heard, markers, motion
     ).execute()
 
 
@@ -92,15 +95,17 @@ class _PathRun:
         observer: RunObserver,
         on_step: Progress,
         operator: Operator,
-        checks: Checks,
+        markers: MarkerCheck | None,
+        motion: RobotCheck | None,
     ) -> None:
         self._rig = rig
         self._controller = controller
         self._reference = reference
+        self._steps = len(reference)
         self._observer = observer
         self._on_step = on_step
         self._operator = operator
-        self._check = RobotCheck(description, controller, reference) if checks == "motion" else None
+        self._check = motion
         self._settle_s = description.control.settle_s
         self._period_us = round(reference.period_s * 1e6)
         self._validity_ms = int(
@@ -112,8 +117,7 @@ class _PathRun:
         self._feed_us = self._validity_ms * 1000 // 2
         self._records: list[StepRecord] = []
         self._start_us = self._sent_us = 0
-        marker_check = None if checks == "none" else MarkerCheck(description)
-        self._watch = _MarkerWatch(rig, description, self._period_us, marker_check)
+        self._watch = MarkerWatch(rig, description, self._period_us, markers)
 
     def execute(self) -> list[StepRecord]:
         rig, clock = self._rig, self._rig.clock
@@ -155,26 +159,21 @@ class _PathRun:
         return self._records
 
     def _follow(self, command: Command, starts_with_step: bool) -> None:
-        client = self._rig.client
-        timing = _Timing(solve_us=0.0, late=False)
-        while (step := len(self._records)) < len(self._reference):
-            client.poll()
-            if self._skip_missed_steps(command):
+        solve_us, late = 0.0, False
+        while (step := len(self._records)) < self._steps:
+            now_us, due_us = self._rig.clock.now_us(), self._start_us + step * self._period_us
+            if now_us - due_us >= self._period_us:
+                self._skip_missed_steps(command)
                 continue
             if self._operator.wants_pause:
                 self._start_us += self._pause(command)
                 self._rig.start_path_clock(self._start_us)
                 continue
             if step > 0 or starts_with_step:
-                command, timing = self._next_command(step, command)
-            self._send_until(self._due_us(step + 1), command)
-            self._keep(self._judge(step, command, timing))
-            sample = self._watch.fresh_sample()
-            if self._check is not None and sample is not None:
-                q_rad, now_us = self._rig.client.accepted_rad, self._rig.clock.now_us()
-                self._end_if_odd(
-                    self._check.judge_step(now_us, q_rad, sample.middle_mm, sample.tip_mm)
-                )
+                command, solve_us, late = self._next_command(step, now_us, due_us, command)
+            end_us = due_us + self._period_us
+            now_us = self._send_until(end_us, command)
+            self._judge(step, now_us, end_us, command, solve_us, late)
 
     def _end_if_odd(self, odd: Rests | None) -> None:
         """Disarm before the cause is computed, and raise it."""
@@ -183,31 +182,22 @@ class _PathRun:
             self._rig.client.disarm()
             raise self._check.cause_of(odd)
 
-    def _due_us(self, step: int) -> int:
-        return self._start_us + step * self._period_us
-
-    def _skip_missed_steps(self, held: Command) -> bool:
-        """Let go of the steps whose time has gone by; whether there were any.
+    def _skip_missed_steps(self, held: Command) -> None:
+        """Let go of the steps whose time has gone by.
 
         Their commands would be stale, and where the robot was at their ends nobody has seen.
         """
         now_us, first = self._rig.clock.now_us(), len(self._records)
-        late_us = now_us - self._due_us(first)
-        missed = min(late_us // self._period_us, len(self._reference) - first)
+        late_us = now_us - self._start_us - first * self._period_us
+        missed = min(late_us // self._period_us, self._steps - first)
         if missed <= 0:
-            return False
+            return
         text = f"the host was late by {late_us * 1e-6:.2f} s: steps skipped: {missed}"
         self._observer.event(now_us, text)
         skipped = replace(held, outcome=Outcome.SKIPPED, detail="the host was late")
-        timing = _Timing(solve_us=0.0, late=True)
         for step in range(first, first + missed):
-            self._keep(self._record(step, self._due_us(step + 1), skipped, timing, None, None))
-        return True
-
-    def _keep(self, record: StepRecord) -> None:
-        self._observer.step(record)
-        self._on_step(record.step, len(self._reference), record)
-        self._records.append(record)
+            end_us = self._start_us + (step + 1) * self._period_us
+            self._keep(step, end_us, skipped, 0.0, True, None, None)
 
     def _wait_for_whole_beat(self) -> None:
         """Boards take different times to start; from here on their runs can be compared."""
@@ -233,8 +223,12 @@ class _PathRun:
 
         def ask() -> tuple[object, float]:
             stopwatch = Stopwatch()
-            with blaming(_name_of(method), _CURE):
+            try:
                 return method(argument), stopwatch.elapsed_us()
+            except CcrError:
+                raise
+            except (Exception, SystemExit) as error:
+                raise code_error(_name_of(method), _CURE, error) from error
 
         def feed() -> None:
             if held is not None:
@@ -242,14 +236,20 @@ class _PathRun:
 
         return self._rig.clock.beside(ask, self._feed_us, feed)
 
-    def _send_until(self, end_us: int, command: Command) -> None:
-        """Send a command, and again where the board's watchdog would not wait until the end."""
+    def _send_until(self, end_us: int, command: Command) -> int:
+        """Send a command, and again where the board's watchdog would not wait until the end.
+
+        Returns:
+            The time then, in us.
+        """
         clock = self._rig.clock
-        self._send(command)
+        now_us = self._sent_us = clock.now_us()
+        self._put(command, command.ramp_s)
         while True:
-            clock.sleep_until_us(min(end_us, clock.now_us() + self._feed_us))
-            if clock.now_us() >= end_us:
-                return
+            clock.sleep_until_us(min(end_us, now_us + self._feed_us))
+            now_us = clock.now_us()
+            if now_us >= end_us:
+                return now_us
             self._feed(command)
 
     def _approach(self, controller: Approaching, command: Command, phase: Phase) -> Command:
@@ -258,7 +258,7 @@ class _PathRun:
         self._watch.start()
         while True:
             due_us = clock.now_us()
-            sample, must_hold = self._watch.look()
+            sample, must_hold = self._watch.look(due_us)
             if not must_hold:
                 observation = self._observation(0, due_us, sample)
                 led, _ = self._answer_of(controller.approach, observation, command)
@@ -267,7 +267,8 @@ class _PathRun:
                 command = _usable(controller.approach, led)
                 self._observer.phase(due_us, command.phase or phase)
                 self._observer.control(due_us, observation, command)
-            self._send(command)
+            self._sent_us = clock.now_us()
+            self._put(command, command.ramp_s)
             clock.sleep_until_us(due_us + round(APPROACH_PERIOD_S * 1e6))
 
     def _pause(self, command: Command) -> int:
@@ -279,7 +280,7 @@ class _PathRun:
             if clock.now_us() >= resend_us:
                 self._feed(command)
                 resend_us = clock.now_us() + self._feed_us
-            self._watch.fresh_sample()
+            self._watch.fresh_sample(clock.now_us())
             clock.idle()
         beats = -(-(clock.now_us() - since_us) // _BEAT_US)
         clock.sleep_until_us(since_us + beats * _BEAT_US)
@@ -287,21 +288,22 @@ class _PathRun:
         self._begin("following the path")
         return (clock.now_us() - since_us) // _BEAT_US * _BEAT_US
 
-    def _next_command(self, step: int, last: Command) -> tuple[Command, _Timing]:
-        clock = self._rig.clock
-        now_us = clock.now_us()
-        sample, must_hold = self._watch.look()
+    def _next_command(
+        self, step: int, now_us: int, due_us: int, last: Command
+    ) -> tuple[Command, float, bool]:
+        """The command of a step, its computing time in us, and whether it came too late."""
+        sample, must_hold = self._watch.look(now_us)
         if must_hold:
-            return _repeat(last, "markers lost"), _Timing(solve_us=0.0, late=False)
+            return _repeat(last, "markers lost"), 0.0, False
         observation = self._observation(step, now_us, sample)
 
         solve = self._controller.step
         answer, solve_us = self._answer_of(solve, observation, last)
-        command, timing = _usable(solve, answer), _Timing(solve_us, late=False)
+        command = _usable(solve, answer)
         self._observer.control(now_us, observation, command)
-        if clock.now_us() - self._due_us(step) > _SOLVE_SHARE_OF_PERIOD * self._period_us:
-            return _repeat(last, "command late"), _Timing(timing.solve_us, late=True)
-        return command, timing
+        if self._rig.clock.now_us() - due_us > _SOLVE_SHARE_OF_PERIOD * self._period_us:
+            return _repeat(last, "command late"), solve_us, True
+        return command, solve_us, False
 
     def _observation(self, step: int, time_us: int, sample: Sample | None) -> Observation:
         q_rad = self._rig.client.accepted_rad
@@ -310,38 +312,42 @@ class _PathRun:
         age_us = time_us - sample.exposed_us
         return Observation(step, time_us, sample.tip_mm, age_us, q_rad, sample.middle_mm)
 
-    def _send(self, command: Command) -> None:
-        self._sent_us = self._rig.clock.now_us()
-        self._put(command)
-
     def _feed(self, command: Command) -> None:
         """Send the last command again, with what is left of its ramp."""
         gone_s = (self._rig.clock.now_us() - self._sent_us) * 1e-6
-        self._put(replace(command, ramp_s=max(0.0, command.ramp_s - gone_s)))
+        self._put(command, max(0.0, command.ramp_s - gone_s))
 
-    def _put(self, command: Command) -> None:
+    def _put(self, command: Command, ramp_s: float) -> None:
         self._rig.client.set_target(
-            command.q_rad, ramp_ms=round(command.ramp_s * 1e3), validity_ms=self._validity_ms
+            command.q_rad, ramp_ms=round(ramp_s * 1e3), validity_ms=self._validity_ms
         )
 
-    def _judge(self, step: int, command: Command, timing: _Timing) -> StepRecord:
+    def _judge(
+        self, step: int, now_us: int, end_us: int, command: Command, solve_us: float, late: bool
+    ) -> None:
         """At the end of its period; a host that comes later by another one has not seen it."""
-        now_us = self._rig.clock.now_us()
-        if now_us >= self._due_us(step + 2):
-            return self._record(step, self._due_us(step + 1), command, timing, None, None)
-        sample = self._watch.fresh_sample()
-        return self._record(step, now_us, command, timing, sample, self._rig.true_tip_mm())
+        sample = self._watch.fresh_sample(now_us)
+        if now_us < end_us + self._period_us:
+            true_mm = self._rig.true_tip_mm()
+            self._keep(step, now_us, command, solve_us, late, sample, true_mm)
+        else:
+            self._keep(step, end_us, command, solve_us, late, None, None)
+        if self._check is not None and sample is not None:
+            q_rad = self._rig.client.accepted_rad
+            odd = self._check.judge_step(now_us, q_rad, sample.middle_mm, sample.tip_mm)
+            self._end_if_odd(odd)
 
-    def _record(
+    def _keep(
         self,
         step: int,
         end_us: int,
         command: Command,
-        timing: _Timing,
+        solve_us: float,
+        late: bool,
         sample: Sample | None,
         true_mm: Vector | None,
-    ) -> StepRecord:
-        return StepRecord(
+    ) -> None:
+        record = StepRecord(
             step=step,
             end_us=end_us,
             time_s=float(self._reference.time_s[step]),
@@ -350,12 +356,15 @@ class _PathRun:
             outcome=command.outcome,
             detail=command.detail,
             predicted_mm=command.predicted_mm,
-            solve_us=timing.solve_us,
-            late=timing.late,
+            solve_us=solve_us,
+            late=late,
             measured_mm=None if sample is None else sample.tip_mm,
             measured_age_us=None if sample is None else end_us - sample.exposed_us,
             true_mm=true_mm,
         )
+        self._observer.step(record)
+        self._on_step(step, self._steps, record)
+        self._records.append(record)
 
     def _begin(self, phase: str) -> None:
         self._observer.phase(self._rig.clock.now_us(), Phase(phase))
@@ -374,83 +383,7 @@ def _name_of(method: Callable[[A], object]) -> str:
     return f"{owner}.{getattr(method, '__name__', '')}"
 
 
-@dataclass(frozen=True)
-class _Timing:
-    solve_us: float
-    late: bool
-
-
 def _repeat(last: Command, why: str) -> Command:
     return Command(
         q_rad=last.q_rad, predicted_mm=last.predicted_mm, outcome=Outcome.HELD, detail=why
     )
-
-
-class _MarkerWatch:
-    """Decides what a missing sample means: coast on the model, hold the pose, give up.
-
-    Only the time counts in which somebody looked: to a host that was stopped itself the markers
-    were not lost.
-    """
-
-    def __init__(
-        self, rig: Rig, description: Description, period_us: int, check: MarkerCheck | None
-    ) -> None:
-        control = description.control
-        self._rig = rig
-        self._check = check
-        self._fits = False
-        self._stale_us = control.stale_after_ms * 1000
-        self._coast_us = control.coast_s * 1e6
-        self._hold_us = control.hold_s * 1e6
-        self._longest_look_away_us = 2 * max(period_us, _BEAT_US)
-        self._last_exposed_us: int | None = None
-        self._last_seen_us = self._looked_us = 0
-
-    def wait_for_markers(self) -> None:
-        clock = self._rig.clock
-        for _ in range(_FIRST_SAMPLE_TIMEOUT_US // _SAMPLE_POLL_US):
-            if self.fresh_sample() is not None:
-                return
-            clock.sleep_until_us(clock.now_us() + _SAMPLE_POLL_US)
-        raise self._lost(_FIRST_SAMPLE_TIMEOUT_US)
-
-    def start(self) -> None:
-        """The robot moves; count from now on how long the markers are lost."""
-        if self._check is not None:
-            self._check.robot_moves()
-        self._last_seen_us = self._looked_us = self._rig.clock.now_us()
-
-    def fresh_sample(self) -> Sample | None:
-        sample = self._rig.tracker.newest()
-        now_us = self._rig.clock.now_us()
-        away_us, self._looked_us = now_us - self._looked_us, now_us
-        if away_us > self._longest_look_away_us:
-            self._last_seen_us += away_us
-        if sample is None or now_us - sample.exposed_us > self._stale_us:
-            return None
-        if sample.exposed_us != self._last_exposed_us:
-            self._last_exposed_us = sample.exposed_us
-            self._fits = self._check is None or self._check.accepts(sample)
-            if self._fits:
-                self._last_seen_us = sample.exposed_us
-        return sample if self._fits else None
-
-    def look(self) -> tuple[Sample | None, bool]:
-        """Newest measurement or None, and whether the pose must be held."""
-        sample = self.fresh_sample()
-        if sample is not None:
-            return sample, False
-        lost_us = self._rig.clock.now_us() - self._last_seen_us
-        if lost_us > self._coast_us + self._hold_us:
-            raise self._lost(lost_us)
-        return None, lost_us > self._coast_us
-
-    def _lost(self, lost_us: int) -> TrackerError:
-        trouble = self._rig.tracker.trouble()
-        return TrackerError(
-            f"no markers from {self._rig.tracker.name} for {lost_us / 1e6:.1f} s that were "
-            f"younger than {self._stale_us // 1000} ms" + (f": {trouble}" if trouble else ""),
-            "check line of sight and the camera's volume; "
-            "for a slow tracker raise control.stale_after_ms",
-        )

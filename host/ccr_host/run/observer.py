@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,11 @@ from ccr_host.control.base import Command, Observation, Outcome, Phase
 from ccr_host.description.schema import Description
 from ccr_host.link.messages import StateReport
 from ccr_host.robot.reference import Reference
-from ccr_host.run.options import RunOptions
-from ccr_host.run.tape import TapePiece
 from ccr_host.tracking.tracker import MarkerFrame, Sample
+
+if TYPE_CHECKING:
+    from ccr_host.run.options import RunOptions
+    from ccr_host.run.tape import TapePiece
 
 Vector = NDArray[np.float64]
 

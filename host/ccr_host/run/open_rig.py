@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from ccr_host.core.clock import Clock, RealClock, VirtualClock
 from ccr_host.core.errors import DeviceError
 from ccr_host.description.schema import Description
+from ccr_host.link.board import TelemetryObserver, drawn_session
 from ccr_host.link.board_config import board_config
-from ccr_host.link.client import Client, TelemetryObserver, drawn_session
+from ccr_host.link.client import Client
+from ccr_host.link.exchange import Transport
 from ccr_host.link.messages import State, StateReport
 from ccr_host.link.transport import (
     DeviceKind,
     DeviceUri,
-    Transport,
     open_transport,
     parse_device_uri,
 )

@@ -11,8 +11,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 
 from ccr_host.core.clock import Clock, Parts, Steppable
 from ccr_host.core.errors import DeviceError
-from ccr_host.link.exchange import FrameObserver
-from ccr_host.link.transport import Transport
+from ccr_host.link.exchange import FrameObserver, Transport
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.operator import Operator
 from ccr_host.run.tape import Tape, Token

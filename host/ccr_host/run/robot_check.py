@@ -22,6 +22,7 @@ from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.options import RunOptions
 
 _REACH_RAD = np.radians(20.0)
 """Of each motor: past slack and a zero that is off, and half of what paths need."""
@@ -155,3 +156,11 @@ class RobotCheck:
         self._model, self._pose = fit.scaling.parameters(found.score), None
         self._told = f"the robot was seen at {len(rests.count)} rests; {found.residual}"
         return rests if is_misfit(found, fit.scaling) else None
+
+
+def motion_check(
+    options: RunOptions, controller: Controller, description: Description, reference: Reference
+) -> RobotCheck | None:
+    """The check of a run that asks for one."""
+    wanted = options.effective_checks == "motion"
+    return RobotCheck(description, controller, reference) if wanted else None

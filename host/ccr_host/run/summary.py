@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ccr_host.control.base import Outcome
 from ccr_host.core.errors import full_text
-from ccr_host.link.statistics import LinkStatistics
+from ccr_host.link.exchange import LinkStatistics
 from ccr_host.robot.reference import PATH_AXES, Reference
 from ccr_host.run.observer import StepRecord, measured_errors_mm, true_errors_mm
 from ccr_host.run.options import RunOptions

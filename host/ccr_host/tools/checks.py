@@ -17,6 +17,7 @@ from ccr_host.description.schema import Description
 from ccr_host.link.board_config import board_config, differences
 from ccr_host.link.client import Client
 from ccr_host.link.device_errors import BoardFaultError, BoardStoppedError, WrongBoardError
+from ccr_host.link.exchange import LinkStatistics
 from ccr_host.link.messages import (
     TICK_US,
     CountersReply,
@@ -28,7 +29,6 @@ from ccr_host.link.messages import (
     State,
     StateReport,
 )
-from ccr_host.link.statistics import LinkStatistics
 from ccr_host.robot.marker_shape import seen_lengths_mm, wrong_segments
 from ccr_host.robot.rests import Rests
 from ccr_host.tools.equipment import equipment_text

@@ -16,7 +16,8 @@ from serial.tools import list_ports
 
 from ccr_host.core.clock import RealClock
 from ccr_host.core.errors import ConfigError, DeviceError
-from ccr_host.link.client import Client, drawn_session
+from ccr_host.link.board import drawn_session
+from ccr_host.link.client import Client
 from ccr_host.link.messages import HelloReply
 from ccr_host.link.transport import open_transport, parse_device_uri
 from ccr_host.sim.simavr.flash_image import RELEASED_FIRMWARE, read_flash_image

@@ -18,6 +18,8 @@ from ccr_host.core.errors import TrackerError
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
+MARKERS = ("M1", "M2", "M3")
+
 
 @dataclass(frozen=True, eq=False)
 class Sample:

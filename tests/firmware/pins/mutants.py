@@ -386,7 +386,7 @@ LOOP = "tests/unit/run/test_loop.py::"
 IN_THE_HOST = [
     Mutant(
         "a run without markers ends after hold alone",
-        "ccr_host/run/loop.py",
+        "ccr_host/run/marker_watch.py",
         "if lost_us > self._coast_us + self._hold_us:",
         "if lost_us > self._hold_us:",
         LOOP + "test_without_markers_the_controller_coasts_then_the_pose_is_held_then_the_run_ends",
@@ -395,8 +395,8 @@ IN_THE_HOST = [
     Mutant(
         "a run ends where the board has only held",
         "ccr_host/link/client.py",
-        "if latched or report.state is State.RELAXING:",
-        "if latched or report.state in (State.HOLD, State.RELAXING):",
+        "_LOST_STATES: Final = _LATCHED_STATES | {State.RELAXING}",
+        "_LOST_STATES: Final = _LATCHED_STATES | {State.RELAXING, State.HOLD}",
         CLIENT + "test_a_host_that_was_away_goes_on_only_if_the_board_has_not_begun_to_relax",
         "host",
     ),
@@ -410,7 +410,7 @@ IN_THE_HOST = [
     ),
     Mutant(
         "a board may be silent for 10 s",
-        "ccr_host/link/client.py",
+        "ccr_host/link/board.py",
         "TELEMETRY_TIMEOUT_US = 1_000_000",
         "TELEMETRY_TIMEOUT_US = 10_000_000",
         CLIENT + "test_a_silent_board_is_looked_for_after_a_second_whatever_is_sent_to_it",
@@ -418,7 +418,7 @@ IN_THE_HOST = [
     ),
     Mutant(
         "targets without an answer are forgotten",
-        "ccr_host/link/target_log.py",
+        "ccr_host/link/exchange.py",
         "self._given_up += sequence in self._open_since_us",
         "self._given_up += 0",
         CLIENT + "test_lost_target_is_counted_and_not_sent_again",

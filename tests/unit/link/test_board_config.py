@@ -1,5 +1,6 @@
 from math import pi
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -52,19 +53,18 @@ def test_what_the_board_cannot_take_names_its_key(override, key):
 
 @given(st.integers(-18000, 18000))
 def test_angles_survive_the_way_to_rad_and_back(angle_cdeg):
-    (angle_rad,) = cdeg_to_rad([angle_cdeg])
-    assert rad_to_cdeg(angle_rad) == angle_cdeg
+    assert rad_to_cdeg(cdeg_to_rad([angle_cdeg])) == [angle_cdeg]
 
 
 def test_right_angle_in_both_units():
-    assert rad_to_cdeg(pi / 2) == 9000
+    assert rad_to_cdeg(np.array([pi / 2, -pi / 4])) == [9000, -4500]
     assert cdeg_to_rad([9000, -4500]).tolist() == [pi / 2, -pi / 4]
 
 
 @pytest.mark.parametrize("angle", [float("nan"), float("inf")])
 def test_what_is_no_angle_is_never_sent(angle):
     with pytest.raises(ValueError, match="cannot be sent"):
-        rad_to_cdeg(angle)
+        rad_to_cdeg(np.array([angle, 0.0]))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from ccr_host.core.clock import NEVER_US
 from ccr_host.core.errors import DeviceError
 from ccr_host.link import messages as m
-from ccr_host.link.client import BOOT_TIMEOUT_US
+from ccr_host.link.board import BOOT_TIMEOUT_US
 from ccr_host.link.device_errors import (
     BoardFaultError,
     BoardResetError,

@@ -28,6 +28,7 @@ from ccr_host.tracking.markers.hypotheses import (
     jumps,
 )
 from ccr_host.tracking.markers.motion_models import ChainModel, FreeModel, MotionModel
+from ccr_host.tracking.tracker import MARKERS
 
 Array = NDArray[np.float64]
 
@@ -62,8 +63,6 @@ _CLEAN_FRAMES = 40
 """Without a fourth point in view before phantoms are taken to be rare; one is enough to doubt."""
 _PHANTOM_MARGIN = 3.0
 """Factor of safety on the count of phantoms: a mistake costs more than a lost frame."""
-
-MARKERS = ("M1", "M2", "M3")
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ccr_host.description.schema import Robot
 from ccr_host.robot.setpoint_history import SetpointHistory
-from ccr_host.tracking.markers.labelling import MARKERS, Labeller
-from ccr_host.tracking.tracker import MarkerFrame, RawTracker, Sample, TrackerHealth
+from ccr_host.tracking.markers.labelling import Labeller
+from ccr_host.tracking.tracker import MARKERS, MarkerFrame, RawTracker, Sample, TrackerHealth
 
 Array = NDArray[np.float64]
 

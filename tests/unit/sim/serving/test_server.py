@@ -11,8 +11,9 @@ from ccr_host.core.clock import RealClock
 from ccr_host.core.errors import ConfigError, DeviceError
 from ccr_host.description.schema import load
 from ccr_host.link import messages as m
+from ccr_host.link.board import drawn_session
 from ccr_host.link.board_config import board_config
-from ccr_host.link.client import Client, drawn_session
+from ccr_host.link.client import Client
 from ccr_host.link.framing import encode_frame
 from ccr_host.link.transport import open_transport, parse_device_uri
 from ccr_host.sim.board.board import UnoEmulator

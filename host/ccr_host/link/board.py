@@ -1,0 +1,280 @@
+"""What can be asked of a board and told to it, one request after the other; nothing moves by it."""
+
+from __future__ import annotations
+
+from binascii import crc32
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from ccr_host.core.clock import Clock
+from ccr_host.core.errors import DeviceError
+from ccr_host.link import messages as m
+from ccr_host.link.board_clock import BoardClock
+from ccr_host.link.board_config import BoardConfig, board_name
+from ccr_host.link.device_errors import (
+    BoardFaultError,
+    RequestRefusedError,
+    SpecMismatchError,
+    WrongBoardError,
+)
+from ccr_host.link.exchange import (
+    ANSWER_TIMEOUT_US,
+    ATTEMPTS,
+    Exchange,
+    FrameObserver,
+    LinkCounts,
+    Received,
+    Transport,
+)
+from ccr_host.link.messages import State
+
+BOOT_TIMEOUT_US = 5_000_000
+"""An UNO with its boot loader is there after 1 to 2 s."""
+TELEMETRY_TIMEOUT_US = 1_000_000
+"""Fifty reports in a row are not lost by chance."""
+STATE_POLL_US = m.TICK_US
+_MARGIN_US = 1_000_000
+_CHECK_BYTES = 4
+_U8 = 1 << 8
+_U16 = 1 << 16
+_U32 = 1 << 32
+
+R = TypeVar("R", bound=m.Message)
+TelemetryObserver = Callable[[m.StateReport, int], None]
+"""A report and the host time in us at which it was read."""
+
+_SET: Final[dict[str, Callable[[int, Any], m.Request]]] = {
+    "limits": m.SetLimits,
+    "slew": m.SetSlew,
+    "watchdog": m.SetWatchdog,
+    "calibration": m.SetCalibration,
+    "acceleration": m.SetAcceleration,
+}
+"""Request that sets each group of a configuration."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedReport:
+    """A state report and the host time at which it was read."""
+
+    report: m.StateReport
+    time_us: int
+
+
+def drawn_session(rng: np.random.Generator) -> int:
+    """A session number; two hosts of one board must not draw from generators seeded alike."""
+    return int(rng.integers(1, 1 << 16))
+
+
+class Board:
+    """Knows the protocol's requests.
+
+    Args:
+        transport: to the board.
+        clock: the only time.
+        session: number that no other host of the board has, see `drawn_session`.
+        on_message: gets what the board says without having been asked.
+        on_frame: sees every frame, both ways.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        session: int,
+        on_message: Callable[[Received], None],
+        on_frame: FrameObserver | None,
+    ) -> None:
+        self._clock = clock
+        self._session = session
+        self._counts = LinkCounts()
+        self._exchange = Exchange(transport, clock, self._counts, on_message, on_frame)
+        self._identity: m.HelloReply | None = None
+        self._newest: ReceivedReport | None = None
+        self._telemetry_period_ticks = 0
+        self._telemetry_sequence: int | None = None
+        self._silence_us = TELEMETRY_TIMEOUT_US
+        self._heard_us = self._synced_us = 0
+        self.board_clock = BoardClock()
+
+    # Who it is, and how it is
+
+    @property
+    def identity(self) -> m.HelloReply | None:
+        """What the board says it is; None before :meth:`connect`."""
+        return self._identity
+
+    def read_state(self) -> m.StateReport:
+        """Ask for the state; needs no session."""
+        report = self._ask(m.GetState(), m.StateReply).report
+        self._keep(report, self._clock.now_us())
+        return report
+
+    def read_counters(self) -> m.CountersReply:
+        """Ask for what the board has counted since its reset; needs no session."""
+        return self._ask(m.GetCounters(), m.CountersReply)
+
+    @property
+    def telemetry(self) -> ReceivedReport | None:
+        """Newest report, from the stream or asked for."""
+        return self._newest
+
+    def telemetry_age_us(self) -> int | None:
+        """Time since the newest report was read."""
+        return None if self._newest is None else self._clock.now_us() - self._newest.time_us
+
+    def start_telemetry(self, period_ticks: int = 1) -> None:
+        """Let the board report once in `period_ticks`; 0 ends it."""
+        self._telemetry_sequence = None
+        self._exchange.request(m.SetTelemetry(self._session, period_ticks))
+        self._telemetry_period_ticks = period_ticks
+        self._silence_us = max(TELEMETRY_TIMEOUT_US, 5 * period_ticks * m.TICK_US)
+        self._heard_us = self._clock.now_us()
+
+    def sync_clock(self, exchanges: int = 4) -> None:
+        """Relate the board's clock to the host's; see `board_clock`."""
+        self._synced_us = self._clock.now_us()
+        for _ in range(exchanges):
+            sent_us, retries = self._clock.now_us(), self._counts.retries
+            reply = self._ask(m.ClockSync(sent_us % _U32), m.ClockReply)
+            if self._counts.retries == retries:
+                self.board_clock.add(sent_us, self._clock.now_us(), reply.board_time_us)
+
+    # What it is told to keep
+
+    def read_config(self) -> BoardConfig:
+        """Read all groups; what the board does not have reads as zeros."""
+        return BoardConfig(
+            limits=self._ask(m.GetLimits(), m.LimitsReply).limits,
+            slew=self._ask(m.GetSlew(), m.SlewReply).slew,
+            watchdog=self._ask(m.GetWatchdog(), m.WatchdogReply).watchdog,
+            calibration=self._ask(m.GetCalibration(), m.CalibrationReply).calibration,
+            acceleration=self._ask(m.GetAcceleration(), m.AccelerationReply).acceleration,
+        )
+
+    def set_config(self, present: BoardConfig, wanted: BoardConfig) -> None:
+        """Set the groups that differ, and read them back.
+
+        Raises:
+            DeviceError: refused, or read back differently.
+        """
+        for group, request in _SET.items():
+            value = getattr(wanted, group)
+            if getattr(present, group) != value:
+                self._exchange.request(request(self._session, value))
+        if self.read_config() != wanted:
+            raise DeviceError(
+                "the board does not keep its configuration", "reset it; flash it again"
+            )
+
+    def read_equipment(self) -> m.Equipment:
+        """The board's name and what is wired to it."""
+        return self._ask(m.GetEquipment(), m.EquipmentReply).equipment
+
+    def require_name(self, wanted: str) -> None:
+        """See that it is the board that is meant.
+
+        Raises:
+            WrongBoardError: it has another name; an empty one fits any board.
+        """
+        if wanted and (name := board_name(self.read_equipment())) != wanted:
+            raise WrongBoardError(name, wanted)
+
+    def set_equipment(self, equipment: m.Equipment) -> None:
+        """Tell the board its name and what is wired to it; lost with a reset unless saved.
+
+        Raises:
+            RequestRefusedError: the board is armed or saving, or a value is out of range.
+        """
+        self._exchange.request(m.SetEquipment(self._session, equipment))
+
+    def save_config(self) -> None:
+        """Keep the configuration in EEPROM; returns when it is written."""
+        self._exchange.request(m.SaveConfig(self._session))
+        deadline_us = self._clock.now_us() + m.EEPROM_SLOT_SIZE * m.TICK_US + _MARGIN_US
+        while True:
+            self._clock.sleep_until_us(self._clock.now_us() + STATE_POLL_US)
+            report = self.read_state()
+            if not report.flags & m.StatusFlags.EEPROM_BUSY:
+                break
+            if self._clock.now_us() > deadline_us:
+                raise DeviceError("the board does not finish saving", "reset it and try again")
+        if report.fault is m.Fault.EEPROM_FAILED:
+            raise BoardFaultError(report.fault)
+
+    def read_fault_log(self) -> list[m.FaultRecord]:
+        """The last faults that the board has kept, the newest first; needs no session."""
+        records = []
+        for place in range(m.FAULT_LOG_RECORDS):
+            deadline_us = self._clock.now_us() + _MARGIN_US
+            request, busy = m.GetFaultRecord(place), (m.NackCode.BUSY, 0)
+            record = self._while_refused(request, busy, m.FaultRecordReply, deadline_us).record
+            if crc32(record.pack()[:-_CHECK_BYTES]) == record.check:
+                records.append(record)
+        newest = max((record.number for record in records), default=0)
+        wrapped = newest > _U16 - m.FAULT_LOG_RECORDS
+        half = _U16 // 2 if wrapped else 0
+        return sorted(records, key=lambda r: (r.number + half) % _U16, reverse=True)
+
+    def blink(self, duration_s: int) -> None:
+        """Let the board's LED blink, 0 to 60 s; needs no session."""
+        self._exchange.request(m.Blink(duration_s))
+
+    def clear_fault(self) -> None:
+        """Acknowledge a fault or a stop; the board is disarmed then.
+
+        A board that has latched a moment ago is given the ticks it needs to take the pulses away.
+        """
+        deadline_us = self._clock.now_us() + _MARGIN_US
+        self._while_refused(m.ClearFault(self._session), (m.NackCode.BUSY, 0), m.Ack, deadline_us)
+
+    # Details
+
+    def _hello(self) -> m.HelloReply:
+        hello = m.Hello(m.PROTOCOL_VERSION, m.SPEC_HASH)
+        return self._ask(hello, m.HelloReply, attempts=BOOT_TIMEOUT_US // ANSWER_TIMEOUT_US)
+
+    def _open_session(self) -> tuple[m.HelloReply, State]:
+        """Wait for the board, check what it is built from, and open a session."""
+        deadline_us = self._clock.now_us() + BOOT_TIMEOUT_US
+        self._exchange.end_unfinished_frame()
+        identity = self._hello()
+        self._counts.forget_waiting_for_the_board()
+        if (identity.protocol_version, identity.spec_hash) != (m.PROTOCOL_VERSION, m.SPEC_HASH):
+            raise SpecMismatchError(identity)
+        request = m.OpenSession(m.SPEC_HASH, self._session)
+        booting = (m.NackCode.BAD_STATE, State.BOOT)
+        session = self._while_refused(request, booting, m.SessionReply, deadline_us)
+        if session.boot_id != identity.boot_id:
+            identity = self._hello()
+        self._identity = identity
+        return identity, session.state
+
+    def _while_refused(
+        self, request: m.Request, for_now: tuple[m.NackCode, int], reply: type[R], deadline_us: int
+    ) -> R:
+        """Ask once a tick as long as the answer is the refusal that passes by itself."""
+        while True:
+            try:
+                return self._ask(request, reply)
+            except RequestRefusedError as refusal:
+                if (refusal.code, refusal.detail) != for_now or self._clock.now_us() > deadline_us:
+                    raise
+                self._clock.sleep_until_us(self._clock.now_us() + STATE_POLL_US)
+
+    def _ask(self, request: m.Request, reply: type[R], attempts: int = ATTEMPTS) -> R:
+        message = self._exchange.request(request, attempts)
+        assert isinstance(message, reply), "each request has one kind of reply"
+        return message
+
+    def _keep(self, report: m.StateReport, time_us: int) -> None:
+        self._newest = ReceivedReport(report, time_us)
+        self._heard_us = time_us
+
+    def _count_lost_telemetry(self, sequence: int) -> None:
+        if self._telemetry_sequence is not None:
+            self._counts.lost_telemetry += (sequence - self._telemetry_sequence - 1) % _U8
+        self._telemetry_sequence = sequence

@@ -1,0 +1,104 @@
+"""What it means for a run that there is no fresh sample of the markers."""
+
+from __future__ import annotations
+
+from ccr_host.core.errors import TrackerError
+from ccr_host.description.schema import Description
+from ccr_host.run.rig import Rig
+from ccr_host.tracking.markers.check import MarkerCheck
+from ccr_host.tracking.tracker import Sample
+
+_FIRST_SAMPLE_TIMEOUT_US = 5_000_000
+_SAMPLE_POLL_US = 10_000
+_LOOK_PERIOD_US = 100_000
+"""Looks may be this far apart even where the control period is shorter."""
+
+
+class MarkerWatch:
+    """Decides what a missing sample means: coast on the model, hold the pose, give up.
+
+    Only the time counts in which somebody looked: to a host that was stopped itself the markers
+    were not lost.
+    """
+
+    def __init__(
+        self, rig: Rig, description: Description, period_us: int, check: MarkerCheck | None
+    ) -> None:
+        control = description.control
+        self._rig = rig
+        self._check = check
+        self._fits = False
+        self._stale_us = control.stale_after_ms * 1000
+        self._coast_us = control.coast_s * 1e6
+        self._hold_us = control.hold_s * 1e6
+        self._longest_look_away_us = 2 * max(period_us, _LOOK_PERIOD_US)
+        self._last_exposed_us: int | None = None
+        self._last_seen_us = self._looked_us = 0
+        self._fresh: Sample | None = None
+        self._fresh_us = -1
+
+    def wait_for_markers(self) -> None:
+        """Return once there are markers that can be the robot's.
+
+        Raises:
+            TrackerError: there are none in time.
+        """
+        clock = self._rig.clock
+        for _ in range(_FIRST_SAMPLE_TIMEOUT_US // _SAMPLE_POLL_US):
+            if self.fresh_sample(clock.now_us()) is not None:
+                return
+            clock.sleep_until_us(clock.now_us() + _SAMPLE_POLL_US)
+        raise self._lost(_FIRST_SAMPLE_TIMEOUT_US)
+
+    def start(self) -> None:
+        """The robot moves; count from now on how long the markers are lost."""
+        if self._check is not None:
+            self._check.robot_moves()
+        self._last_seen_us = self._looked_us = self._rig.clock.now_us()
+        self._fresh_us = -1
+
+    def fresh_sample(self, now_us: int) -> Sample | None:
+        """Newest measurement, None if it is stale or cannot be the robot's; looks once an instant.
+
+        Raises:
+            TrackerError: the markers are exchanged, or those of another robot.
+        """
+        if now_us == self._fresh_us:
+            return self._fresh
+        self._fresh_us, self._fresh = now_us, None
+        sample = self._rig.tracker.newest()
+        away_us, self._looked_us = now_us - self._looked_us, now_us
+        if away_us > self._longest_look_away_us:
+            self._last_seen_us += away_us
+        if sample is None or now_us - sample.exposed_us > self._stale_us:
+            return None
+        if sample.exposed_us != self._last_exposed_us:
+            self._last_exposed_us = sample.exposed_us
+            self._fits = self._check is None or self._check.accepts(sample)
+            if self._fits:
+                self._last_seen_us = sample.exposed_us
+        self._fresh = sample if self._fits else None
+        return self._fresh
+
+    def look(self, now_us: int) -> tuple[Sample | None, bool]:
+        """Newest measurement or None, and whether the pose must be held.
+
+        Raises:
+            TrackerError: the markers were lost for too long.
+        """
+        sample = self.fresh_sample(now_us)
+        if sample is not None:
+            return sample, False
+        lost_us = now_us - self._last_seen_us
+        if lost_us > self._coast_us + self._hold_us:
+            raise self._lost(lost_us)
+        return None, lost_us > self._coast_us
+
+    def _lost(self, lost_us: int) -> TrackerError:
+        trouble = self._rig.tracker.trouble()
+        return TrackerError(
+            f"no markers from {self._rig.tracker.name} for {lost_us / 1e6:.1f} s that were "
+            f"younger than {self._stale_us // 1000} ms" + (f": {trouble}" if trouble else ""),
+            "check line of sight and the camera's volume; "
+            "for a slow tracker raise control.stale_after_ms",
+        )
