@@ -1,11 +1,12 @@
-"""How fast the error is back after a payload or a push, at 20 Hz on the twin.
+"""Recovery time of the error after a payload or a push, at 20 Hz on the twin.
 
     python bench/disturbances.py [--robot NAME] [--set KEY=VALUE ...] [--seed N]
 
-5 g are hung on at 20, 40 or 60 s of the path; 0.05 N push for 5 s from 40 s on, along each axis.
-Back is where the mean error of one second stays for two seconds within 1.5 times what it is there
-without the disturbance, or on the path's average if that is more. The loaded robot has another
-floor: after the payload the greater of the errors without it and with it from the start counts.
+A payload of 5 g is attached at 20, 40 or 60 s of the path; a push of 0.05 N lasts 5 s from 40 s on,
+along each axis. The error has recovered when its mean over one second stays for two seconds within
+1.5 times its value there without the disturbance, or its average over the path if that is larger.
+The loaded robot has another floor: after the payload, the larger of the errors without it and with
+it from the start is used.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def main() -> None:
 def errors_mm(
     path: str, robot: str | None, overrides: tuple[str, ...], seed: int, *changes: str
 ) -> Array:
-    """True error of each step."""
+    """True error of each step, mm."""
     options = RunOptions(
         path=path,
         rate_hz=float(RATE_HZ),
@@ -80,13 +81,13 @@ def errors_mm(
 
 
 def averaged(errors: Array) -> Array:
-    """Mean of the second before each step."""
+    """Mean over the second before each step."""
     sums = np.cumsum(np.concatenate((np.full(AVERAGED_STEPS, errors[0]), errors)))
     return np.asarray((sums[AVERAGED_STEPS:] - sums[:-AVERAGED_STEPS]) / AVERAGED_STEPS)
 
 
 def back_after_s(disturbed: Array, undisturbed: Array, from_s: float, until_s: float) -> float:
-    """NaN where it does not come back before ``until_s``."""
+    """Recovery time, s; NaN if the error does not recover before ``until_s``."""
     within = averaged(disturbed) <= ALLOWED * np.maximum(undisturbed, undisturbed.mean())
     first, last = round(from_s * RATE_HZ), min(round(until_s * RATE_HZ), len(within))
     for step in range(first, last):
@@ -98,7 +99,7 @@ def back_after_s(disturbed: Array, undisturbed: Array, from_s: float, until_s: f
 def print_row(
     path: str, what: str, disturbed: Array, undisturbed: Array, starts_s: tuple[int, ...]
 ) -> None:
-    """One disturbance; each start is watched until the next one."""
+    """Measure one disturbance; each start is observed until the next one."""
     ends_s = (*starts_s[1:], starts_s[-1] + WATCHED_S)
     back_s = [
         back_after_s(disturbed, undisturbed, start, end)

@@ -1,12 +1,12 @@
-"""Does a run grow, leak or tire? ``python -m bench.endurance virtual`` or ``realtime``.
+"""Memory, files and timing of long runs: ``python -m bench.endurance virtual`` or ``realtime``.
 
 ``virtual``: 24 h of path at 1 Hz on the emulated board and the twin in virtual time, with its log.
 ``realtime``: 8 minutes at 20 Hz in real time, with log and live page.
 
-It samples the process's resident memory and open files as the path goes on, and prints the slope of
-memory over the second half of the run, the missed and skipped steps, how late the periods end, and
-what the log lacks. All records of a run stay in memory for figure and summary, some 2.5 kB a
-step. Needs Linux; ``realtime`` needs the extra ``view``.
+It samples the process's resident memory and open files along the path, and prints the slope of
+memory over the second half of the run, the missed and skipped steps, the lateness of the periods,
+and the messages missing in the log. All records of a run stay in memory for figure and summary,
+about 2.5 kB per step. Needs Linux; ``realtime`` needs the extra ``view``.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SAMPLES = 200
 
 
 class Usage(RunObserver):
-    """What this process holds, and when each period ends."""
+    """Observes memory and open files of this process, and the end of each period."""
 
     def __init__(self, steps: int, period_s: float) -> None:
         self._every = max(1, steps // SAMPLES)
@@ -44,7 +44,7 @@ class Usage(RunObserver):
         self.late_us: list[float] = []
 
     def step(self, record: StepRecord) -> None:
-        """Look at a step."""
+        """Sample at a step."""
         self.late_us.append(record.end_us - record.step * self._period_us)
         if record.step % self._every == 0:
             self.at_step.append(record.step)
@@ -52,7 +52,7 @@ class Usage(RunObserver):
             self.open_files.append(len(list(Path("/proc/self/fd").iterdir())))
 
     def slope_bytes_per_step(self) -> float:
-        """Of resident memory over the second half, when all caches are warm."""
+        """Slope of resident memory over the second half, when all caches are warm."""
         half = len(self.at_step) // 2
         slope, _ = np.polyfit(self.at_step[half:], self.resident_kb[half:], 1)
         return float(slope) * 1024
@@ -66,7 +66,7 @@ def _resident_kb() -> int:
 
 
 def measure(options: RunOptions, *, with_page: bool) -> Table:
-    """Run and look on."""
+    """Execute a run and observe it."""
     steps = round(options.laps * LAP_S * options.rate_hz)
     usage = Usage(steps, 1.0 / options.rate_hz)
     watch = Stopwatch()
@@ -116,8 +116,8 @@ def main() -> None:
     """Command line of the bench."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("kind", choices=["virtual", "realtime"])
-    parser.add_argument("--hours", type=float, default=24.0, help="of the path, virtual")
-    parser.add_argument("--minutes", type=float, default=8.0, help="of the path, realtime")
+    parser.add_argument("--hours", type=float, default=24.0, help="duration of the path, virtual")
+    parser.add_argument("--minutes", type=float, default=8.0, help="duration of the path, realtime")
     parser.add_argument("--controller", default="adaptive")
     words = parser.parse_args()
     realtime = words.kind == "realtime"

@@ -1,7 +1,7 @@
-"""What the firmware takes, counted in cycles of the real binary in simavr.
+"""Timing of the firmware in cycles of the real binary in simavr.
 
-``python bench/firmware_timing.py`` builds the firmware with avr-gcc and prints a table beside what
-the project aims at. Cycles do not depend on the machine. Needs gcc-avr, avr-libc, libsimavr-dev.
+``python bench/firmware_timing.py`` builds the firmware with avr-gcc and prints a table with the
+project's targets. Cycles do not depend on the machine. Needs gcc-avr, avr-libc, libsimavr-dev.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ PROFILED_S = 1
 VALIDITY_MS = 10_000
 SESSION = 0xBE4C
 GAPS_US = np.random.default_rng(2).integers(0, 4, 100_000)
-"""Between bursts, so that bytes come at every phase of the pulses; 0.2 % of the line's time."""
+"""Pause between bursts, so that bytes arrive at every phase of the pulses; 0.2 % of the time."""
 
 
 @dataclass(frozen=True)
 class Rig:
-    """An armed board and the means to talk to it byte by byte."""
+    """An armed board, with byte-wise communication."""
 
     board: SimavrBoard
     clock: VirtualClock
     pulses: list[Pulse]
 
     def say(self, request: m.Request, sequence: int = 0) -> int:
-        """Send at once; the cycle at which the last stop bit has ended."""
+        """Send now; return the cycle of the end of the last stop bit."""
         self.board.receive(encode_frame(request.ID, sequence, request.pack()))
         self.wait_us(3_000)
         return self.board.statistics().last_arrival_cycle
@@ -91,14 +91,14 @@ def main() -> None:
 
 
 def build_firmware(folder: Path) -> Path:
-    """The firmware of this checkout."""
+    """Build the firmware of this checkout."""
     script = ROOT / "scripts" / "build-firmware"
     subprocess.run([str(script), str(folder)], check=True, capture_output=True)
     return folder / "firmware.elf"
 
 
 def build_peer(folder: Path) -> Path:
-    """A program that makes servo pulses in a timer interrupt."""
+    """Build a program that generates servo pulses in a timer interrupt."""
     elf = folder / "peer.elf"
     source = Path(__file__).parent / "peers" / "interrupt_servo.c"
     flags = ["-mmcu=atmega328p", "-DF_CPU=16000000UL", "-Os", "-Wall", "-Werror"]
@@ -115,7 +115,7 @@ def sizes(elf: Path) -> tuple[int, int]:
 
 @contextmanager
 def armed(elf: Path, *, profiling: bool = False) -> Iterator[Rig]:
-    """A board that has been configured and armed."""
+    """A board that is configured and armed."""
     with closing(SimavrBoard(read_flash_image(elf), profiling=profiling)) as board:
         pulses: list[Pulse] = []
         board.observe_pulses(pulses.append)
@@ -133,7 +133,7 @@ def armed(elf: Path, *, profiling: bool = False) -> Iterator[Rig]:
 
 
 def reply_latencies_us(rig: Rig, rng: np.random.Generator) -> np.ndarray:
-    """From the end of the last stop bit to the begin of the first start bit, at random phases."""
+    """Time from the end of the request to the first start bit of its answer, at random phases."""
     kinds: list[Callable[[], m.Request]] = [m.GetState, m.GetCounters, m.GetLimits, keep_alive]
     latencies = []
     for n in range(REQUESTS):
@@ -145,7 +145,7 @@ def reply_latencies_us(rig: Rig, rng: np.random.Generator) -> np.ndarray:
 
 
 def target_latencies_us(rig: Rig, rng: np.random.Generator) -> np.ndarray:
-    """From the end of the request to the begin of the first pulse that shows it."""
+    """Time from the end of the request to the start of the first pulse with its effect."""
     latencies = []
     angle_cdeg = 0
     for n in range(TARGETS):
@@ -164,7 +164,7 @@ def target_latencies_us(rig: Rig, rng: np.random.Generator) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Busy:
-    """A board that is talked to without a pause."""
+    """A board on a saturated line."""
 
     jitter_cycles: int
     share: float
@@ -172,7 +172,7 @@ class Busy:
 
 
 def saturate(rig: Rig, duration_s: float) -> Busy:
-    """Requests back to back at 250000 baud, answered as they can be."""
+    """Send requests back to back at 250000 baud."""
     rig.wait_us(100_000)
     rig.pulses.clear()
     rig.board.forget_statistics()
@@ -204,7 +204,7 @@ def keep_alive() -> m.SetTarget:
 
 
 def jitter_cycles(pulses: list[Pulse]) -> int:
-    """Spread of the widths and of the periods, whichever is more."""
+    """Spread of the widths or of the periods, whichever is larger."""
     spreads = []
     for pin in (0, 1):
         own = [pulse for pulse in pulses if pulse.pin == pin]
@@ -216,7 +216,7 @@ def jitter_cycles(pulses: list[Pulse]) -> int:
 
 
 def jitter_of_peer(board: SimavrBoard) -> int:
-    """The same measure for the timer-interrupt technique under a saturated line."""
+    """The same jitter for the timer-interrupt technique on a saturated line."""
     pulses: list[Pulse] = []
     board.observe_pulses(pulses.append)
     board.advance_to(100_000)
@@ -234,7 +234,7 @@ def longest_masked_us(rig: Rig) -> float:
 
 
 def free_stack_bytes(rig: Rig) -> int:
-    """Least free stack, as the board itself reports it."""
+    """Least free stack, as reported by the board."""
     rig.wait_us(200_000)
     rig.board.take_output()
     rig.say(m.GetState())
@@ -243,7 +243,7 @@ def free_stack_bytes(rig: Rig) -> int:
 
 
 def last_report(data: bytes) -> m.StateReport:
-    """Of the state replies in these bytes."""
+    """State replies in these bytes."""
     frames = [f for f in FrameDecoder().feed(data) if isinstance(f, Frame)]
     return m.StateReply.unpack(frames[-1].payload).report
 

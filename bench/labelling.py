@@ -1,8 +1,8 @@
 """Marker labelling under occlusion and phantoms, on the motion of the twin.
 
-``python bench/labelling.py`` plays the three paths back on the twin, once with the commands
-of a closed loop at 1 Hz and once at 20 Hz, and has the labeller name what a hostile camera
-shows of them: markers hidden at random, phantoms in the room and near the markers, no order.
+``python bench/labelling.py`` runs the three paths on the twin, once with the commands of a closed
+loop at 1 Hz and once at 20 Hz, and labels the points of a hostile camera: markers hidden at random,
+phantoms in the volume and near the markers, random order.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 FRAME_US = 50_000
 NOISE_MM = 0.25 / math.sqrt(3.0)
-"""Per coordinate: 0.25 mm RMS for each marker."""
+"""Noise per coordinate: 0.25 mm RMS for each marker."""
 CAMERA_MM = np.array([50.0, -80.0, -900.0])
 FRESH_FRAMES = 5
 """control.stale_after_ms at 20 Hz."""
@@ -40,25 +40,25 @@ PATHS = ("ellipse", "8shape", "star")
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What the robot did: one row a frame, 20 Hz."""
+    """Motion of the robot, one row per frame, 20 Hz."""
 
     q_rad: Array
-    """(N, 2): commanded motor angles."""
+    """Commanded motor angles, (N, 2)."""
     markers_mm: Array
-    """(N, 3, 3): M1, M2, M3 in the frame of (10)."""
+    """M1, M2, M3 in the frame of (10), (N, 3, 3)."""
 
 
 @dataclass(frozen=True)
 class Hostility:
-    """What the camera does to a frame."""
+    """Disturbances of a frame by the camera."""
 
     occlusion: float = 0.2
     phantoms: int = 3
-    """At most, uniformly fewer."""
+    """Maximum number of phantoms, uniformly distributed from 0."""
     kinds: str = "unm"
-    """Of phantoms: uniform in the volume, near a marker, mirrored in the plane of the markers."""
+    """Kinds of phantoms: uniform in the volume, near a marker, mirrored in the markers' plane."""
     first_frame: int = 0
-    """Until then the view is clear."""
+    """Number of frames with a clear view at the start."""
 
 
 @dataclass
@@ -72,11 +72,11 @@ class Score:
     fresh: int = 0
     """Frames no later than `FRESH_FRAMES` after a tip."""
     swaps: int = 0
-    """A marker labelled as another one, or a base that is none."""
+    """A marker labelled as another one, or a wrong base."""
     phantoms: int = 0
     """A phantom labelled as M2 or M3."""
     false_tips: int = 0
-    """Off by more than `FALSE_MM`."""
+    """Tips off by more than `FALSE_MM`."""
     worst_mm: float = 0.0
     times_us: list[float] = field(default_factory=list)
 
@@ -98,14 +98,14 @@ def closed_loop(path: str, seed: int = 1) -> Motion:
 
 
 def at_20_hz(path: str) -> Motion:
-    """The nearest configurations of a path, 20 a second."""
+    """The nearest configurations of a path at 20 Hz."""
     limits = MotorLimits(np.radians([-85.0, -85.0]), np.radians([85.0, 85.0]))
     reference = load_path(path, 20.0, ConstantCurvature(Robot()), limits)
     return played_back(reference.q_rad, FRAME_US)
 
 
 def played_back(commands_rad: Array, period_us: int) -> Motion:
-    """Let the twin follow commands, after two seconds at the first."""
+    """Run the twin with commands, after two seconds at the first one."""
     robot = TwinRobot(Twin())
     frames_each = period_us // FRAME_US
     held = np.repeat(commands_rad[:1], 2_000_000 // period_us, axis=0)
@@ -125,7 +125,7 @@ def _half_us(angle_deg: float) -> int:
 def hostile_frames(
     markers_mm: Array, hostility: Hostility, rng: np.random.Generator
 ) -> Iterator[tuple[Array, NDArray[np.intp]]]:
-    """Points (n, 3) of each frame and what they are: 0 to 2 for the markers, -1 for phantoms."""
+    """Points of each frame, (n, 3), and their identity: 0 to 2 for markers, -1 for phantoms."""
     for frame, true in enumerate(markers_mm):
         clear = frame < hostility.first_frame
         seen = (rng.random(3) >= hostility.occlusion) | clear
@@ -147,7 +147,7 @@ def _phantom(true: Array, hostility: Hostility, rng: np.random.Generator) -> Arr
         away = rng.uniform(3.0, 30.0) * direction / np.linalg.norm(direction)
         return np.asarray(true[rng.integers(3)] + away)
     first, second, third = true[rng.permutation(3)]
-    # Coplanar with the three, as the phantoms of a stereo camera are: the fourth corner.
+    # The fourth corner, coplanar with the three markers like the phantoms of a stereo camera.
     return np.asarray(first + second - third + rng.normal(0.0, 0.5, 3))
 
 

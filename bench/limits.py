@@ -1,9 +1,9 @@
-"""Every controller beside what limits it: the twin's floor and feedforward that knows the twin.
+"""All controllers compared with their limits: the twin's floor and feedforward that knows the twin.
 
     python bench/limits.py [--robot NAME] [--rate HZ ...] [--seed N ...] [--controller NAME ...]
 
-Mean true error in mm over the whole path. The feedforward knows the static map of the twin, its
-servos and the delay; it sees nothing, and friction and deadband, which no map tells, it leaves out.
+Mean true error, mm, over the whole path. The feedforward knows the static map of the twin, its
+servos and the delay; it uses no measurements and neglects friction and deadband.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from ccr_host.sim.robot.static_map import StaticMap, default_cache
 Array = NDArray[np.float64]
 
 PREVIEWS = (0, 1, 2, 3)
-"""Steps by which commands go ahead; the best counts, since delay and servo rate are known."""
+"""Previews, in steps; the best one is used, since delay and servo rate are known."""
 FINER = 20
-"""Parts of a cell of the map between which the nearest pose is sought."""
+"""Subdivisions of a cell of the map for the search of the nearest pose."""
 RAMP_SHARE = 0.8
 
 
@@ -48,14 +48,14 @@ class KnowingFeedforward:
         self._preview = preview
 
     def start(self, reference: Reference) -> Command:
-        """Look up all poses; the first one."""
+        """Look up all poses and command the first one."""
         self._ramp_s = RAMP_SHARE * reference.period_s
         shafts_rad = np.array([nearest_rad(self._map, point) for point in reference.target_mm])
         self._commands_rad = self._commands_for(shafts_rad)
         return self._command(0)
 
     def step(self, observation: Observation) -> Command:
-        """The pose ahead, whatever is seen."""
+        """Command the pose ahead, whatever is measured."""
         return self._command(min(observation.step + self._preview, len(self._commands_rad) - 1))
 
     def _commands_for(self, shafts_rad: Array) -> Array:
@@ -73,7 +73,7 @@ class KnowingFeedforward:
 
 
 def nearest_rad(static_map: StaticMap, point_mm: Array) -> Array:
-    """Shaft angles whose rest is nearest to a point, (2,), flat between the nodes of the map."""
+    """Shaft angles with the rest nearest to a point, (2,), bilinear between nodes of the map."""
     distance_mm = np.linalg.norm(static_map.tip_mm - point_mm, axis=2)
     row, column = np.unravel_index(distance_mm.argmin(), distance_mm.shape)
     axes = static_map.axis_1_rad, static_map.axis_2_rad
@@ -98,13 +98,13 @@ def _finer(values: Array, along: int) -> Array:
 
 
 def mean_error_mm(records: list[StepRecord]) -> float:
-    """Of the true tip."""
+    """Mean error of the true tip, mm."""
     errors_mm = true_errors_mm(records)
     return float("nan") if errors_mm is None else float(np.linalg.norm(errors_mm, axis=1).mean())
 
 
 def feedforward_mm(options: RunOptions, static_map: StaticMap) -> float:
-    """The best of the previews."""
+    """Mean error with the best preview, mm."""
     description, reference = options.description(), reference_of(options)
     errors_mm = []
     for preview in PREVIEWS:
@@ -119,7 +119,7 @@ def feedforward_mm(options: RunOptions, static_map: StaticMap) -> float:
 
 
 def main() -> None:
-    """Measure and print a table a rate."""
+    """Measure and print one table per rate."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robot")
     parser.add_argument("--set", action="append", default=[], dest="overrides")

@@ -1,13 +1,13 @@
-"""What the log costs: computing time at 1 kHz control steps, and disk at 20 Hz.
+"""Cost of the log: computing time with control steps at 1 kHz, and disk space at 20 Hz.
 
-``python bench/logging_cost.py`` follows a path on the twin at 1 kHz in virtual time and keeps what
-an observer sees. Then it shows that to the log again at the pace of the clock, as a run in real
-time would, with the log's writer thread running. Two figures come from it:
+``python bench/logging_cost.py`` follows a path on the twin at 1 kHz in virtual time and records the
+calls of an observer. It then repeats them to the log in real time, with the log's writer thread
+running, and measures:
 
-- per step: processor time of the control thread within the log's observer and for noting the
-  inputs (mean; the longest 1 % by the wall clock too, which includes waiting for the interpreter);
-- of a core: processor time of the whole process, the writer thread included, above that of the
-  same loop with nobody looking on; the least of three, as others on the machine only add to it.
+- per step: processor time of the control thread within the log's observer and for recording the
+  inputs (mean; the longest 1 % also by the wall clock, which includes waiting for the interpreter);
+- CPU load: processor time of the whole process, including the writer thread, above that of the same
+  loop without the log; the minimum of three, as other load on the machine only adds to it.
 
 The size of 24 h is extrapolated from a run in real time at 20 Hz with all its telemetry.
 """
@@ -36,7 +36,7 @@ from ccr_host.run.options import RunOptions
 from ccr_host.run.tape import Tape, Token
 
 Call = tuple[int, str, tuple[Any, ...]]
-"""Time in us, method of the observer, arguments."""
+"""Time, us, method of the observer, arguments."""
 
 FAST_HZ = 1000.0
 SLOW_HZ = 20.0
@@ -50,7 +50,7 @@ _BUDGET_GB = 2.0
 
 
 class Remembering(RunObserver):
-    """Keeps every call; those without a time happen at the time of the one before."""
+    """Records every call; those without a time get that of the previous one."""
 
     def __init__(self) -> None:
         self.calls: list[Call] = []
@@ -73,7 +73,7 @@ class Remembering(RunObserver):
 
 
 def recorded_calls(seconds: float, folder: Path) -> list[Call]:
-    """Of a run at ``FAST_HZ`` in virtual time, from the first step on, after the setup."""
+    """Calls of a run at ``FAST_HZ`` in virtual time, from the first step on, after the setup."""
     remembering = Remembering()
     options = RunOptions(_circle(folder, seconds), controller="mpc", rate_hz=FAST_HZ)
     execute(options, remembering, lambda *_: None)
@@ -85,7 +85,7 @@ def recorded_calls(seconds: float, folder: Path) -> list[Call]:
 
 
 def play(calls: list[Call], observer: RunObserver | None) -> tuple[float, float, list[float]]:
-    """At the pace at which they were made.
+    """Repeat calls at their original pace.
 
     Returns:
         Processor time of the process and wall time, s; wall time of the calls of each ms, us.
@@ -124,7 +124,7 @@ def control_thread_us(calls: list[Call], folder: Path, steps: int) -> float:
 
 
 def tape_us(calls: list[Call], steps: int) -> float:
-    """Processor time per step to note the host's inputs, which are then logged."""
+    """Processor time per step to record the host's inputs, which are then logged."""
     pieces = [words[0] for _, name, words in calls if name == "inputs"]
     tape = Tape(lambda _: None)
     start_s = time.thread_time()
@@ -139,7 +139,7 @@ def tape_us(calls: list[Call], steps: int) -> float:
 
 
 def day_gb(seconds: float, folder: Path) -> tuple[float, float]:
-    """Size of 24 h at ``SLOW_HZ`` in GB, of one second in KB; without the start."""
+    """Size of 24 h at ``SLOW_HZ``, GB, and of one second, KB; without the start."""
     options = RunOptions(_circle(folder, seconds), rate_hz=SLOW_HZ, realtime=True)
     run = folder / "slow"
     run.mkdir()
@@ -162,7 +162,7 @@ def day_gb(seconds: float, folder: Path) -> tuple[float, float]:
 
 
 def _circle(folder: Path, seconds: float) -> str:
-    """A path file: once round in 20 s."""
+    """Write a path file: a loop of 20 s."""
     path = folder / "circle.csv"
     rows = ["t_s,y_mm,z_mm"]
     for t in np.arange(0.0, seconds + 0.05, 0.1):
@@ -173,10 +173,12 @@ def _circle(folder: Path, seconds: float) -> str:
 
 
 def main() -> None:
-    """Print the figures."""
+    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=10.0, help="at 1 kHz")
-    parser.add_argument("--slow-seconds", type=float, default=60.0, help="in real time at 20 Hz")
+    parser.add_argument("--seconds", type=float, default=10.0, help="duration at 1 kHz")
+    parser.add_argument(
+        "--slow-seconds", type=float, default=60.0, help="duration in real time at 20 Hz"
+    )
     words = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

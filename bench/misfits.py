@@ -1,4 +1,4 @@
-"""Robots that are not as described: noticed when, blamed on what, after how much motion.
+"""Robots that differ from their description: when it is detected, the cause given, and the motion.
 
 python bench/misfits.py                  # the table of misfits
 python bench/misfits.py --matching 100   # random robots that do match, at 1 and 20 Hz
@@ -100,7 +100,7 @@ MISFITS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("twin.push={force_n = [0.0, 0.0, 0.8], start_s = 20, end_s = 60}",),
     ),
 }
-"""What the named cause should contain, and the robot, by keys or as a name of `_ALTERED`."""
+"""Expected text of the cause, and the robot, by keys or as a name of `_ALTERED`."""
 
 
 def _exchanged_motors(robot: TwinRobot, pulses_half_us: tuple[int, int]) -> None:
@@ -131,7 +131,7 @@ _ALTERED: dict[str, tuple[type, str, Callable[..., object]]] = {
 
 @dataclass
 class _Witness(RunObserver):
-    """Notes the phases and how far the tip has gone."""
+    """Records the phases and the travel of the tip."""
 
     first_mm: Array | None = None
     travel_mm: float = 0.0
@@ -144,7 +144,7 @@ class _Witness(RunObserver):
 
 @dataclass(frozen=True)
 class Seen:
-    """How a run went."""
+    """Result of a run."""
 
     when: str
     cause: str
@@ -154,7 +154,7 @@ class Seen:
 
 
 def run(options: RunOptions) -> Seen:
-    """One run, and what was noticed."""
+    """Execute one run and return what was detected."""
     witness = _Witness()
     altered = [_ALTERED[word] for word in options.overrides if word in _ALTERED]
     plain = tuple(word for word in options.overrides if word not in _ALTERED)
@@ -170,7 +170,7 @@ def run(options: RunOptions) -> Seen:
 
 
 def misfits(controller: str, rate_hz: float) -> Iterator[tuple[str, str, RunOptions]]:
-    """Name, what the cause should contain, and the run."""
+    """Name, expected text of the cause, and run of each misfit."""
     for name, (wanted, overrides) in MISFITS.items():
         yield (
             name,
@@ -186,7 +186,7 @@ def misfits(controller: str, rate_hz: float) -> Iterator[tuple[str, str, RunOpti
 
 
 def matching(count: int, controller: str, rate_hz: float) -> Iterator[RunOptions]:
-    """Random robots as a sweep draws them."""
+    """Random robots, drawn as in a sweep."""
     for index in range(count):
         drawn = draw_twin(np.random.default_rng([7, index]), schema.load(), 80.0)
         path = ("ellipse", "8shape", "star")[index % 3]

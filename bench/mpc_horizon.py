@@ -1,16 +1,15 @@
-"""One whole MPC step against the length of the horizon, beside the peers that pip installs.
+"""Time of one whole MPC step over the horizon, compared with the peers that pip installs.
 
 ``python -m bench.mpc_horizon`` follows the 8-shape on the twin with the controller ``mpc``, records
-what it measured, and hands every recorded step to each way in turn, in one process: whatever else
-the machine does hits all of them alike, and none keeps the caches to itself. Each starts from its
-own previous solution. Times are of the calling thread, by its CPU clock and by the wall; the ratio
-is that of the CPU medians. ``excess`` is how much more a plan costs than the cheapest found for the
-same step by any way: its median, and the mean with anything above twice the cost counted as that;
-``beyond`` is the farthest that any plan lies outside the bounds.
+its measurements, and gives every recorded step to each solver in turn, in one process: other load
+on the machine affects all of them alike, and none has the caches to itself. Each starts from its
+previous solution. Times are those of the calling thread, by its CPU clock and by the wall clock;
+the ratio is that of the CPU medians. ``excess`` is the cost of a plan above that of the cheapest
+plan found by any solver for the same step: its median, and the mean with anything above twice the
+cost counted as that; ``beyond`` is the largest violation of the bounds by any plan.
 
-Ways whose package or compiler is missing are left out with a notice. Needs the extras ``test`` and
-``bench``. For times of peers that start threads of their own set OMP_NUM_THREADS=1 and
-OPENBLAS_NUM_THREADS=1.
+Solvers whose package or compiler is missing are skipped with a notice. Needs the extras ``test``
+and ``bench``. To time peers that start threads, set OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1.
 """
 
 from __future__ import annotations
@@ -40,12 +39,12 @@ from ccr_host.robot.workspace import MotorLimits
 WARM_UP_STEPS = 5
 SAME_MINIMUM = 1e-6
 LARGEST_GENERATED_HORIZON = 10
-"""Beyond, gcc takes many minutes for CasADi's code with the exact Hessian."""
+"""Longest horizon; beyond, gcc takes many minutes for CasADi's code with the exact Hessian."""
 
 
 @dataclass
 class Score:
-    """Of one way over all steps."""
+    """Scores of one solver over all steps."""
 
     cpu_us: list[float] = field(default_factory=list)
     wall_us: list[float] = field(default_factory=list)
@@ -58,9 +57,11 @@ def main() -> None:
     """Print a table for each horizon."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--horizons", type=int, nargs="+", default=[4, 10, 20, 40])
-    parser.add_argument("--steps", type=int, default=150, help="to time, at each horizon")
+    parser.add_argument(
+        "--steps", type=int, default=150, help="number of timed steps for each horizon"
+    )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--alone", action="store_true", help="take turns at each lap: warm caches")
+    parser.add_argument("--alone", action="store_true", help="alternate per lap: warm caches")
     chosen = parser.parse_args()
     console = Console(width=130)
     for horizon in chosen.horizons:
@@ -109,7 +110,7 @@ def compare(
 
 
 def time_step(way: Way, observation: Observation, kept: Score) -> None:
-    """One step."""
+    """Solve one step."""
     wall_ns, cpu_ns = time.perf_counter_ns(), time.thread_time_ns()
     way.step(observation)
     cpu_ns = time.thread_time_ns() - cpu_ns
@@ -122,14 +123,14 @@ def time_step(way: Way, observation: Observation, kept: Score) -> None:
 
 
 def judge(formulation: Formulation, lap: list[Observation], kept: Score) -> None:
-    """Price the plans of the last lap."""
+    """Evaluate the cost of the plans of the last lap."""
     for observation, plan_rad in zip(lap, kept.plans_rad[-len(lap) :], strict=True):
         kept.cost.append(formulation.cost_of_plan(observation, plan_rad))
         kept.violation_rad.append(formulation.violation_rad(observation, plan_rad))
 
 
 def ways(formulation: Formulation, folder: Path) -> dict[str, Callable[[], Way]]:
-    """By name; making one raises ImportError where its package is missing."""
+    """Constructors by name; they raise ImportError if their package is missing."""
     control, reference = formulation.control, formulation.reference
 
     def product(solver: str) -> Way:
@@ -196,7 +197,7 @@ def slsqp(formulation: Formulation) -> Way:
 
 
 def table(horizon: int, scores: dict[str, Score]) -> Table:
-    """Times and quality of each way; the ratio is to the quickest of ours."""
+    """Times and quality of each solver; the ratio is to our fastest one."""
     best = np.min([kept.cost for kept in scores.values()], axis=0)
     quickest = scores.get("ccr-host, compiled", scores["ccr-host"])
     ours_us = float(np.median(quickest.cpu_us))

@@ -1,10 +1,10 @@
-"""How many Python calls a control step makes: the host's own work between two waits.
+"""Number of Python calls of a control step: the host's own work between two waits.
 
     python -m bench.step_calls [--rate 20] [--by-function]
 
-Counted over the steps of a run in virtual time with a controller that computes nothing; Python
-functions of libraries count, too. Left out are the controller, what happens while the loop waits,
-and what stands in for hardware: board, wire and camera.
+Counted over the steps of a run in virtual time with a controller that computes nothing, including
+Python functions of libraries. Not counted are the controller, work while the loop waits, and the
+simulated hardware: board, line and camera.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class CallCounter:
         self._within: FrameType | None = None
 
     def on_step(self, step: int, steps: int, record: StepRecord) -> None:
-        """To be called by the loop at the end of each step."""
+        """Callback of the loop at the end of each step."""
         if step == 0:
             sys.setprofile(self._profile)
         elif step == self._last:
@@ -78,7 +78,7 @@ class CallCounter:
 
 
 def count(rate_hz: float) -> CallCounter:
-    """Run the figure of eight under the controller that computes nothing."""
+    """Run the figure of eight with the controller that computes nothing."""
     options = RunOptions(path="8shape", rate_hz=rate_hz)
     description, reference = options.description(), reference_of(options)
     counter = CallCounter(len(reference) - 1)
@@ -88,7 +88,7 @@ def count(rate_hz: float) -> CallCounter:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print calls a step by file, or by function."""
+    """Print calls per step by file, or by function."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--rate", type=float, default=20.0, help="Hz")
     parser.add_argument("--by-function", action="store_true")
@@ -100,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         groups[f"{file} {code.co_qualname}" if options.by_function else file] += calls
     for name, calls in groups.most_common():
         print(f"{calls / counter.steps:8.2f}  {name}")
-    print(f"{counter.calls.total() / counter.steps:8.2f}  calls a step, {counter.steps} steps")
+    print(f"{counter.calls.total() / counter.steps:8.2f}  calls per step, {counter.steps} steps")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Do the deviations hold that ``ccr-host setup`` states? ``python -m bench.survey --robots 100``.
+"""Checks the deviations stated by ``ccr-host setup``: ``python -m bench.survey --robots 100``.
 
-Random robots: servos off by up to 10 deg, reversed or not, the camera turned anyhow, slack of each
-segment up to 2 mm, friction of each tendon up to 0.3 N. One tour each in virtual time.
+Random robots: servos off by up to 10 deg, reversed or not, any rotation of the camera, slack of
+each segment up to 2 mm, friction of each tendon up to 0.3 N. One tour each in virtual time.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ Array = NDArray[np.float64]
 
 
 def surveyed(seed: int) -> tuple[Array, Array]:
-    """Errors and stated deviations in deg, (5,) each; NaN for a robot that is refused.
+    """Errors and stated deviations, deg, (5,) each; NaN for a robot that is rejected.
 
     Raises:
-        CcrError: the tour tells nothing certain of the robot.
+        CcrError: the tour does not determine the robot reliably.
         AssertionError: a servo's direction is wrong.
     """
     rng = np.random.default_rng(seed)
@@ -99,7 +99,7 @@ def main() -> None:
     screen = Console()
     screen.print(table)
     for reason in refused:
-        screen.print(f"refused {reason}")
+        screen.print(f"rejected: {reason}")
 
 
 if __name__ == "__main__":

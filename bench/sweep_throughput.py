@@ -1,9 +1,9 @@
-"""Runs a minute of ``ccr-host sweep`` on this machine, and what a run's CPU time is spent on.
+"""Runs per minute of ``ccr-host sweep`` on this machine, and the CPU time of the parts of a run.
 
     python bench/sweep_throughput.py [--twins N] [--workers N ...]
 
-Each twin makes four runs (1 and 20 Hz, ``adaptive`` and ``mpc``) and one static map. CPU seconds
-repeat on a busy machine better than runs a minute, which need it idle.
+Each twin takes four runs (1 and 20 Hz, ``adaptive`` and ``mpc``) and one static map. CPU seconds
+are reproducible on a busy machine; runs per minute need an idle one.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ def main() -> None:
             stopwatch = Stopwatch()
             rows = [row for of_a_twin in run_jobs(client, jobs) for row in of_a_twin]
             minutes = stopwatch.elapsed_us() * 1e-6 / 60
-        print(f"{workers} workers: {len(rows) / minutes:.1f} runs a minute")
+        print(f"{workers} workers: {len(rows) / minutes:.1f} runs per minute")
     print_costs(rows)
 
 
 def print_costs(rows: list[Row]) -> None:
-    """Median CPU seconds of a run by controller and rate, and of a twin's static map."""
-    print("| Hz | controller | CPU s a run |", *(f"{part} |" for part in PARTS))
+    """Print median CPU seconds of a run by controller and rate, and of a twin's static map."""
+    print("| Hz | controller | CPU s per run |", *(f"{part} |" for part in PARTS))
     print("|---" * (3 + len(PARTS)) + "|")
     for rate_hz, name in DRIVES:
         group = [r for r in rows if (r["rate_hz"], r["controller"]) == (rate_hz, name)]

@@ -1,12 +1,12 @@
-"""Latency budget of the Polaris driver: from an exposure to the sample, and what it costs.
+"""Latency budget of the Polaris driver: from an exposure to the sample, and its CPU time.
 
 ``python bench/tracker_latency.py`` prints
 
 - the time to parse one reply (3 strays and the dummy tool, as in every run);
-- in virtual time on a 115200 baud line: the age of a sample when the driver has it, where that
-  comes from, and how well the driver knows the time of exposure;
-- in real time on a pseudo-terminal: the rate and the driver's share of a core (process time of
-  this process minus that of an idle clock; the emulated camera runs in a process of its own).
+- in virtual time on a 115200 baud line: the age of a sample when the driver has it, its components,
+  and the error of the time of exposure;
+- in real time on a pseudo-terminal: the rate and the driver's CPU load (process time of this
+  process minus that of an idle clock; the emulated camera runs in another process).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=10.0, help="of each run")
+    parser.add_argument("--seconds", type=float, default=10.0, help="duration of each run")
     seconds = parser.parse_args().seconds
     console = Console()
     table = Table("figure", "median", "p99", "max", title="Polaris driver")
@@ -75,7 +75,7 @@ def row(table: Table, name: str, values: Array, digits: int) -> None:
 
 
 def time_of_parsing() -> Array:
-    """Of CRC, grammar and numbers of a usual reply, us."""
+    """Time for CRC, grammar and numbers of a typical reply, us."""
     strays = StrayList(MARKERS_MM - (0, 0, 900), np.ones(3, dtype=bool))
     tools = [ToolLine(1, 0x31, 300)]
     text = format_tx(0x1801, tools, strays, 0, BitOrder.FIRST_IS_HIGHEST).encode()
@@ -113,7 +113,7 @@ def virtual_run(seconds: float) -> tuple[Array, Array]:
 
 
 def real_run(seconds: float) -> tuple[float, float, float]:
-    """Frames a second, and shares of a core with the driver and without it."""
+    """Frames per second, and CPU load with and without the driver."""
     ours, theirs = multiprocessing.Pipe()
     camera = multiprocessing.Process(target=serve_camera, args=(theirs,), daemon=True)
     camera.start()
@@ -142,7 +142,7 @@ def share_of_core(clock: RealClock, seconds: float) -> float:
 
 
 def serve_camera(pipe: Connection) -> None:
-    """In a process of its own, until it is ended."""
+    """Serve the emulated camera in another process until it is terminated."""
     line = make_polaris(Tracker(latency_ms=LATENCY_MS), np.random.SeedSequence(1))
     exposer = Exposer(line.device.sensor, lambda _: MARKERS_MM)
     server = BoardServer(line, PtyPort(), RealClock(), on_advance=exposer.advance_to)

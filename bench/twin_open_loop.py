@@ -1,6 +1,6 @@
-"""Open loop on the twin, without board and camera, beside the paper's figures.
+"""Open loop on the twin, without board and camera, compared with the paper's results.
 
-``python bench/twin_open_loop.py`` prints the default description;
+``python bench/twin_open_loop.py`` prints the results of the default description;
 ``--sensitivity`` adds one row for each changed parameter (about four minutes).
 """
 
@@ -51,7 +51,7 @@ CHANGES: list[dict[str, object]] = [
 
 @dataclass(frozen=True)
 class Paper:
-    """What the paper measured without feedback."""
+    """The paper's measurements without feedback."""
 
     mean_error_mm: float
     shift_z_mm: float
@@ -94,7 +94,7 @@ def main() -> None:
 
 
 def print_sensitivity(references: list[Reference], results: list[Result]) -> None:
-    """Print by how much each change moves the mean errors, mm."""
+    """Print the change of the mean errors for each changed parameter, mm."""
     print("\n| changed | " + " | ".join(reference.name for reference in references) + " |")
     print("|---|" + "---|" * len(references))
     for change in CHANGES:
@@ -108,7 +108,7 @@ def print_sensitivity(references: list[Reference], results: list[Result]) -> Non
 
 
 def open_loop(twin: Twin, reference: Reference) -> Result:
-    """Command i starts period i; its error is taken when the period ends."""
+    """Errors of the open loop: command i starts period i, at whose end the error is taken."""
     robot = TwinRobot(twin)
     q_rad = algorithm_2(reference)
     robot.set_pulses_half_us(pulses_half_us(q_rad[0]))
@@ -137,13 +137,13 @@ def track(robot: TwinRobot, q_rad: Array) -> Iterator[Array]:
 
 
 def pulses_half_us(angles_rad: Array) -> tuple[int, int]:
-    """Pulse widths in the steps of 0.5 us that the board can make."""
+    """Pulse widths, rounded to the board's resolution of 0.5 us."""
     first, second = (round(3000 + 2000 * float(angle) / (math.pi / 2)) for angle in angles_rad)
     return first, second
 
 
 def paper_paths() -> list[Reference]:
-    """Sample the three paths of Section IV once a second."""
+    """Sample the three paths of Section IV once per second."""
     description = Description()
     model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
     return [load_path(name, 1.0, model, limits) for name in PAPER]

@@ -1,17 +1,16 @@
-"""What the live page costs the control loop, and how fast its stop button is.
+"""Cost of the live page for the control loop, and latency of its stop button.
 
 ``python -m bench.view_cost`` follows a path at 20 Hz in real time on the emulated board and the
-twin, without a page, with a page that nobody looks at, and with one that a viewer reads (a client
-that takes all the page sends, as a browser does, but draws nothing, so that its work does not count
-here). It prints
+twin, without a page, with a page without viewers, and with one that a viewer reads (a client that
+receives everything like a browser, but draws nothing, so that its work does not count). It prints
 
-- how late the control periods end against their grid (the loop's jitter);
-- the loop's own share of a core, and that of the page's process;
+- the lateness of the control periods relative to their grid (the loop's jitter);
+- the CPU load of the loop, and of the page's process;
 - the feed's process time for the frames, sample, command and record of one control step;
-- from the press of the stop button to the stop request on the wire.
+- the time from the press of the stop button to the stop request on the wire.
 
-Needs the extra ``view``, and Linux for the share of the page's process. Other work on the machine
-adds to all of it.
+Needs the extra ``view``, and Linux for the load of the page's process. Other load on the machine
+increases all figures.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ COLUMNS = {
 
 
 class Punctuality(RunObserver):
-    """Notes when each control period ends."""
+    """Records the end of each control period."""
 
     def __init__(self) -> None:
         self.ends_us: list[int] = []
@@ -76,7 +75,7 @@ class Punctuality(RunObserver):
 
 
 def path_of(folder: Path, duration_s: float) -> str:
-    """Between two points well inside the workspace."""
+    """A path between two points well inside the workspace."""
     file = folder / "line.csv"
     file.write_text(f"t_s,y_mm,z_mm\n0,0,30\n{duration_s:g},10,35\n")
     return str(file)
@@ -89,7 +88,7 @@ def cpu_s(pid: int) -> float:
 
 
 def look_on(url: str, bytes_read: Synchronized[float]) -> None:
-    """Read all that the page sends until it ends."""
+    """Read everything that the page sends until it ends."""
     with Viewer(url) as looking, suppress(ConnectionClosed):
         while True:
             bytes_read.value += len(looking.receive())
@@ -97,7 +96,7 @@ def look_on(url: str, bytes_read: Synchronized[float]) -> None:
 
 @contextmanager
 def viewer(page: LivePage) -> Iterator[Synchronized[float]]:
-    """Somebody who looks on; yields how many bytes they have been sent."""
+    """A viewer of the page; yields the number of bytes sent to it."""
     context = multiprocessing.get_context("spawn")
     bytes_read = context.Value("d", 0.0)
     process = context.Process(target=look_on, args=(page.url, bytes_read), daemon=True)
@@ -110,7 +109,7 @@ def viewer(page: LivePage) -> Iterator[Synchronized[float]]:
 
 
 def measure(options: RunOptions, arm: str) -> dict[str, float]:
-    """One run."""
+    """Execute one run."""
     punctuality = Punctuality()
     figures: dict[str, float] = {}
 
@@ -143,7 +142,7 @@ def measure(options: RunOptions, arm: str) -> dict[str, float]:
 
 
 def feed_us_per_step(options: RunOptions, steps: int = 2000) -> float:
-    """Process time of the feed, its queue's thread included, at 20 Hz."""
+    """Process time of the feed at 20 Hz, including the thread of its queue."""
     description, position = options.description(), np.zeros(3)
     record = StepRecord(
         0, 0, 0.0, position, np.zeros(2), Outcome.SOLVED, "", position[None], 1.0, False,
@@ -161,12 +160,12 @@ def feed_us_per_step(options: RunOptions, steps: int = 2000) -> float:
             page.feed.tracker_sample(end_us, sample)
             page.feed.control(end_us, None, command)
             page.feed.step(replace(record, end_us=end_us))
-            time.sleep(0.0005)  # the queue's thread must have its turn; sleeping costs no CPU time
+            time.sleep(0.0005)  # let the queue's thread run; sleeping costs no CPU time
         return 1e6 * (time.process_time() - before_s) / steps
 
 
 class StopSeen(RunObserver):
-    """Notes when the stop request leaves."""
+    """Records the time at which the stop request is sent."""
 
     def __init__(self) -> None:
         self.decoder = FrameDecoder()
@@ -183,7 +182,7 @@ class StopSeen(RunObserver):
 
 
 def stop_delay_us(options: RunOptions, wait_s: float) -> float:
-    """From the button to the wire, under a controller that makes no tour."""
+    """Time from the button to the wire, with a controller without a tour."""
     options = replace(options, controller="mpc", checks="none")
     seen = StopSeen()
     buttons = SharedButtons(multiprocessing.get_context("spawn"))
@@ -205,14 +204,14 @@ def stop_delay_us(options: RunOptions, wait_s: float) -> float:
 
 
 def medians_of(runs: Sequence[dict[str, float]]) -> dict[str, float]:
-    """Of each figure over the runs of one arm."""
+    """Median of each figure over the runs of one arm."""
     return {key: float(np.median([run[key] for run in runs])) for key in runs[0]}
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=20.0, help="of each run")
+    parser.add_argument("--seconds", type=float, default=20.0, help="duration of each run")
     parser.add_argument("--rounds", type=int, default=3)
     given = parser.parse_args()
     with TemporaryDirectory() as folder:
@@ -237,9 +236,9 @@ def main() -> None:
         cells = (f"{figures[key]:.1f}" if key in figures else "-" for key in COLUMNS)
         table.add_row(arm, *cells)
     console.print(table)
-    console.print(f"feed: {feed_us:.0f} us of process time a control step")
+    console.print(f"feed: {feed_us:.0f} us of process time per control step")
     median_us, greatest_us = np.median(delays_us), max(delays_us)
-    console.print(f"stop button to wire: median {median_us:.0f} us, greatest {greatest_us:.0f} us")
+    console.print(f"stop button to wire: median {median_us:.0f} us, maximum {greatest_us:.0f} us")
 
 
 if __name__ == "__main__":

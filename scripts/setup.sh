@@ -1,5 +1,5 @@
-# Sourced by the other scripts: puts in place what they need, and says so.
-# apt is used as root or with sudo on Debian 12 and 13 and Ubuntu 24.04; elsewhere what is missing is named.
+# Sourced by the other scripts: installs what they need, and says so.
+# apt is used as root or with sudo on Debian 12 and 13 and Ubuntu 24.04; elsewhere missing packages are listed.
 
 say() { printf '\033[1m==\033[0m %s\n' "$*" >&2; }
 
@@ -21,7 +21,7 @@ as_root() {
 # apt_packages NAME...: install those that are missing
 apt_packages() {
   local missing=() package
-  command -v dpkg-query >/dev/null || die "not a Debian or Ubuntu; install yourself what they call: $*"
+  command -v dpkg-query >/dev/null || die "not Debian or Ubuntu; install the equivalents of: $*"
   for package in "$@"; do
     dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q 'ok installed' || missing+=("$package")
   done
@@ -32,7 +32,7 @@ apt_packages() {
 }
 
 # python_environment EXTRA,... [FOLDER VERSIONS]: a virtual environment with the host and these extras,
-# by default .venv, renewed when what it was made from changes; its programs then come first in PATH.
+# by default .venv, updated when its inputs change; its programs come first in PATH.
 # VERSIONS: pinned (as in constraints.txt), newest, or lowest (that pyproject.toml allows).
 python_environment() {
   local extras=$1 folder=${2:-.venv} versions=${3:-pinned} python pip stamp wanted

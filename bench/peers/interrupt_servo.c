@@ -1,5 +1,5 @@
-// Two servo pulses by the usual technique: a timer interrupt writes the port when a pulse has to begin
-// or to end. Beside it a serial line at 250000 baud whose bytes another interrupt takes and echoes.
+// Two servo pulses by the usual technique: a timer interrupt writes the port when a pulse must start or
+// end. In parallel, another interrupt receives and echoes the bytes of a serial line at 250000 baud.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 

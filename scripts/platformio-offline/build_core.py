@@ -1,7 +1,7 @@
-"""Fills an isolated PLATFORMIO_CORE_DIR from what apt and pip have installed.
+"""Fills an isolated PLATFORMIO_CORE_DIR from packages installed by apt and pip.
 
-Stand-in development platforms of our own (folder platforms/), and packages that are a manifest and
-links. Written from PlatformIO's documentation on custom platforms and package manifests.
+It contains our replacement development platforms (folder platforms/), and packages that consist of
+a manifest and links. Written from PlatformIO's documentation on custom platforms and manifests.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SCONS_SCRIPT = "from SCons.Script.Main import main\n\nmain()\n"
 
 
 def main(core: Path) -> None:
-    """Make the folder again."""
+    """Rebuild the folder."""
     if core.exists():
         if not (core / "platforms").is_dir():
             sys.exit(f"error: {core} is not a PlatformIO core folder (name another one)")
@@ -58,7 +58,7 @@ def main(core: Path) -> None:
 
 
 def scons_package(folder: Path) -> None:
-    """PlatformIO's SCons is the one from pip."""
+    """Use pip's SCons as PlatformIO's."""
     try:
         installed = version("scons")
     except PackageNotFoundError:
@@ -68,7 +68,7 @@ def scons_package(folder: Path) -> None:
     wanted = core_requirement("tool-scons")
     if packaged != wanted:
         sys.exit(
-            f"error: SCons {installed} is package {packaged}, this PlatformIO wants {wanted}"
+            f"error: SCons {installed} is package {packaged}, this PlatformIO needs {wanted}"
             " (pip install another version of scons)"
         )
     link_package(folder, packaged, {})
@@ -76,7 +76,7 @@ def scons_package(folder: Path) -> None:
 
 
 def core_requirement(package: str) -> str:
-    """Version of a package that this PlatformIO wants."""
+    """Version of a package that this PlatformIO requires."""
     try:
         from platformio.dependencies import get_core_dependencies  # noqa: PLC0415
     except ModuleNotFoundError:
@@ -85,27 +85,27 @@ def core_requirement(package: str) -> str:
 
 
 def link_package(folder: Path, package_version: str, links: dict[str, Path]) -> None:
-    """A package that consists of links."""
+    """Create a package that consists of links."""
     folder.mkdir(parents=True)
     manifest = {"name": folder.name, "version": package_version, "description": "Stand-in"}
     (folder / "package.json").write_text(json.dumps(manifest))
     for name, target in links.items():
         if not target.exists():
-            sys.exit(f"error: {target} is not there ({APT_CURE})")
+            sys.exit(f"error: {target} does not exist ({APT_CURE})")
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).symlink_to(target)
     stamp(folder, "tool", folder.name, package_version)
 
 
 def stamp(folder: Path, kind: str, name: str, package_version: str) -> None:
-    """What tells PlatformIO that this is installed, and whose it is."""
+    """Write the file that marks a package as installed for PlatformIO, with its owner."""
     spec = {"owner": "platformio", "id": None, "name": name, "requirements": None, "uri": None}
     content = {"type": kind, "name": name, "version": package_version, "spec": spec}
     (folder / ".piopm").write_text(json.dumps(content))
 
 
 def program(name: str) -> Path:
-    """A program on the path."""
+    """Path of a program."""
     path = shutil.which(name)
     if path is None:
         sys.exit(f"error: no {name} ({APT_CURE})")
@@ -113,7 +113,7 @@ def program(name: str) -> Path:
 
 
 def arduino_core() -> Path:
-    """Folder of the Arduino core, by asking apt."""
+    """Folder of the Arduino core as installed by apt."""
     for path in files_of("arduino-core-avr"):
         if path.name == "boards.txt":
             return path.parent

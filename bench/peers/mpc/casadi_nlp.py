@@ -65,15 +65,15 @@ class Nlp(ShiftedStart):
 
 
 class GeneratedSolver:
-    """CasADi's SQP method with its own QP solver as C code, called through buffers.
+    """CasADi's SQP method with its QP solver as C code, called through buffers.
 
     Raises:
-        ImportError: there is no C compiler.
+        ImportError: no C compiler is installed.
     """
 
     def __init__(self, formulation: Formulation, folder: Path) -> None:
         live = formulation.live_steps
-        # The buffer does not keep its function alive, nor the arrays.
+        # The buffer keeps neither its function nor the arrays alive.
         self._function = _compiled(nlpsol(formulation, "sqpmethod", SQP_QRQP), folder)
         self._buffer, self._run = self._function.buffer()
         bound = formulation.control.step_bound_rad

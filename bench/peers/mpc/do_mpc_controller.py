@@ -13,7 +13,7 @@ from bench.peers.mpc.problem import Array, Formulation
 from ccr_host.control.base import Observation
 
 with warnings.catch_warnings():
-    # One for each optional feature that is not installed.
+    # One warning for each optional feature that is not installed.
     warnings.simplefilter("ignore")
     import do_mpc
 
@@ -43,7 +43,7 @@ class DoMpc:
         mpc.settings.store_full_solution = False
         mpc.settings.nlpsol_opts = QUIET
         error = tip - target
-        # A stage cost sees the state before its move; the last stage's is the terminal one.
+        # A stage cost applies to the state before its input; the last stage has the terminal cost.
         mpc.set_objective(
             mterm=control.position_weight * casadi.sumsqr(error),
             lterm=control.position_weight * casadi.sumsqr(error)

@@ -35,7 +35,7 @@ class Ours:
 
 
 class OtherQp(Ours):
-    """The same SQP, its QPs solved by someone else."""
+    """The same SQP with another QP solver."""
 
     def __init__(self, description: Description, reference: Reference, solver: QpSolver) -> None:
         super().__init__(description, reference)

@@ -1,4 +1,4 @@
-"""The paper's problem as one would hand it to any solver, and the steps to solve it at."""
+"""The paper's problem in a form for any solver, and the steps at which to solve it."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ SETTLE_US = 2_000_000
 
 
 class Way(Protocol):
-    """One way to make an MPC step."""
+    """A solver of MPC steps."""
 
     def step(self, observation: Observation) -> object:
-        """All that a control period has to wait for."""
+        """All computations that a control period must wait for."""
         ...
 
     def plan(self) -> Array:
@@ -60,7 +60,7 @@ class Formulation:
         return Problem(observation.q_rad, observation.tip_mm, targets)
 
     def cost(self, flat: Array, problem: Problem) -> float:
-        """Of increments (2M,)."""
+        """Cost of increments, (2M,)."""
         moves = flat.reshape(-1, 2)
         poses = problem.q_rad + np.cumsum(moves, axis=0) - moves
         steps = np.einsum("kij,kj->ki", self._jacobian(poses), moves)
@@ -74,7 +74,7 @@ class Formulation:
         return self.cost(moves.ravel(), problem)
 
     def violation_rad(self, observation: Observation, plan_rad: Array) -> float:
-        """How far a plan lies beyond the bounds on angles and increments."""
+        """Largest violation of the bounds on angles and increments by a plan, rad."""
         moves = np.diff(np.vstack([observation.q_rad, plan_rad]), axis=0)
         beyond = (
             np.abs(moves) - self.control.step_bound_rad,
@@ -105,7 +105,7 @@ class Formulation:
 
 
 class ShiftedStart:
-    """Warm start of the peers: the last increments, one step on."""
+    """Warm start of the peers: the last increments, shifted by one step."""
 
     def __init__(self, formulation: Formulation) -> None:
         self.formulation = formulation
@@ -131,9 +131,9 @@ class ShiftedStart:
 
 
 def record(description: Description, reference: Reference, seed: int) -> list[Observation]:
-    """One lap of the controller ``mpc`` on the twin at one step a second.
+    """One lap of the controller ``mpc`` on the twin at one step per second.
 
-    Only steps with a whole horizon before them, so that a peer needs one solver.
+    Only steps with a complete horizon, so that a peer needs only one solver.
     """
     rng = np.random.default_rng(seed)
     twin = TwinRobot(description.twin)

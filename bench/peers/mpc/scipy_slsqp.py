@@ -9,7 +9,7 @@ from ccr_host.control.base import Observation
 
 
 class Slsqp(ShiftedStart):
-    """Its own tolerances; bounds on the increments only, as in (15)."""
+    """SLSQP with its default tolerances; bounds on the increments only, as in (15)."""
 
     def step(self, observation: Observation) -> None:
         problem = self.formulation.problem(observation)

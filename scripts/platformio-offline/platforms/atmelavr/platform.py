@@ -1,7 +1,7 @@
-"""Stand-in for PlatformIO's platform atmelavr."""
+"""Replacement for PlatformIO's platform atmelavr."""
 
 from platformio.public import PlatformBase
 
 
 class AtmelavrPlatform(PlatformBase):
-    """Everything is in the manifest."""
+    """Defined entirely by its manifest."""

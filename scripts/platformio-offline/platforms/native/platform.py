@@ -1,7 +1,7 @@
-"""Stand-in for PlatformIO's platform native."""
+"""Replacement for PlatformIO's platform native."""
 
 from platformio.public import PlatformBase
 
 
 class NativePlatform(PlatformBase):
-    """Everything is in the manifest."""
+    """Defined entirely by its manifest."""

@@ -1,4 +1,4 @@
-"""Build script of the stand-in platform: avr-gcc, avr-objcopy, avr-size, avrdude."""
+"""Build script of the replacement platform: avr-gcc, avr-objcopy, avr-size, avrdude."""
 
 from pathlib import Path
 

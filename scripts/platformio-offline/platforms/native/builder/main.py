@@ -1,4 +1,4 @@
-"""Build script of the stand-in platform: the machine's own compiler."""
+"""Build script of the replacement platform: the compiler of this machine."""
 
 from SCons.Script import AlwaysBuild, Default, DefaultEnvironment
 
