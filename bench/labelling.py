@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ccr_host.description.schema import Robot, Twin
+from ccr_host.description.schema import Robot
+from ccr_host.description.simulation import Twin
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits

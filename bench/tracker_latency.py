@@ -23,7 +23,7 @@ from rich.table import Table
 
 from ccr_host.core.clock import RealClock, VirtualClock
 from ccr_host.core.crc import crc16_arc
-from ccr_host.description.schema import Tracker
+from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.camera import make_polaris
 from ccr_host.sim.polaris.faults import BitOrder
 from ccr_host.sim.polaris.sensor import Exposer, StrayList, ToolLine, format_tx

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from ccr_host.control.base import Observation
 from ccr_host.control.open_loop import OpenLoop
-from ccr_host.description.schema import Description, Twin
+from ccr_host.description.schema import Description
+from ccr_host.description.simulation import Twin
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.clock import Clock
 from ccr_host.link.client import Client
-from ccr_host.run.tape import Tape
 from ccr_host.tracking.tracker import Tracker
+
+if TYPE_CHECKING:
+    from ccr_host.run.tape import Tape
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from ccr_host.core.clock import NEVER_US, Clock
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.plugins import Guard, make_plugin
-from ccr_host.description.schema import Description, Tracker
+from ccr_host.description.schema import Description
+from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.camera import change_faults, faults_of, make_polaris
 from ccr_host.sim.polaris.line import PolarisLine
 from ccr_host.sim.robot.plant import TWIN

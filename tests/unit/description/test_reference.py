@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ccr_host.description import schema
+from ccr_host.description import schema, simulation
 from ccr_host.description.reference_table import reference
 from ccr_host.description.source import shipped_descriptions
 
@@ -15,11 +15,11 @@ SECTIONS = [
     schema.Servo,
     schema.Link,
     schema.Control,
-    schema.Twin,
-    schema.Tracker,
-    schema.PolarisFaults,
+    simulation.Twin,
+    simulation.Tracker,
+    simulation.PolarisFaults,
     schema.Registration,
-    schema.Push,
+    simulation.Push,
 ]
 
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from ccr_host.description import schema
-from ccr_host.description.schema import Description, Tracker, Twin, followed_key
+from ccr_host.description.schema import Description
+from ccr_host.description.section import followed_key
+from ccr_host.description.simulation import Tracker, Twin
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.observer import true_errors_mm
 from ccr_host.run.options import RunOptions

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.description.schema import Description, Tracker
+from ccr_host.description.schema import Description
+from ccr_host.description.simulation import Tracker
 from ccr_host.record.log import topics
 from ccr_host.record.log.files import LOG_PREFIX, LogFiles
 from ccr_host.record.log.sinks import DirectSink

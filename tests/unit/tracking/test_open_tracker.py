@@ -4,7 +4,8 @@ import pytest
 
 from ccr_host.core import plugins as optional
 from ccr_host.core.errors import ConfigError
-from ccr_host.description.schema import Description, Tracker
+from ccr_host.description.schema import Description
+from ccr_host.description.simulation import Tracker
 from ccr_host.run.tracker_rig import open_tracker
 from ccr_host.tracking.sources.ndi.driver import NdiTracker
 from ccr_host.tracking.uri import TrackerKind, TrackerUri, parse_tracker_uri

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.description.schema import Description, Robot, Tracker
+from ccr_host.description.schema import Description, Robot
+from ccr_host.description.simulation import Tracker
 from ccr_host.robot.arc import Number
 
 FloatArray = NDArray[np.float64]

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccr_host.description import schema
-from ccr_host.description.schema import Tracker
+from ccr_host.description import simulation
+from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.device import PolarisDevice
 from ccr_host.sim.polaris.faults import NO_FAULTS, PolarisFaults, Span
 from ccr_host.sim.polaris.line import PolarisLine
 from ccr_host.sim.polaris.sensor import Placement, PositionSensor
 
 
-def faults_of(described: schema.PolarisFaults, start_us: int | None) -> PolarisFaults:
+def faults_of(described: simulation.PolarisFaults, start_us: int | None) -> PolarisFaults:
     """Faults of a robot description.
 
     Args:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import CcrError
-from ccr_host.description.schema import Twin
+from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.mjcf import MARKERS, TIP, robot_mjcf
 
 Array = NDArray[np.float64]

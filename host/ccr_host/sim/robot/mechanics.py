@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import CcrError, ConfigError
-from ccr_host.description.schema import Twin
+from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.mjcf import DISKS, MARKERS, TIP, robot_mjcf
 
 Array = NDArray[np.float64]

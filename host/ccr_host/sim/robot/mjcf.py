@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
-from ccr_host.description.schema import Twin
+from ccr_host.description.simulation import Twin
 
 DISKS = "disk{}"
 TIP = "tip"

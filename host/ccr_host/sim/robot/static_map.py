@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.user_file import replacing
-from ccr_host.description.schema import Twin
+from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.equilibrium import LONGEST_LEG_RAD, Equilibrium
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ccr_host.core.clock import Clock
-from ccr_host.description.schema import Tracker
+from ccr_host.description.simulation import Tracker
 from ccr_host.tracking.tracker import Sample, TrackerHealth
 
 Array = NDArray[np.float64]

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from ccr_host.control.adaptive.motion import first_pose, moved, setpoint_for, turned
 from ccr_host.control.adaptive.parameters import parameters_of, prior_of
 from ccr_host.control.adaptive.statics import STICKING, hold_of
-from ccr_host.description.schema import Robot, Twin
+from ccr_host.description.schema import Robot
+from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.mechanics import Mechanics
 
 PRIOR = parameters_of(prior_of(Robot()).mean)

@@ -14,7 +14,8 @@ from ccr_host.control.adaptive.statics import (
     unhindered_setpoints_for,
 )
 from ccr_host.control.adaptive.tip import seen_of, tip_mm, tip_of, turned_back_mm
-from ccr_host.description.schema import Robot, Twin
+from ccr_host.description.schema import Robot
+from ccr_host.description.simulation import Twin
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.sim.robot.static_map import Equilibrium
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ccr_host.description.schema import Tracker
+from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.camera import make_polaris
 from ccr_host.sim.polaris.faults import PolarisFaults
 from ccr_host.sim.polaris.line import PROCESSING_US, RESET_US

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccr_host.description.schema import Tracker, Twin
+from ccr_host.description.simulation import Tracker, Twin
 from ccr_host.sim.polaris.faults import BitOrder, PolarisFaults
 from ccr_host.sim.polaris.sensor import Placement, PositionSensor, StrayList, format_tx
 from ccr_host.sim.robot.robot import TwinRobot

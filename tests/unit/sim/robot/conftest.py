@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ccr_host.description.schema import Twin
+from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.robot import TwinRobot
 
 WELL_DAMPED = {"joint_damping": 4e-3}

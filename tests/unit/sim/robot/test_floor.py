@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ccr_host.description.schema import Twin
+from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.equilibrium import Equilibrium
 from ccr_host.sim.robot.floor import floor_of
 from ccr_host.sim.robot.mechanics import Mechanics

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from ccr_host.description.schema import Robot, Twin
+from ccr_host.description.schema import Robot
+from ccr_host.description.simulation import Twin
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.sim.robot.mjcf import robot_mjcf
 

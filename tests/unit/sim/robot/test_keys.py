@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ccr_host.core.errors import CcrError, ConfigError
-from ccr_host.description.schema import Push, Twin
+from ccr_host.description.simulation import Push, Twin
 from ccr_host.sim.robot.robot import TwinRobot
 
 X, Y, Z = 0, 1, 2

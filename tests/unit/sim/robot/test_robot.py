@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ccr_host.description.schema import Twin
+from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.robot import TwinRobot
 
 

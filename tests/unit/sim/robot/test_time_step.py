@@ -2,7 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ccr_host.description.schema import Twin
+from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.mechanics import linear_step_limit_s
 from ccr_host.sim.robot.mjcf import robot_mjcf
 

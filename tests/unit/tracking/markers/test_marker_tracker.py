@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccr_host.description.schema import Robot, Twin
+from ccr_host.description.schema import Robot
+from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.robot import TwinRobot
 from ccr_host.tracking.markers.marker_tracker import MarkerTracker
 from ccr_host.tracking.tracker import MarkerFrame, Pose, TrackerHealth

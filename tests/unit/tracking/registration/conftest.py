@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccr_host.description.schema import Servo, Twin
+from ccr_host.description.schema import Servo
+from ccr_host.description.simulation import Twin
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.sim.robot.robot import TwinRobot

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccr_host.description.schema import Tracker
+from ccr_host.description.simulation import Tracker
 from ccr_host.tracking.sources.twin import Camera
 
 MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)])

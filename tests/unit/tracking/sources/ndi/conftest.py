@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ccr_host.core.clock import VirtualClock
-from ccr_host.description.schema import Tracker
+from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.camera import make_polaris
 from ccr_host.sim.polaris.faults import NO_FAULTS, PolarisFaults
 from ccr_host.sim.polaris.line import PolarisLine

@@ -1,4 +1,4 @@
-"""Validation errors of a robot description, in the user's terms."""
+"""What every section of a robot description is made of, and what is told where one is wrong."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import json
 from collections.abc import Iterable
 from functools import cache
 from types import NoneType
-from typing import Any, get_args
+from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
 
+T = TypeVar("T")
 Location = tuple[int | str, ...]
 Model = type[BaseModel]
 
@@ -34,6 +36,52 @@ _PROBLEMS = {
     "literal_error": "unknown",
 }
 """Text for pydantic's error types; for others pydantic's own message is used."""
+
+
+class Section(BaseModel):
+    """A table of the description: strict, and documented by its attributes' docstrings."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+
+def _both_axes(value: object) -> object:
+    """Expand one number to both axes."""
+    return (value, value) if isinstance(value, int | float) else value
+
+
+def within(low: float, high: float) -> FieldInfo:
+    """Bounds of a number; strict, so that text and `true` are rejected."""
+    bounds: FieldInfo = Field(ge=low, le=high, strict=True)
+    return bounds
+
+
+Both = Annotated[tuple[T, T], BeforeValidator(_both_axes)]
+"""One value for each axis, or one for both."""
+
+# Robots and tendons: from catheters of 2 mm to trunks of a metre.
+SegmentLength = Annotated[float, within(5, 1000)]
+TendonRadius = Annotated[float, within(0.2, 100)]
+MarkerOffset = Annotated[float, within(0, 500)]
+PulleyRadius = Annotated[float, within(1, 200)]
+# Servos: what the board's protocol can carry.
+Pulse = Annotated[float, within(500, 2500)]
+PulseSpan = Annotated[float, within(-2000, 2000)]
+LEAST_SPAN_US = 50.0
+FULL_TURN_DEG = 360
+Turn = Annotated[float, within(-FULL_TURN_DEG, FULL_TURN_DEG)]
+
+
+def as_in(key: str) -> dict[str, Any]:
+    """Mark a key of the simulation that takes its value from another section unless it is set."""
+    return {"as_in": key}
+
+
+def followed_key(field: FieldInfo) -> str | None:
+    """The ``section.key`` whose value a field of the simulation takes unless it is set."""
+    extra = field.json_schema_extra
+    return str(extra["as_in"]) if isinstance(extra, dict) and "as_in" in extra else None
 
 
 def explain(error: ValidationError, whole: Model, where: str) -> tuple[str, str]:

@@ -1,0 +1,194 @@
+"""The simulated sections of a robot description: the twin, its camera, faults of the camera."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from ccr_host.description.section import (
+    FULL_TURN_DEG,
+    LEAST_SPAN_US,
+    Both,
+    MarkerOffset,
+    PulleyRadius,
+    Pulse,
+    PulseSpan,
+    Section,
+    SegmentLength,
+    TendonRadius,
+    Turn,
+    as_in,
+    within,
+)
+
+_Seconds = Annotated[float, within(0, 1e6)]
+"""Time in the path's clock, s, up to eleven days."""
+_Share = Annotated[float, within(0, 1)]
+_Force = Annotated[float, within(-100, 100)]
+_Flexures = Annotated[int, within(1, 40)]
+_Slack = Annotated[float, within(0, 100)]
+
+
+def _all_tendons(value: object) -> object:
+    """Expand one number to all four tendons."""
+    return (value,) * 4 if isinstance(value, int | float) else value
+
+
+class Push(Section):
+    """A force on the tip during part of the run."""
+
+    force_n: tuple[_Force, _Force, _Force]
+    """Force along x, y, z of (10), at the centre of the last disk."""
+    start_s: _Seconds
+    """Start in the path's clock."""
+    end_s: _Seconds
+    """End in the path's clock."""
+
+    @model_validator(mode="after")
+    def _ends_after_its_start(self) -> Push:
+        if not self.start_s < self.end_s:
+            raise ValueError(
+                f"twin.push.start_s = {self.start_s:g} is not before end_s = {self.end_s:g}"
+            )
+        return self
+
+
+class Twin(Section):
+    """The simulated robot; docs/twin.md explains how each default was chosen."""
+
+    flexures: tuple[_Flexures, _Flexures] = (6, 5)
+    """Hinges of each segment, evenly spaced."""
+    segment_lengths_mm: tuple[SegmentLength, SegmentLength] = Field(
+        (58.5, 43.5), json_schema_extra=as_in("robot.segment_lengths_mm")
+    )
+    """True L_1 and L_2."""
+    tendon_radius_mm: TendonRadius = Field(4.5, json_schema_extra=as_in("robot.tendon_radius_mm"))
+    """True r_c."""
+    marker_offset_mm: MarkerOffset = Field(15.0, json_schema_extra=as_in("robot.marker_offset_mm"))
+    """True d_m."""
+    pulley_radius_mm: PulleyRadius = Field(12.5, json_schema_extra=as_in("robot.pulley_radius_mm"))
+    """True r_p."""
+    bending_stiffness_nm_rad: Both[Annotated[float, within(1e-4, 100)]] = (0.02, 0.02)
+    """Stiffness of a whole segment: moment over total bending angle."""
+    joint_damping: Annotated[float, within(0, 1)] = 2e-4
+    """Damping of each flexure, N m s/rad."""
+    friction: Annotated[float, within(0, 100)] = 0.0
+    """Dry friction of each tendon, N."""
+    disk_mass_g: Annotated[float, within(0.01, 1000)] = 0.8
+    """Mass of each disk; there is one per flexure."""
+    marker_mass_g: Annotated[float, within(0.01, 1000)] = 3.0
+    """Mass of each of the two moving markers."""
+    payload_g: Annotated[float, within(0, 10_000)] = 0.0
+    """Mass at the centre of the last disk."""
+    payload_start_s: _Seconds = 0.0
+    """Time at which the payload is attached, in the path's clock; 0: present from power-up."""
+    slack_mm: Annotated[tuple[_Slack, _Slack, _Slack, _Slack], BeforeValidator(_all_tendons)] = (
+        1.2,
+        1.2,
+        1.2,
+        1.2,
+    )
+    """Excess length at rest of tendons 1 to 4, or one number for all of them."""
+    tendon_stiffness_n_m: Annotated[float, within(10, 1e6)] = 4000.0
+    """Force of a taut tendon over its elongation."""
+    tendon_force_max_n: Annotated[float, within(0.1, 1000)] = 60.0
+    """Maximum force of a tendon."""
+    servo_rate_deg_s: Annotated[float, within(0.001, 10_000)] = 300.0
+    """Speed at which the shaft turns towards its target."""
+    servo_deadband_deg: Annotated[float, within(0, 45)] = 0.0
+    """The shaft does not move while its target is no further away than this."""
+    servo_neutral_us: Both[Pulse] = Field(
+        (1500.0, 1500.0), json_schema_extra=as_in("servo.neutral_pulse_us")
+    )
+    """True pulse width at a shaft angle of 0 deg."""
+    servo_us_per_90_deg: Both[PulseSpan] = Field(
+        (1000.0, 1000.0), json_schema_extra=as_in("servo.pulse_per_90_deg_us")
+    )
+    """True pulse change for +90 deg; negative for a servo mounted the other way round."""
+    gravity_m_s2: Annotated[float, within(-100, 100)] = 9.81
+    """Gravity along -z; negative for a robot mounted upside down."""
+    push: Push | None = None
+    """A force on the tip, as a table: {force_n = [0, 0, 0.1], start_s = 10, end_s = 12}."""
+    time_step_ms: Annotated[float, within(0.02, 2)] = 0.5
+    """Longest simulation step; stiff or light robots automatically use a shorter one."""
+
+    @model_validator(mode="after")
+    def _servos_turn(self) -> Twin:
+        if min(map(abs, self.servo_us_per_90_deg)) < LEAST_SPAN_US:
+            raise ValueError(
+                f"twin.servo_us_per_90_deg = {list(self.servo_us_per_90_deg)} is nearer to 0 than "
+                f"{LEAST_SPAN_US:g}"
+            )
+        return self
+
+
+def _rotation(value: object) -> object:
+    """Expand one number to a rotation about the axis (1, 1, 1); three are a rotation vector."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    return (value / 3**0.5,) * 3 if abs(value) <= FULL_TURN_DEG else value
+
+
+class Tracker(Section):
+    """The camera: how the twin simulates it, and settings of real ones."""
+
+    noise_mm: Annotated[float, within(0, 100)] = 0.25
+    """RMS length of the error of the measured vector M3 - M1."""
+    rate_hz: Annotated[float, within(0.1, 1000)] = 20.0
+    """Exposures per second."""
+    latency_ms: Annotated[float, within(0, 10_000)] = 40.0
+    """Time from an exposure until the host can have it, at least; of a real camera too."""
+    dropout: Annotated[float, within(0, 0.999)] = 0.0
+    """Fraction of exposures without a sample."""
+    rotation_deg: Annotated[tuple[Turn, Turn, Turn], BeforeValidator(_rotation)] = Field(
+        (0.0, 0.0, 0.0), json_schema_extra=as_in("registration.camera_to_robot_deg")
+    )
+    """Rotation vector of the camera frame relative to the robot frame, simulated cameras only.
+
+    One number is a rotation about the axis (1, 1, 1). By default simulated cameras stand as the
+    registration says, so that no error is left after it.
+    """
+    tool_files: dict[str, str] = Field(default_factory=dict)
+    """Tool definitions (.rom) of a Polaris by name: M1, M2, M3 are the markers, any other only
+    switches on the illuminators."""
+    camera_file: str | None = None
+    """Calibration file of a webcam, as written by OpenCV or ROS."""
+    tag_size_mm: Annotated[float, within(1, 1000)] | None = None
+    """Edge length of the ArUco tags, for a webcam."""
+
+
+def _ordered(span: tuple[float, float]) -> tuple[float, float]:
+    if not span[0] < span[1]:
+        raise ValueError(f"the interval [{span[0]:g}, {span[1]:g}] does not end after its start")
+    return span
+
+
+_Span = Annotated[tuple[_Seconds, _Seconds], AfterValidator(_ordered)]
+"""Start and end."""
+
+
+class PolarisFaults(Section):
+    """Injected faults of the emulated Polaris; times in s in the path's clock.
+
+    With ``ccr-host emulate`` they count from its start.
+    """
+
+    shuffle: Annotated[bool, Field(strict=True)] = False
+    """Report stray markers in random order."""
+    phantoms: Annotated[int, within(0, 40)] = 0
+    """Number of false points per frame."""
+    occlusion: _Share = 0.0
+    """Probability that a marker is hidden in an exposure, independently for each marker."""
+    bad_crc: _Share = 0.0
+    """Probability that a reply is corrupted in transit."""
+    occluded_s: tuple[_Span, ...] = ()
+    """Intervals in which all markers are hidden, e.g. [[10, 12], [30, 31]]."""
+    out_of_volume_s: tuple[_Span, ...] = ()
+    """Intervals in which the scene is beyond the far end of the measurement volume."""
+    silent_s: tuple[_Span, ...] = ()
+    """Intervals in which the camera does not respond."""
+    unplugged_s: tuple[_Span, ...] = ()
+    """Intervals in which its port is gone."""
+    reset_s: tuple[_Seconds, ...] = ()
+    """Times at which its power fails for a moment."""
