@@ -1,4 +1,4 @@
-"""Options and reports that all tests share."""
+"""Options and reports shared by all tests."""
 
 from __future__ import annotations
 

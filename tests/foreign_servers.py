@@ -1,4 +1,4 @@
-"""What may listen where a tracker, board or scheduler is expected: each by its own behaviour."""
+"""Servers of other kinds that may listen where a tracker, board or scheduler is expected."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _random_bytes(peer: socket.socket) -> None:
 
 
 def _closes_at_once(_peer: socket.socket) -> None:
-    """Nothing is said."""
+    """Sends nothing."""
 
 
 def _echo(peer: socket.socket) -> None:

@@ -1,4 +1,4 @@
-"""Which requirements of the protocol the tests have shown on a board, and why not the others."""
+"""Requirements of the protocol shown by the tests on a board, and why others were not."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Coverage:
                 evidence.skipped.add(reason)
 
     def lines(self) -> Iterable[str]:
-        """For the terminal: a line for each board, and one for each requirement not shown whole."""
+        """Lines for the terminal, one per board and one per requirement not fully shown."""
         for board, evidence in sorted(self._boards.items()):
             if not any(one.passed or one.failed for one in evidence.values()):
                 continue

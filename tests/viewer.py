@@ -1,4 +1,4 @@
-"""Somebody before the live page who draws nothing: what a browser says and hears, by hand."""
+"""A viewer of the live page that draws nothing: implements a browser's side of the protocol."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Viewer:
             open_timeout=PATIENCE_S,
         )
         self.labels: dict[str, str] = {}
-        """Of the controls that have been heard of, by uuid."""
+        """Labels of the known controls, by uuid."""
         self.say(CAMERA)
 
     def __enter__(self) -> Self:
@@ -55,7 +55,7 @@ class Viewer:
         self._socket.close()
 
     def say(self, message: Mapping[str, Any] | bytes | str) -> None:
-        """Anything at all."""
+        """Sends anything."""
         if isinstance(message, Mapping):
             message = msgspec.msgpack.encode(message)
         self._socket.send(message)

@@ -17,7 +17,7 @@ MODULES = frozenset({"fcntl", "grp", "pty", "pwd", "resource", "termios", "tty"}
 
 
 def hide() -> None:
-    """For the rest of this process."""
+    """Hide the POSIX modules for the rest of this process."""
     real_import = builtins.__import__
 
     def without_posix(

@@ -6,7 +6,7 @@
         run = robot.track("8shape")
     run.steps
 
-What is named here is the interface for programs. It is imported when it is first used.
+The names listed here are the interface for programs. They are imported when first used.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """On a port, what needs a board without a configuration comes before what saves one."""
+    """On a port, run tests that need an unconfigured board before those that save."""
     items.sort(key=lambda item: not (_on_a_port(item) and "unconfigured" in item.fixturenames))
 
 
@@ -54,7 +54,7 @@ def pytest_terminal_summary(
 
 @pytest.fixture(scope="session")
 def found_board(request: pytest.FixtureRequest) -> Iterator[Callable[[str], FoundBoard]]:
-    """The board behind a port, opened once; without one the session ends here."""
+    """The board on a port, opened once; the session ends here if there is none."""
     boards: dict[str, FoundBoard] = {}
 
     def find(uri: str) -> FoundBoard:
@@ -105,7 +105,7 @@ def make_host(
 
 @pytest.fixture
 def listening(make_host: MakeHost) -> Host:
-    """In whatever state, without a session."""
+    """A host of a board in any state, without a session."""
     return make_host()
 
 
@@ -137,7 +137,7 @@ def unconfigured(started: Host) -> Host:
 
 @pytest.fixture
 def with_session(listening: Host) -> Host:
-    """In `disarmed`, at rest; configured or not."""
+    """A host of a board in `disarmed`, at rest; configured or not."""
     listening.boot()
     listening.open_session()
     listening.clear_latch()
@@ -147,14 +147,14 @@ def with_session(listening: Host) -> Host:
 
 @pytest.fixture
 def host(with_session: Host) -> Host:
-    """Ready to be armed."""
+    """A host of a board that can be armed."""
     with_session.configure()
     return with_session
 
 
 @pytest.fixture
 def armed(host: Host) -> Host:
-    """In `hold`, at rest."""
+    """A host of a board in `hold`, at rest."""
     host.arm()
     return host
 
@@ -163,7 +163,7 @@ def armed(host: Host) -> Host:
 def may_save(
     device_uri: str, request: pytest.FixtureRequest, found_board: Callable[[str], FoundBoard]
 ) -> None:
-    """Asked for by tests that write to the EEPROM."""
+    """Requested by tests that write to the EEPROM."""
     if device_uri in IN_STEP or request.config.getoption("--write-eeprom"):
         return
     if not found_board(device_uri).can_be_saved_again:

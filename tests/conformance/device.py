@@ -18,7 +18,7 @@ PULSES_OVER_US = 3_000
 """Into a frame, when every pulse has ended."""
 
 _ANSWER_TIMEOUT_US = 15_000
-"""Of TIM-5."""
+"""Response time of TIM-5."""
 
 
 class Device(Protocol):
@@ -30,7 +30,7 @@ class Device(Protocol):
     in_step: bool
     """Whether its time is that of the test, to a tick."""
     answer_timeout_us: int
-    """An answer that has not come by then does not come."""
+    """Time after which an answer counts as missing."""
 
     def send(self, data: bytes) -> None: ...
 
@@ -46,7 +46,7 @@ class Device(Protocol):
 
 
 class SteppedDevice(Device, Protocol):
-    """A simulated board, which shows its pins and lends its EEPROM."""
+    """A simulated board with access to its pins and EEPROM."""
 
     eeprom: EepromImage
 

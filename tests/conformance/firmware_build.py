@@ -14,7 +14,7 @@ BUILDS = ROOT / "build" / "firmware"
 
 @cache
 def firmware_elf(*flags: str) -> Path:
-    """Build with extra compiler flags, unless this very source was built with them before."""
+    """Build with extra compiler flags, unless the same source was built with them before."""
     folder = BUILDS / _fingerprint(flags)
     folder.mkdir(parents=True, exist_ok=True)
     elf = folder / "firmware.elf"

@@ -1,4 +1,4 @@
-"""A board behind a port, for all tests of a session: looked at first, left as it was found."""
+"""A board on a port, for all tests of a session: examined first, and finally restored."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from tests.conformance.port_device import PortDevice
 
 @dataclass(frozen=True)
 class EepromContent:
-    """What a board has loaded from its EEPROM."""
+    """The configuration that a board has loaded from its EEPROM."""
 
     status: m.EepromStatus
     config: BoardConfig
 
     @property
     def can_be_saved_again(self) -> bool:
-        """A blank or spoilt EEPROM cannot be made so again over the port."""
+        """A blank or corrupt EEPROM cannot be restored over the port."""
         return self.status in (m.EepromStatus.LOADED, m.EepromStatus.ONE_SLOT_BAD)
 
 

@@ -1,4 +1,4 @@
-"""A host as the tests want it: asks a board, waits for its ticks, sees its pulses."""
+"""A host for the tests: queries a board, waits for its ticks, observes its pulses."""
 
 from __future__ import annotations
 

@@ -14,24 +14,24 @@ from tests.conformance.device import SteppedDevice
 from tests.conformance.talk import Talk
 
 Pulses = tuple[int, int]
-"""Of both axes, 0.5 us; 0 is none."""
+"""Pulses of both axes, in 0.5 us; 0 is no pulse."""
 
 _AFTER_TICK_US = 500
 _LATE_US = 5_000_000
-"""A report that a machine under load has not delivered by then is lost."""
+"""Time after which a report counts as lost, even on a loaded machine."""
 
 
 class Observer(Protocol):
     """Ticks are numbered as in the spec: tick k makes the report that gives k + 1."""
 
     def session_opened(self, session: int) -> None:
-        """From now on the board may be asked for a stream of reports."""
+        """Called once the board can be asked for a stream of reports."""
 
     def was_reset(self) -> None:
-        """The board begins again."""
+        """Called when the board restarts."""
 
     def next_tick(self) -> int:
-        """The first tick after the last answer, or after the last tick that was looked at."""
+        """The first tick after the last answer, or after the last observed tick."""
 
     def go_past(self, tick: int) -> None:
         """Return shortly after that tick."""
@@ -40,14 +40,14 @@ class Observer(Protocol):
         """The state right after a tick."""
 
     def pulses_of_tick(self, tick: int) -> Pulses:
-        """What the tick has made the pulses of the next frame."""
+        """Pulses that the tick has prepared for the next frame."""
 
     def pulses_through(self, last_tick: int) -> set[Pulses]:
         """Those of the next tick and of all until that one."""
 
 
 class InStepObserver:
-    """Looks at the pins, and asks for the state after the tick."""
+    """Reads the pins, and queries the state after the tick."""
 
     def __init__(self, talk: Talk, device: SteppedDevice) -> None:
         self._talk = talk

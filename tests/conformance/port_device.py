@@ -1,4 +1,4 @@
-"""A board behind a port, in real time: an UNO, or a simulated one that another program serves."""
+"""A board on a port, in real time: an UNO, or a simulated one served by another program."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
 from ccr_host.link.transport import DeviceUri, open_transport
 
 _NOTICE_CLOSED_US = 100_000
-"""Five times as long as `ccr-host emulate` takes to see that its client has gone."""
+"""Five times the time in which `ccr-host emulate` detects that its client has left."""
 _PING_PERIOD_US = 25_000
 """Longer than the slowest USB adapter takes (16 ms latency timer): one answer at a time is due."""
 _LOOK_PERIOD_US = 1_000
 _ANSWER_TIMEOUT_US = 5_000_000
-"""A machine under load may look away; nothing that is judged depends on it."""
+"""Margin for a loaded machine; no result depends on it."""
 
 
 class PortDevice:

@@ -1,4 +1,4 @@
-"""Talk with a device, frame by frame in the order in which the board has sent them."""
+"""Communication with a device, frame by frame in the order in which the board sent them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.conformance.device import Device
 
 _STEP_US = 100
 _LISTENING_STEP_US = 5_000
-"""Who waits for nothing in particular need not look so often."""
+"""Polling period without a specific expectation."""
 
 
 class Talk:
@@ -24,7 +24,7 @@ class Talk:
         self.forget()
 
     def forget(self) -> None:
-        """Begin again, as after a reset."""
+        """Start again, as after a reset."""
         self.stream: list[tuple[int, m.StateReport]] = []
         """Telemetry read so far, with its sequence numbers."""
         self._read_before_answer = 0
@@ -60,7 +60,7 @@ class Talk:
         return answers
 
     def ask_frames(self, data: bytes, count: int = 1) -> list[Frame]:
-        """As many answers to raw bytes, as soon as they are there."""
+        """The given number of answers to raw bytes, as soon as they have arrived."""
         self.device.send(data)
         return [self._read_answer() for _ in range(count)]
 
@@ -79,7 +79,7 @@ class Talk:
         raise AssertionError(f"no answer, but {reports} reports of the stream meanwhile")
 
     def read_frame(self, deadline_us: int, step_us: int = _STEP_US) -> Frame | None:
-        """The next frame, or None if there is none until then."""
+        """The next frame, or None if there is none before the deadline."""
         while not self._unread:
             now_us = self.device.since_reset_us()
             if now_us >= deadline_us:

@@ -20,7 +20,7 @@ def accelerating(host, *acceleration, slew=SLEW, watchdog=None):
 
 
 def setpoints(host, ticks):
-    """After each tick, from the one before on."""
+    """Setpoints after each tick, starting with the previous one."""
     seen = [host.report().setpoint_cdeg]
     first = host.next_tick()
     seen += [host.report_of_tick(tick).setpoint_cdeg for tick in range(first, first + ticks)]

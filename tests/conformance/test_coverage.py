@@ -1,4 +1,4 @@
-"""No requirement goes without a test."""
+"""Every requirement has a test."""
 
 import ast
 from pathlib import Path

@@ -40,7 +40,7 @@ EMERGENCY = (m.State.FAULT, m.Fault.EMERGENCY_STOP)
 
 @pytest.fixture
 def fitted(host):
-    """Ready to be armed, with an emergency stop."""
+    """A host of a board with an emergency stop that can be armed."""
     host.done(m.SetEquipment(SESSION, FITTED))
     return host
 

@@ -1,4 +1,4 @@
-"""FRM and REQ: what the board makes of bytes."""
+"""FRM and REQ: how the board processes bytes."""
 
 import pytest
 from hypothesis import HealthCheck, given, settings

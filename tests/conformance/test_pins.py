@@ -1,4 +1,4 @@
-"""SUP and LED: what the board shows and switches beside the servo pulses."""
+"""SUP and LED: outputs of the board other than the servo pulses."""
 
 import pytest
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.in_step("LED and supply cannot be seen over a port")
 
 
 def led_through(host, ticks):
-    """Of each tick: state and whether the LED is on."""
+    """State, and whether the LED is on, in each tick."""
     seen = []
     first = host.next_tick()
     for tick in range(first, first + ticks):
@@ -39,7 +39,7 @@ def assert_shown(host, ticks):
 
 
 def supply_through(host, ticks):
-    """After each tick: the state and whether the supply is on."""
+    """State, and whether the supply is on, after each tick."""
     first = host.next_tick()
     return [
         (host.report_of_tick(tick).state, host.device.board.servo_supply_on)

@@ -18,7 +18,7 @@ PULSING = (
 
 
 def bring_to(host, state):
-    """From armed, in hold, at rest."""
+    """Bring the board into a state from armed, in hold, at rest."""
     match state:
         case m.State.DISARMED:
             host.done(m.Disarm(SESSION))

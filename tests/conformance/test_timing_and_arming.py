@@ -10,11 +10,11 @@ SESSION = 0x5E55
 PHYSICAL_CAUSES = [cause for cause in m.ResetCause if cause is not m.ResetCause.UNKNOWN]
 NEUTRAL = (3000, 3100)
 CLOCK_ERROR = 0.01
-"""Of an UNO's ceramic resonator: 0.5 % when made, 0.3 % with temperature, some with age."""
+"""Tolerance of an UNO's ceramic resonator: 0.5 % initially, 0.3 % with temperature, plus ageing."""
 
 
 def ticks_run_at(board_time_us):
-    """How many ticks have run that long after a reset."""
+    """Number of ticks run within that time after a reset."""
     return max(0, (board_time_us - m.TICK_PHASE_US) // m.TICK_US + 1)
 
 

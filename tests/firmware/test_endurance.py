@@ -1,4 +1,4 @@
-"""The firmware's binary over hours of its own time, with a host that talks and falls silent."""
+"""The firmware's binary over hours of its time, with a host that is active and silent in turn."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WRAP_S = 2**32 / 1e6
 
 
 def operate(seed: int, duration_s: float, board_time_at_reset_us: int = 0) -> None:
-    """Targets every second, now and then a silence that ends in link loss and a new start."""
+    """Targets every second, and occasional silence that ends in link loss and a new start."""
     rng = np.random.default_rng(seed)
     elf = firmware_elf(f"-DCCR_TIME_AT_RESET_US={board_time_at_reset_us}UL")
     with closing(SimavrBoard(read_flash_image(elf))) as board:

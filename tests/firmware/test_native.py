@@ -73,7 +73,7 @@ def test_every_vector_and_property_passes(report: str) -> None:
 def test_each_header_compiles_alone_without_the_standard_library(
     compiler: str, header: Path, tmp_path: Path
 ) -> None:
-    """As for the AVR, whose toolchain has no C++ standard library."""
+    """Compile without a C++ standard library, as for the AVR."""
     source = tmp_path / "alone.cpp"
     source.write_text(f'#include "{header.name}"\n#include "{header.name}"\n')
     freestanding = [

@@ -1,4 +1,4 @@
-"""A wire tap between host and board: it sees both ways, and keeps the board's port open."""
+"""A tap on the line between host and board, which keeps the board's port open."""
 
 from __future__ import annotations
 

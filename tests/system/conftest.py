@@ -1,4 +1,4 @@
-"""Runs the program as its user does: as a command, judged by what it prints and leaves behind."""
+"""Runs the program as a user does, as a command whose output and files are checked."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from ccr_host.record.log.topics import Topic
 from tests.system.warm_start import run_program
 
 PAPERS = ("--controller", "mpc")
-"""The quickest closed loop: it follows the path at once."""
+"""The fastest closed loop: it starts the path at once."""
 PATIENCE_S = 120
-"""For what hangs when it is wrong: longer than it takes on any machine, however busy."""
+"""Time-out for commands that hang if they are wrong; long enough for any busy machine."""
 COMMAND = str(Path(sys.executable).with_name("ccr-host"))
 
 
@@ -41,7 +41,7 @@ class Ended:
 
 
 class CcrHost:
-    """The command, in a folder of its own."""
+    """The command, run in a new folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -31,12 +31,12 @@ class DrivenTerminal:
         self.process.send(keys)
 
     def wait_for(self, pattern: str) -> str:
-        """What was shown up to the end of a match."""
+        """Output up to the end of a match."""
         self.process.expect(pattern)
         return _STYLING.sub("", self.process.before + self.process.after)
 
     def end(self) -> str:
-        """What was shown until the command ended."""
+        """Output up to the end of the command."""
         self.process.expect(pexpect.EOF)
         self.process.close()
         return _STYLING.sub("", self.process.before)

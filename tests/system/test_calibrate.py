@@ -1,4 +1,4 @@
-"""Calibration of a robot whose servos are mounted askew, one of them the wrong way round."""
+"""Calibration of a robot with misaligned servos, one of them reversed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def terminal(tmp_path: Path, robot: Path, calibrated: Path) -> Iterator[DrivenTe
 
 
 def keys_for(axis: int, motion_deg: float) -> str:
-    """From a step of 10 deg down to one of 0.1 and back."""
+    """Move with steps from 10 deg down to 0.1 deg and back."""
     forwards, backwards = KEYS[axis]
     keys, left_deg = "", abs(motion_deg)
     for step_deg in STEPS_DEG:

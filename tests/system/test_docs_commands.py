@@ -57,7 +57,7 @@ TOLD_ELSEWHERE = {
 }
 HELP = {"--help", "-h", "--with-open"}
 SERVES_UNTIL = {"emulate": "stdout", "view": "stderr"}
-"""Where they say that Ctrl-C ends them."""
+"""Commands that state that Ctrl-C ends them."""
 
 
 def printed_lines(page: Path) -> list[str]:
@@ -89,7 +89,7 @@ def simulated(command: str) -> str:
 
 
 def to_be_run() -> list[str]:
-    """One of all that come to the same."""
+    """One command of each group with the same effect."""
     commands = printed_commands() | {example_of(command) for command in CLI.commands.values()}
     here = {c for c in commands if not any(re.search(sign, c) for sign in TOLD_ELSEWHERE)}
     return sorted({simulated(command) for command in here if command})
@@ -106,7 +106,7 @@ def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def at_work(ccr_host: CcrHost, recorded_run: Path) -> CcrHost:
-    """A folder with what the docs tell to put there."""
+    """A folder with the files that the docs describe."""
     (ccr_host.folder / "my-robot.toml").write_text('name = "my robot"\n')
     write_short_path(ccr_host.folder)
     shutil.copytree(recorded_run, ccr_host.folder / "kept")
@@ -153,7 +153,7 @@ def test_each_command_shows_an_example_of_itself() -> None:
 
 
 def mentioned_commands() -> set[str]:
-    """Between backquotes anywhere, and in code blocks."""
+    """Commands between backquotes anywhere, and in code blocks."""
     told = [span for page in PAGES for span in re.findall(r"`(ccr-host [^`]+)`", page.read_text())]
     return {
         *told,

@@ -1,4 +1,4 @@
-"""The command in a terminal that is driven."""
+"""The command ``jog`` in a driven terminal."""
 
 import re
 from collections.abc import Iterator

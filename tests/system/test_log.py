@@ -1,4 +1,4 @@
-"""The log of a run as its user meets it: after a kill, replayed, exported."""
+"""The log of a run from the user's point of view: after a kill, replayed, exported."""
 
 import signal
 import time

@@ -15,7 +15,7 @@ import pytest
 from tests.system.conftest import PAPERS, CcrHost, children
 
 AT_WORK_S = 2.2
-"""So much processor time a worker of a sweep has used once it is computing its twin."""
+"""Processor time after which a worker of a sweep is certainly computing its twin."""
 
 
 def cpu_s(process: int) -> float:
@@ -27,7 +27,7 @@ def cpu_s(process: int) -> float:
 
 
 def kill_helpers(process: subprocess.Popen[str], times: int) -> set[int]:
-    """Kill so many of the processes that it starts, each as soon as it is there."""
+    """Kill the given number of processes that it starts, each as soon as it exists."""
     killed: set[int] = set()
     deadline = time.monotonic() + 60
     while len(killed) < times and process.poll() is None and time.monotonic() < deadline:

@@ -1,4 +1,4 @@
-"""A user's own controller and simulated robot, as their user sees them."""
+"""User-supplied controllers and simulated robots, from the user's point of view."""
 
 from pathlib import Path
 

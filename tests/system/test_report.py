@@ -1,4 +1,4 @@
-"""One page about runs that needs no other file."""
+"""A self-contained page about runs."""
 
 from __future__ import annotations
 

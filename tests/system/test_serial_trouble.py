@@ -18,7 +18,7 @@ def fail(*_):
     raise termios.error(errno.EIO, "Input/output error")
 termios.tcsetattr = fail
 """
-"""In the place of a preloaded library: every program on this PYTHONPATH meets such a driver."""
+"""Replaces a preloaded library: every program with this PYTHONPATH gets such a driver."""
 
 
 @pytest.fixture

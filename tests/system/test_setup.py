@@ -1,4 +1,4 @@
-"""A new robot is led to its first path: servos reversed and off by 8 deg, the camera turned."""
+"""Setup of a new robot up to its first path: servos reversed and off by 8 deg, camera rotated."""
 
 from __future__ import annotations
 

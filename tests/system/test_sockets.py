@@ -42,7 +42,7 @@ def processes(parent: int) -> list[int]:
 
 
 def listening(parent: int) -> set[Address]:
-    """Where they listen; a socket of the file system would be one too many."""
+    """Addresses on which they listen; a socket in the file system is an error."""
     held = set()
     for process in processes(parent):
         for file in Path(f"/proc/{process}/fd").glob("*"):
@@ -193,7 +193,7 @@ def test_no_socket_of_a_sweep_answers_a_stranger(ccr_host: CcrHost) -> None:
 
 
 def shakes_hands(address: Address) -> bool:
-    """Whether somebody without a certificate is let in."""
+    """Whether a client without a certificate is accepted."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     with (

@@ -1,4 +1,4 @@
-"""What becomes of standard input, output and error changes neither results nor status."""
+"""Problems with standard input, output and error change neither results nor status."""
 
 from __future__ import annotations
 

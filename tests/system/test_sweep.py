@@ -1,4 +1,4 @@
-"""Sweeps as their user runs them; the static maps are kept small by narrow motor limits."""
+"""Sweeps as a user runs them; narrow motor limits keep the static maps small."""
 
 import json
 import os

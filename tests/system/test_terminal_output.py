@@ -1,4 +1,4 @@
-"""Progress and colours are for terminals; what goes into a pipe or a file is plain text."""
+"""Progress bars and colours appear on terminals only; pipes and files get plain text."""
 
 from __future__ import annotations
 

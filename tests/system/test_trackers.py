@@ -1,4 +1,4 @@
-"""Trackers as their user meets them: runs over the emulated Polaris, registration, monitor."""
+"""Trackers from the user's point of view: runs with the emulated Polaris, registration, monitor."""
 
 import json
 import signal

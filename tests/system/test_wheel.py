@@ -1,4 +1,4 @@
-"""The wheel that is released, used in an empty folder and without the checkout."""
+"""The released wheel, used in an empty folder and without the checkout."""
 
 import json
 import os

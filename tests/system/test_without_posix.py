@@ -1,4 +1,4 @@
-"""The pure host part where a system lacks what only POSIX has, as Windows does."""
+"""The pure host part on a system without POSIX features, such as Windows."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""What the docs promise to cover is there."""
+"""The docs are complete and consistent with the code."""
 
 import ast
 import json
@@ -75,7 +75,7 @@ def test_every_seeded_fault_and_what_notices_it_is_in_the_table() -> None:
 
 
 def quoted_messages() -> list[str]:
-    """What the first column of the troubleshooting tables quotes."""
+    """Messages quoted in the first column of the troubleshooting tables."""
     lines = (ROOT / "docs" / "troubleshooting.md").read_text().splitlines()
     symptoms = [line.split("|")[1] for line in lines if line.startswith("| ")]
     spans = [span for symptom in symptoms for span in re.findall(r"`([^`]+)`", symptom)]

@@ -80,7 +80,7 @@ def plugin(kind: Kind, name: str) -> Any:  # noqa: ANN401 - anything that users 
 
     Raises:
         ConfigError: no such file or class.
-        CodeError: the file or package raises while it is imported.
+        CodeError: the file or package raises an exception when imported.
     """
     if isinstance(name, Given):
         return name.what
@@ -148,10 +148,10 @@ class Guard:
 
     @contextmanager
     def blamed(self, method: str) -> Iterator[None]:
-        """Turn what a method raises into an error that names the method.
+        """Turn any exception of a method into an error that names the method.
 
         Raises:
-            CodeError: for every exception but ours and an interruption.
+            CodeError: for every exception except ours and an interrupt.
         """
         try:
             with blaming(f"{self._who}.{method}", self._cure):
@@ -163,7 +163,7 @@ class Guard:
 
 @lru_cache
 def _module(file: Path, source: bytes) -> ModuleType:
-    """Import a file once, and again after it has changed; it may import modules beside it."""
+    """Import a file once, and again after changes; it may import modules from its folder."""
     folder = os.fspath(file.parent)
     if folder not in sys.path:
         sys.path.append(folder)

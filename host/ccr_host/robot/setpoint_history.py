@@ -1,4 +1,4 @@
-"""What the setpoints of the motors were at a past time, and what they aimed at."""
+"""Past setpoints of the motors, and the path steps that they aimed at."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 _KEPT_S = 2.0
-"""Far above any camera's latency."""
+"""Much longer than any camera's latency."""
 _QUIET_RAD_S = 1.5
-"""Paths turn the servos at a third of it; change-overs of tendons at five times."""
+"""Three times the servo rate of paths, a fifth of that of tendon change-overs."""
 _JOLT_MEMORY_S = 0.3
 """Two oscillations of the structure."""
 _MOST_JOLTS = 64
@@ -35,30 +35,30 @@ class _Ramp(NamedTuple):
 
 
 class SetpointHistory:
-    """The last commands as straight ramps; times in s.
+    """The last commands as linear ramps; times in s.
 
     Args:
-        q_rad: setpoint before the first command, (2,); it aims at nothing.
+        q_rad: setpoint before the first command, (2,), without a path step.
     """
 
     def __init__(self, q_rad: FloatArray) -> None:
         self.restart(q_rad)
 
     def restart(self, q_rad: FloatArray) -> None:
-        """Forget everything but a setpoint that has stood for ever, (2,)."""
+        """Clear the history, as if the setpoint had always been ``q_rad``, (2,)."""
         self._ramps = deque([_Ramp(-math.inf, 0.0, q_rad, q_rad, None, None)])
         self._jolts: deque[tuple[float, float]] = deque(maxlen=_MOST_JOLTS)
 
     def command(
         self, time_s: float, q_rad: FloatArray, ramp_s: float, index: float | None = None
     ) -> None:
-        """A command given at ``time_s``; it goes on from wherever the setpoint is.
+        """Add a command given at ``time_s``, which starts at the current setpoint.
 
         Args:
-            time_s: not before that of the last command.
-            q_rad: where to, (2,).
-            ramp_s: how long the setpoint takes.
-            index: step of a path that it aims at, if it does.
+            time_s: time, not before that of the last command.
+            q_rad: commanded motor angles, (2,).
+            ramp_s: duration of the ramp.
+            index: path step that it aims at, if any.
         """
         before_rad, before = self.at(time_s), self.index_at(time_s)
         while len(self._ramps) > 1 and self._ramps[1].start_s < time_s - _KEPT_S:
@@ -69,7 +69,7 @@ class SetpointHistory:
             self._jolts.append((time_s, jolt_rad))
 
     def at(self, time_s: float) -> FloatArray:
-        """Setpoint, (2,)."""
+        """Setpoint at ``time_s``, rad, (2,)."""
         ramp = self._ramp_at(time_s)
         share = ramp.share(time_s)
         return (
@@ -77,7 +77,7 @@ class SetpointHistory:
         )
 
     def index_at(self, time_s: float) -> float | None:
-        """Step of the path that the setpoint aimed at."""
+        """Path step that the setpoint aimed at, interpolated; None if none."""
         ramp = self._ramp_at(time_s)
         share = ramp.share(time_s)
         if ramp.from_index is None or ramp.to_index is None:
@@ -85,14 +85,14 @@ class SetpointHistory:
         return ramp.from_index + share * (ramp.to_index - ramp.from_index)
 
     def rate_at(self, time_s: float) -> FloatArray:
-        """Rate of the setpoint in rad/s, (2,)."""
+        """Rate of the setpoint, rad/s, (2,)."""
         ramp = self._ramp_at(time_s)
         if not 0.0 <= time_s - ramp.start_s < ramp.duration_s:
             return np.zeros(2)
         return (ramp.to_rad - ramp.from_rad) / ramp.duration_s
 
     def jolt_at(self, time_s: float) -> float:
-        """By how much, in rad, servos have jumped lately: the structure still swings from it."""
+        """Decayed sum of recent servo jumps, rad, from which the structure still swings."""
         return sum(
             jolt_rad * math.exp((start_s - time_s) / _JOLT_MEMORY_S)
             for start_s, jolt_rad in self._jolts
@@ -100,12 +100,12 @@ class SetpointHistory:
         )
 
     def corners(self, from_s: float, to_s: float) -> list[FloatArray]:
-        """Setpoints where the ramps between two times begin, and at the later time, (2,) each."""
+        """Setpoints at the starts of the ramps between two times and at the end, (2,) each."""
         begun = [ramp.from_rad for ramp in self._ramps if from_s < ramp.start_s < to_s]
         return [*begun, self.at(to_s)]
 
     def resting_since(self, time_s: float) -> float:
-        """When the last motion before ``time_s`` ended; ``time_s`` itself during one."""
+        """End of the last motion before ``time_s``; ``time_s`` itself during a motion."""
         for ramp in reversed(self._ramps):
             if ramp.start_s <= time_s and not np.array_equal(ramp.from_rad, ramp.to_rad):
                 return min(ramp.start_s + ramp.duration_s, time_s)

@@ -48,7 +48,7 @@ class Run:
     def summary(self) -> dict[str, Any]:
         """The object that ``ccr-host track --json`` prints, see docs/command-line.md.
 
-        For a run that was killed only the error figures are known.
+        For a run that was killed only the error statistics are known.
         """
         timing: dict[str, Any] = {}
         with suppress(OSError, ValueError):
@@ -94,7 +94,7 @@ def load_run(folder: str | Path) -> Run:
 
 
 class Robot:
-    """A connected robot, real or simulated; `open_robot` makes it.
+    """A connected robot, real or simulated, created by `open_robot`.
 
     Any method raises DeviceError if the board is lost, refuses a command or has latched a fault.
     In simulation every connection, and so every run, starts with a new robot at rest.
@@ -119,7 +119,7 @@ class Robot:
         return np.degrees(self._armed().client.accepted_rad)
 
     def arm(self) -> None:
-        """Enable the servos and lead the robot to its rest pose."""
+        """Enable the servos and move the robot to its rest pose."""
         self._is_armed = False
         self._connected().client.arm()
         self._is_armed = True
@@ -144,8 +144,8 @@ class Robot:
     def wait(self, duration_s: float) -> None:
         """Let time pass; an armed robot holds its pose.
 
-        Between calls nothing is sent: after ``link.relax_after_ms`` the board leads an armed robot
-        to rest and latches a fault, as for any host that falls silent.
+        Between calls nothing is sent: after ``link.relax_after_ms`` the board moves an armed robot
+        to rest and latches a fault, as for any silent host.
         """
         rig = self._connected()
         end_us = rig.clock.now_us() + round(duration_s * 1e6)
@@ -173,22 +173,22 @@ class Robot:
         trouble = rig.tracker.trouble()
         raise TrackerError(
             f"no markers from {rig.tracker.name}" + (f": {trouble}" if trouble else ""),
-            "check line of sight, the camera's volume and the markers",
+            "check line of sight, measurement volume and markers",
         )
 
     def disarm(self) -> None:
-        """Lead the robot to rest and switch the pulses off; harmless if it is not armed."""
+        """Move the robot to rest and end the pulses; no effect if it is not armed."""
         if self._is_armed:
             self._is_armed = False
             self._connected().client.disarm()
 
     def stop(self) -> None:
-        """Emergency stop: no pulses from now on; `clear_fault` and `arm` enable them again."""
+        """Emergency stop: end the pulses; `clear_fault` and `arm` enable them again."""
         self._is_armed = False
         self._connected().client.stop()
 
     def clear_fault(self) -> None:
-        """Acknowledge a latched fault or an emergency stop; the robot is disarmed then."""
+        """Acknowledge a latched fault or an emergency stop; the robot is then disarmed."""
         self._is_armed = False
         self._connected().client.clear_fault()
 
@@ -206,22 +206,22 @@ class Robot:
     ) -> Run:
         """Follow a path as ``ccr-host track`` does: it arms, tracks and disarms.
 
-        The run has a connection of its own, so that its log can be replayed.
+        The run uses a new connection, so that its log can be replayed.
 
         Args:
             path: ellipse, 8shape, star, or a file.
-            controller: a name, FILE.py:CLASS, a class, or an object with the methods of one.
+            controller: a name, FILE.py:CLASS, a class, or an object with its methods.
             rate_hz: control steps per second.
-            laps: how often to follow a closed path.
-            unchecked: follow the path whatever markers and motion look like.
-            with_open: also run the open loop, to compare; by default where it costs no time.
+            laps: number of laps of a closed path.
+            unchecked: skip the checks of markers and motion.
+            with_open: also run the open loop for comparison; by default if simulated.
             out: folder for the results; ``runs/<date>-...`` by default.
-            observers: told of everything that happens, as it happens.
+            observers: notified of all events of the run.
 
         Raises:
             ConfigError: unusable options; nothing was started.
-            CcrError, KeyboardInterrupt: what ended the run early; the folder keeps what was
-                reached.
+            CcrError, KeyboardInterrupt: the run ended early; the folder contains the results so
+                far.
         """
         name = _name(controller)
         options = RunOptions(
@@ -315,25 +315,25 @@ def open_robot(
     overrides: Iterable[str] = (),
     realtime: bool = False,
 ) -> Iterator[Robot]:
-    """Connect to a robot for the time of a ``with`` block; nothing is armed.
+    """Connect to a robot for a ``with`` block; nothing is armed.
 
-    However the block is left, by an exception, Ctrl-C, SIGTERM or a closed terminal, the robot is
-    made safe first: disarmed if the board goes along, stopped otherwise.
+    However the block ends, including by an exception, Ctrl-C, SIGTERM or a closed terminal, the
+    robot is made safe first: disarmed if possible, otherwise stopped.
 
     Args:
         robot: robot description file, or the name of a shipped one.
         device: device URI, see docs/command-line.md.
-        tracker: tracker URI, FILE.py:CLASS, or a class or function that makes one.
-        plant: the simulated robot: ``twin``, FILE.py:CLASS, or a class or function that makes one.
-        seed: of every random number.
+        tracker: tracker URI, FILE.py:CLASS, or a class or function that creates one.
+        plant: simulated robot: ``twin``, FILE.py:CLASS, or a class or function that creates one.
+        seed: seed of all random numbers.
         overrides: ``section.key=value`` for the description, as with ``--set``.
-        realtime: run in real time what could run in virtual time.
+        realtime: run in real time even if everything is simulated.
 
     Raises:
-        ConfigError: an unknown URI, or a description that board or tracker cannot take.
+        ConfigError: unknown URI, or a description that board or tracker cannot use.
         DeviceError: no board, or another one than described.
-        TrackerError: no camera, or one that does not begin to track.
-        CodeError: a class of yours has failed.
+        TrackerError: no camera, or one that does not start tracking.
+        CodeError: a user-supplied class has failed.
     """
     options = RigOptions(
         robot=None if robot is None else str(robot),

@@ -1,4 +1,4 @@
-"""Random talk to a board: mostly sensible commands, some nonsense, some damaged on the way."""
+"""Random requests to a board: mostly valid commands, some invalid, some damaged in transit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _CONFIGURABLE = (State.DISARMED, *_LATCHED)
 
 @dataclass
 class Script:
-    """Draws what a host says in one frame of 20 ms; knows the board's state to get on with it."""
+    """Draws the bytes of a host in one frame of 20 ms, given the board's state."""
 
     rng: np.random.Generator
     accelerations: bool = False
@@ -43,7 +43,7 @@ class Script:
         return b"".join(self._one(state) for _ in range(count))
 
     def say(self, *requests: m.Request) -> bytes:
-        """Requests of the caller's choice, numbered on."""
+        """Requests chosen by the caller, with the next sequence numbers."""
         return b"".join(self._framed(request.ID, request.pack()) for request in requests)
 
     @property

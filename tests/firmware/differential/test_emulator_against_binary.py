@@ -37,7 +37,7 @@ _RESETS = [
 
 
 class Listener:
-    """What a device has said, made comparable."""
+    """Output of a device in a comparable form."""
 
     def __init__(self, device: Device) -> None:
         self.device = device

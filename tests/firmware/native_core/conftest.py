@@ -22,7 +22,7 @@ Build = Callable[[str, Sequence[str], Sequence[Path]], Path]
 
 
 def run(*command: str | Path) -> str:
-    """What a program prints; the test fails where the program does."""
+    """Output of a program; the test fails if the program does."""
     result = subprocess.run(
         [str(part) for part in command], capture_output=True, text=True, check=False
     )
@@ -37,7 +37,7 @@ def core_sources() -> list[Path]:
 
 @pytest.fixture(scope="session")
 def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
-    """Compiles each source for itself and links them into a program."""
+    """Compiles each source separately and links them into a program."""
 
     def _build(compiler: str, flags: Sequence[str], sources: Sequence[Path]) -> Path:
         if shutil.which(compiler) is None:

@@ -22,7 +22,7 @@ from tests.firmware.native_core.conftest import (
 SOURCES = sorted((TESTS / "test_core").glob("*.cpp"))
 SPEC = FIRMWARE.parent / "protocol" / "spec.toml"
 ONLY_ON_THE_PINS = {"TIM-2"}
-"""What the core alone cannot show."""
+"""Requirements that the core alone cannot show."""
 
 
 def test_every_case_passes_and_none_is_left_out(build: Build) -> None:
@@ -62,7 +62,7 @@ def test_every_requirement_that_the_core_can_show_has_a_case() -> None:
 
 @pytest.mark.parametrize("source", core_sources(), ids=lambda source: str(source.name))
 def test_the_core_compiles_without_a_standard_library(source: Path) -> None:
-    """As for the AVR, whose toolchain has no C++ standard library."""
+    """Compile without a C++ standard library, as for the AVR."""
     compiler = shutil.which("g++")
     assert compiler is not None
     freestanding = ["-ffreestanding", "-nostdinc++", "-fno-exceptions", "-fno-rtti"]

@@ -1,4 +1,4 @@
-"""Lets libFuzzer loose on the core: any bytes, ticks, resets and EEPROM damage, no broken rule."""
+"""Runs libFuzzer on the core: no bytes, ticks, resets and EEPROM damage break a rule."""
 
 import re
 import shutil
@@ -31,7 +31,7 @@ def test_half_an_hour_of_new_inputs_breaks_no_rule(fuzzer: Path, tmp_path: Path)
 
 
 def _fuzz(fuzzer: Path, tmp_path: Path, seconds: int) -> int:
-    """Fuzzes on a copy of the kept inputs; returns how many inputs were run."""
+    """Fuzz with a copy of the corpus; return the number of inputs run."""
     corpus = tmp_path / "corpus"
     shutil.copytree(CORPUS, corpus)
     assert len(list(corpus.iterdir())) > 30

@@ -1,4 +1,4 @@
-"""Frames over a line that flips bits, drops and doubles bytes: what the core makes of them."""
+"""How the core handles frames on a line that flips bits, and drops and doubles bytes."""
 
 from pathlib import Path
 
@@ -14,13 +14,13 @@ PREDICTED_PAST_CRC = (5.5e-7 + 3.0e-6 + 9.5e-7) / 3
 """Share of frames with one flip, drop or doubling, a third each, that pass CRC-16/X-25 unseen
 (protocol reference, "Why CRC-16/X-25")."""
 PREDICTED_MANIFOLD = 2.0**-16
-"""Of frames with several."""
+"""Share of frames with several errors that pass."""
 FRAME_BYTES = 16
 """A `set_target` on the wire."""
 _DAMAGED = 1 - (1 - 3 * NOISE) ** FRAME_BYTES
 _DAMAGED_ONCE = FRAME_BYTES * 3 * NOISE * (1 - 3 * NOISE) ** (FRAME_BYTES - 1)
 SHARE_MANIFOLD = 1 - _DAMAGED_ONCE / _DAMAGED
-"""Of the damaged frames."""
+"""Share of the damaged frames."""
 
 
 @pytest.fixture(scope="module")
@@ -56,5 +56,5 @@ def _check(program: Path, frames: int) -> None:
 
 
 def _upper_bound(expected: float) -> float:
-    """Of a Poisson count: not exceeded but once in a million trials."""
+    """Upper limit of a Poisson count, exceeded once in a million trials."""
     return expected + 5 * expected**0.5 + 2

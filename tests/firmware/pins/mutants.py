@@ -1,4 +1,4 @@
-"""Single faults that are seeded into firmware and host, and what notices each."""
+"""Single faults that are seeded into firmware and host, and the test that detects each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.conformance.firmware_build import ROOT
 
 @dataclass(frozen=True)
 class Mutant:
-    """A change of one place of the firmware, or of the host."""
+    """A change in one place of the firmware or the host."""
 
     name: str
     file: str

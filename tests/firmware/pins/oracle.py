@@ -16,7 +16,7 @@ Pins = tuple[int, int]
 NO_PULSES: Pins = (0, 0)
 _NEVER = 1 << 60
 _LATE_FRAMES = 3
-"""From the tick that takes the pulses away to the first frame without, and rounding on the way."""
+"""Time from the tick that ends the pulses to the first frame without them, including rounding."""
 
 
 class ViolationError(AssertionError):
@@ -28,7 +28,7 @@ class ViolationError(AssertionError):
 
 
 def require(holds: bool, rule: str, detail: object = "") -> None:
-    """Raises ViolationError where a rule does not hold."""
+    """Raises ViolationError if a rule does not hold."""
     if not holds:
         raise ViolationError(rule, detail)
 
@@ -40,7 +40,7 @@ def ticks(duration_ms: int) -> int:
 
 @dataclass
 class PinOracle:
-    """From one reset to the next; frame 0 begins with the reset."""
+    """State from one reset to the next; frame 0 starts with the reset."""
 
     limits: m.Limits | None = None
     slew: m.Slew | None = None
@@ -49,7 +49,7 @@ class PinOracle:
     session: int | None = None
     pins: Pins = NO_PULSES
     armed_frame: int = _NEVER
-    """Of the last `arm`; never while stopped."""
+    """Frame of the last `arm`; never while stopped."""
     stopped: bool = False
     fed_frame: int = _NEVER
     validity: int = 0
@@ -57,7 +57,7 @@ class PinOracle:
     slow_frame: int = _NEVER
     """`disarm` was asked for in it."""
     dead_frame: int = 0
-    """From it on there must be no pulses."""
+    """Frame from which there must be no pulses."""
     remembered: tuple[Frame, Frame, int] | None = None
     """The last `once` request that was acknowledged, its answer, and when."""
 

@@ -1,4 +1,4 @@
-"""The binary and whatever a host may say to it, with the servo pins watched."""
+"""The binary with arbitrary requests of a host, checked at the servo pins."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _RESETS = list(m.ResetCause)
 
 
 class WatchedTalk:
-    """Random talk to a binary, held against the oracle frame by frame."""
+    """Random requests to a binary, checked by the oracle frame by frame."""
 
     def __init__(self, seed: int, elf: Path | None = None) -> None:
         self.rng = np.random.default_rng(seed)
@@ -140,7 +140,7 @@ def test_whatever_a_host_says_the_pins_obey_the_rules_for_long(seed: int) -> Non
 
 
 def _broken_rule(elf: Path) -> str:
-    """Of the first seed that breaks one; empty if none does."""
+    """Rule broken by the first seed that breaks one; empty if none does."""
     for seed in MUTANT_SEEDS:
         try:
             talk(seed, elf=elf)

@@ -23,7 +23,7 @@ def core_folder(tmp_path_factory):
 
 @pytest.fixture
 def project(tmp_path):
-    """Copy of the sample project with our firmware's test runner, to be changed at will."""
+    """Copy of the sample project with our firmware's test runner, which tests may change."""
     copy = shutil.copytree(HERE / "sample", tmp_path / "sample")
     shutil.copy(CHECKOUT / "firmware/test/test_custom_runner.py", copy / "test")
     return copy

@@ -1,4 +1,4 @@
-"""PlatformIO builds, tests, checks and uploads where its registry cannot be reached."""
+"""PlatformIO builds, tests, checks and uploads without access to its registry."""
 
 import serial
 

@@ -31,7 +31,7 @@ def program(tmp_path_factory):
 
 @pytest.fixture
 def board(program):
-    """Makes a board with a program."""
+    """Create a board with a program."""
 
     def make(name, **options):
         return SimavrBoard(read_flash_image(program(name)), **options)
@@ -41,7 +41,7 @@ def board(program):
 
 @pytest.fixture
 def exchange():
-    """Says something to a board and returns what it says within 5 ms."""
+    """Send bytes to a board and return its output within 5 ms."""
 
     def run(board, data, wait_us=5000):
         board.receive(data)

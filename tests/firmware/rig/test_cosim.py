@@ -8,7 +8,7 @@ FRAME_US = 20_000
 
 
 class RecordingScene:
-    """Keeps what it is told, and refuses to go back in time."""
+    """Records its inputs, and rejects decreasing times."""
 
     def __init__(self):
         self.now_us = 0

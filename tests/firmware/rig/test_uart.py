@@ -1,4 +1,4 @@
-"""The simulated serial port: honest times and an honest receive buffer."""
+"""The simulated serial port: true timing and a true receive buffer."""
 
 import numpy as np
 import pytest

@@ -35,7 +35,7 @@ BOOT_LOADER_US = 1_700_000
 
 
 class Uno:
-    """The simulated board with the firmware, and a host of few words."""
+    """The simulated board with the firmware, and a minimal host."""
 
     def __init__(self, *flags: str, baud: int = m.BAUD, **options: object) -> None:
         image = read_flash_image(firmware_elf(*flags))
@@ -101,7 +101,7 @@ class Uno:
 
     @contextmanager
     def masking_interrupts(self) -> Iterator[None]:
-        """From the next millisecond on no interrupt is served until the end."""
+        """Block all interrupts from the next millisecond to the end."""
         with self._patched(MILLISECOND_VECTOR, HANG):
             yield
 

@@ -1,4 +1,4 @@
-"""How much of the UNO the firmware takes: figures of the binary that the other tests run."""
+"""Memory used by the firmware on the UNO, measured on the binary that the other tests run."""
 
 import re
 import subprocess

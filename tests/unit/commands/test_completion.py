@@ -1,4 +1,4 @@
-"""The shell's completion, spoken as bash speaks it."""
+"""Shell completion, called like bash calls it."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ COMMAND = str(Path(sys.executable).with_name("ccr-host"))
 
 
 def offered(line: str) -> list[str]:
-    """What is offered for the last word of a line, which may be empty."""
+    """Completions of the last word of a line, which may be empty."""
     spoken = {
         "_CCR_HOST_COMPLETE": "complete_bash",
         "COMP_WORDS": line,

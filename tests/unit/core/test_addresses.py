@@ -1,4 +1,4 @@
-"""A URI or address that is nearly right gets the one that was meant."""
+"""The error for a nearly correct URI or address suggests the one that was meant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a port can do to its user comes out as one error with the true cause."""
+"""Every failure of a port becomes one error with the true cause."""
 
 import errno
 import os

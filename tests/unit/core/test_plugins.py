@@ -1,4 +1,4 @@
-"""Classes that users name or hand over."""
+"""Classes that users name or pass."""
 
 import pytest
 

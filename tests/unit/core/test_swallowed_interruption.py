@@ -1,4 +1,4 @@
-"""An interruption ends the program as one, whatever a library makes of it."""
+"""An interrupt ends the program as such, however a library handles it."""
 
 from __future__ import annotations
 

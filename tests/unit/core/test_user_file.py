@@ -1,4 +1,4 @@
-"""Whatever stands in place of a file is told in one line, at once."""
+"""Anything that is not a file is reported in one line, at once."""
 
 import os
 import random

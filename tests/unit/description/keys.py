@@ -51,7 +51,7 @@ KEYS = _keys()
 
 
 def values(key: Key) -> st.SearchStrategy[list[float]]:
-    """A value for each number of a key: one of its bounds, or between them."""
+    """A value for each number of a key: one of its bounds, or a value between them."""
     return st.tuples(*(_value(number) for number in key.numbers)).map(list)
 
 
@@ -62,7 +62,7 @@ def _value(number: Number) -> st.SearchStrategy[float]:
 
 
 def overrides(chosen: Mapping[str, list[float]]) -> list[str]:
-    """What ``--set`` takes."""
+    """Argument for ``--set``."""
     return [
         f"{key}={json.dumps(value[0] if KEYS[key].single else value)}"
         for key, value in chosen.items()

@@ -1,4 +1,4 @@
-"""Every number of a description is bounded, and what is out of bounds is told in plain words."""
+"""Every number of a description is bounded, and values out of bounds are reported clearly."""
 
 from __future__ import annotations
 

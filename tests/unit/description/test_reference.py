@@ -1,4 +1,4 @@
-"""docs/robot-description.md is what the code says."""
+"""docs/robot-description.md matches the code."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Without hardware the robot that is described is simulated, unless told otherwise."""
+"""Without hardware the described robot is simulated, unless the twin's keys are set."""
 
 import numpy as np
 import pytest

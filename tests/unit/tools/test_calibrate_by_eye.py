@@ -25,7 +25,7 @@ HALF_DEG = (0.0, 25.0, -25.0, -30.0, 30.0)
 
 
 def marks(axis: int, angles_deg: tuple[float, ...], here_deg: float = 0.0) -> Iterator[str]:
-    """Keys of 5 deg that lead a motor to angles and mark them."""
+    """Keys, with a step of 5 deg, that move a motor to angles and mark them."""
     for angle_deg in angles_deg:
         steps = round((angle_deg - here_deg) / 5.0)
         yield from [KEYS[axis][steps < 0]] * abs(steps)
@@ -35,7 +35,7 @@ def marks(axis: int, angles_deg: tuple[float, ...], here_deg: float = 0.0) -> It
 
 
 def calibrated(*keys: str) -> tuple[Servo | None, list[str]]:
-    """What was found, and all that was asked."""
+    """The result, and all questions asked."""
     left, asked = iter(("+", "+", *keys, "q")), []
 
     def show(_: JogView, question: str) -> None:

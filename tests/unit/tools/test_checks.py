@@ -1,4 +1,4 @@
-"""What the doctor finds, on boards and robots that lack something."""
+"""Findings of the doctor on deficient boards and robots."""
 
 import datetime
 from pathlib import Path
@@ -160,7 +160,7 @@ def test_a_stopped_board_is_a_failure_and_stays_stopped() -> None:
 
 
 def _robot_with_rests(folder: Path, off_mm: float) -> str:
-    """A description that keeps rests of its own model, each moved at random."""
+    """A description with rests of its model, each displaced at random."""
     description = Description()
     p = Scaling.of(description).parameters(np.zeros(COUNT))
     stops_rad = unhindered_setpoints_for(p, tour_bending_rad())

@@ -1,4 +1,4 @@
-"""Name and equipment of a board, as its user tells and meets them."""
+"""Setting and using the name and equipment of a board."""
 
 from binascii import crc32
 from collections.abc import Iterator

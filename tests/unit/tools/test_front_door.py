@@ -27,7 +27,7 @@ def short_path(tmp_path):
 
 
 class Watched(TwinRobot):
-    """The twin, which keeps the pulses that it gets."""
+    """The twin, recording the pulses that it receives."""
 
     pulses: list
 

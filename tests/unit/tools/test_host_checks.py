@@ -1,4 +1,4 @@
-"""What the doctor knows of the package's extras."""
+"""The doctor's list of the package's extras."""
 
 import re
 import tomllib

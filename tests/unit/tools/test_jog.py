@@ -11,7 +11,7 @@ OPTIONS = RigOptions()
 
 
 def jogged(rig: Rig, keys: list[str]) -> list[JogView]:
-    """One key a period."""
+    """One key per period."""
     left, seen = [*keys, "q"], []
     jog(rig, OPTIONS.description(), lambda: [left.pop(0)] if left else [], seen.append)
     return seen

@@ -19,8 +19,8 @@ TWIN = "twin"
 class Plant(Protocol):
     """A simulated robot: servo pulses in, marker positions out.
 
-    A plug-in is constructed with the robot description. It derives from this class, or just has the
-    same methods; the last two are optional then. It starts at time 0, without pulses.
+    A plug-in is constructed with the robot description. It derives from this class, or has the same
+    methods, of which the last two are then optional. It starts at time 0, without pulses.
     """
 
     @abstractmethod
@@ -45,15 +45,15 @@ class Plant(Protocol):
         return tip
 
     def start_path_clock(self, time_us: int) -> None:
-        """Time in us at which the path begins: zero of disturbances such as a payload."""
+        """Set the time, us, at which the path starts: zero of disturbances such as a payload."""
 
 
 class GuardedPlant(Plant):
     """A plug-in whose failures are reported as such.
 
     Args:
-        plant: has at least the abstract methods of `Plant`.
-        name: as the user gave it.
+        plant: object with at least the abstract methods of `Plant`.
+        name: name as the user gave it.
     """
 
     def __init__(self, plant: Plant, name: str) -> None:

@@ -1,4 +1,4 @@
-"""What holds whatever the host sends: the pins stay safe and the board stays alive."""
+"""Properties that hold whatever the host sends: the pins stay safe and the board responsive."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -46,7 +46,7 @@ def calibrations(draw):
 
 @dataclass
 class Watched:
-    """A board whose pins and reports are judged tick by tick."""
+    """A board whose pins and reports are checked tick by tick."""
 
     board: UnoEmulator
     calibration: m.Calibration | None = None
@@ -75,7 +75,7 @@ class Watched:
         return frames
 
     def judge_ticks(self, count):
-        """Go on and look at the pins at the start of every frame."""
+        """Advance, and check the pins at the start of every frame."""
         before = self.report()
         for _ in range(count):
             self.board.advance_to(self.board.next_frame_us)
@@ -232,7 +232,7 @@ class AnyHost(RuleBasedStateMachine):
     @precondition(lambda self: self.state() in NO_PULSING)
     @rule(patience_ticks=st.sampled_from([3, 10, 3000, 3000]))
     def arm(self, patience_ticks):
-        """Until it holds, or less patiently; whatever is latched is cleared."""
+        """Wait until the board holds, or not as long; clear any latch."""
         self.open_session()
         self.did(m.ClearFault(SESSION))
         self.did(m.Arm(SESSION))
@@ -291,7 +291,7 @@ class AnyHost(RuleBasedStateMachine):
         rest=st.lists(st.one_of(ANY_U16, ANY_I16.map(lambda v: v % 65536)), max_size=20),
     )
     def any_payload(self, message_id, session, rest):
-        """Of the right length and the right session, with any values."""
+        """A request of the right length and session, with arbitrary values."""
         if message_id in (m.OpenSession.ID, *CONFIGURING):
             return
         words = [session, *rest, *[0] * 24]

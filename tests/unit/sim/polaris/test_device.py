@@ -15,7 +15,7 @@ MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)
 
 
 class Host:
-    """Types commands; time passes only when told."""
+    """Sends commands; time advances only on request."""
 
     def __init__(self, faults: PolarisFaults | None = None, latency_us: int = 0) -> None:
         sensor = PositionSensor(

@@ -1,4 +1,4 @@
-"""What the emulated optics see."""
+"""The measurements of the emulated optics."""
 
 import numpy as np
 import pytest

@@ -10,7 +10,7 @@ from tests.unit.sim.robot.test_keys import CHANGED
 
 
 def _plane():
-    """A map that is the plane z = 0, one mm a degree."""
+    """A map of the plane z = 0, one mm per degree."""
     axis = np.radians(np.arange(-20.0, 21.0))
     x, y = np.meshgrid(np.degrees(axis), np.degrees(axis), indexing="ij")
     return StaticMap(axis, axis, np.stack([x, y, np.zeros_like(x)], axis=-1))

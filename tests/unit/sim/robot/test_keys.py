@@ -1,4 +1,4 @@
-"""Every key of the twin changes the robot the way its physics says."""
+"""Every key of the twin has the expected physical effect on the robot."""
 
 import numpy as np
 import pytest

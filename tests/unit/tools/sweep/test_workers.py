@@ -1,4 +1,4 @@
-"""Who may use the workers of a sweep on this machine."""
+"""Access to the workers of a sweep on this machine."""
 
 import asyncio
 
