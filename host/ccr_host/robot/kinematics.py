@@ -63,14 +63,10 @@ class Geometry(NamedTuple):
 
 def jet_at(geometry: Geometry, motor_1_rad: float, motor_2_rad: float) -> TipJet:
     """Tip and derivatives at one pose, as floats and complex numbers."""
-    theta_1 = geometry.bending_per_motor * motor_1_rad
-    theta_2 = geometry.bending_per_motor * motor_2_rad
-    return assemble_jet(
-        geometry,
-        arc_derivatives_at(theta_1),
-        arc_derivatives_at(theta_2),
-        cmath.exp(1j * theta_1),
-    )
+    gain = geometry.bending_per_motor
+    theta_1 = gain * motor_1_rad
+    arc_1, arc_2 = arc_derivatives_at(theta_1), arc_derivatives_at(gain * motor_2_rad)
+    return assemble_jet(geometry, arc_1, arc_2, cmath.exp(1j * theta_1))
 
 
 def assemble_jet(
@@ -80,12 +76,11 @@ def assemble_jet(
     turn_1: Any,  # noqa: ANN401 - complex or array, as all of these
 ) -> TipJet:
     """Tip and derivatives from the unit arcs of both segments and ``turn_1`` = exp(i theta1)."""
-    length_1, length_2 = geometry.lengths_mm
-    gain = geometry.bending_per_motor
+    (length_1, length_2), offset_mm, gain = geometry
     gain_2 = gain * gain
     gain_3 = gain_2 * gain
     turn_rate = 1j * gain
-    offset = 1j * geometry.marker_offset_mm
+    offset = 1j * offset_mm
     turning = (length_2 * arc_2[0].real + offset) * turn_1
     along_2 = length_2 * turn_1
     by_2 = gain * arc_2[1].real * along_2

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ccr_host.control import jit
 from ccr_host.control.mpc import plan, problem, qp, sqp
-from ccr_host.control.mpc.plan import Code, Settings, Told, Triple, plan_step, resume
+from ccr_host.control.mpc.plan import Code, Settings, StepResult, Triple, plan_step, resume
 from ccr_host.control.mpc.problem import Pair, Weights
 from ccr_host.control.mpc.sqp import Bounds
 from ccr_host.robot import arc, kinematics
@@ -35,7 +35,7 @@ def _minimise(*_: object) -> Any:  # noqa: ANN401 - a function, as numba takes i
 class _Entry(Protocol):
     """A compiled function."""
 
-    def __call__(self, *arguments: object) -> Told: ...
+    def __call__(self, *arguments: object) -> StepResult: ...
 
     def disable_compile(self) -> None: ...
 
@@ -76,7 +76,7 @@ def _entries() -> tuple[_Entry, _Entry]:
         commanded_rad: Pair,
         position_mm: Triple,
         program: FloatArray,
-    ) -> Told:
+    ) -> StepResult:
         _ = fingerprint
         settings = _unpacked(packed)
         return plan_step(settings, path, last_plan, now, steps, commanded_rad, position_mm, program)
@@ -90,7 +90,7 @@ def _entries() -> tuple[_Entry, _Entry]:
         program: FloatArray,
         newton: tuple[FloatArray, float, float],
         iteration: int,
-    ) -> Told:
+    ) -> StepResult:
         _ = fingerprint
         settings = _unpacked(packed)
         return resume(

@@ -19,8 +19,7 @@ from ccr_host.robot.kinematics import Geometry
 FloatArray = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
-
-Told = tuple[int, int, float, FloatArray]
+StepResult = tuple[int, int, float, FloatArray]
 """Status, iterations and blend, see ``sqp.Solution``; the plan (M, 5), angles (rad) and predicted
 tip (mm) of each step."""
 
@@ -42,7 +41,7 @@ def plan_step(
     commanded_rad: Pair,
     position_mm: Triple,
     program: FloatArray,
-) -> Told:
+) -> StepResult:
     """Plan ahead from one measurement.
 
     Args:
@@ -62,7 +61,7 @@ def plan_step(
         guess = correct(guess, problem, position_mm, last_plan[0])
     guess = sqp.feasible(settings.bounds, commanded_rad, guess)
     solution = sqp.solve(problem, settings.bounds, guess, program)
-    return _told(problem, settings.bounds, targets_mm, solution)
+    return _result(problem, settings.bounds, targets_mm, solution)
 
 
 def resume(
@@ -74,15 +73,15 @@ def resume(
     program: FloatArray,
     newton: tuple[FloatArray, float, float],
     iteration: int,
-) -> Told:
+) -> StepResult:
     """Go on after NEEDS_QP from its plan with the ``sqp.Newton`` of its iteration."""
     problem = tracking(settings.geometry, settings.weights, commanded_rad, position_mm, targets_mm)
     rollout = roll_out(problem, [(row[0], row[1]) for row in plan])
-    is_over, rollout = sqp.follow(problem, rollout, Newton(newton[0], newton[1], newton[2]))
+    is_over, rollout = sqp.line_search(problem, rollout, Newton(newton[0], newton[1], newton[2]))
     solution = Solution(sqp.CONVERGED, iteration, rollout, 1.0)
     if not is_over:
         solution = sqp.descend(problem, settings.bounds, rollout, iteration + 1, program)
-    return _told(problem, settings.bounds, targets_mm, solution)
+    return _result(problem, settings.bounds, targets_mm, solution)
 
 
 def shift(last_plan: Rows, path: Rows, now: int, steps: int) -> list[Pair]:
@@ -124,7 +123,7 @@ def correct(
     return [(angle_1 - back_1, angle_2 - back_2) for angle_1, angle_2 in guess]
 
 
-def _told(problem: Tracking, bounds: Bounds, targets_mm: Rows, solution: Solution) -> Told:
+def _result(problem: Tracking, bounds: Bounds, targets_mm: Rows, solution: Solution) -> StepResult:
     stages, angles = solution.rollout.stages, solution.rollout.angles
     if solution.status != sqp.NEEDS_QP:
         # DAQP meets its bounds to 1e-6 rad only.
@@ -144,8 +143,8 @@ class Code(NamedTuple):
 
     settings: Any
     """Their first argument."""
-    plan_step: Callable[..., Told]
-    resume: Callable[..., Told]
+    plan_step: Callable[..., StepResult]
+    resume: Callable[..., StepResult]
     rows: Callable[[FloatArray], Any]
     """What they take in place of an array."""
 
@@ -187,16 +186,18 @@ class Planner:
         if self._program.shape[1] != n:
             self._program = np.empty((n + 1, n))
         program = self._program
-        told = code.plan_step(
+        result = code.plan_step(
             code.settings, path, self._last_plan, now, steps, commanded_rad, position_mm, program
         )
-        while told[0] == sqp.NEEDS_QP:
-            _, iteration, blend, plan = told
+        while result[0] == sqp.NEEDS_QP:
+            _, iteration, blend, plan = result
             lower, upper = sqp.room(self._bounds, commanded_rad, plan[:, :2].tolist())
             status, step, minimum = minimise(program[:n], program[n], lower, upper)
             if status != OPTIMAL:
-                return sqp.QP_FAILED if iteration == 1 else sqp.STOPPED, iteration, plan
-            told = code.resume(
+                plan[:, :2] = sqp.feasible(self._bounds, commanded_rad, plan[:, :2].tolist())
+                result = sqp.QP_FAILED if iteration == 1 else sqp.STOPPED, iteration, blend, plan
+                break
+            result = code.resume(
                 code.settings,
                 path[now : now + steps],
                 plan,
@@ -206,6 +207,6 @@ class Planner:
                 (np.array(step), -minimum, blend),
                 iteration,
             )
-        status, iterations, _, plan = told
+        status, iterations, _, plan = result
         self._last_plan = code.rows(plan)
         return status, iterations, plan

@@ -104,25 +104,25 @@ def tracking(
 
 
 def roll_out(problem: Tracking, angles: list[Pair]) -> Rollout:
-    """Predict and price the consequences of M commanded angles."""
-    jet = problem.start_jet
-    previous_1, previous_2 = problem.start_rad
+    """Predict the tip for M commanded angles, and the cost."""
+    geometry, weights, (previous_1, previous_2), start_jet, offsets_mm, by_model = problem
+    jet = start_jet
     moved_across, moved_sagittal = 0.0, 0j
     squared_error = squared_move = 0.0
     stages: list[Stage] = []
     for j in range(len(angles)):
         angle_1, angle_2 = angles[j]
         move_1, move_2 = angle_1 - previous_1, angle_2 - previous_2
-        if problem.by_model:
-            jet = jet_at(problem.geometry, angle_1, angle_2)
-            moved_across = jet.across - problem.start_jet.across
-            moved_sagittal = jet.sagittal - problem.start_jet.sagittal
+        if by_model:
+            jet = jet_at(geometry, angle_1, angle_2)
+            moved_across = jet.across - start_jet.across
+            moved_sagittal = jet.sagittal - start_jet.sagittal
         else:
             if j > 0:
-                jet = jet_at(problem.geometry, previous_1, previous_2)
+                jet = jet_at(geometry, previous_1, previous_2)
             moved_across += jet.across_2 * move_2
             moved_sagittal += jet.sagittal_1 * move_1 + jet.sagittal_2 * move_2
-        offset_across, offset_sagittal = problem.offsets_mm[j]
+        offset_across, offset_sagittal = offsets_mm[j]
         error_across = offset_across + moved_across
         error_sagittal = offset_sagittal + moved_sagittal
         squared_error += error_across * error_across
@@ -130,7 +130,7 @@ def roll_out(problem: Tracking, angles: list[Pair]) -> Rollout:
         squared_move += move_1 * move_1 + move_2 * move_2
         stages.append(Stage(jet, (move_1, move_2), error_across, error_sagittal))
         previous_1, previous_2 = angle_1, angle_2
-    cost = problem.weights.position * squared_error + problem.weights.effort * squared_move
+    cost = weights.position * squared_error + weights.effort * squared_move
     return Rollout(angles, stages, cost)
 
 
@@ -138,8 +138,8 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
     """Gradient and the parts of the Hessian of the cost at a rollout.
 
     With w_j = J(q_(j-1)) u_j, the angle q_j enters e_j through w_j alone (``own``, J itself) and
-    every later error through w_j and w_(j+1) (``lasting``); what the later errors weigh is their
-    price, lambda = 2 Q (e_(j+1) + ... + e_M). It also prices the curvature of w_(j+1).
+    every later error through w_j and w_(j+1) (``lasting``). The later errors weigh on it by the
+    costate lambda = 2 Q (e_(j+1) + ... + e_M), which also multiplies the curvature of w_(j+1).
     """
     stages = rollout.stages
     steps = len(stages)
@@ -147,10 +147,10 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
     gradient = np.empty(2 * steps)
     lasting, tail = np.zeros((2 * steps, 2), np.complex128), np.zeros((2 * steps, 2), np.complex128)
     blocks = [(_NOTHING, _NOTHING, _NOTHING)] * steps
-    price_across, price_sagittal = 0.0, 0j
+    costate_across, costate_sagittal = 0.0, 0j
     across, sagittal_1, sagittal_2 = 0.0, 0j, 0j
     next_effort_1, next_effort_2 = 0.0, 0.0
-    # Re(conj(a) b) is the inner product in the sagittal plane; prices are kept conjugated.
+    # Re(conj(a) b) is the inner product in the sagittal plane; costates are kept conjugated.
     for j in range(steps - 1, -1, -1):
         first, second, later = 2 * j, 2 * j + 1, steps - 1 - j
         jet, (move_1, move_2), error_across, error_sagittal = stages[j]
@@ -164,60 +164,60 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
         next_effort_1, next_effort_2 = effort_1, effort_2
         twice, once = _NOTHING, _NOTHING
         if problem.by_model:
-            twice = priced_bend(error_across, error_sagittal, jet)
+            twice = curvature_of_tip(error_across, error_sagittal, jet)
         elif later > 0:
             after, (move_1, move_2), _, _ = stages[j + 1]
             across = own_across - after.across_2 + after.across_22 * move_2
-            sagittal_1 = own_1 - after.sagittal_1
-            sagittal_1 += after.sagittal_11 * move_1 + after.sagittal_12 * move_2
-            sagittal_2 = own_2 - after.sagittal_2
-            sagittal_2 += after.sagittal_12 * move_1 + after.sagittal_22 * move_2
-            slope_1 += (price_sagittal * sagittal_1).real
-            slope_2 += price_across * across + (price_sagittal * sagittal_2).real
+            by_12 = after.sagittal_12
+            sagittal_1 = own_1 - after.sagittal_1 + after.sagittal_11 * move_1 + by_12 * move_2
+            sagittal_2 = own_2 - after.sagittal_2 + by_12 * move_1 + after.sagittal_22 * move_2
+            slope_1 += (costate_sagittal * sagittal_1).real
+            slope_2 += costate_across * across + (costate_sagittal * sagittal_2).real
             lasting[first, 1] = sagittal_1
             lasting[second, 0], lasting[second, 1] = across, sagittal_2
-            twice, once = priced_curvature(price_across, price_sagittal, after, (move_1, move_2))
+            twice, once = curvature_of_move(
+                costate_across, costate_sagittal, after, (move_1, move_2)
+            )
         gradient[first], gradient[second] = slope_1, slope_2
-        tail_1 = twice_q * (own_1 + later * sagittal_1)
-        tail_2 = twice_q * (own_2 + later * sagittal_2)
-        tail[first, 1] = tail_1
-        tail[second, 0], tail[second, 1] = twice_q * (own_across + later * across), tail_2
-        own_1, last_1 = twice_q * own_1.conjugate(), later * twice_q * sagittal_1.conjugate()
-        own_square = own_across * own_across + (own_2.conjugate() * own_2).real
-        last_square = across * across + (sagittal_2.conjugate() * sagittal_2).real
+        tail[first, 1] = twice_q * (own_1 + later * sagittal_1)
+        tail[second, 0] = twice_q * (own_across + later * across)
+        tail[second, 1] = twice_q * (own_2 + later * sagittal_2)
+        left_1, right_1 = twice_q * own_1.conjugate(), twice_q * later * sagittal_1.conjugate()
+        left_2, right_2 = own_2.conjugate() * own_2, sagittal_2.conjugate() * sagittal_2
+        square_22 = own_across * own_across + later * across * across
         square = (
-            (own_1 * jet.sagittal_1 + last_1 * sagittal_1).real,
-            (own_1 * own_2 + last_1 * sagittal_2).real,
-            twice_q * (own_square + later * last_square),
+            (left_1 * own_1 + right_1 * sagittal_1).real,
+            (left_1 * own_2 + right_1 * sagittal_2).real,
+            twice_q * (square_22 + (left_2 + later * right_2).real),
         )
         blocks[j] = square, twice, once
-        price_across += error_across
-        price_sagittal += error_sagittal
+        costate_across += error_across
+        costate_sagittal += error_sagittal
     return Expansion(gradient, lasting.view(np.float64), tail.view(np.float64), blocks)
 
 
-def priced_curvature(
-    price_across: float, price_sagittal: complex, jet: TipJet, move: Pair
+def curvature_of_move(
+    costate_across: float, costate_sagittal: complex, jet: TipJet, move: Pair
 ) -> tuple[Block, Block]:
-    """Second derivatives of price * J(q) (q' - q): by q twice, by q and q'."""
+    """Second derivatives of costate * J(q) (q' - q): by q twice, by q and q'."""
     move_1, move_2 = move
-    bend_11, bend_12, bend_22 = priced_bend(price_across, price_sagittal, jet)
+    bend_11, bend_12, bend_22 = curvature_of_tip(costate_across, costate_sagittal, jet)
     twist_11 = jet.sagittal_111 * move_1 + jet.sagittal_112 * move_2
     twist_12 = jet.sagittal_112 * move_1 + jet.sagittal_122 * move_2
     twist_22 = jet.sagittal_122 * move_1 + jet.sagittal_222 * move_2
-    twice_11 = (price_sagittal * twist_11).real - 2.0 * bend_11
-    twice_12 = (price_sagittal * twist_12).real - 2.0 * bend_12
-    twice_22 = (price_sagittal * twist_22).real - 2.0 * bend_22
-    twice_22 += price_across * jet.across_222 * move_2
+    twice_11 = (costate_sagittal * twist_11).real - 2.0 * bend_11
+    twice_12 = (costate_sagittal * twist_12).real - 2.0 * bend_12
+    twice_22 = (costate_sagittal * twist_22).real - 2.0 * bend_22
+    twice_22 += costate_across * jet.across_222 * move_2
     return (twice_11, twice_12, twice_22), (bend_11, bend_12, bend_22)
 
 
-def priced_bend(price_across: float, price_sagittal: complex, jet: TipJet) -> Block:
-    """Second derivatives of price * f(q)."""
+def curvature_of_tip(costate_across: float, costate_sagittal: complex, jet: TipJet) -> Block:
+    """Second derivatives of costate * f(q)."""
     return (
-        (price_sagittal * jet.sagittal_11).real,
-        (price_sagittal * jet.sagittal_12).real,
-        (price_sagittal * jet.sagittal_22).real + price_across * jet.across_22,
+        (costate_sagittal * jet.sagittal_11).real,
+        (costate_sagittal * jet.sagittal_12).real,
+        (costate_sagittal * jet.sagittal_22).real + costate_across * jet.across_22,
     )
 
 

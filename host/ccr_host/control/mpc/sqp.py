@@ -33,10 +33,10 @@ _MAX_HALVINGS = 20
 _TOLERANCE = 1e-8
 _ROUNDING = 1e-14
 # After a Newton step of size d the angles are off by about c d^2, so about (c d)^2 of the decrease
-# that the step promised is left. c is the change of curvature with angle; along the paper's paths
+# predicted for the step is left. c is the change of curvature with angle; along the paper's paths
 # c^2 is about 2/rad^2, at the fold up to 100.
 _LEFT_OVER_PER_RAD2 = 100.0
-# DAQP is called here unless this is machine code.
+# Only machine code writes to it.
 _NO_PROGRAM = np.empty((1, 0))
 
 
@@ -51,10 +51,8 @@ class Bounds(NamedTuple):
     @classmethod
     def of(cls, limits: MotorLimits, step_rad: float) -> Bounds:
         """The bounds that motor limits and a step bound make."""
-        (lower_1, lower_2), (upper_1, upper_2) = (
-            limits.lower_rad.tolist(),
-            limits.upper_rad.tolist(),
-        )
+        lower_1, lower_2 = limits.lower_rad.tolist()
+        upper_1, upper_2 = limits.upper_rad.tolist()
         return cls((lower_1, lower_2), (upper_1, upper_2), step_rad)
 
 
@@ -63,8 +61,8 @@ class Newton(NamedTuple):
 
     step_rad: FloatArray | list[float]
     """(2M,)."""
-    promised: float
-    """The decrease that its model promises."""
+    predicted_reduction: float
+    """Of the cost, by the expansion."""
     blend: float
 
 
@@ -89,21 +87,19 @@ def feasible(bounds: Bounds, start_rad: Pair, angles: list[Pair]) -> list[Pair]:
 
     ``start_rad`` is within the limits.
     """
-    reach = bounds.step_rad
+    (lower_1, lower_2), (upper_1, upper_2), reach = bounds
     inside: list[Pair] = []
-    last = start_rad
+    first, second = start_rad
     for angle_1, angle_2 in angles:
-        near_1 = min(max(angle_1, last[0] - reach), last[0] + reach)
-        near_2 = min(max(angle_2, last[1] - reach), last[1] + reach)
-        last = clip(bounds, (near_1, near_2))
-        inside.append(last)
+        first = min(max(angle_1, first - reach, lower_1), first + reach, upper_1)
+        second = min(max(angle_2, second - reach, lower_2), second + reach, upper_2)
+        inside.append((first, second))
     return inside
 
 
 def room(bounds: Bounds, start_rad: Pair, angles: list[Pair]) -> tuple[FloatArray, FloatArray]:
     """Bounds of a step from these angles, lower and upper, as ``minimise`` takes them."""
-    (lower_1, lower_2), (upper_1, upper_2) = bounds.lower_rad, bounds.upper_rad
-    reach = bounds.step_rad
+    (lower_1, lower_2), (upper_1, upper_2), reach = bounds
     n = 2 * len(angles)
     lower, upper = np.empty(2 * n), np.empty(2 * n)
     last_1, last_2 = start_rad
@@ -126,7 +122,7 @@ def solve(
     The status is CONVERGED or STOPPED with a feasible solution that costs no more than the guess,
     or tells why there is no solution. Machine code ends with NEEDS_QP where a bound is in the way,
     and writes to ``program`` (2M + 1, 2M) the QP of the iteration, the gradient below the Hessian:
-    its solution is the next ``Newton`` to ``follow``.
+    its solution is the next ``Newton`` for ``line_search``.
     """
     rollout = roll_out(problem, guess)
     if not math.isfinite(rollout.cost):
@@ -143,32 +139,37 @@ def descend(
         if status != CONVERGED:
             status = STOPPED if iteration > 1 and status != NEEDS_QP else status
             return Solution(status, iteration, rollout, newton.blend)
-        is_over, rollout = follow(problem, rollout, newton)
+        is_over, rollout = line_search(problem, rollout, newton)
         if is_over:
             return Solution(CONVERGED, iteration, rollout, newton.blend)
     return Solution(STOPPED, MAX_ITERATIONS, rollout, 0.0)
 
 
-def follow(problem: Tracking, rollout: Rollout, newton: Newton) -> tuple[bool, Rollout]:
-    """Go a step as far as it lowers the cost enough; whether that ends the iterations."""
-    if newton.promised <= _ROUNDING * rollout.cost:
+def line_search(problem: Tracking, rollout: Rollout, newton: Newton) -> tuple[bool, Rollout]:
+    """Backtrack along a step until the cost falls enough.
+
+    Returns:
+        Whether that ends the iterations; the new rollout, or the old one if no step helps.
+    """
+    if newton.predicted_reduction <= _ROUNDING * rollout.cost:
         return True, rollout
-    step, share = newton.step_rad, 1.0
+    step, step_length = newton.step_rad, 1.0
     for _ in range(_MAX_HALVINGS):
         angles = rollout.angles.copy()
         for j in range(len(angles)):
             angle_1, angle_2 = angles[j]
-            angles[j] = angle_1 + share * step[2 * j], angle_2 + share * step[2 * j + 1]
+            angles[j] = angle_1 + step_length * step[2 * j], angle_2 + step_length * step[2 * j + 1]
         candidate = roll_out(problem, angles)
-        if candidate.cost <= rollout.cost - _SUFFICIENT_DECREASE * share * newton.promised:
+        enough = _SUFFICIENT_DECREASE * step_length * newton.predicted_reduction
+        if candidate.cost <= rollout.cost - enough:
             # Convergence is quadratic: what a full Newton step leaves is known beforehand.
             squared = 0.0
             for angle in step:
                 squared += angle * angle
-            left_over = newton.promised * squared * _LEFT_OVER_PER_RAD2
-            is_newton = newton.blend == 1.0 and share == 1.0
+            left_over = newton.predicted_reduction * squared * _LEFT_OVER_PER_RAD2
+            is_newton = newton.blend == 1.0 and step_length == 1.0
             return is_newton and left_over <= _TOLERANCE * candidate.cost, candidate
-        share *= 0.5
+        step_length *= 0.5
     # The decrease drowns in rounding: as good as it gets.
     return True, rollout
 

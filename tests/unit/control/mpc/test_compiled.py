@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 
 from ccr_host.control import mpc
 from ccr_host.control.base import Observation, Outcome
-from ccr_host.control.mpc import compiled
+from ccr_host.control.mpc import compiled, plan, qp
 from ccr_host.control.mpc.controller import ModelPredictive
 from ccr_host.control.mpc.problem import Weights, roll_out, tracking
 from ccr_host.description import schema
@@ -146,6 +147,28 @@ def test_random_measurements_never_lead_out_of_the_limits():
             assert np.abs(command.q_rad).max() <= np.radians(20.0)
             assert np.abs(command.q_rad - q_rad).max() <= 0.04 + 1e-12
             q_rad = command.q_rad
+
+
+def test_where_daqp_fails_machine_code_keeps_the_progress_made_or_holds(monkeypatch):
+    overrides = [*TIGHT_LIMITS, *TIGHT_STEPS]
+    path, plant = path_of("star", overrides), drifting_plant(2, lost=0.0)
+    _, fast = both(overrides)
+    q_rad = fast.start(path).q_rad
+    fails = cycle([False, True])
+
+    def fails_every_second_time(*program):
+        return (qp.FAILED, [], 0.0) if next(fails) else qp.minimise(*program)
+
+    monkeypatch.setattr(plan, "minimise", fails_every_second_time)
+    seen = set()
+    for step in range(1, len(path)):
+        command = fast.step(observation(step, plant(q_rad), q_rad))
+        seen.add((command.outcome, command.detail.partition(" after")[0]))
+        assert np.abs(command.q_rad).max() <= np.radians(20.0)
+        assert np.abs(command.q_rad - q_rad).max() <= 0.04 + 1e-12
+        q_rad = command.q_rad
+    assert (Outcome.HELD, "the QP has no finite solution") in seen
+    assert (Outcome.SOLVED, "stopped") in seen
 
 
 def test_a_step_never_compiles_whatever_arrays_it_is_given():

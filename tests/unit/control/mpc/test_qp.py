@@ -104,6 +104,6 @@ def test_contradicting_bounds_are_refused():
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_numbers_that_are_not_finite_are_refused(solve, bad):
     wide = np.ones(4)
-    assert solve(np.eye(2), np.array([bad, 1.0]), -wide, wide)[0] in (FAILED, BOUND)
-    status, _, _ = solve(np.full((2, 2), bad), np.ones(2), -wide, wide)
-    assert status != OPTIMAL
+    with np.errstate(invalid="ignore"):
+        assert solve(np.eye(2), np.array([bad, 1.0]), -wide, wide)[0] in (FAILED, BOUND)
+        assert solve(np.full((2, 2), bad), np.ones(2), -wide, wide)[0] != OPTIMAL
