@@ -146,6 +146,7 @@ class ClockFit:
     """Fits the device's clock to the host's by the least delay over a window.
 
     Everything between the two only ever delays, so the least delay is the one to go by.
+    It is fed one arrival at a time between ticks of the clock, hence no filter over an array.
     """
 
     def __init__(self) -> None:
