@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     base = arguments.robot, tuple(arguments.overrides), arguments.seed
-    print("| path | disturbance | greatest mm | back after s | push's end: back after s |")
+    print("| path | disturbance | maximum mm | back after s | push's end: back after s |")
     print("|---|---|---|---|---|")
     for path in path_names():
         alone_mm = errors_mm(path, *base)

@@ -29,7 +29,7 @@ from ccr_host.view.live import live_page, parse_view_address
 
 LAP_S = 80
 SAMPLES = 200
-"""Of memory and open files along a run."""
+"""Samples of memory and open files along a run."""
 
 
 class Usage(RunObserver):

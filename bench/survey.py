@@ -85,7 +85,7 @@ def main() -> None:
             refused[f"{seed}: {error}"] += 1
     errors, stated = (np.array(part) for part in zip(*pairs, strict=True))
     table = Table(title=f"{len(pairs)} of {robots} robots, deg", title_justify="left")
-    for heading in ("", "error RMS", "greatest", "stated, median", "within two deviations"):
+    for heading in ("", "error RMS", "maximum", "stated, median", "within two deviations"):
         table.add_column(heading, justify="right" if heading else "left")
     for name, error, deviation in zip(NAMES, errors.T, stated.T, strict=True):
         within = np.mean(np.abs(error) <= 2.0 * deviation)

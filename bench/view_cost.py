@@ -52,7 +52,7 @@ ARMS = ("no page", "page", "page and viewer")
 COLUMNS = {
     "late_p50_us": "late, median (us)",
     "late_p99_us": "99 % (us)",
-    "late_max_us": "greatest (us)",
+    "late_max_us": "maximum (us)",
     "loop_cpu_percent": "loop (% of a core)",
     "page_cpu_percent": "page (% of a core)",
     "kilobytes_per_s": "sent (kB/s)",

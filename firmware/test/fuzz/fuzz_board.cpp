@@ -1,11 +1,11 @@
-// libFuzzer target: the input is a script of what happens to a board, which must break no rule.
+// libFuzzer target: the input is a script of events on a board, which must break no rule.
 #include <cstdio>
 
 #include "../test_core/watched_board.h"
 
 namespace {
 
-/// Takes the input apart; past its end there are zeros.
+/// Splits the input; past its end there are zeros.
 class Script {
  public:
   Script(const uint8_t* data, size_t size) : data_(data), left_(size) {}
@@ -42,7 +42,7 @@ Bytes framed(uint8_t id, uint8_t sequence, const Bytes& payload) {
 
 ccr::ResetCause cause_of(uint8_t byte) { return static_cast<ccr::ResetCause>(byte % 5); }
 
-/// With a good CRC and the right length; where the fuzzer wants it also with the open session.
+/// A frame with a good CRC and the right length, and at the fuzzer's choice the open session.
 Bytes request(Script& script, uint16_t session) {
   constexpr size_t kRules = sizeof(ccr::kRequestRules) / sizeof(ccr::kRequestRules[0]);
   const uint8_t selector = script.byte();
@@ -58,7 +58,7 @@ Bytes request(Script& script, uint16_t session) {
   return framed(rule.id, script.byte(), payload);
 }
 
-/// A configuration that lets it arm, so that the fuzzer need not find one.
+/// A configuration with which the board can be armed, so that the fuzzer need not find one.
 void configure(WatchedBoard& board) {
   const uint16_t session = board.session();
   Bytes payload(ccr::SetCalibration::kSize);

@@ -1,5 +1,5 @@
-// Sends set_target over a line that flips bits, drops and doubles bytes, and tells what came of it:
-// line_noise FRAMES SEED PROBABILITY, the latter of each kind of damage and byte.
+// Sends set_target over a line that flips bits, and drops and doubles bytes, and reports the results:
+// line_noise FRAMES SEED PROBABILITY, the probability of each kind of damage per byte.
 #include <board.h>
 
 #include <cinttypes>
@@ -21,7 +21,7 @@ struct Damage {
   bool delimiter = false;
 };
 
-/// Damages bytes one by one; the way to the next damage is drawn, not each byte.
+/// Damages bytes one by one; the distance to the next damage is drawn, not each byte.
 class NoisyLine {
  public:
   NoisyLine(double probability, uint64_t seed) : random_(seed), gap_(3 * probability) {

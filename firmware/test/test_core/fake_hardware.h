@@ -1,4 +1,4 @@
-// Hardware in memory, with what can go wrong with it.
+// Simulated hardware in memory, including its failures.
 #pragma once
 
 #include <hardware.h>

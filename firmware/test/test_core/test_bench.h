@@ -1,4 +1,4 @@
-// A board on the bench: asks it, lets ticks pass, resets it, and hands out valid requests.
+// A test bench for a board: sends requests, runs ticks, resets it, and provides valid requests.
 #pragma once
 
 #include <board.h>
@@ -91,7 +91,7 @@ class Bench {
     return frames;
   }
 
-  /// Feeds a request and returns the one frame that answers it.
+  /// Sends a request and returns its only answer.
   Frame ask_raw(const Bytes& request) {
     take_sent();
     feed(request);
@@ -134,7 +134,7 @@ class Bench {
     acknowledged(ccr::SetCalibration{kSession, some_calibration()});
   }
 
-  /// Through boot, with a session and a configuration.
+  /// Boots the board, opens a session and configures it.
   void make_ready() {
     tick(ccr::kBootTicks + 1);
     open_session();
@@ -144,7 +144,7 @@ class Bench {
 
   void arm() { REQUIRE((acknowledged(ccr::Arm{kSession}) == ccr::State::kArming)); }
 
-  /// Ready and armed, at rest.
+  /// Configures and arms the board, at rest.
   void make_armed() {
     make_ready();
     arm();

@@ -120,7 +120,7 @@ TEST_CASE("CFG-3: a reset at any byte of a save leaves the configuration saved b
     bench.acknowledged(SaveConfig{kSession});
     bench.tick(ticks);
     bench.reset();
-    // With the last byte written the new one is whole.
+    // With its last byte written, the new slot is complete.
     CHECK(slew(bench) == (ticks == kEepromSlotSize ? 33 : 22));
     CHECK(is_loaded(bench));
   }
@@ -244,7 +244,7 @@ TEST_CASE("CFG-6: a byte that does not read back is a fault, and the configurati
     Bench bench = saved_twice();
     bench.hardware.worn_out_address = static_cast<int>(kEepromSlotA + at);
     bench.acknowledged(SetSlew{kSession, {{33, 33}}});
-    // So that the byte that is not kept differs.
+    // So that the byte that is not stored differs.
     bench.hardware.eeprom[kEepromSlotA + at] ^= 0xFF;
     bench.acknowledged(SaveConfig{kSession});
     bench.tick(kEepromSlotSize + 1U);

@@ -1,4 +1,4 @@
-// What is wired to the board, and its name.
+// Equipment wired to the board, and its name.
 #include <config_slot.h>
 
 #include "test_bench.h"
@@ -18,7 +18,7 @@ EepromStatus status(Bench& bench) {
   return read<HelloReply>(bench.ask(Hello{1, kSpecHash})).eeprom_status;
 }
 
-/// Makes of slot A one of layout 1.
+/// Converts slot A to layout 1.
 void make_former(EepromImage& eeprom) {
   eeprom[kSlotLayoutAt] = 1;
   put_u32(&eeprom[kFirstSlotCrcAt], crc32_of(&eeprom[0], kFirstSlotCrcAt));

@@ -1,4 +1,4 @@
-// What the board makes of bytes, good ones and others.
+// How the board processes bytes, valid and invalid ones.
 #include "test_bench.h"
 
 using namespace ccr;

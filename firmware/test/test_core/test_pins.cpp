@@ -1,4 +1,4 @@
-// What the board shows and switches beside the servo pulses.
+// Outputs of the board other than the servo pulses.
 #include <string>
 
 #include "test_bench.h"
@@ -7,7 +7,7 @@ using namespace ccr;
 
 namespace {
 
-/// Of the next eight steps, a mark for each in which the LED was on; from the first step on.
+/// Pattern of the next eight steps, from the first on, with a mark for each with the LED on.
 std::string shown(Bench& bench) {
   while (bench.report().tick % (8 * kLedStepTicks) != 8 * kLedStepTicks - 1) {
     bench.tick();

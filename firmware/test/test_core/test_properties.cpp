@@ -1,4 +1,4 @@
-// What must hold whatever is asked, at random with fixed seeds.
+// Properties that hold for random requests, with fixed seeds.
 #include <random>
 
 #include "test_bench.h"

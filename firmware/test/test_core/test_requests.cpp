@@ -1,4 +1,4 @@
-// How requests are checked and answered, sessions, retries and telemetry.
+// Checks and answers of requests, sessions, retries and telemetry.
 #include "test_bench.h"
 
 #include <algorithm>

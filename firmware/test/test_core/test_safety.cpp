@@ -1,11 +1,11 @@
-// The life of the board from state to state, seen at the pulses.
+// The states of the board, observed at the pulses.
 #include "test_bench.h"
 
 using namespace ccr;
 
 namespace {
 
-/// Ticks until the board is in a state, the tick included that finds it there.
+/// Number of ticks until the board is in a state, including the tick that reaches it.
 unsigned ticks_until(Bench& bench, State state, unsigned most = 5000) {
   for (unsigned ticks = 0; ticks <= most; ++ticks) {
     if (bench.state() == state) {
@@ -406,7 +406,7 @@ TEST_CASE("FLT-3: stop during boot comes before the fault of the reset") {
 
 TEST_CASE("a state that is none, as after a bit flip in memory, is a fault without pulses") {
   Safety safety({ResetCause::kPowerOn, false});
-  // What the class cannot do to itself.
+  // A state that the class itself cannot reach.
   *reinterpret_cast<uint8_t*>(&safety) = 0x7F;
   REQUIRE_FALSE(is_state(static_cast<uint8_t>(safety.state())));
   safety.tick(false, some_watchdog());

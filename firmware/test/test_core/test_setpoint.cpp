@@ -1,4 +1,4 @@
-// Targets on their way to pulses.
+// From targets to pulses.
 #include <pulses.h>
 #include <setpoint.h>
 

@@ -1,5 +1,5 @@
-// A board whose every step is held against what must never happen. Knows nothing of doctest, so
-// that the fuzzer uses it too.
+// A board that is checked for violations after every step. Independent of doctest, so that the
+// fuzzer can use it too.
 #pragma once
 
 #include <board.h>
@@ -39,7 +39,7 @@ class WatchedBoard {
     before_ = after;
   }
 
-  /// Bytes in which at most so many frames end.
+  /// Processes bytes in which at most so many frames end.
   void feed(const Bytes& bytes) {
     size_t ends = 0;
     for (const uint8_t byte : bytes) {
@@ -57,10 +57,10 @@ class WatchedBoard {
     before_.state = now().state;
   }
 
-  /// The first rule that was broken, or nothing.
+  /// The first broken rule, or nothing.
   const std::string& broken() const { return broken_; }
   unsigned pulses_seen() const { return pulses_seen_; }
-  /// Bits of the states that ticks have led to.
+  /// Bits of the states reached by ticks.
   unsigned states_seen() const { return states_seen_; }
   uint16_t session() const { return session_; }
   ccr::State state() const { return now().state; }
@@ -83,7 +83,7 @@ class WatchedBoard {
     for (const ccr::Transition& transition : ccr::kTransitions) {
       is_listed |= transition.to == to && (transition.from & ccr::state_bit(from)) != 0;
     }
-    // A save that fails in the tick of a transition makes a fault of its own.
+    // A save that fails in the tick of a transition raises another fault.
     return is_listed || to == ccr::State::kFault;
   }
 
@@ -121,7 +121,7 @@ class WatchedBoard {
     }
   }
 
-  /// Every byte sent belongs to a frame, of which there are no more than asked for.
+  /// Checks that every byte sent belongs to a frame, and that there are no more than requested.
   void check_frames(size_t most) {
     ccr::FrameDecoder decoder;
     size_t frames = 0;

@@ -1,4 +1,4 @@
-"""What every section of a robot description is made of, and what is told where one is wrong."""
+"""Building blocks of the sections of a robot description, and messages for invalid ones."""
 
 from __future__ import annotations
 

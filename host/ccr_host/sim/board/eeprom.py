@@ -1,4 +1,4 @@
-"""The EEPROM as bytes: in memory, or kept in a file."""
+"""The EEPROM as bytes, in memory or in a file, and the fault log."""
 
 from __future__ import annotations
 
