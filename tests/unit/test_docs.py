@@ -108,7 +108,8 @@ def test_messages_quoted_in_troubleshooting_are_those_of_the_host() -> None:
 
 def test_the_controller_shown_in_extending_follows_a_path() -> None:
     page = (ROOT / "docs" / "extending.md").read_text()
-    shown = textwrap.dedent(re.findall(r"\n\n((?:(?:    .*)?\n)+)", page)[0])
+    blocks = re.findall(r"\n\n((?:(?:    .*)?\n)+)", page)
+    shown = textwrap.dedent(next(block for block in blocks if "class Still" in block))
     names: dict[str, Any] = {}
     exec(shown, names)
     reference = reference_of(RunOptions(path="8shape"))
