@@ -154,7 +154,7 @@ def test_power_cut_at_any_byte_of_a_save_leaves_the_one_before(make_host, host, 
 )
 @pytest.mark.parametrize("offset", [0, 2, 20, m.EEPROM_SLOT_SIZE - 1])
 @pytest.mark.in_step("slots cannot be spoilt over a port")
-def test_corrupt_slots_are_told_and_not_used(host, corrupt, expected, loaded, offset):
+def test_corrupt_slots_are_reported_and_not_used(host, corrupt, expected, loaded, offset):
     saved_twice(host)
     for address in corrupt:
         host.device.eeprom.content[address + offset] ^= 0x01

@@ -201,7 +201,7 @@ def test_board_that_may_have_lost_its_emergency_stop_is_not_armed(make_host):
 
 
 @pytest.mark.requirement("CFG-8")
-def test_new_board_has_no_equipment_and_lacks_none(unconfigured):
+def test_new_board_has_no_equipment_and_needs_none(unconfigured):
     assert equipment(unconfigured) == NOTHING
     code, missing = unconfigured.refusal(m.Arm(SESSION))
     assert code is m.NackCode.NOT_CONFIGURED
@@ -231,7 +231,7 @@ def set_supply(host, volts):
 
 @pytest.mark.requirement("SUP-2")
 @pytest.mark.parametrize("volts", [0, 4.9, 5.0, 7.4, 10.0])
-def test_report_tells_the_servo_supply(host, volts):
+def test_report_contains_the_servo_supply(host, volts):
     assert host.report().supply_dv == 0
     set_supply(host, volts)
     host.done(m.SetEquipment(SESSION, MEASURED))
@@ -243,7 +243,7 @@ def test_report_tells_the_servo_supply(host, volts):
 
 
 @pytest.mark.requirement("SUP-3")
-def test_supply_that_stays_too_low_is_a_fault_and_one_that_dips_is_none(host):
+def test_supply_that_stays_too_low_is_a_fault_and_a_short_dip_is_not(host):
     host.done(m.SetEquipment(SESSION, MEASURED))
     set_supply(host, 4)
     host.wait_ticks(2 * m.SAG_TICKS)

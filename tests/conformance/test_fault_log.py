@@ -44,7 +44,7 @@ def fitted(host):
 
 
 @pytest.mark.requirement("LOG-1")
-def test_fault_is_kept_with_its_tick_its_boot_and_the_state_it_ended(fitted):
+def test_fault_is_logged_with_its_tick_its_boot_and_the_state_it_ended(fitted):
     assert records(fitted) == []
     fitted.arm()
     tick = make_fault(fitted)
@@ -57,7 +57,7 @@ def test_fault_is_kept_with_its_tick_its_boot_and_the_state_it_ended(fitted):
 
 
 @pytest.mark.requirement("LOG-1")
-def test_fault_after_a_reset_and_one_in_a_stopped_board_are_kept_too(fitted):
+def test_faults_after_a_reset_and_in_a_stopped_board_are_logged_too(fitted):
     fitted.done(m.Stop())
     fitted.wait_ticks(1)
     make_fault(fitted)

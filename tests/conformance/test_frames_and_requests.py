@@ -30,7 +30,7 @@ def damaged(frame: bytes) -> bytes:
         ("bad_size", encode_frame(m.Hello.ID, 1, bytes(m.MAX_PAYLOAD + 1))),
     ],
 )
-def test_what_is_no_frame_is_counted_and_not_answered(listening, counter, data):
+def test_invalid_frames_are_counted_and_not_answered(listening, counter, data):
     assert listening.exchange(data) == []
     counters = listening.counters()
     assert getattr(counters, counter) == 1

@@ -126,7 +126,7 @@ def test_stream_ends_on_request_and_with_a_new_session(host, end):
     assert host.talk.stream_since_answer == []
 
 
-def test_telemetry_tells_the_same_as_get_state(armed):
+def test_telemetry_matches_get_state(armed):
     armed.done(m.SetTelemetry(SESSION, 1))
     armed.target(9000, -300)
     armed.go_past(armed.next_tick())

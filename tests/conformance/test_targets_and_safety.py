@@ -195,7 +195,7 @@ def test_only_accepted_targets_feed_the_watchdog(armed):
 
 @pytest.mark.requirement("WDG-6")
 @pytest.mark.in_step("it takes a minute")
-def test_the_slowest_way_to_rest_that_can_be_configured_ends_in_time(with_session):
+def test_the_slowest_return_to_rest_that_can_be_configured_ends_in_time(with_session):
     host = with_session
     far, slow = m.Limits((-13500,) * 2, (-13499,) * 2, (-13500,) * 2), m.Slew((10, 10))
     host.configure(limits=far, slew=slow, watchdog=m.Watchdog(1000, 10, 20))
@@ -216,7 +216,7 @@ def test_the_slowest_way_to_rest_that_can_be_configured_ends_in_time(with_sessio
 
 @pytest.mark.requirement("WDG-6")
 @pytest.mark.in_step("it takes a minute")
-def test_the_slowest_way_to_rest_that_begins_with_braking_ends_in_time(with_session):
+def test_the_slowest_return_to_rest_that_starts_with_braking_ends_in_time(with_session):
     host = with_session
     limits = m.Limits((-13500,) * 2, (13500,) * 2, (-13500,) * 2)
     host.configure(limits=limits, slew=m.Slew((2000, 2000)), watchdog=m.Watchdog(1000, 10, 20))
@@ -331,7 +331,7 @@ def test_a_latch_is_cleared_only_after_a_frame_without_pulses(armed, state):
 
 
 @pytest.mark.requirement("REQ-3")
-def test_what_came_before_a_stop_is_neither_repeated_nor_acknowledged_again(host):
+def test_requests_before_a_stop_are_neither_repeated_nor_acknowledged_again(host):
     host.done(m.Arm(SESSION), sequence=77)
     host.done(m.Stop())
     assert host.refusal(m.Arm(SESSION), sequence=77) == (m.NackCode.BAD_STATE, m.State.STOPPED)
@@ -389,13 +389,13 @@ def test_reset_of_unknown_cause_ends_boot_in_fault_where_it_has_cut_pulses(armed
 @pytest.mark.requirement("FLT-3")
 @pytest.mark.parametrize("cause", [m.ResetCause.EXTERNAL, m.ResetCause.POWER_ON])
 @pytest.mark.in_step("a boot loader may hide the cause")
-def test_reset_of_another_known_cause_is_no_fault(armed, cause):
+def test_reset_of_another_known_cause_is_not_a_fault(armed, cause):
     armed.reset(cause)
     report = armed.report_of_tick(m.BOOT_TICKS)
     assert (report.state, report.fault) == (m.State.DISARMED, m.Fault.NONE)
 
 
-def test_disarm_leads_slowly_to_rest_and_then_takes_the_pulses_away(armed):
+def test_disarm_moves_slowly_to_rest_and_then_ends_the_pulses(armed):
     armed.target(450, 100)
     armed.wait_ticks(5)
     armed.done(m.Disarm(SESSION))

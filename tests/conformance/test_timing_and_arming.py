@@ -118,7 +118,7 @@ def test_axes_are_enabled_one_after_the_other(host):
 
 
 @pytest.mark.requirement("ARM-1", "ARM-3")
-def test_arming_begins_where_the_robot_was_left_and_leads_it_to_rest(armed):
+def test_arming_starts_where_the_robot_was_left_and_moves_it_to_rest(armed):
     armed.target(1000, -250)
     armed.wait_ticks(10)
     armed.done(m.Stop())
@@ -236,7 +236,7 @@ def test_nothing_changes_when_the_clocks_of_the_board_wrap(make_host):
 
 
 @pytest.mark.in_step("the moment of the reset cannot be seen on a port")
-def test_clock_sync_tells_when_it_was_dispatched(make_host):
+def test_clock_sync_reports_when_it_was_dispatched(make_host):
     host = make_host()
     host.device.advance_to(1_000_000)
     reply = host.told(m.ClockSync(0xDEADBEEF), m.ClockReply)

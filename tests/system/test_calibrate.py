@@ -52,7 +52,7 @@ def keys_for(axis: int, motion_deg: float) -> str:
     return keys + "+" * len(STEPS_DEG)
 
 
-def test_marks_of_the_eye_are_kept_in_file_and_board(
+def test_marks_by_eye_are_saved_in_file_and_board(
     terminal: DrivenTerminal, robot: Path, calibrated: Path
 ) -> None:
     terminal.wait_for("1 of 10")

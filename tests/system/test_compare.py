@@ -25,7 +25,7 @@ def test_a_compared_run_is_the_same_run_as_tracked_alone(
     assert compared == tracked
 
 
-def test_workspace_tells_what_is_out_of_reach(ccr_host: CcrHost) -> None:
+def test_workspace_shows_what_is_out_of_reach(ccr_host: CcrHost) -> None:
     reach = ccr_host("workspace", "ellipse", "--json", "--out", "kept").summary
     assert (reach["steps"], reach["unreachable_steps"]) == (80, 22)
     assert 3.4 < reach["floor_max_error_mm"] < 3.6

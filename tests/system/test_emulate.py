@@ -34,7 +34,7 @@ def test_a_run_over_a_served_board_in_real_time_loses_nothing(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals as on Linux")
-def test_the_board_behind_a_pty_of_its_own(ccr_host: CcrHost, short_path: str) -> None:
+def test_the_board_on_a_separate_pty(ccr_host: CcrHost, short_path: str) -> None:
     summary = ccr_host("track", short_path, *PAPERS, "--device", "emulator+pty:", "--json").summary
     assert summary["link"]["crc_errors"] == summary["missed_deadlines"] == 0
 

@@ -122,7 +122,7 @@ def test_export_writes_tables_beside_the_log(ccr_host: CcrHost, run_folder: Path
     assert lines[0].startswith("time_us,step,time_s,")
 
 
-def test_replay_and_export_refuse_what_is_no_run(ccr_host: CcrHost) -> None:
+def test_replay_and_export_reject_what_is_not_a_run(ccr_host: CcrHost) -> None:
     for command in ("replay", "export"):
         ended = ccr_host(command, "missing")
         assert ended.status == 2

@@ -32,7 +32,7 @@ class Arm(TwinRobot):
     ],
 )
 @pytest.mark.parametrize("realtime", [[], ["--realtime"]])
-def test_it_is_told_in_one_line_then_its_traceback_and_log_and_figure_are_kept(
+def test_it_is_reported_in_one_line_then_its_traceback_and_log_and_figure_are_saved(
     ccr_host: CcrHost,
     tmp_path: Path,
     short_path: str,

@@ -61,7 +61,7 @@ def test_a_run_that_was_killed_is_reported_as_far_as_its_log_goes(with_run: CcrH
     assert page.count("<svg") == 2
 
 
-def test_what_ended_a_run_early_is_told(ccr_host: CcrHost) -> None:
+def test_the_reason_of_an_early_end_is_reported(ccr_host: CcrHost) -> None:
     lost = ("--set", "tracker.dropout=0.99", "--set", "control.coast_s=0.1")
     ended = ccr_host("track", "8shape", *PAPERS, *lost, "--no-open", "--out", "kept")
     assert ended.status == 3

@@ -173,7 +173,7 @@ def test_a_run_that_ended_early_says_how_far_it_came(ccr_host: CcrHost, short_pa
     assert f"{steps} of 11 steps" in " ".join(compared.out.split())
 
 
-def test_ctrl_c_again_and_again_still_leaves_the_robot_safe_and_the_results_kept(
+def test_repeated_ctrl_c_still_leaves_the_robot_safe_and_the_results_saved(
     ccr_host: CcrHost,
 ) -> None:
     folder = ccr_host.folder / "kept"

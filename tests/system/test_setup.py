@@ -27,7 +27,7 @@ EIGHT = ("track", "8shape", "--no-open", "--robot", "mine.toml", *OVERRIDES, "--
         ),
     ],
 )
-def test_a_new_robot_is_set_up_and_followed_and_what_is_done_is_not_done_again(
+def test_a_new_robot_is_set_up_and_finished_steps_are_not_repeated(
     tmp_path: Path, ends: tuple[str, ...]
 ) -> None:
     words = ("setup", "--robot", "mine.toml", *ends, *OVERRIDES)
@@ -56,7 +56,7 @@ def test_a_new_robot_is_set_up_and_followed_and_what_is_done_is_not_done_again(
     assert followed.summary["true_mean_error_mm"] < 0.8
 
 
-def test_without_a_terminal_somebody_has_to_say_so(ccr_host: CcrHost) -> None:
+def test_without_a_terminal_yes_must_be_given(ccr_host: CcrHost) -> None:
     ended = ccr_host("setup", "--robot", "mine.toml")
     assert ended.status == 2
     assert "give --yes" in ended.err

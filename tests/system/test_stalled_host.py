@@ -57,7 +57,7 @@ def test_a_short_stop_skips_its_steps_counts_them_and_sends_no_burst(
 
 @pytest.mark.parametrize("seconds", [3.0, 10.0])
 @pytest.mark.parametrize("device", ["emulator:", "emulator+pty:"])
-def test_a_stop_in_which_the_board_leads_the_robot_to_rest_ends_the_run_and_says_why(
+def test_a_stall_in_which_the_board_moves_the_robot_to_rest_ends_the_run_and_says_why(
     ccr_host: CcrHost, short_path: str, device: str, seconds: float
 ) -> None:
     status, err, summary, folder = stopped_run(ccr_host, device, short_path, seconds)

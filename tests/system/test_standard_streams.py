@@ -67,17 +67,17 @@ def test_other_commands_end_as_they_would_have_ended(
     assert "Traceback" not in err
 
 
-def test_a_full_disk_behind_standard_output_is_told_once(tmp_path: Path) -> None:
+def test_a_full_disk_behind_standard_output_is_reported_once(tmp_path: Path) -> None:
     _, _, err = in_shell(tmp_path, "--help", streams="> /dev/full")
     assert err == "ccr-host: standard output is incomplete: No space left on device\n"
 
 
-def test_a_refusal_that_nobody_can_read_keeps_its_status(tmp_path: Path) -> None:
+def test_an_unreadable_error_message_keeps_its_status(tmp_path: Path) -> None:
     for streams in ("2>&-", "2> /dev/full", "> /dev/full"):
         assert in_shell(tmp_path, "track", "circle", streams=streams)[0] == 2
 
 
-def test_a_reader_that_has_seen_enough_is_no_error(tmp_path: Path) -> None:
+def test_a_reader_that_closes_the_pipe_is_not_an_error(tmp_path: Path) -> None:
     status, out, err = in_shell(tmp_path, *TRACK, streams="| head -1")
     assert (status, err) == (0, "")
     assert out.startswith("short with mpc")

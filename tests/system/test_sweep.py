@@ -62,7 +62,7 @@ def test_each_row_of_a_sweep_can_be_repeated_alone(
     assert rows[1]["command"] in only.out
 
 
-def test_a_sweep_that_was_killed_goes_on_and_ends_as_if_it_had_not_been(
+def test_a_killed_sweep_continues_and_ends_as_if_uninterrupted(
     ccr_host: CcrHost, short_sweep: tuple[str, ...]
 ) -> None:
     words = (*short_sweep, "--runs", "2", "--workers", "1", "--out", "kept")
@@ -127,7 +127,7 @@ def test_a_word_that_makes_no_sense_gets_one_line(
 
 
 @pytest.mark.parametrize("kind", ["http", "random bytes", "echo", "hangs"])
-def test_what_is_no_dask_scheduler_gets_one_line_within_seconds(
+def test_an_address_without_a_dask_scheduler_gets_one_line_within_seconds(
     ccr_host: CcrHost, kind: str
 ) -> None:
     with foreign_server(kind) as port:

@@ -104,7 +104,7 @@ def test_a_camera_that_fails_ends_the_run_and_says_why(
 
 
 @pytest.mark.parametrize("fault", ["unplugged_s=[[2, 3]]", "reset_s=[2]"])
-def test_a_run_goes_on_when_the_camera_comes_back_in_time(
+def test_a_run_continues_when_the_camera_returns_in_time(
     ccr_host: CcrHost, long_path: str, fault: str
 ) -> None:
     words = ("--set", f"polaris_faults.{fault}", "--set", "control.hold_s=9")

@@ -57,7 +57,7 @@ def ccr_host(unpacked: Path, tmp_path: Path) -> Command:
     return run
 
 
-def test_the_version_is_told(ccr_host: Command) -> None:
+def test_the_version_is_printed(ccr_host: Command) -> None:
     assert ccr_host("--version").stdout == f"ccr-host {version('ccr-host')}\n"
 
 

@@ -149,7 +149,7 @@ def test_every_extra_is_listed_for_newcomers() -> None:
     assert listed - {"---"} == {f"`{name}`" for name in extras}
 
 
-def test_no_page_tells_to_type_a_placeholder_for_this_repository() -> None:
+def test_no_page_contains_a_placeholder_for_this_repository() -> None:
     pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")]
     assert not [page.name for page in pages if re.search(r"git clone [A-Z]+\b", page.read_text())]
 

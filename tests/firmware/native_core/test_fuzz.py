@@ -19,7 +19,7 @@ def fuzzer(build: Build) -> Path:
     return build("clang++", flags, [TESTS / "fuzz" / "fuzz_board.cpp", *core_sources()])
 
 
-def test_kept_inputs_and_some_seconds_of_new_ones_break_no_rule(
+def test_the_corpus_and_some_seconds_of_new_inputs_break_no_rule(
     fuzzer: Path, tmp_path: Path
 ) -> None:
     assert _fuzz(fuzzer, tmp_path, SECONDS) > 1000

@@ -250,7 +250,7 @@ INSIDE = [
         "src/frame_timer.cpp",
         "  bool has_new_frame_begun;\n  ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {",
         "  bool has_new_frame_begun;\n  {",
-        GLUE + "test_the_clock_does_not_jump_where_a_frame_begins",
+        GLUE + "test_the_clock_does_not_jump_at_the_start_of_a_frame",
     ),
     Mutant(
         "a tick is finished with interrupts on",
@@ -306,14 +306,14 @@ INSIDE = [
         CONTROLLER,
         "if (++ticks_of_sag_ >= kSagTicks) {",
         "if (++ticks_of_sag_ >= kSagTicks && !is_wired) {",
-        CONFORMANCE + "test_supply_that_stays_too_low_is_a_fault_and_one_that_dips_is_none",
+        CONFORMANCE + "test_supply_that_stays_too_low_is_a_fault_and_a_short_dip_is_not",
     ),
     Mutant(
         "a short dip of the supply is a fault",
         CONTROLLER,
         "    ticks_of_sag_ = 0;\n    return;",
         "    return;",
-        CONFORMANCE + "test_supply_that_stays_too_low_is_a_fault_and_one_that_dips_is_none",
+        CONFORMANCE + "test_supply_that_stays_too_low_is_a_fault_and_a_short_dip_is_not",
     ),
     Mutant(
         "a board that has lost its configuration has no emergency stop",
@@ -369,7 +369,7 @@ INSIDE = [
         "lib/core/dispatcher.cpp",
         "  session_.retries.make_void();\n",
         "",
-        CONFORMANCE + "test_what_came_before_a_stop_is_neither_repeated_nor_acknowledged_again",
+        CONFORMANCE + "test_requests_before_a_stop_are_neither_repeated_nor_acknowledged_again",
     ),
     Mutant(
         "all boots are counted in one cell",

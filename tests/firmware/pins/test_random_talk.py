@@ -127,7 +127,7 @@ def talk(seed: int, frames: int = FRAMES, elf: Path | None = None) -> WatchedTal
     return watched
 
 
-def test_whatever_a_host_says_the_pins_obey_the_rules() -> None:
+def test_the_pins_obey_the_rules_whatever_a_host_sends() -> None:
     runs = [talk(seed) for seed in SEEDS]
     assert sum(run.pulses for run in runs) > 5000
     assert set.union(*(run.states for run in runs)) == set(m.State)
@@ -135,7 +135,7 @@ def test_whatever_a_host_says_the_pins_obey_the_rules() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", MORE_SEEDS)
-def test_whatever_a_host_says_the_pins_obey_the_rules_for_long(seed: int) -> None:
+def test_the_pins_obey_the_rules_for_long_whatever_a_host_sends(seed: int) -> None:
     talk(1000 + seed)
 
 
@@ -153,7 +153,7 @@ def _broken_rule(elf: Path) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mutant", AT_THE_PINS, ids=lambda mutant: mutant.name)
-def test_the_oracle_tells_a_faulty_firmware_by_the_rule_that_it_breaks(
+def test_the_oracle_detects_a_faulty_firmware_by_the_rule_that_it_breaks(
     mutant: Mutant, tmp_path: Path
 ) -> None:
     broken = _broken_rule(mutant.build(tmp_path))

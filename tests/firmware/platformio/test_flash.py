@@ -47,7 +47,7 @@ def test_uno_is_found_among_other_ports(device):
     assert choose_port(None, [Port(device("ttyS0")), other, uno]) == uno.device
 
 
-def test_compatible_board_is_found_where_there_is_no_genuine_one(device):
+def test_compatible_board_is_found_if_there_is_no_genuine_one(device):
     clone = Port(device("ttyUSB0"), 0x1A86, 0x7523)
     assert choose_port(None, [Port(device("ttyS0")), clone]) == clone.device
 
@@ -69,7 +69,7 @@ def test_port_that_is_not_there(tmp_path):
         choose_port(str(tmp_path / "ttyACM9"))
 
 
-def test_what_is_no_port_is_refused_before_the_build(tmp_path):
+def test_an_invalid_port_is_rejected_before_the_build(tmp_path):
     with pytest.raises(DeviceError, match="not a serial port"):
         choose_port(str(tmp_path))
 
@@ -82,7 +82,9 @@ def image(tmp_path):
     return path
 
 
-def test_missing_programs_are_told_with_what_installs_them(device, image, monkeypatch, tmp_path):
+def test_missing_programs_are_reported_with_the_command_that_installs_them(
+    device, image, monkeypatch, tmp_path
+):
     monkeypatch.setenv("PATH", str(tmp_path))
     port = device("ttyACM0")
     with pytest.raises(ConfigError, match="pip install platformio"):
@@ -92,7 +94,7 @@ def test_missing_programs_are_told_with_what_installs_them(device, image, monkey
         upload_file(port, image)
 
 
-def test_platformios_avrdude_serves_where_the_system_has_none(
+def test_platformios_avrdude_is_used_if_the_system_has_none(
     device, image, monkeypatch, tmp_path, capfd
 ):
     program = tmp_path / "packages/tool-avrdude/bin/avrdude"
@@ -105,7 +107,7 @@ def test_platformios_avrdude_serves_where_the_system_has_none(
     assert f"-C {tmp_path}/packages/tool-avrdude/avrdude.conf" in capfd.readouterr().err
 
 
-def test_file_that_is_no_firmware_is_refused_before_the_board_is_touched(device, tmp_path):
+def test_file_that_is_not_firmware_is_rejected_before_the_board_is_touched(device, tmp_path):
     image = tmp_path / "a.hex"
     image.write_text("nonsense")
     with pytest.raises(ConfigError, match="neither an ELF file for AVR nor Intel HEX"):

@@ -71,7 +71,7 @@ def test_jump_out_of_the_flash_stops_the_board(board, exchange):
         exchange(uno, b"j")
 
 
-def test_memories_have_room_for_whatever_address_a_program_uses(board):
+def test_memories_cover_every_address_that_a_program_can_use(board):
     """simavr carries out what it reports: it has overwritten a byte of the host's heap."""
     uno = board("resets")
     size_of = ctypes.CDLL(None).malloc_usable_size
@@ -88,7 +88,7 @@ def test_eeprom_write_takes_its_time(board, exchange):
     assert exchange(uno, b"r\x05") == b"\x77"
 
 
-def test_address_bits_that_the_eeprom_has_not_got_are_ignored(board, exchange):
+def test_missing_address_bits_of_the_eeprom_are_ignored(board, exchange):
     uno = board("eeprom")
     uno.advance_to(1000)
     exchange(uno, b"W\x05\x77")
@@ -125,7 +125,7 @@ def test_timer_flags_are_cleared_one_by_one_and_kept_until_enabled(board):
     assert (both & 6, one & 6, interrupts) == (6, 4, 1)
 
 
-def test_sleep_is_told_from_work(board):
+def test_sleep_is_distinguished_from_work(board):
     uno = board("echo")
     uno.advance_to(1000)
     uno.forget_statistics()

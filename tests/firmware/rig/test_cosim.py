@@ -38,7 +38,7 @@ def test_each_pulse_reaches_the_servo_when_it_ends(board, slice_us):
     assert {time_us - start for time_us, _ in first} <= {999, 1000, 1001, 1499, 1500, 1501}
 
 
-def test_servo_without_pulses_is_told_so(board):
+def test_servo_without_pulses_is_reported(board):
     line = SimavrLine(board("servo"))
     scene = RecordingScene()
     together = SimavrCoSimulation(line, scene)

@@ -9,7 +9,7 @@ from ccr_host.sim.simavr.mcu import built_shim
 from ccr_host.sim.simavr.serve import optiboot
 
 
-def test_elf_tells_segments_and_symbols(program):
+def test_elf_file_gives_segments_and_symbols(program):
     image = read_flash_image(program("masked"))
     assert image.start == 0
     assert 0 < image.symbols["main"] < FLASH_BYTES
@@ -54,7 +54,7 @@ def test_shim_is_built_once(tmp_path, monkeypatch):
     assert first.stat().st_mtime_ns == built_at
 
 
-def test_missing_compiler_is_told_with_what_installs_it(tmp_path, monkeypatch):
+def test_missing_compiler_is_reported_with_the_command_that_installs_it(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
@@ -62,7 +62,7 @@ def test_missing_compiler_is_told_with_what_installs_it(tmp_path, monkeypatch):
         built_shim()
 
 
-def test_shim_that_does_not_build_tells_the_compilers_reason(tmp_path, monkeypatch):
+def test_failed_build_of_the_shim_reports_the_compilers_reason(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     compiler = tmp_path / "cc"
     compiler.write_text("#!/bin/sh\necho 'rig.c:1: error: sim_avr.h: no such file' >&2\nexit 1\n")

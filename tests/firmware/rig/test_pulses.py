@@ -68,7 +68,7 @@ def test_output_shows_only_when_connected_and_driven(board, exchange):
     assert {e.pin for e in edges} == {0, 1}
 
 
-def test_connecting_between_two_pulses_begins_with_a_whole_one(board, exchange):
+def test_connecting_between_two_pulses_starts_with_a_complete_one(board, exchange):
     uno, edges, pulses = start(board, exchange, commands=b"")
     uno.advance_to(18_000)
     exchange(uno, b"ab")
@@ -77,7 +77,7 @@ def test_connecting_between_two_pulses_begins_with_a_whole_one(board, exchange):
     assert edges[0].cycle // 16 >= FRAME_US
 
 
-def test_missing_pulses_are_told_once(board, exchange):
+def test_missing_pulses_are_reported_once(board, exchange):
     uno, _, pulses = start(board, exchange, commands=b"a")
     uno.advance_to(3 * FRAME_US - 2000)
     exchange(uno, b"x", wait_us=10_000)

@@ -83,7 +83,7 @@ def test_avrdude_finds_the_boot_loader_however_late_it_comes(program, hex_file):
         assert upload.returncode == 0, upload.stderr
 
 
-def test_missing_firmware_is_told_with_its_cure(tmp_path, monkeypatch):
+def test_missing_firmware_is_reported_with_its_cure(tmp_path, monkeypatch):
     monkeypatch.setattr("ccr_host.sim.simavr.flash_image._CHECKOUT", tmp_path)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match="pio run"):

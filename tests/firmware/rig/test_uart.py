@@ -65,7 +65,7 @@ def test_other_baud_arrives_as_frame_errors_and_is_heard_as_noise(board, exchang
     assert data != ord("a")
 
 
-def test_without_a_baud_of_its_own_the_host_follows_the_board(board):
+def test_without_a_given_baud_the_host_follows_the_board(board):
     uno = board("late_reader")
     uno.advance_to(1000)
     uno.receive(b"a", baud=None)
@@ -83,7 +83,7 @@ def test_bytes_before_the_receiver_is_enabled_are_lost(board):
     assert 0 < len(heard) < len(data)
 
 
-def test_board_is_deaf_in_reset_but_the_wire_goes_on(board):
+def test_board_does_not_listen_in_reset_but_the_line_keeps_transmitting(board):
     uno = board("echo")
     uno.advance_to(1000)
     data = bytes(range(200))

@@ -152,7 +152,7 @@ def test_pulses_are_exact_and_begin_with_their_frame() -> None:
 
 
 @pytest.mark.parametrize("boot_loader_clears_flags", [False, True])
-def test_a_hang_is_ended_by_the_watchdog_and_told_as_its_fault(
+def test_a_hang_is_ended_by_the_watchdog_and_reported_as_its_fault(
     boot_loader_clears_flags: bool,
 ) -> None:
     uno = Uno(boot_loader=optiboot() if boot_loader_clears_flags else None)
@@ -286,7 +286,7 @@ def test_no_tick_is_lost_however_late_one_is_done() -> None:
     assert report.tick == (uno.board.now_us - m.TICK_PHASE_US) // m.TICK_US + 1
 
 
-def test_the_clock_does_not_jump_where_a_frame_begins() -> None:
+def test_the_clock_does_not_jump_at_the_start_of_a_frame() -> None:
     uno = Uno()
     uno.make_ready()
     request = encode_frame(m.ClockSync.ID, 1, m.ClockSync(0).pack())
@@ -305,7 +305,7 @@ def test_the_clock_does_not_jump_where_a_frame_begins() -> None:
         assert 0 <= told_us - end_cycle // CYCLES_PER_US < 250, offset
 
 
-def test_behind_a_boot_loader_that_hides_it_a_reset_from_outside_is_no_fault() -> None:
+def test_behind_a_boot_loader_that_hides_it_an_external_reset_is_not_a_fault() -> None:
     uno = Uno(boot_loader=optiboot())
     uno.wait(BOOT_LOADER_US)
     assert uno.hello().reset_cause is m.ResetCause.POWER_ON
@@ -369,7 +369,7 @@ def test_a_program_that_goes_astray_takes_the_servo_supply_away(code: bytes) -> 
     assert not uno.board.servo_supply_on
 
 
-def test_a_brown_out_is_told_also_where_the_reset_pin_was_pulled_besides() -> None:
+def test_a_brown_out_is_reported_even_if_the_reset_pin_was_pulled_too() -> None:
     uno = Uno()
     uno.make_armed()
     uno.board.reset(m.ResetCause.BROWN_OUT)
@@ -482,7 +482,7 @@ def _assert_whole_pulses_and_then_none(uno: Uno, edges: list[Edge]) -> None:
     assert 0 not in uno.board.pulses_half_us
 
 
-def test_used_up_stack_is_a_fault_and_told() -> None:
+def test_used_up_stack_is_a_fault_and_reported() -> None:
     uno = Uno()
     uno.make_ready()
     free_before = uno.report().free_stack_bytes

@@ -115,5 +115,5 @@ def test_a_name_is_listened_on_at_the_address_it_has_if_it_has_both_at_ipv4(monk
     ("host", "told"),
     [("nowhere.invalid", "unknown host name"), ("192.0.2.1", "not an address of this computer")],
 )
-def test_an_address_that_cannot_be_listened_on_is_told_with_its_true_cause(host, told):
+def test_an_unusable_listening_address_is_reported_with_its_true_cause(host, told):
     assert told in refusal_of(lambda _: TcpPort(0, host), "")

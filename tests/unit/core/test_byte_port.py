@@ -105,7 +105,7 @@ def text_file(folder):
     "path",
     [fifo, text_file, lambda folder: folder, lambda _: "/dev/null", lambda _: "/dev/zero"],
 )
-def test_what_is_no_serial_port_is_told_so(path, tmp_path):
+def test_what_is_not_a_serial_port_is_reported(path, tmp_path):
     with pytest.raises(DeviceError, match=r"not a serial port.*ports of this computer"):
         opened(f"serial:{path(tmp_path)}")
 
@@ -189,7 +189,7 @@ def test_what_the_other_end_says_before_it_hangs_up_is_passed_on(greeting, told)
     assert told in message
 
 
-def test_a_host_of_an_unknown_name_is_told_from_one_that_refuses():
+def test_an_unknown_host_name_is_distinguished_from_a_refused_connection():
     with pytest.raises(DeviceError, match="unknown host name"):
         opened("tcp://nowhere.invalid:5025")
 

@@ -54,7 +54,7 @@ def test_waiting_for_a_moment_that_has_passed_returns_at_once(clock: VirtualCloc
     assert clock.now_us() - now < 1_000_000
 
 
-def test_a_lagging_clock_leaves_out_what_it_was_kept_from(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lagging_clock_skips_the_time_it_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     wall_ns = 0
     monkeypatch.setattr("ccr_host.core.clock._elapsed_ns", lambda: wall_ns)
     clock = LaggingClock()

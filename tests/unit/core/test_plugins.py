@@ -79,7 +79,7 @@ def test_a_file_is_loaded_once_and_again_when_it_was_changed(file):
         ("\0", "Mine", "SyntaxError|ValueError"),
     ],
 )
-def test_what_is_wrong_with_a_file_or_class_is_told_in_one_line(file, text, wanted, told):
+def test_an_error_in_a_file_or_class_is_reported_in_one_line(file, text, wanted, told):
     error = refusal(text, file, wanted)
     assert error.args
     with pytest.raises(CcrError, match=told):
@@ -87,7 +87,7 @@ def test_what_is_wrong_with_a_file_or_class_is_told_in_one_line(file, text, want
     assert isinstance(error, ConfigError) or "Traceback" in error.traceback
 
 
-def test_a_file_that_cannot_be_read_is_told(tmp_path):
+def test_an_unreadable_file_is_reported(tmp_path):
     for name, told in ((tmp_path / "gone.py", "No such file"), (tmp_path, "no class")):
         with pytest.raises(CcrError) as refused:
             make_controller(f"{name}:Mine", Description())
@@ -100,7 +100,7 @@ def test_a_file_that_cannot_be_read_is_told(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["mine.py", "mine.py:", "mine.py:My-Class", "mine:Class", ""])
-def test_a_name_that_is_nearly_one_is_told_the_form(name):
+def test_a_name_that_is_nearly_right_gets_the_form(name):
     for make in (make_controller, make_plant):
         with pytest.raises(ConfigError, match=r"unknown .* or FILE\.py:CLASS"):
             make(name, Description())

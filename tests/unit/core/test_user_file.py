@@ -56,7 +56,7 @@ def places(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("read", READERS)
-def test_what_is_no_file_is_refused_without_waiting(places, read):
+def test_what_is_not_a_file_is_rejected_without_waiting(places, read):
     for place in places:
         with pytest.raises(ConfigError) as caught:
             read(place)

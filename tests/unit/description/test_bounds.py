@@ -92,7 +92,7 @@ def test_a_number_of_any_length_is_refused_on_one_short_line(key: str, digits: i
         ("robot.x=" + "[" * 5000, "unknown key robot.x"),
     ],
 )
-def test_what_is_wrong_is_told_in_words_of_the_description(override: str, told: str) -> None:
+def test_errors_are_reported_in_terms_of_the_description(override: str, told: str) -> None:
     assert told in refusal(override)
 
 

@@ -106,7 +106,7 @@ def test_what_would_be_no_description_is_refused_and_the_file_left_alone(
 
 
 @pytest.mark.parametrize("content", [b"[twin\n", b"\xff\xfe\x00", b"[" * 50_000])
-def test_an_unreadable_description_is_told_and_left_alone(tmp_path, content) -> None:
+def test_an_unreadable_description_is_reported_and_left_unchanged(tmp_path, content) -> None:
     file = tmp_path / "robot.toml"
     file.write_bytes(content)
     with pytest.raises(ConfigError, match=r"robot description"):
@@ -154,7 +154,7 @@ HAS_PIPES = hasattr(os, "mkfifo")
         *(["pipe"] if HAS_PIPES else []),
     ],
 )
-def test_a_place_that_cannot_be_written_is_told_beforehand(tmp_path, out) -> None:
+def test_an_unwritable_place_is_reported_beforehand(tmp_path, out) -> None:
     if HAS_PIPES:
         os.mkfifo(tmp_path / "pipe")
     (tmp_path / "loop").symlink_to("loop/x")

@@ -30,7 +30,7 @@ def test_committed_reference_is_current():
 
 
 @pytest.mark.parametrize("section", SECTIONS)
-def test_every_key_tells_its_meaning(section):
+def test_every_key_has_a_meaning(section):
     assert [key for key, field in section.model_fields.items() if not field.description] == []
 
 

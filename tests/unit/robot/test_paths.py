@@ -236,7 +236,7 @@ def test_bad_line_is_named_with_file_line_and_cure(tmp_path, text, line, words):
         ("2.5mm", "nothing else"),
     ],
 )
-def test_what_is_wrong_with_a_number_is_told(tmp_path, number, cure):
+def test_an_error_in_a_number_is_reported(tmp_path, number, cure):
     with pytest.raises(ConfigError) as caught:
         load(write(tmp_path, f't_s;y_mm;z_mm\n0;1.5;2\n1;"{number}";3\n'))
     assert cure in caught.value.cure

@@ -17,7 +17,7 @@ def test_history_follows_ramps_and_knows_when_the_robot_stood():
     assert history.resting_since(1.2) == pytest.approx(1.2)
 
 
-def test_a_command_during_a_ramp_goes_on_from_where_the_setpoint_is():
+def test_a_command_during_a_ramp_starts_at_the_current_setpoint():
     history = SetpointHistory(STILL)
     history.command(0.0, np.array([1.0, 0.0]), 1.0)
     history.command(0.5, np.array([0.0, 0.0]), 1.0)
@@ -58,7 +58,7 @@ def test_before_the_first_command_the_initial_pose_aims_at_nothing():
     assert index is None
 
 
-def test_a_command_goes_on_from_the_middle_of_the_ramp_it_replaces():
+def test_a_command_starts_in_the_middle_of_the_ramp_it_replaces():
     history = SetpointHistory(np.zeros(2))
     history.command(1.0, np.ones(2), 1.0, 1.0)
     history.command(1.5, np.zeros(2), 1.0, 2.0)

@@ -75,7 +75,7 @@ def test_there_is_a_way_back_to_every_question() -> None:
     assert asked[-1].startswith("1 of 10")
 
 
-def test_marks_that_no_servo_gives_are_asked_for_again_and_the_others_kept() -> None:
+def test_implausible_marks_are_asked_for_again_and_the_others_kept() -> None:
     crooked = marks(1, (0.0, 45.0, -20.0))
     rest = marks(1, USUAL_DEG[2:], here_deg=-20.0)
     found, asked = calibrated(*marks(0, USUAL_DEG), *crooked, "", *rest)

@@ -140,7 +140,7 @@ def test_a_simulated_robot_behind_a_real_board_is_warned_of(tmp_path) -> None:
     assert "simulated" in found.text
 
 
-def test_a_real_camera_beside_a_simulated_board_is_told() -> None:
+def test_a_real_camera_with_a_simulated_board_is_reported() -> None:
     assert "simulated board" in mismatch_of(RigOptions(tracker="igtl://127.0.0.1:1"))
     assert mismatch_of(RigOptions(device="serial:/dev/ttyACM0", tracker="ndi:/dev/ttyUSB0")) == ""
     assert mismatch_of(RigOptions(device="emulator+pty:", tracker="ndi-emulator:")) == ""
@@ -174,7 +174,7 @@ def _robot_with_rests(folder: Path, off_mm: float) -> str:
     return str(file)
 
 
-def test_rests_that_were_kept_are_compared_with_the_noise(tmp_path) -> None:
+def test_identified_rests_are_compared_with_the_noise(tmp_path) -> None:
     usual = examined(tmp_path, robot=_robot_with_rests(tmp_path, 0.25))["identification"]
     assert usual.severity is Severity.GOOD
     assert "the model leaves 0.3" in usual.text

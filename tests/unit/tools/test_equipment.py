@@ -69,7 +69,7 @@ def change(
         return equipment_text(change_equipment(client, Description(), wanted))
 
 
-def test_each_thing_that_is_told_is_kept_and_leaves_the_rest_as_it_was() -> None:
+def test_each_change_is_stored_and_leaves_the_rest_unchanged() -> None:
     board = Bench()
     assert (
         change(board, board_name="left arm")
@@ -126,7 +126,7 @@ def test_pressed_emergency_stop_ends_a_run_with_its_fault_and_clearing_waits_for
         assert client.read_state().state is State.DISARMED
 
 
-def test_board_with_a_corrupt_eeprom_says_what_it_has_to_be_told() -> None:
+def test_board_with_a_corrupt_eeprom_reports_what_must_be_configured() -> None:
     board = Bench()
     change(board, emergency_stop=True)
     board.image.content[0] = 0
@@ -140,7 +140,7 @@ def test_board_with_a_corrupt_eeprom_says_what_it_has_to_be_told() -> None:
         client.arm()
 
 
-def test_doctor_tells_equipment_and_another_name_than_described() -> None:
+def test_doctor_reports_equipment_and_a_name_other_than_described() -> None:
     board = Bench()
     change(board, board_name="left arm")
     found = {}
@@ -178,7 +178,7 @@ def test_simulated_board_has_whatever_name_is_described() -> None:
         rig.client.arm()
 
 
-def test_supply_is_told_in_volts_and_looked_at_by_the_doctor() -> None:
+def test_supply_is_reported_in_volts_and_checked_by_the_doctor() -> None:
     board = Bench()
     told = change(board, supply_divider=2, supply_min_v=5.5)
     assert told.endswith("supply measured up to 10 V, a fault below 5.5 V")
@@ -201,7 +201,7 @@ def test_supply_that_the_board_cannot_measure_is_refused(
         change(Bench(), supply_divider=divider, supply_min_v=least_v)
 
 
-def test_doctor_tells_the_last_faults_the_newest_first() -> None:
+def test_doctor_lists_the_last_faults_newest_first() -> None:
     board = Bench()
     change(board, emergency_stop=True)
     for voltage_mv in (3000, 0):
@@ -238,7 +238,7 @@ def test_fault_log_is_read_in_order_when_its_numbers_wrap() -> None:
 
 
 @pytest.mark.parametrize("is_open", [False, True])
-def test_emergency_stop_that_is_open_when_the_board_is_told_of_it_is_pointed_out(
+def test_emergency_stop_that_is_open_when_it_is_configured_is_reported(
     is_open: bool,
 ) -> None:
     board = UnoEmulator()

@@ -230,7 +230,7 @@ def test_a_table_has_nan_for_missing_numbers(short_path, tmp_path):
     assert np.isnan(run.steps["measured_age_us"][lost]).all()
 
 
-def test_what_is_no_run_is_refused(tmp_path):
+def test_what_is_not_a_run_is_rejected(tmp_path):
     for folder in (tmp_path, tmp_path / "gone"):
         with pytest.raises(ccr_host.ConfigError):
             ccr_host.load_run(folder)

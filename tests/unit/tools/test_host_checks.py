@@ -13,7 +13,7 @@ PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text
 FOR_DEVELOPERS = {"test", "dev", "docs", "bench"}
 
 
-def test_the_doctor_looks_for_all_extras_of_users_and_for_no_other() -> None:
+def test_the_doctor_checks_all_extras_of_users_and_no_others() -> None:
     assert EXTRAS.keys() == PROJECT["optional-dependencies"].keys() - FOR_DEVELOPERS
 
 

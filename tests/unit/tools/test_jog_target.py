@@ -39,7 +39,7 @@ def test_an_arrow_moves_its_motor_by_one_step(key: str) -> None:
     np.testing.assert_allclose(np.degrees(finer.q_rad), 0.5 * np.array(MOVES[key]))
 
 
-def test_zero_leads_back_to_rest_and_keeps_the_step() -> None:
+def test_zero_moves_back_to_rest_and_keeps_the_step() -> None:
     there = target().after("+").after(UP).after(RIGHT)
     back = there.after("0")
     np.testing.assert_array_equal(back.q_rad, np.zeros(2))
@@ -53,7 +53,7 @@ def test_only_its_keys_stop_clear_and_leave() -> None:
 
 
 @given(st.lists(st.sampled_from([*MOVES, "a", "+", " ", "\x1b[3~", "ü"]), max_size=30))
-def test_keys_pressed_quickly_are_told_apart(keys: list[str]) -> None:
+def test_keys_pressed_quickly_are_distinguished(keys: list[str]) -> None:
     assert split_keys("".join(keys)) == keys
 
 
@@ -65,7 +65,7 @@ def test_a_lone_escape_is_a_key() -> None:
     assert split_keys(ESCAPE) == [ESCAPE]
 
 
-def test_a_pipe_is_no_keyboard(tmp_path) -> None:
+def test_a_pipe_is_not_a_keyboard(tmp_path) -> None:
     with (tmp_path / "pipe").open("w") as pipe, pytest.raises(ConfigError, match="terminal"):
         Keyboard(pipe)
 

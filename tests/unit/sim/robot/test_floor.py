@@ -64,7 +64,7 @@ def test_the_nearest_point_is_found_wherever_the_surface_folds():
     assert together.per_step_mm == pytest.approx(np.mean(alone_mm))
 
 
-def test_rest_poses_are_those_the_simulation_comes_to():
+def test_rest_poses_are_those_reached_by_the_simulation():
     twin = Twin(friction=0.0, joint_damping=2e-3)
     mechanics = Mechanics(twin, 0.0)
     mechanics.pull(0.3, -0.5)

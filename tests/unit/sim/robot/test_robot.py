@@ -52,7 +52,7 @@ def test_time_never_runs_backwards(pulses_half_us):
     np.testing.assert_array_equal(robot.tip_mm(), there)
 
 
-def test_silent_servo_keeps_its_angle_and_goes_on_with_the_next_pulse(pulses_half_us):
+def test_servo_without_pulses_keeps_its_angle_and_continues_with_the_next_pulse(pulses_half_us):
     robot = TwinRobot(Twin())
     robot.set_pulses_half_us(pulses_half_us(30, -30))
     robot.advance_to(50_000)

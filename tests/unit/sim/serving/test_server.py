@@ -98,7 +98,7 @@ def test_port_that_disappears_is_a_device_error():
             client.read_state()
 
 
-def test_second_tcp_client_is_told_and_the_first_one_goes_on():
+def test_second_tcp_client_is_told_busy_and_the_first_one_continues():
     server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock(), boot_loader_us=0)
     with BackgroundServer(server) as background:
         client, _ = connect(background.uri)
@@ -202,7 +202,7 @@ def test_eeprom_file_of_another_size_is_refused(tmp_path):
         EepromFile(tmp_path / "missing" / "eeprom.bin")
 
 
-def test_passenger_is_told_of_every_advance():
+def test_observer_is_called_for_every_advance():
     times_us = []
     line = SerialLine(UnoEmulator())
     server = BoardServer(line, TcpPort(0), RealClock(), on_advance=times_us.append)

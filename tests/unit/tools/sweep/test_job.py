@@ -10,7 +10,7 @@ from ccr_host.tools.sweep.plan import SweepPlan
 
 
 @pytest.mark.long
-def test_a_row_tells_what_the_same_run_alone_tells(plan):
+def test_a_row_matches_the_same_run_alone(plan):
     (job,) = plan.jobs([0], [(2.0, "mpc")])
     (row,) = run_job(job)
     alone = summarise(execute_quietly(job.options((2.0, "mpc"))))

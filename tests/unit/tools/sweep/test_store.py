@@ -26,7 +26,7 @@ def test_every_figure_of_a_run_has_its_column_and_comes_back_as_it_was(tmp_path,
     assert not list((tmp_path / "parts").iterdir())
 
 
-def test_a_sweep_goes_on_where_it_was_left(tmp_path, plan, row):
+def test_a_sweep_continues_where_it_was_left(tmp_path, plan, row):
     jobs = plan.jobs(range(3), [(1.0, "mpc"), (1.0, "adaptive")])
     SweepFolder(tmp_path, plan).keep([row(0), row(0, controller="adaptive")])
     SweepFolder(tmp_path, plan).gather()

@@ -16,7 +16,7 @@ async def ask(address: str, security: Security) -> None:
 
 
 @pytest.mark.long
-def test_nobody_without_its_certificates_reaches_the_scheduler_of_a_sweep() -> None:
+def test_clients_without_certificates_cannot_reach_the_scheduler_of_a_sweep() -> None:
     with local_workers(1) as client:
         address = client.scheduler.address
         assert client.submit(sum, [1, 2]).result() == 3
