@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from types import ModuleType
-from typing import Any, Protocol, cast
+from typing import Protocol, cast
 
 import numpy as np
 from numba.extending import overload
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 
 from ccr_host.control import jit
 from ccr_host.control.mpc import plan, problem, qp, sqp
-from ccr_host.control.mpc.plan import Code, Settings, StepResult, Triple, plan_step, resume
-from ccr_host.control.mpc.problem import Pair, Weights
+from ccr_host.control.mpc.plan import Code, Settings, StepResult
+from ccr_host.control.mpc.problem import Weights
 from ccr_host.control.mpc.sqp import Bounds
 from ccr_host.robot import arc, kinematics
 from ccr_host.robot.kinematics import Geometry
@@ -21,15 +22,18 @@ from ccr_host.robot.kinematics import Geometry
 FloatArray = NDArray[np.float64]
 
 SOURCES: tuple[ModuleType, ...] = (arc, kinematics, problem, qp, sqp, plan)
+_plan_step: Callable[..., StepResult] = plan.plan_step
+_resume: Callable[..., StepResult] = plan.resume
 
 for _function in jit.functions_of(*SOURCES):
     if _function is not qp.minimise:
         jit.callable_when_compiled(_function)
 
 
-@overload(qp.minimise, jit_options={"error_model": "numpy"}, strict=False)
-def _minimise(*_: object) -> Any:  # noqa: ANN401 - a function, as numba takes it
-    return qp.minimise_without_bounds
+# Python gives the whole QP to DAQP.
+overload(qp.minimise, jit_options={"error_model": "numpy"}, strict=False)(
+    lambda *_: qp.minimise_without_bounds
+)
 
 
 class _Entry(Protocol):
@@ -65,44 +69,15 @@ def compiled_code(settings: Settings) -> Code:
 @lru_cache(maxsize=1)
 def _entries() -> tuple[_Entry, _Entry]:
     """What Python calls. Arguments are few and flat since numba takes time to pass each."""
-    fingerprint = jit.fingerprint(*SOURCES)
+    fingerprint = jit.fingerprint(*SOURCES, jit)
 
-    def plan_step_compiled(
-        packed: FloatArray,
-        path: FloatArray,
-        last_plan: FloatArray,
-        now: int,
-        steps: int,
-        commanded_rad: Pair,
-        position_mm: Triple,
-        program: FloatArray,
-    ) -> StepResult:
+    def plan_step_compiled(packed: FloatArray, *arguments: object) -> StepResult:
         _ = fingerprint
-        settings = _unpacked(packed)
-        return plan_step(settings, path, last_plan, now, steps, commanded_rad, position_mm, program)
+        return _plan_step(_unpacked(packed), *arguments)
 
-    def resume_compiled(
-        packed: FloatArray,
-        targets_mm: FloatArray,
-        plan_so_far: FloatArray,
-        commanded_rad: Pair,
-        position_mm: Triple,
-        program: FloatArray,
-        newton: tuple[FloatArray, float, float],
-        iteration: int,
-    ) -> StepResult:
+    def resume_compiled(packed: FloatArray, *arguments: object) -> StepResult:
         _ = fingerprint
-        settings = _unpacked(packed)
-        return resume(
-            settings,
-            targets_mm,
-            plan_so_far,
-            commanded_rad,
-            position_mm,
-            program,
-            newton,
-            iteration,
-        )
+        return _resume(_unpacked(packed), *arguments)
 
     entries = plan_step_compiled, resume_compiled
     first, again = (cast(_Entry, jit.compiled_on_disk(entry)) for entry in entries)
