@@ -17,14 +17,19 @@ from numpy.typing import NDArray
 
 from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome, Phase
 from ccr_host.description.schema import Description
+from ccr_host.link.messages import TICK_PHASE_US, TICK_US
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
 
 FloatArray = NDArray[np.float64]
 
-COMMAND_DELAY_S = 0.04
-"""From a command to the start of its motion: transport, a tick of the board, a servo pulse."""
+_LINK_US = 1000
+"""A target on the wire, and the board's dispatch of it."""
+COMMAND_DELAY_S = (_LINK_US + TICK_US / 2 + (TICK_US - TICK_PHASE_US)) * 1e-6
+"""From a command to the start of its motion, on average: the link, half a servo frame until the
+board's next tick, and from there to the pulses that the tick has computed. 13 ms; the twin's shafts
+are 6 to 16 ms behind their commands. The camera's latency is in the age of a measurement."""
 _LONGEST_RAMP_S = 0.5
 _RAMP_SHARE = 0.8
 """Of the period: a ramp ends before the next command; steps would set the structure swinging."""
@@ -64,7 +69,7 @@ class PathView:
 
 
 @dataclass(frozen=True)
-class Sight:
+class Measurement:
     """One new measurement, and what was commanded when it was taken."""
 
     tip_mm: FloatArray
@@ -82,7 +87,7 @@ class Sight:
     clock_index: float | None
     """Step index at which the path's clock stood at the exposure; None in an approach."""
     elapsed_s: float
-    """Since the sight before; the period of the commands for the first one."""
+    """Since the measurement before; the period of the commands for the first one."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +143,7 @@ class Law(ABC):
         yield Stage("approaching the first point", moves_rad)
 
     @abstractmethod
-    def observe(self, sight: Sight) -> None:
+    def observe(self, measurement: Measurement) -> None:
         """Take in a measurement."""
 
     def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
@@ -149,7 +154,7 @@ class Law(ABC):
         Args:
             index: fractional step.
             commanded_rad: the last command, (2,).
-            time_s: now, on the clock of the sights.
+            time_s: now, on the clock of the measurements.
         """
         return Plan(commanded_rad, NOTHING_MM)
 
@@ -245,7 +250,7 @@ class Shell:
             exposed_s, age_s = _seconds(exposed_us), _seconds(observation.tip_age_us)
             time_s = exposed_s - self.law.delay_s
             self.law.observe(
-                Sight(
+                Measurement(
                     tip_mm,
                     observation.middle_mm,
                     exposed_s,

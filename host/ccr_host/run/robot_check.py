@@ -16,7 +16,7 @@ from ccr_host.control.adaptive.motion import Pose, first_pose, moved
 from ccr_host.control.adaptive.parameters import ZEROS, Parameters, Scaling
 from ccr_host.control.adaptive.tip import tip_mm
 from ccr_host.control.base import Controller
-from ccr_host.control.shell import Law, PathView, Shell, Sight, Stage, smooth_moves
+from ccr_host.control.shell import Law, Measurement, PathView, Shell, Stage, smooth_moves
 from ccr_host.description.schema import Description
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
@@ -73,8 +73,8 @@ class ProbeLaw(Law):
         while self.fit.improve():
             yield waiting
 
-    def observe(self, sight: Sight) -> None:
-        self._survey.add(self.history, sight)
+    def observe(self, measurement: Measurement) -> None:
+        self._survey.add(self.history, measurement)
 
 
 class RobotCheck:

@@ -55,7 +55,7 @@ def test_servos_mounted_askew_are_found_within_the_stated_deviation() -> None:
 def modelled(start_deg: tuple[float, float]) -> Rests:
     """Rests of the model for servos with backlash, which depend on the direction of approach."""
     score = np.zeros(COUNT)
-    parameters = Scaling(Robot()).parameters(score)._replace(play_rad=0.02)
+    parameters = Scaling(Robot()).parameters(score)._replace(backlash_rad=0.02)
     stops = [(row, column) for row in (-30.0, 0.0, 30.0) for column in (-40.0, -15.0, 15.0, 40.0)]
     rests = Rests(
         start_rad=np.radians(start_deg),

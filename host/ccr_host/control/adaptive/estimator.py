@@ -1,7 +1,7 @@
 """Extended Kalman filter over the static model's parameters, the servo delay and a tip offset.
 
 The offset is what the model does not explain: a slow disturbance with a memory of a few seconds.
-Parameters drift slowly, so the model keeps learning during the run; a run of surprises frees the
+Parameters drift slowly, so the model keeps learning during the run; innovations that agree free the
 load on the tip, since payloads and pushes come at once.
 """
 
@@ -17,6 +17,7 @@ from ccr_host.control.adaptive.model import PLAIN, StaticModel
 from ccr_host.control.adaptive.motion import Pose, shifted
 from ccr_host.control.adaptive.parameters import COUNT, PUSHES, Parameters, Scaling
 from ccr_host.control.adaptive.tip import tip_mm
+from ccr_host.control.shell import COMMAND_DELAY_S
 
 FloatArray = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ _DRIFTING = [
     )
 ]
 """Geometry stays what it is; threads creep and tools change."""
-_HINDRANCES = [Parameters._fields.index(name) for name in ("play_rad", "friction_1")]
+_HINDRANCES = [Parameters._fields.index(name) for name in ("backlash_rad", "friction_1")]
 _NOTABLE_HINDRANCE = 0.3
 """In prior deviations. Where identification found less, noise must not find any along the path."""
 _LOADS = [Parameters._fields.index("tip_per_mm"), *PUSHES]
@@ -51,18 +52,17 @@ class Tuning:
     """Of a measured coordinate, unmodelled motion included."""
     swing_mm_per_rad: float = 60.0
     """What a jump of the servos adds to it."""
-    delay_s: float = 0.038
-    """From a command to the start of its motion: half a tick, a tick of pulses, transport."""
+    delay_s: float = COMMAND_DELAY_S
     delay_deviation_s: float = 0.015
     offset_deviation_mm: float = 1.0
     offset_memory_s: float = 10.0
     drift_per_sqrt_s: float = 0.02
     """Of the parameters, in prior deviations."""
     gate_deviations: float = 4.0
-    """Larger surprises are taken down to this."""
-    surprise_share: float = 0.2
-    """Weight of the newest surprise in their running mean."""
-    surprising: float = 20.0
+    """Larger innovations are taken down to this."""
+    innovation_share: float = 0.2
+    """Weight of the newest innovation in their running mean."""
+    freeing: float = 20.0
     """Squared length of that mean over its expected size at which the load is freed: noise alone
     gets there once in six thousand samples."""
     load_deviation: float = 0.7
@@ -82,7 +82,7 @@ class Estimator:
         scaling: prior of the parameters.
         fit: what identification has found, None to start from the prior.
         tuning: of the filter.
-        model: what computes the slopes.
+        model: what computes the derivatives.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Estimator:
         self._believed = self._state.copy()
         self._since_believed_s = 0.0
         self._usual_offset_mm = self._state[_OFFSET].copy()
-        self._surprise = np.zeros(3)
+        self._mean_innovation = np.zeros(3)
         self.parameters: Parameters = scaling.parameters(self._state[:COUNT])
         self.releases = 0
 
@@ -162,24 +162,23 @@ class Estimator:
         """
         tuning = self._tuning
         by = self._model.sensitivity(self._scaling, self._state[:COUNT], pose, rate_rad_s)
-        slope = np.zeros((3, _STATES))
-        slope[:, :COUNT] = by.tip[:, :COUNT]
-        slope[:, _DELAY] = -tuning.delay_deviation_s * by.tip[:, COUNT]
-        slope[:, _OFFSET] = np.eye(3)
+        jacobian = np.zeros((3, _STATES))
+        jacobian[:, :COUNT] = by.tip[:, :COUNT]
+        jacobian[:, _DELAY] = -tuning.delay_deviation_s * by.tip[:, COUNT]
+        jacobian[:, _OFFSET] = np.eye(3)
         expected_mm = tip_mm(self.parameters, pose.theta_1, pose.theta_2) + self._state[_OFFSET]
-        surprise = seen_mm - expected_mm
-        cross = self._covariance @ slope.T
+        innovation = seen_mm - expected_mm
+        cross = self._covariance @ jacobian.T
         noise_mm = self._noise_mm(jolt_rad)
-        spread = slope @ cross + noise_mm**2 * np.eye(3)
-        standard = np.linalg.solve(np.linalg.cholesky(spread), surprise)
-        share = min(
-            1.0, tuning.gate_deviations / max(float(np.sqrt(standard @ standard / 3.0)), 1e-9)
-        )
-        gain = np.linalg.solve(spread, cross.T).T
+        innovation_covariance = jacobian @ cross + noise_mm**2 * np.eye(3)
+        normalised = np.linalg.solve(np.linalg.cholesky(innovation_covariance), innovation)
+        deviations = float(np.sqrt(normalised @ normalised / 3.0))
+        share = min(1.0, tuning.gate_deviations / max(deviations, 1e-9))
+        gain = np.linalg.solve(innovation_covariance, cross.T).T
         gain[self._considered] = 0.0
-        change = gain @ (share * surprise)
+        change = gain @ (share * innovation)
         correction = gain @ cross.T
-        self._covariance += gain @ spread @ gain.T - correction - correction.T
+        self._covariance += gain @ innovation_covariance @ gain.T - correction - correction.T
         # Rounding makes it lopsided, and that grows: no filter equation pulls it back.
         self._covariance = 0.5 * (self._covariance + self._covariance.T)
         score, before = self._state[:COUNT].copy(), self.parameters
@@ -187,7 +186,7 @@ class Estimator:
         self._state[:COUNT] = self._scaling.bounded(self._state[:COUNT])
         self._state[_DELAY] = np.clip(self._state[_DELAY], -2.0, 2.0)
         self.parameters = self._scaling.parameters(self._state[:COUNT])
-        self._free_load_if_surprised(share * standard)
+        self._free_load_if_innovations_agree(share * normalised)
         self._believe()
         theta = pose.theta_rad + by.theta_rad[:, :COUNT] @ (self._state[:COUNT] - score)
         return shifted(before, self.parameters, pose, theta)
@@ -202,14 +201,14 @@ class Estimator:
         self._usual_offset_mm += slowly * (self._state[_OFFSET] - self._usual_offset_mm)
         self._since_believed_s = 0.0
 
-    def _free_load_if_surprised(self, standard: FloatArray) -> None:
+    def _free_load_if_innovations_agree(self, normalised: FloatArray) -> None:
         tuning = self._tuning
-        share = tuning.surprise_share
-        self._surprise = (1.0 - share) * self._surprise + share * standard
-        if self._surprise @ self._surprise * (2.0 - share) / share > tuning.surprising:
+        share = tuning.innovation_share
+        self._mean_innovation = (1.0 - share) * self._mean_innovation + share * normalised
+        if self._mean_innovation @ self._mean_innovation * (2.0 - share) / share > tuning.freeing:
             free = np.maximum(self._covariance[_LOADS, _LOADS], tuning.load_deviation**2)
             self._covariance[_LOADS, _LOADS] = free
-            self._surprise = np.zeros(3)
+            self._mean_innovation = np.zeros(3)
             # What the offset has taken of it since is given back, for the load to explain.
             self._state[_OFFSET] = self._usual_offset_mm
             self.releases += 1

@@ -15,7 +15,7 @@ from ccr_host.control.adaptive.motion import first_pose, moved
 from ccr_host.control.adaptive.parameters import COUNT, PUSHES, Parameters, Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import markers_of
-from ccr_host.control.shell import Sight
+from ccr_host.control.shell import Measurement
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
@@ -219,15 +219,15 @@ class RestSurvey:
         self._setpoints_rad: list[FloatArray] = []
         self._markers_mm: list[list[FloatArray]] = []
 
-    def add(self, history: SetpointHistory, sight: Sight) -> None:
+    def add(self, history: SetpointHistory, measurement: Measurement) -> None:
         """Keep a measurement if the setpoints had stood for long enough by then."""
-        if sight.time_s - history.resting_since(sight.time_s) < SETTLED_AFTER_S:
+        if measurement.time_s - history.resting_since(measurement.time_s) < SETTLED_AFTER_S:
             return
-        setpoint = sight.setpoint_rad
+        setpoint = measurement.setpoint_rad
         if not self._setpoints_rad or not np.array_equal(setpoint, self._setpoints_rad[-1]):
             self._setpoints_rad.append(setpoint)
             self._markers_mm.append([])
-        self._markers_mm[-1].append(np.stack([sight.middle_mm, sight.tip_mm]))
+        self._markers_mm[-1].append(np.stack([measurement.middle_mm, measurement.tip_mm]))
 
     def rests(self) -> Rests:
         """What was measured."""

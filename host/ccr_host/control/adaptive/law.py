@@ -24,7 +24,7 @@ from ccr_host.control.adaptive.parameters import Scaling
 from ccr_host.control.adaptive.path_plan import PathPlan, plan_path
 from ccr_host.control.adaptive.statics import hold_of, unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
-from ccr_host.control.shell import Law, PathView, Plan, Sight, Stage, smooth_moves
+from ccr_host.control.shell import Law, Measurement, PathView, Plan, Stage, smooth_moves
 from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
@@ -119,18 +119,18 @@ class AdaptiveLaw(Law):
         p, theta_rad = self._estimator.parameters, self._plan.bending_rad(0.0)
         return self._limits.clip(unhindered_setpoints_for(p, theta_rad))
 
-    def observe(self, sight: Sight) -> None:
+    def observe(self, measurement: Measurement) -> None:
         """Rests for the fit first; then learn, but not from the approach's other moves.
 
         They are faster than the path: lag would pass for an offset.
         """
-        if self._is_surveying and sight.clock_index is None:
-            self._newest_s = sight.exposed_s
-            self._survey.add(self.history, sight)
-        elif sight.clock_index is not None or (
-            sight.time_s - self.history.resting_since(sight.time_s) > SETTLED_AFTER_S
+        if self._is_surveying and measurement.clock_index is None:
+            self._newest_s = measurement.exposed_s
+            self._survey.add(self.history, measurement)
+        elif measurement.clock_index is not None or (
+            measurement.time_s - self.history.resting_since(measurement.time_s) > SETTLED_AFTER_S
         ):
-            self._learn(sight)
+            self._learn(measurement)
 
     def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
         """Setpoint for the nearest pose to the path, next to the planned one."""
@@ -152,30 +152,30 @@ class AdaptiveLaw(Law):
         setpoint_rad = self._limits.clip(setpoint_for(p, pose, hold.shafts))
         return Plan(setpoint_rad, (tip_mm(p, theta_1, theta_2) + expected_mm)[None])
 
-    def _learn(self, sight: Sight) -> None:
+    def _learn(self, measurement: Measurement) -> None:
         """Correct the estimate."""
-        estimator, time_s = self._estimator, sight.time_s
+        estimator, time_s = self._estimator, measurement.time_s
         if self._newest_s is not None:
-            estimator.elapse(sight.exposed_s - self._newest_s)
-        self._newest_s = sight.exposed_s
+            estimator.elapse(measurement.exposed_s - self._newest_s)
+        self._newest_s = measurement.exposed_s
         follower = self._following(time_s)
         pose = follower.advance_to(estimator.parameters, time_s)
         rate_rad_s, jolt_rad = self.history.rate_at(time_s), self.history.jolt_at(time_s)
-        remembered_mm = self._remember(sight, pose, jolt_rad)
-        seen_mm = sight.tip_mm - remembered_mm
+        remembered_mm = self._remember(measurement, pose, jolt_rad)
+        seen_mm = measurement.tip_mm - remembered_mm
         follower.pose = estimator.correct(pose, rate_rad_s, jolt_rad, seen_mm)
 
-    def _remember(self, sight: Sight, pose: Pose, jolt_rad: float) -> FloatArray:
+    def _remember(self, measurement: Measurement, pose: Pose, jolt_rad: float) -> FloatArray:
         """Note for the next lap what the model does not explain; what the last one has noted."""
-        index = sight.clock_index
+        index = measurement.clock_index
         if index is None:
             return np.zeros(3)
         estimator, memory = self._estimator, self._memory
         gained_mm = memory.turn(index)
         if gained_mm is not None:
             estimator.hand_over(gained_mm)
-        unexplained_mm = sight.tip_mm - tip_mm(estimator.parameters, pose.theta_1, pose.theta_2)
-        memory.note(index, unexplained_mm, estimator.trust(jolt_rad))
+        modelled_mm = tip_mm(estimator.parameters, pose.theta_1, pose.theta_2)
+        memory.note(index, measurement.tip_mm - modelled_mm, estimator.trust(jolt_rad))
         return memory.at(index)
 
     def _following(self, time_s: float) -> PoseFollower:

@@ -97,7 +97,7 @@ def make_model(control: Control) -> StaticModel:
 
 
 class PoseFollower:
-    """Follows a history of setpoints; play and friction need every turn of them.
+    """Follows a history of setpoints; backlash and friction need every turn of them.
 
     Args:
         p: parameters, floats.

@@ -1,4 +1,4 @@
-"""How the robot comes to rest where it does: play of the servos, friction of the tendons.
+"""How the robot comes to rest where it does: backlash of the servos, friction of the tendons.
 
 Both remember only how far and which way the servos went, not how fast.
 """
@@ -26,17 +26,17 @@ from ccr_host.robot.arc import Number
 
 _LONGEST_STEP_RAD = np.radians(8.0)
 """Of a motor: over so much it moves the segments one way or the other, not to and fro."""
-_LEAST_PLAY_RAD = 1e-4
+_LEAST_BACKLASH_RAD = 1e-4
 _FRICTION_1 = Parameters._fields.index("friction_1")
 _AFTER_IT = _FRICTION_1 + 1
 _UNMOVED_RAD = np.radians(0.1)
-"""Of a shaft: a wish to turn it back by less does not take up the whole play."""
+"""Of a shaft: a wish to turn it back by less does not take up the whole backlash."""
 
 
 class Pose(NamedTuple):
     """A pose at rest and what holds it; floats, or arrays where parameters are.
 
-    ``q`` are the setpoints of the servos; ``lag``, from -1 to 1, is the share of their play by
+    ``q`` are the setpoints of the servos; ``lag``, from -1 to 1, is the share of their backlash by
     which they stay behind; ``anchors`` are the routes of the tendons, as ``routes_of`` has them, at
     which friction pulls none of them; ``theta`` are the bending angles.
     """
@@ -81,8 +81,8 @@ def moved(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
 
 def turned(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
     """``moved`` without friction, for those who want to know what holds the robot but not where."""
-    lag_1 = _lag_of(p.play_rad, pose.lag_1, q_1 - pose.q_1)
-    lag_2 = _lag_of(p.play_rad, pose.lag_2, q_2 - pose.q_2)
+    lag_1 = _lag_of(p.backlash_rad, pose.lag_1, q_1 - pose.q_1)
+    lag_2 = _lag_of(p.backlash_rad, pose.lag_2, q_2 - pose.q_2)
     return Pose(q_1, q_2, lag_1, lag_2, pose.anchors, pose.theta_1, pose.theta_2)
 
 
@@ -102,9 +102,10 @@ def _stepped(p: Parameters, pose: Pose, travel_1: float, travel_2: float) -> Pos
     return Pose(ahead.q_1, ahead.q_2, ahead.lag_1, ahead.lag_2, dragged, theta_1, theta_2)
 
 
-def _lag_of(play_rad: Number, lag: Number, travel_rad: float) -> Number:
-    """Share of the play by which a servo stays behind, -1 to 1, after it has turned on."""
-    return within(lag + travel_rad / (play_rad + positive(_LEAST_PLAY_RAD - play_rad)), 1.0)
+def _lag_of(backlash_rad: Number, lag: Number, travel_rad: float) -> Number:
+    """Share of the backlash by which a servo stays behind, -1 to 1, after it has turned on."""
+    at_least_rad = backlash_rad + positive(_LEAST_BACKLASH_RAD - backlash_rad)
+    return within(lag + travel_rad / at_least_rad, 1.0)
 
 
 def shifted(before: Parameters, after: Parameters, pose: Pose, theta: FloatArray) -> Pose:
@@ -121,11 +122,11 @@ def shifted(before: Parameters, after: Parameters, pose: Pose, theta: FloatArray
 
 
 def setpoint_for(p: Parameters, pose: Pose, shafts: tuple[float, float]) -> FloatArray:
-    """Setpoint that takes the shafts from where they are to given angles, past their play, (2,)."""
+    """Setpoint that turns the shafts from where they are to given angles, past backlash, (2,)."""
     lag, q_rad = np.array([pose.lag_1, pose.lag_2]), np.array([pose.q_1, pose.q_2])
     wanted = np.array([shafts[0] + p.zero_1_rad, shafts[1] + p.zero_2_rad])
-    ahead = lag + (wanted - q_rad + p.play_rad * lag) / _UNMOVED_RAD
-    return np.asarray(wanted + p.play_rad * within(ahead, 1.0))
+    ahead = lag + (wanted - q_rad + p.backlash_rad * lag) / _UNMOVED_RAD
+    return np.asarray(wanted + p.backlash_rad * within(ahead, 1.0))
 
 
 class Slopes(NamedTuple):

@@ -51,7 +51,7 @@ class Parameters(NamedTuple):
     """Rotation vector of the camera against the robot, 2 tan(angle / 2) long."""
     turn_y_rad: Number
     turn_z_rad: Number
-    play_rad: Number
+    backlash_rad: Number
     """How far a servo stays behind its setpoint, on the side it came from."""
     friction_1: Number
     """Moment over k_1 that a segment's motion has to overcome."""
@@ -142,7 +142,7 @@ def prior_of(robot: Robot) -> Prior:
         turn_x_rad=turn,
         turn_y_rad=turn,
         turn_z_rad=turn,
-        play_rad=(0.0, 0.01, 0.0, 0.03),
+        backlash_rad=(0.0, 0.01, 0.0, 0.03),
         friction_1=(0.0, 0.15, 0.0, 0.8),
         friction_ratio=(1.0, 0.3, 0.3, 3.0),
         push_x_per_mm=push,

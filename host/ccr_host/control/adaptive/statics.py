@@ -211,7 +211,7 @@ def _side(pull: Number, before: Number) -> Number:
 
 
 def unhindered_setpoints_for(p: Parameters, theta_rad: FloatArray) -> FloatArray:
-    """Setpoints that hold given bending angles without friction and play, (..., 2)."""
+    """Setpoints that hold given bending angles without friction and backlash, (..., 2)."""
     theta_1, theta_2 = split(theta_rad)
     routes = routes_of(p, theta_1, theta_2)
     shaft_1, shaft_2 = hold_of(p, theta_1, theta_2, routes, (0.0, 0.0)).shafts
@@ -262,10 +262,10 @@ def _loads(p: Parameters, theta_1: Number, theta_2: Number) -> Forces:
 
 
 def shafts_of(p: Parameters, q: Two, lag: Two) -> Two:
-    """Angles of the shafts at setpoints, by whose play they stay behind."""
+    """Angles of the shafts at setpoints, by whose backlash they stay behind."""
     return (
-        q[0] - p.play_rad * lag[0] - p.zero_1_rad,
-        q[1] - p.play_rad * lag[1] - p.zero_2_rad,
+        q[0] - p.backlash_rad * lag[0] - p.zero_1_rad,
+        q[1] - p.backlash_rad * lag[1] - p.zero_2_rad,
     )
 
 

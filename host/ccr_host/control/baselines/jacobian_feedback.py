@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.shell import NOTHING_MM, Law, PathView, Plan, Sight, believable
+from ccr_host.control.shell import NOTHING_MM, Law, Measurement, PathView, Plan, believable
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.setpoint_history import SetpointHistory
@@ -66,21 +66,21 @@ class JacobianFeedback(Law):
         """The first guess of J is the model's at the first point."""
         super().start(path, history)
         self._estimator.start(self._model.jacobian_mm_rad(path.reachable_rad(0.0)))
-        self._newest: Sight | None = None
+        self._newest: Measurement | None = None
         self._elapsed_s = path.period_s
-        self._anchor: Sight | None = None
+        self._anchor: Measurement | None = None
         self._target_mm = path.target_mm(0.0)
         self._correction_mm = np.zeros(3)
 
-    def observe(self, sight: Sight) -> None:
+    def observe(self, measurement: Measurement) -> None:
         """A secant since the last one, once the motors have turned far enough; the error."""
-        self._newest = sight
-        self._elapsed_s = sight.elapsed_s
-        self._learn(sight)
-        if sight.index is None:
+        self._newest = measurement
+        self._elapsed_s = measurement.elapsed_s
+        self._learn(measurement)
+        if measurement.index is None:
             return
-        error_mm = believable(self.path.target_mm(sight.index) - sight.tip_mm)
-        share = sight.elapsed_s / (sight.elapsed_s + self._tuning.integral_time_s)
+        error_mm = believable(self.path.target_mm(measurement.index) - measurement.tip_mm)
+        share = measurement.elapsed_s / (measurement.elapsed_s + self._tuning.integral_time_s)
         self._correction_mm = self._correction_mm + share * error_mm
 
     def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
@@ -99,13 +99,13 @@ class JacobianFeedback(Law):
         moved_mm = jacobian @ (q_rad - self._newest.setpoint_rad)
         return Plan(q_rad, (self._newest.tip_mm + moved_mm)[None])
 
-    def _learn(self, sight: Sight) -> None:
+    def _learn(self, measurement: Measurement) -> None:
         if self._anchor is not None:
-            turn_rad = sight.setpoint_rad - self._anchor.setpoint_rad
+            turn_rad = measurement.setpoint_rad - self._anchor.setpoint_rad
             if float(np.linalg.norm(turn_rad)) < self._tuning.motion_threshold_rad:
                 return
-            self._estimator.correct(turn_rad, sight.tip_mm - self._anchor.tip_mm)
-        self._anchor = sight
+            self._estimator.correct(turn_rad, measurement.tip_mm - self._anchor.tip_mm)
+        self._anchor = measurement
 
 
 class BroydenEstimator:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ccr_host.control.mpc import sqp
 from ccr_host.control.mpc.problem import Weights, tracking
-from ccr_host.control.shell import Law, PathView, Plan, Sight, believable
+from ccr_host.control.shell import Law, Measurement, PathView, Plan, believable
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.setpoint_history import SetpointHistory
@@ -57,13 +57,13 @@ class OffsetFreeMpc(Law):
         self._reachable_rad = self._reachable_from(0.0)
         self._plan_rad = self._reachable_rad
 
-    def observe(self, sight: Sight) -> None:
+    def observe(self, measurement: Measurement) -> None:
         """One step of the disturbance's Kalman filter; its coordinates are alike."""
         tuning = self._tuning
-        expected_mm = self._model.tip_mm(sight.setpoint_rad) + self.disturbance_mm
-        self._variance_mm2 += tuning.drift_mm**2 * sight.elapsed_s
+        expected_mm = self._model.tip_mm(measurement.setpoint_rad) + self.disturbance_mm
+        self._variance_mm2 += tuning.drift_mm**2 * measurement.elapsed_s
         gain = self._variance_mm2 / (self._variance_mm2 + tuning.noise_mm**2)
-        innovation_mm = believable(sight.tip_mm - expected_mm)
+        innovation_mm = believable(measurement.tip_mm - expected_mm)
         self.disturbance_mm = self.disturbance_mm + gain * innovation_mm
         self._variance_mm2 *= 1.0 - gain
 

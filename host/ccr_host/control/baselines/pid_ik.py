@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.baselines.jacobian_feedback import damped_inverse
-from ccr_host.control.shell import Law, PathView, Plan, Sight, believable
+from ccr_host.control.shell import Law, Measurement, PathView, Plan, believable
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.setpoint_history import SetpointHistory
@@ -50,13 +50,13 @@ class PidIk(Law):
         self._rate_rad_s = np.zeros(2)
         self.integral_rad = np.zeros(2)
 
-    def observe(self, sight: Sight) -> None:
+    def observe(self, measurement: Measurement) -> None:
         """Integrate and differentiate, over the time between measurements."""
-        if sight.index is None:
+        if measurement.index is None:
             return
-        tuning, elapsed_s = self._tuning, sight.elapsed_s
-        error_mm = believable(self.path.target_mm(sight.index) - sight.tip_mm)
-        jacobian = self._model.jacobian_mm_rad(self.path.reachable_rad(sight.index))
+        tuning, elapsed_s = self._tuning, measurement.elapsed_s
+        error_mm = believable(self.path.target_mm(measurement.index) - measurement.tip_mm)
+        jacobian = self._model.jacobian_mm_rad(self.path.reachable_rad(measurement.index))
         error_rad = damped_inverse(jacobian, tuning.damping_mm) @ error_mm
         if self._error_rad is not None:
             rate_rad_s = (error_rad - self._error_rad) / elapsed_s

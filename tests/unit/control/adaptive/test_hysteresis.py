@@ -12,7 +12,7 @@ from ccr_host.sim.robot.mechanics import Mechanics
 
 PRIOR = parameters_of(prior_of(Robot()).mean)
 DRY = PRIOR._replace(friction_1=0.2)
-LOOSE = PRIOR._replace(play_rad=0.02)
+LOOSE = PRIOR._replace(backlash_rad=0.02)
 angles = st.tuples(st.floats(-0.7, 0.7), st.floats(-1.0, 1.0)).map(np.array)
 
 

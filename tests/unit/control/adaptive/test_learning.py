@@ -58,9 +58,9 @@ def test_the_tour_tells_all_parameters_well_enough_to_predict_other_taut_poses()
 
 @pytest.mark.long
 def test_the_tour_tells_play_from_friction():
-    truth = PRIOR._replace(play_rad=0.008, friction_1=0.22)
+    truth = PRIOR._replace(backlash_rad=0.008, friction_1=0.22)
     found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.3)).finish().score)
-    assert found.play_rad == pytest.approx(0.008, abs=0.003)
+    assert found.backlash_rad == pytest.approx(0.008, abs=0.003)
     assert found.friction_1 == pytest.approx(0.22, abs=0.06)
 
 
@@ -182,7 +182,7 @@ def test_commands_follow_the_estimate_slowly_enough_for_a_resonant_structure():
 
 
 def test_following_a_history_in_pieces_or_at_once_comes_to_the_same_rest():
-    p = PRIOR._replace(friction_1=0.2, play_rad=0.01)
+    p = PRIOR._replace(friction_1=0.2, backlash_rad=0.01)
     history = SetpointHistory(STILL)
     for number, q in enumerate([(0.2, 0.3), (0.1, 0.5), (0.15, 0.1)]):
         history.command(float(number), np.array(q), 0.5)

@@ -21,7 +21,7 @@ from ccr_host.sim.robot.static_map import Equilibrium
 
 PRIOR = parameters_of(prior_of(Robot()).mean)
 HINDERED = PRIOR._replace(
-    play_rad=0.01,
+    backlash_rad=0.01,
     friction_1=0.1,
     friction_ratio=0.5,
     turn_x_rad=0.03,
