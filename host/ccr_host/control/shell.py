@@ -32,12 +32,12 @@ board's next tick, and from there to the pulses that the tick has computed. 13 m
 are 6 to 16 ms behind their commands. The camera's latency is in the age of a measurement."""
 _LONGEST_RAMP_S = 0.5
 _RAMP_SHARE = 0.8
-"""Of the period: a ramp ends before the next command; steps would set the structure swinging."""
+"""A ramp ends within this share of the period: steps would set the structure swinging."""
 _MEAN_RATE_RAD_S = np.radians(60.0)
 _SHORTEST_MOVE_S = 0.7
 """Two periods of the structure's slowest oscillation, so that a move leaves none behind."""
 _FARTHEST_LENGTHS = 2.0
-"""A measurement further off than so many lengths of the robot is none."""
+"""Measurements further away than this many lengths of the robot are ignored."""
 _LONGEST_ERROR_MM = 40.0
 """A larger error counts as this: above the 30 mm by which the model alone misses the path, below
 what a marker taken for another one shows."""
@@ -79,9 +79,9 @@ class Measurement:
     exposed_s: float
     """On the clock of the run."""
     time_s: float
-    """Of the commands that it shows the effect of: exposed, less the law's delay."""
+    """Time of the commands whose effect it shows: the exposure less the law's delay."""
     setpoint_rad: FloatArray
-    """In effect at ``time_s``, (2,)."""
+    """Setpoint in effect at ``time_s``, (2,)."""
     index: float | None
     """Step index that this setpoint aimed at; None where it followed no path."""
     clock_index: float | None
@@ -113,9 +113,9 @@ class Law(ABC):
 
     name: str
     settle_s = 0.0
-    """At rest at the first point."""
+    """Time at rest at the first point."""
     feedback_s = 6.0
-    """At the first point under feedback, before the path's clock starts."""
+    """Time under feedback at the first point, before the path's clock starts."""
 
     @property
     def delay_s(self) -> float:
@@ -290,7 +290,7 @@ class Shell:
 
 
 def believable(error_mm: FloatArray) -> FloatArray:
-    """An error, (3,), made as short as errors can be."""
+    """An error, (3,), scaled down to the longest that can be believed."""
     length_mm = float(np.linalg.norm(error_mm))
     return (
         error_mm if length_mm <= _LONGEST_ERROR_MM else error_mm * (_LONGEST_ERROR_MM / length_mm)

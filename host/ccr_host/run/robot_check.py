@@ -25,7 +25,7 @@ from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.options import RunOptions
 
 _REACH_RAD = np.radians(20.0)
-"""Of each motor: past slack and a zero that is off, and half of what paths need."""
+"""Travel of each motor: past slack and a zero that is off, and half of what paths need."""
 _STOPS = ((0.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
 """Motor 1 last: falling through its slack sets the robot swinging."""
 _REST_S = 0.8
@@ -55,7 +55,7 @@ class ProbeLaw(Law):
         super().start(path, history)
         self._survey = RestSurvey(self._scaling)
         self.fit: StaticsFit | None = None
-        """Of the model to the rests; None before all are known."""
+        """Fit of the model to the rests; None before all are known."""
 
     @property
     def rests(self) -> Rests:

@@ -37,7 +37,7 @@ _DRIFTING = [
 """Geometry stays what it is; threads creep and tools change."""
 _HINDRANCES = [Parameters._fields.index(name) for name in ("backlash_rad", "friction_1")]
 _NOTABLE_HINDRANCE = 0.3
-"""In prior deviations. Where identification found less, noise must not find any along the path."""
+"""Prior deviations below which identification found none: noise must not find any on the path."""
 _LOADS = [Parameters._fields.index("tip_per_mm"), *PUSHES]
 _IDENTIFIED = [index for index in range(COUNT) if index not in _DRIFTING + _HINDRANCES + _LOADS]
 """Once identified at rest these are only considered, not corrected: along a path they could not be
@@ -49,7 +49,7 @@ class Tuning:
     """What the filter assumes."""
 
     noise_mm: float = 0.3
-    """Of a measured coordinate, unmodelled motion included."""
+    """Standard deviation of a measured coordinate, unmodelled motion included."""
     swing_mm_per_rad: float = 60.0
     """What a jump of the servos adds to it."""
     delay_s: float = COMMAND_DELAY_S
@@ -57,7 +57,7 @@ class Tuning:
     offset_deviation_mm: float = 1.0
     offset_memory_s: float = 10.0
     drift_per_sqrt_s: float = 0.02
-    """Of the parameters, in prior deviations."""
+    """Drift of the parameters, in prior deviations."""
     gate_deviations: float = 4.0
     """Larger innovations are taken down to this."""
     innovation_share: float = 0.2
@@ -66,7 +66,7 @@ class Tuning:
     """Squared length of that mean over its expected size at which the load is freed: noise alone
     gets there once in six thousand samples."""
     load_deviation: float = 0.7
-    """Of a freed load, in prior deviations."""
+    """Deviation of a freed load, in prior deviations."""
     usual_after_s: float = 3.0
     """Time constant of the offset that a payload or push is set off against."""
     believed_after_s: float = 0.3

@@ -26,7 +26,7 @@ _ITERATIONS = 20
 _DAMPING_FIRST, _DAMPING_FALL, _DAMPING_RISE, _DAMPING_MOST = 1e-3, 0.1, 10.0, 1e3
 _PROBE = 1e-4
 _DONE = 1e-2
-"""Of a prior deviation: smaller steps of the fit end it."""
+"""The fit ends once its steps are shorter than this share of a prior deviation."""
 _HUBER_DEVIATIONS = 3.0
 _SURPRISING = 2.5
 """Residual over expected residual at which the model does not explain the robot; 0.85 at most in
@@ -35,7 +35,7 @@ the tours of 40 random robots (`bench.misfits.matching`)."""
 _ROWS_RAD = np.radians((0.0, 50.0, 100.0, -100.0, -50.0))
 _COLUMNS_RAD = np.radians((-110.0, -40.0, 40.0, 110.0))
 SETTLED_AFTER_S = 0.15
-"""A tip counts as resting so long after its servos."""
+"""A tip counts as resting this long after its servos."""
 _FEWEST_RESTS = 10
 _BELIEVABLE_MM = 60.0
 """Random robots of the kind are 10 to 30 mm off the prior; markers mixed up are further."""
@@ -255,7 +255,7 @@ def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> St
 
 
 def digest_of(description: Description) -> str:
-    """Of all in a description that decides what its identified rests mean."""
+    """Digest of all in a description that decides what its identified rests mean."""
     registration = description.registration
     meaning = {
         "robot": description.robot.model_dump(),
@@ -267,7 +267,7 @@ def digest_of(description: Description) -> str:
 
 
 def identified_rests(description: Description) -> Rests | None:
-    """The rests of a description; None if nobody has identified the robot.
+    """The rests of a description; None if it keeps none.
 
     Raises:
         ConfigError: they were measured with another geometry, servo pulses or registration.

@@ -17,9 +17,9 @@ _SMOOTHING_S = 1.0
 """Deviation of the filter's bell: nothing is learnt above 0.4 Hz, a tenth of where the structure
 begins to resonate; what the static model lacks changes over some ten seconds of a path."""
 _SMOOTHING_STEPS = 0.7
-"""At least: the bell (1, 2, 1) / 4 of slow sampling."""
+"""The least deviation: the bell (1, 2, 1) / 4 of slow sampling."""
 _LARGEST_MM = 2.0
-"""Of what one measurement may teach: more is a payload, a push or markers mixed up."""
+"""The most that one measurement may teach: more is a payload, a push or markers mixed up."""
 
 
 class LapMemory:

@@ -66,7 +66,7 @@ class AdaptiveLaw(Law):
 
     @property
     def delay_s(self) -> float:
-        """As estimated."""
+        """The estimator's."""
         return self._estimator.delay_s
 
     @property
@@ -83,7 +83,7 @@ class AdaptiveLaw(Law):
         """Plan from the prior."""
         super().start(path, history)
         self.fit: StaticsFit | None = None
-        """That the path was planned with; None where no such robot rests there."""
+        """The fit that the path was planned with; None where no such robot rests there."""
         self._survey = RestSurvey(self._scaling, self._model.predicted_mm)
         self._is_surveying = True
         self._estimator = Estimator(self._scaling, None, Tuning(), self._model)
@@ -115,7 +115,7 @@ class AdaptiveLaw(Law):
         yield from super().stages()
 
     def first_rad(self) -> FloatArray:
-        """Of the plan."""
+        """Motor angles at the first point of the plan, (2,)."""
         p, theta_rad = self._estimator.parameters, self._plan.bending_rad(0.0)
         return self._limits.clip(unhindered_setpoints_for(p, theta_rad))
 

@@ -24,12 +24,12 @@ from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
 
 _MOST_DEVIATIONS = 2.2
-"""That a parameter is certainly off its prior; those of robots that match are up to 2.0."""
+"""Deviations by which a parameter is certainly off; in robots that match they are up to 2.0."""
 _MOST_ZERO_RAD = math.radians(5.6)
-"""That a servo is certainly off: half a tooth of its spline is 7.2 deg."""
+"""Angle by which a servo is certainly off: half a tooth of its spline is 7.2 deg."""
 _ZERO_DOUBT_RAD = math.radians(1.2)
-"""At least: where lengths and radii are 10 % off, the zeros found are up to 1.8 deg off (0.9 RMS of
-45 random robots), whatever their deviation."""
+"""The least doubt about a zero: where lengths and radii are 10 % off, the zeros found are up to 1.8
+deg off (0.9 RMS of 45 random robots), whatever their deviation."""
 _VARYING = [
     Parameters._fields.index(name)
     for name in Parameters._fields
@@ -39,7 +39,8 @@ _VARYING = [
 _FREEDOM = 8.0
 """A hypothesis frees its parameters to so many times their prior deviation."""
 _START = 0.5
-"""Of a freed zero's deviation, 8 deg to either side: slack may bar one of the ways."""
+"""A freed zero starts at this share of its deviation, 8 deg, to either side: slack may bar one
+way."""
 _FIRST_STEPS = 8
 _FINALISTS = 5
 """All hypotheses make some steps of their fit, the best of them all the others. After 5 steps the
@@ -108,7 +109,7 @@ class _Hypothesis:
     swapped: bool = False
     turned: bool = False
     freed: tuple[str, ...] = ()
-    """Of `Parameters`."""
+    """Fields of `Parameters`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 
 PROBE = 1e-5
-"""Of scores and setpoints, for derivatives."""
+"""Perturbation of scores and setpoints, for derivatives."""
 
 
 class Sensitivity(NamedTuple):
@@ -60,7 +60,7 @@ class StaticModel(Protocol):
 
 
 class PlainModel:
-    """In Python: many parameter sets at a time are arrays."""
+    """The computations in Python: many parameter sets at a time are arrays."""
 
     predicted_mm = staticmethod(predicted_mm)
     polished = staticmethod(path_plan.polished)

@@ -25,12 +25,12 @@ from ccr_host.control.adaptive.tip import Tip, seen_of, tip_of
 from ccr_host.robot.arc import Number
 
 _LONGEST_STEP_RAD = np.radians(8.0)
-"""Of a motor: over so much it moves the segments one way or the other, not to and fro."""
+"""Over so much of its travel a motor moves the segments one way or the other, not to and fro."""
 _LEAST_BACKLASH_RAD = 1e-4
 _FRICTION_1 = Parameters._fields.index("friction_1")
 _AFTER_IT = _FRICTION_1 + 1
 _UNMOVED_RAD = np.radians(0.1)
-"""Of a shaft: a wish to turn it back by less does not take up the whole backlash."""
+"""A wish to turn a shaft back by less than this does not take up the whole backlash."""
 
 
 class Pose(NamedTuple):
@@ -56,7 +56,7 @@ class Pose(NamedTuple):
 
 
 def first_pose(p: Parameters, q_1: float, q_2: float) -> Pose:
-    """At rest without having come from any side."""
+    """The pose at setpoints that were not reached from any side."""
     guess_1, guess_2 = likely_of(p, q_1, q_2)
     anchors = routes_of(p, guess_1, guess_2)
     shafts = shafts_of(p, (q_1, q_2), (0.0, 0.0))

@@ -17,8 +17,8 @@ from ccr_host.robot.arc import Number
 FloatArray = NDArray[np.float64]
 
 SEGMENT_1_SHARE, MARKER_2_SHARE, SEGMENT_2_SHARE = 0.4, 0.25, 0.35
-"""Of the weight without the tip, a printed robot of the paper's kind. What the shares get wrong
-the stiffness ratio and the tip's weight take up."""
+"""Shares of the weight without the tip, for a printed robot of the paper's kind. What the shares
+get wrong the stiffness ratio and the tip's weight take up."""
 
 
 class Parameters(NamedTuple):
@@ -30,7 +30,7 @@ class Parameters(NamedTuple):
     gain_1: Number
     """theta_1 / phi_1 of inextensible, taut tendons: r_p / r_c."""
     gain_ratio: Number
-    """That of segment 2 over that of segment 1."""
+    """Segment 2's over segment 1's."""
     compliance_1: Number
     """k_1 / (k_t r_c^2): how much further a motor must turn against stretching tendons."""
     compliance_2: Number
@@ -56,7 +56,7 @@ class Parameters(NamedTuple):
     friction_1: Number
     """Moment over k_1 that a segment's motion has to overcome."""
     friction_ratio: Number
-    """That of segment 2 over that of segment 1."""
+    """Segment 2's over segment 1's."""
     push_x_per_mm: Number
     """Steady force on the tip over k_1, along x and y of (10); along z it counts as weight."""
     push_y_per_mm: Number
@@ -86,9 +86,9 @@ ZEROS = [Parameters._fields.index(f"zero_{motor}_rad") for motor in (1, 2)]
 PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_per_mm")]
 """A robot at rest is taken to be pushed by nothing: pushes look like a turned camera."""
 _RINGING_MM = 0.32
-"""Of a coordinate of one measurement at rest, beside the camera's noise."""
+"""Error of a coordinate of one measurement at rest, beside the camera's noise."""
 _MODEL_MM = 0.25
-"""Of a coordinate of a rest, however often it was measured: what the model leaves is alike in
+"""Error of a coordinate of a rest, however often it was measured: what the model leaves is alike in
 neighbouring rests, so that to believe it less than it seems to be is not enough."""
 _USUAL_TURN_DEG = 0.5
 """Standard deviation of a registration that does not state it."""

@@ -39,16 +39,16 @@ _REST_RAD = 1e-5
 _CUTS = 5
 _LEFT_SHARE = 0.3
 _LEAST_STIFFNESS = 0.2
-"""Of k_1: keeps Newton's steps downhill where gravity nearly buckles the robot."""
+"""Share of k_1 that keeps Newton's steps downhill where gravity nearly buckles the robot."""
 
 _CHANGE_OVER = 0.006
-"""Of k_1 a radian, 0.3 deg of bending: a tendon pair changes over when the other tendon would have
+"""In k_1 a radian, 0.3 deg of bending: a tendon pair changes over when the other tendon would have
 to pull so much. Between, the segment rests on the tendon that held it: noise must not send the
 servo to and fro through the slack, with the segment hanging on no tendon, lightly damped."""
 
 STICKING = 0.005
-"""Of r_c: dry friction gives by so much before a tendon slides. 0.3 deg of bending, a few tenths of
-a mm at the tip, as much as feedback can tell from noise."""
+"""In units of r_c: dry friction gives by so much before a tendon slides. 0.3 deg of bending, a few
+tenths of a mm at the tip, as much as feedback can tell from noise."""
 
 _STILL_STICKS = STICKING * (1.0 - 1e-9)
 """What has just slid stands at the limit and goes on sliding, whatever rounding makes of it."""

@@ -22,7 +22,8 @@ from ccr_host.control.adaptive.parameters import SEGMENT_1_SHARE, SEGMENT_2_SHAR
 from ccr_host.robot.arc import Number
 
 _LEAST_SOFTENED = 0.4
-"""Of a segment's stiffness against uneven bending: a model beyond it would have buckled."""
+"""Least share of a segment's stiffness against uneven bending: a model beyond it would have
+buckled."""
 _SHORTENING = 2.0 / 3.0 * 12.5
 """A chain of n hinges ends short of its arc by theta^2 / (12 n^2), and its sag is
 L / (8 n^2 r_c): the former is 2/3 r_c / L of the latter, with r_c = r_p / gain and the paper's r_p.

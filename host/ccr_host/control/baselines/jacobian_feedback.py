@@ -46,7 +46,7 @@ class Tuning:
     damping_mm: float = 20.0
     """Per rad of motor, of the inverse; singular values are about 100 away from the folds."""
     longest_move_rad: float = 0.3
-    """In one command: two or three of the paper's longest steps at 1 Hz."""
+    """Limit of one command: two or three of the paper's longest steps at 1 Hz."""
     fastest_rad_s: float = 1.0
     """Five times the paths' fastest; a J gone to zero asks for any rate."""
     motion_threshold_rad: float = 0.03

@@ -25,14 +25,14 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Of the disturbance's filter; docs/control-baselines.md tells how it was found."""
+    """Tuning of the disturbance's filter; docs/control-baselines.md tells how it was found."""
 
     noise_mm: float = 0.3
-    """Of a measured coordinate, unmodelled motion included."""
+    """Standard deviation of a measured coordinate, unmodelled motion included."""
     drift_mm: float = 1.0
-    """Of a coordinate of the disturbance, per square root of a second."""
+    """Drift of a coordinate of the disturbance, per square root of a second."""
     first_deviation_mm: float = 20.0
-    """Of the disturbance before anything was seen."""
+    """Standard deviation of the disturbance before the first measurement."""
 
 
 class OffsetFreeMpc(Law):
