@@ -81,8 +81,6 @@ class Command:
 class Controller(Protocol):
     """Follows one reference, one command per control period."""
 
-    name: str
-
     def start(self, reference: Reference) -> Command:
         """Take over a reference; the command of step 0, q_1 = f^-1(f_1)."""
         ...

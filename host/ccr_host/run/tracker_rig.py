@@ -36,6 +36,7 @@ from ccr_host.tracking.sources.ndi.session import Tool
 from ccr_host.tracking.sources.twin import Camera, TwinTracker
 from ccr_host.tracking.tracker import (
     MarkerFrame,
+    NamedTracker,
     RawTracker,
     StartsAndStops,
     TrackerHealth,
@@ -73,7 +74,7 @@ class TrackerRig:
         """Its samples have been through the registration."""
         self._twin_camera: Camera | None = None
         self._polaris: PolarisLine | None = None
-        self.camera: RawTracker | None = None
+        self.camera: NamedTracker | None = None
         """None for ``twin:``, which speaks no protocol."""
         self.scene: TwinScene | None = None
         """None where the robot is not simulated here."""

@@ -213,15 +213,8 @@ class ForeignPeerError(TrackerError):
 class RawTracker(Protocol):
     """A camera. Whoever owns it attaches it to the run's clock, which moves it along.
 
-    Frames never repeat and never go back. A camera that loses contact tries again by itself;
-    `health` tells how that goes.
+    Frames never repeat and never go back. A camera that loses contact tries again by itself.
     """
-
-    name: str
-
-    @property
-    def health(self) -> TrackerHealth:
-        """Present state of the tracker."""
 
     def start(self) -> None:
         """Open the device; frames follow as the clock goes on.
@@ -242,6 +235,16 @@ class RawTracker(Protocol):
 
     def stop(self) -> None:
         """Leave the device in a safe state and let go of it; harmless if done twice."""
+
+
+class NamedTracker(RawTracker, Protocol):
+    """A camera as a rig holds it: with a name, a state, and a context manager that starts it."""
+
+    name: str
+
+    @property
+    def health(self) -> TrackerHealth:
+        """Present state of the tracker."""
 
     def __enter__(self) -> Self: ...
 
@@ -303,7 +306,7 @@ _LOOK_US = 10_000
 
 
 def wait_until_tracking(
-    tracker: RawTracker, clock: Clock, timeout_us: int = DEFAULT_TIMEOUT_US
+    tracker: NamedTracker, clock: Clock, timeout_us: int = DEFAULT_TIMEOUT_US
 ) -> None:
     """Let the clock run until the first frame is there; the tracker is attached to the clock.
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from ccr_host.commands.options import complete_controllers, complete_plants, complete_trackers
 from ccr_host.control.registry import make_controller
 from ccr_host.core.errors import CcrError, CodeError, ConfigError
 from ccr_host.core.plugins import Given, make_plugin, plugin, plugin_names
@@ -185,6 +186,14 @@ def test_plugins_of_installed_packages_are_had_by_name_and_listed():
         parse_tracker_uri("lab:")
     with pytest.raises(CodeError, match="no licence"):
         make_controller("lab-broken", Description())
+
+
+@pytest.mark.usefixtures("installed")
+def test_plugins_of_installed_packages_are_completed():
+    assert complete_controllers("lab") == ["lab-broken", "lab-law"]
+    assert complete_trackers("l") == ["lab-camera:"]
+    assert complete_trackers("FILE") == []
+    assert complete_plants("") == ["twin", "lab-arm"]
 
 
 def test_the_replayed_tracker_is_found_as_such_a_plugin():

@@ -222,6 +222,21 @@ def test_a_run_that_ends_early_raises_and_keeps_what_was_reached(short_path, tmp
         run.table("step")
 
 
+def test_an_interrupted_run_disarms_first_and_keeps_what_was_reached(short_path, tmp_path):
+    class Interrupting(ccr_host.RunObserver):
+        def step(self, record):
+            if record.step == 3:
+                os.kill(os.getpid(), signal.SIGTERM)
+
+    out = tmp_path / "out"
+    with opened() as robot, pytest.raises(KeyboardInterrupt):
+        robot.track(
+            short_path, Mine, rate_hz=5, unchecked=True, out=out, observers=[Interrupting()]
+        )
+    assert Watched.pulses[-1] == (0, 0)
+    assert ccr_host.load_run(out).steps["step"].tolist() == [0, 1, 2, 3]
+
+
 def test_a_table_has_nan_for_missing_numbers(short_path, tmp_path):
     with opened(overrides=(*QUICK, "tracker.dropout=0.9")) as robot:
         run = robot.track(short_path, Mine, rate_hz=10, unchecked=True, out=tmp_path / "out")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ccr_host.description.schema import Robot
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.tracking.markers.labelling import Labeller
-from ccr_host.tracking.tracker import MARKERS, MarkerFrame, RawTracker, Sample, TrackerHealth
+from ccr_host.tracking.tracker import MARKERS, MarkerFrame, NamedTracker, Sample, TrackerHealth
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class MarkerTracker:
 
     def __init__(
         self,
-        camera: RawTracker,
+        camera: NamedTracker,
         geometry: Robot,
         camera_to_robot: Array | None,
         believed_rad: BelievedAngles,
