@@ -46,7 +46,7 @@ def test_the_controller_beats_the_open_loop_and_its_run_can_be_read(tmp_path: Pa
     assert "event: following the path" in told
 
 
-def test_the_tracker_calibration_moves_the_robot(tmp_path: Path) -> None:
+def test_the_own_tracker_closes_the_loop(tmp_path: Path) -> None:
     assert numbers(run("own_tracker.py", tmp_path))[0] < 10
 
 

@@ -71,7 +71,7 @@ def calibrate(
         typer.Option(metavar="V", help="A lower servo supply is a fault while armed; 0: off."),
     ] = None,
 ) -> None:
-    """Measure how servos and tendons are mounted, and save it in file and board.
+    """Measure how servos and tendons are mounted. Saved in file and board.
 
     With the tracker: neutral pulse, direction and slack, from a tour of about twenty poses.
     By eye: neutral pulse, direction, scale and limits.

@@ -70,7 +70,7 @@ def compare(
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run open loop and all controllers on the paper's paths and compare them.
+    """Compare the open loop and all controllers on the paper's paths.
 
     Example: ccr-host compare --robot hard
     """

@@ -39,7 +39,7 @@ def doctor(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Check computer, board and tracker; report what is wrong and what to do. Nothing moves.
+    """Check computer, board and tracker. Reports what is wrong and what to do; nothing moves.
 
     Example: ccr-host doctor --device serial:/dev/ttyACM0 --tracker ndi:/dev/ttyUSB0
     """

@@ -45,7 +45,7 @@ def emulate(
         typer.Option(min=0, max=60_000, help="Time of the boot loader after the port is opened."),
     ] = 1000,
 ) -> None:
-    """Serve the emulated board and an emulated Polaris in real time, for this or another host.
+    """Serve an emulated board and Polaris in real time. For this or another host.
 
     Example: ccr-host emulate --tcp 127.0.0.1:5025 --polaris-tcp 127.0.0.1:8765
     """

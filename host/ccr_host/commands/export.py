@@ -26,7 +26,7 @@ def export(
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the log of a run as tables: steps, commands, samples, states, frames, events.
+    """Write the log of a run as tables. Steps, commands, samples, states, frames, events.
 
     Example: ccr-host export runs/20260101-120000-ellipse-adaptive --format parquet
     """

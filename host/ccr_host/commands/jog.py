@@ -118,7 +118,7 @@ def jog(
     seed: SeedOption = 1,
     overrides: SetOption = None,
 ) -> None:
-    """Move the motors with the arrow keys, with live state and a stop key.
+    """Move the motors with the arrow keys. Shows the live state and has a stop key.
 
     Example: ccr-host jog --device serial:/dev/ttyACM0
     """

@@ -55,7 +55,7 @@ def monitor(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show live marker positions, rates, ages and losses, without moving the robot.
+    """Show live marker positions, rates, ages and losses. Nothing moves.
 
     With --json one line per second, or with --duration one object at the end.
 

@@ -33,7 +33,7 @@ def register(
     out: KeepInOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Move the robot through safe poses, measure the camera's orientation, and save it.
+    """Measure the camera's orientation in safe poses of the robot. Saved in the file.
 
     Example: ccr-host register --robot my-robot.toml --device serial:/dev/ttyACM0
     --tracker ndi:/dev/ttyUSB0

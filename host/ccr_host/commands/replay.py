@@ -31,7 +31,7 @@ def replay(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run the host again on a run's recorded inputs and compare what it sends, byte for byte.
+    """Run the host on recorded inputs again and compare. Its output must match byte for byte.
 
     Example: ccr-host replay runs/20260101-120000-ellipse-adaptive
     """

@@ -21,7 +21,7 @@ def report(
         ),
     ] = None,
 ) -> None:
-    """Write one HTML page about runs: figures, table, faults, configuration. Printable, too.
+    """Write one HTML page about runs. Figures, table, faults, configuration; printable, too.
 
     Example: ccr-host report runs/20260101-120000-ellipse-adaptive
     """

@@ -48,7 +48,7 @@ def setup(
         bool, typer.Option("--yes", help="Do all steps that need no user, without asking.")
     ] = False,
 ) -> None:
-    """Set up a new robot step by step, from its box to its first path.
+    """Set up a new robot step by step, up to its first path.
 
     Board and firmware, servos by eye, camera, servos and rests with the camera, and a short path.
     Results are saved in the robot description: start it again to continue.

@@ -94,7 +94,7 @@ def sweep(
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run controllers on many random twins; an unfinished sweep in --out is completed.
+    """Run controllers on many random twins. An unfinished sweep in --out is completed.
 
     Example: ccr-host sweep --runs 100 --controller adaptive --out sweep1
     """

@@ -45,7 +45,7 @@ def view(
         str, typer.Option("--address", metavar="HOST:PORT", help="Address to serve the page on.")
     ] = DEFAULT_ADDRESS,
 ) -> None:
-    """Play a recorded run in the browser: scrub, pause, change the speed. Ctrl-C ends it.
+    """Play a recorded run in the browser. Scrub, pause, change the speed; Ctrl-C ends it.
 
     Example: ccr-host view runs/20260101-120000-8shape-adaptive
     """

@@ -46,7 +46,7 @@ def workspace(
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show which points of a path are reachable, and the error that no controller can avoid.
+    """Show the reachable points of a path and the unavoidable error.
 
     Example: ccr-host workspace ellipse --set servo.angle_max_deg=40
     """

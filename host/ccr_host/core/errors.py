@@ -77,8 +77,8 @@ def blaming(who: str, cure: str) -> Iterator[None]:
 
 def code_error(who: str, cure: str, error: BaseException) -> CodeError:
     """What to raise where a class of the user's own has raised an error."""
-    told = " ".join(str(error).split())
-    cause = f"{who} has failed: {type(error).__name__}: {told}; the robot is disarmed"
+    message = " ".join(str(error).split())
+    cause = f"{who} has failed: {type(error).__name__}: {message}; the robot is disarmed"
     return CodeError(cause, cure, error)
 
 

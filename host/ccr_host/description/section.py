@@ -99,9 +99,9 @@ def explain(error: ValidationError, whole: Model, where: str) -> tuple[str, str]
         cause = f"unknown key {_dotted(location)}{where}{more}"
         return cause, _known_instead(location, whole)
     if first["type"] == "value_error":
-        told = first["msg"].removeprefix("Value error, ")
+        text = first["msg"].removeprefix("Value error, ")
         key = _dotted(location)
-        named = told if not key or told.startswith(f"{key}.") else f"{key}: {told}"
+        named = text if not key or text.startswith(f"{key}.") else f"{key}: {text}"
         return f"{named}{where}{more}", _SEE
     problem = _PROBLEMS.get(first["type"], first["msg"])
     shown = "" if first["type"] == "missing" else f" = {_shown(first['input'])}"

@@ -110,11 +110,11 @@ def check_tracker(tracker: Tracker, clock: Clock, description: Description) -> I
     """Observe the robot at rest for a few seconds."""
     samples, ages_us = _listen(tracker, clock)
     if not samples:
-        told = tracker.trouble()
+        trouble = tracker.trouble()
         yield failure(
             "markers",
             TrackerError(
-                f"{tracker.name} gives no sample" + (f": {told}" if told else ""),
+                f"{tracker.name} gives no sample" + (f": {trouble}" if trouble else ""),
                 "check line of sight, measurement volume and markers; see ccr-host monitor",
             ),
         )
@@ -125,8 +125,10 @@ def check_tracker(tracker: Tracker, clock: Clock, description: Description) -> I
     yield _noise(tips_mm, description)
     yield _second_marker(samples)
     yield from _shape(samples, description)
-    told = tracker.trouble()
-    yield judged("tracker", told or f"{tracker.name} reports no error", fine=not told, remedy=told)
+    trouble = tracker.trouble()
+    yield judged(
+        "tracker", trouble or f"{tracker.name} reports no error", fine=not trouble, remedy=trouble
+    )
 
 
 def _listen(tracker: Tracker, clock: Clock) -> tuple[list[Sample], list[int]]:
@@ -193,13 +195,13 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
     if np.isfinite(markers_mm).all():
         lengths = " and ".join(f"{length:.1f}" for length in seen_lengths_mm(markers_mm, robot))
         described = " and ".join(f"{length:g}" for length in robot.segment_lengths_mm)
-        told = MarkerCheck(description).trouble(markers_mm)
+        trouble = MarkerCheck(description).trouble(markers_mm)
         yield judged(
             "scale",
             f"the segments measure {lengths} mm, straight; described: {described}",
-            fine=not told and not wrong_segments(markers_mm, robot),
-            remedy="; ".join(told)
-            if told
+            fine=not trouble and not wrong_segments(markers_mm, robot),
+            remedy="; ".join(trouble)
+            if trouble
             else "measure robot.segment_lengths_mm again; check that each marker is the right one, "
             "the camera's calibration, and that the robot is at rest (ccr-host jog)",
         )

@@ -151,9 +151,9 @@ class Monitor:
         )
 
     def _trouble(self) -> str:
-        told = self._tracker.trouble()
+        trouble = self._tracker.trouble()
         wrong = None if self._last is None else self._check.trouble(self._last.markers_mm)
-        return told if wrong is None else "; ".join(text for text in (told, *wrong) if text)
+        return trouble if wrong is None else "; ".join(text for text in (trouble, *wrong) if text)
 
 
 def _link_view(device: str, client: Client) -> LinkView:
