@@ -71,7 +71,7 @@ def test_a_comparison_names_the_run_that_is_missing_and_keeps_the_others(
     _, err = process.communicate(timeout=60)
     assert process.returncode == 3
     assert err.strip().splitlines()[-1].startswith("ccr-host: error: ")
-    assert "under mpc" in err
+    assert "with mpc" in err
     assert "SIGKILL" in err
     assert not (ccr_host.folder / "runs").exists()
 
