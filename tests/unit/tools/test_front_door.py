@@ -186,7 +186,9 @@ def test_a_run_is_the_same_as_the_commands_and_is_read_back(short_path, tmp_path
     assert loaded.steps["error_mm"].mean() == pytest.approx(run.summary["mean_error_mm"])
 
 
-@pytest.mark.parametrize("controller", [Mine, partial(Mine), Mine(None)], ids=str)
+@pytest.mark.parametrize(
+    "controller", [Mine, partial(Mine), Mine(None)], ids=["class", "function", "object"]
+)
 def test_a_controller_may_be_a_class_a_function_or_an_object(short_path, tmp_path, controller):
     seen = []
 
