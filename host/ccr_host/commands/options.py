@@ -33,7 +33,7 @@ def complete_trackers(incomplete: str) -> list[str]:
     from ccr_host.core.addresses import Role, known_forms
     from ccr_host.core.plugins import FORM
 
-    forms = [form for form in known_forms(Role.TRACKER) if form != FORM]
+    forms = [form for form in known_forms(Role.TRACKER) if not form.startswith(FORM)]
     return _starting_with(incomplete, [f"{form.partition(':')[0]}:" for form in forms])
 
 

@@ -53,7 +53,7 @@ def known_forms(role: Role) -> list[str]:
     forms = [*_FORMS[role].values()]
     if role is Role.TRACKER:
         added = [name for name in plugin_names("tracker") if name not in _FORMS[role]]
-        forms += [*(f"{name}:[ADDRESS]" for name in added), FORM]
+        forms += [*(f"{name}:[ADDRESS]" for name in added), f"{FORM}[:ADDRESS]"]
     return forms
 
 

@@ -75,10 +75,10 @@ def blaming(who: str, cure: str) -> Iterator[None]:
         raise code_error(who, cure, error) from error
 
 
-def code_error(who: str, cure: str, error: BaseException) -> CodeError:
-    """What to raise where a class of the user's own has raised an error."""
+def code_error(who: str, cure: str, error: BaseException, effect: str = "") -> CodeError:
+    """The error to raise where user-supplied code has raised one."""
     message = " ".join(str(error).split())
-    cause = f"{who} has failed: {type(error).__name__}: {message}; the robot is disarmed"
+    cause = f"{who} has failed: {type(error).__name__}: {message}{effect}"
     return CodeError(cause, cure, error)
 
 

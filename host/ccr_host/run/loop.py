@@ -45,6 +45,7 @@ _VALIDITY_LIMITS_MS = (200, 10_000)
 
 _BEAT_US = 100_000
 """A multiple of the board's tick and of the usual camera's period."""
+_DISARMED = "; the robot is disarmed"
 _CURE = "correct the controller"
 _APPROACH = Phase("approaching the first point")
 _PROBE = Phase("checking that the robot moves as described")
@@ -228,7 +229,7 @@ class _PathRun:
             except CcrError:
                 raise
             except (Exception, SystemExit) as error:
-                raise code_error(_name_of(method), _CURE, error) from error
+                raise code_error(_name_of(method), _CURE, error, _DISARMED) from error
 
         def feed() -> None:
             if held is not None:
@@ -374,7 +375,7 @@ def _usable(method: Callable[[A], object], answer: object) -> Command:
     try:
         return checked(answer)
     except ValueError as error:
-        cause = f"{_name_of(method)} has answered {error}; the robot is disarmed"
+        cause = f"{_name_of(method)} has answered {error}{_DISARMED}"
         raise CodeError(cause, _CURE) from None
 
 

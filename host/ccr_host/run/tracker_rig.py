@@ -262,6 +262,7 @@ def open_tracker(
             made: RawTracker = make_plugin(
                 "tracker", uri.plugin or "replay", methods, description, *address
             )
+            uri.check_made(made)
             return made
     raise ConfigError(f"tracker {uri}: needs the twin", "use it with an emulated board")
 

@@ -323,7 +323,8 @@ def open_robot(
     Args:
         robot: robot description file, or the name of a shipped one.
         device: device URI, see docs/command-line.md.
-        tracker: tracker URI, FILE.py:CLASS, or a class or function that creates one.
+        tracker: tracker URI, FILE.py:CLASS, or a class that takes the description; a function that
+            creates one will do unless the camera is simulated.
         plant: simulated robot: ``twin``, FILE.py:CLASS, or a class or function that creates one.
         seed: seed of all random numbers.
         overrides: ``section.key=value`` for the description, as with ``--set``.

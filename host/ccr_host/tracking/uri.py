@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import Enum
 
@@ -10,6 +11,7 @@ from ccr_host.core.errors import ConfigError
 from ccr_host.core.plugins import is_class, plugin, plugin_names
 
 _MOST_CAMERAS = 100
+_CLASS_AND_ADDRESS = re.compile(r"(?P<plugin>.+?\.py:\w+):(?P<address>.*)", re.IGNORECASE)
 
 
 class TrackerKind(Enum):
@@ -49,7 +51,8 @@ class TrackerUri:
 
     def __str__(self) -> str:
         if self.kind is TrackerKind.OWN:
-            return self.plugin if is_class(self.plugin) else f"{self.plugin}:{self.address}"
+            has_colon = self.address or not is_class(self.plugin)
+            return f"{self.plugin}:{self.address}" if has_colon else self.plugin
         separator = "://" if self.kind in _ON_TCP else ":"
         return f"{self.kind.value}{separator}{self.address}"
 
@@ -60,8 +63,8 @@ class TrackerUri:
         Raises:
             ConfigError, CodeError: the plug-in cannot be loaded.
         """
-        if self.kind is TrackerKind.OWN and getattr(self._own_class, "in_process", False):
-            return True
+        if self.kind is TrackerKind.OWN:
+            return _needs_no_real_time(self._own_class)
         return self.kind is TrackerKind.REPLAY or self.is_simulated
 
     @property
@@ -72,8 +75,27 @@ class TrackerUri:
             ConfigError, CodeError: the plug-in cannot be loaded.
         """
         if self.kind is TrackerKind.OWN:
-            return hasattr(self._own_class, "expose")
+            return _sees_simulated_robot(self._own_class)
         return self.kind in _WITHOUT_ADDRESS
+
+    def check_made(self, camera: object) -> None:
+        """Check that a plug-in is what its class announced before it was made.
+
+        Log and clock are chosen by the class, so what is only known of the object comes too late.
+
+        Raises:
+            ConfigError: only the object shows that no real time is needed.
+        """
+        if self.kind is not TrackerKind.OWN:
+            return
+        for trait in (_sees_simulated_robot, _needs_no_real_time):
+            if trait(camera) != trait(self._own_class):
+                made = type(camera).__name__
+                raise ConfigError(
+                    f"tracker {self}: only the finished {made} has `expose` or `in_process`",
+                    f"pass a class that has them, not a function; derive it from {made} to give "
+                    "other arguments",
+                )
 
     @property
     def _own_class(self) -> object:
@@ -91,6 +113,8 @@ def parse_tracker_uri(text: str) -> TrackerUri:
     Raises:
         ConfigError: unknown form, or one that lacks its address.
     """
+    if in_file := _CLASS_AND_ADDRESS.fullmatch(text):
+        return TrackerUri(TrackerKind.OWN, in_file["address"], in_file["plugin"])
     if is_class(text):
         return TrackerUri(TrackerKind.OWN, plugin=text)
     try:
@@ -117,6 +141,15 @@ def parse_tracker_uri(text: str) -> TrackerUri:
         meant = f"aruco:{number}" if _is_camera_number(number) else f"e.g. {example}"
         raise ConfigError(f"tracker {text}: not the number of a camera", f"write {meant}")
     return TrackerUri(kind, rest)
+
+
+def _sees_simulated_robot(camera: object) -> bool:
+    """Whether a plug-in's class or object is a simulated camera."""
+    return hasattr(camera, "expose")
+
+
+def _needs_no_real_time(camera: object) -> bool:
+    return _sees_simulated_robot(camera) or bool(getattr(camera, "in_process", False))
 
 
 def _is_camera_number(text: str) -> bool:

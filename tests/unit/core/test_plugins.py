@@ -71,7 +71,7 @@ def test_a_file_is_loaded_once_and_again_when_it_was_changed(file):
         ("import os", "Mine", "no class Mine in .*it has none"),
         (CLASSES, "Unfinished", "'Unfinished' object has no attribute 'step'"),
         (CLASSES, "Demanding", "missing 1 required positional argument: 'gain'"),
-        (CLASSES, "Broken", "ValueError: my gain; the robot is disarmed"),
+        (CLASSES, "Broken", r"ValueError: my gain \(correct its class\)"),
         (CLASSES, "number", "'int' object is not callable"),
         ("class Mine(", "Mine", "SyntaxError"),
         ("import nothing_of_this_name", "Mine", "No module named 'nothing_of_this_name'"),

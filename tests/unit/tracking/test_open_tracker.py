@@ -55,6 +55,55 @@ def test_other_forms_are_refused_with_an_example(text):
     assert refusal.value.cure
 
 
+CAMERA = """
+class Cam:
+    def __init__(self, description, *address): self.address = address
+    def start(self): ...
+    def advance_to(self, time_us): ...
+    def newest_frame(self): ...
+    stop = start
+
+class Simulated(Cam):
+    next_exposure_us = 0
+    def expose(self, time_us, markers_mm): ...
+
+class Late(Cam):
+    def __init__(self, description):
+        super().__init__(description)
+        self.in_process = True
+
+def function(description): return Cam(description)
+def simulated(description): return Simulated(description)
+"""
+
+
+@pytest.mark.parametrize("address", ["", "/dev/x", "host:80", "a.py:B"])
+def test_a_class_in_a_file_is_given_the_address_that_follows_it(tmp_path, address):
+    (tmp_path / "cam.py").write_text(CAMERA)
+    text = f"{tmp_path / 'cam.py'}:Cam" + (f":{address}" if address else "")
+    uri = parse_tracker_uri(text)
+    assert uri.kind is TrackerKind.OWN
+    assert str(uri) == text
+    assert open_tracker(uri, Description()).address == ((address,) if address else ())
+
+
+def test_a_function_may_make_the_tracker_of_a_real_robot(tmp_path):
+    (tmp_path / "cam.py").write_text(CAMERA)
+    uri = parse_tracker_uri(f"{tmp_path / 'cam.py'}:function")
+    assert type(open_tracker(uri, Description())).__name__ == "Cam"
+
+
+@pytest.mark.parametrize("maker", ["simulated", "Late"])
+def test_a_tracker_that_is_known_as_simulated_only_once_made_is_refused_with_a_cure(
+    tmp_path, maker
+):
+    (tmp_path / "cam.py").write_text(CAMERA)
+    uri = parse_tracker_uri(f"{tmp_path / 'cam.py'}:{maker}")
+    with pytest.raises(ConfigError, match="only the finished") as refusal:
+        open_tracker(uri, Description())
+    assert "pass a class" in refusal.value.cure
+
+
 def test_ndi_is_opened_only_when_started():
     uri = parse_tracker_uri("ndi:/dev/nosuchport")
     assert isinstance(open_tracker(uri, Description()), NdiTracker)
