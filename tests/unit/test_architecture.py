@@ -1,4 +1,4 @@
-"""docs/architecture.md and docs/extending.md tell what is there."""
+"""docs/architecture.md and docs/extending.md describe the code as it is."""
 
 import re
 import sys
@@ -9,7 +9,7 @@ import pytest
 
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.options import RunOptions
-from tests.unit.test_floors import FLOOR, HOUSE, imported
+from tests.unit.test_layers import HOUSE, LAYER, imported
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -21,15 +21,15 @@ def section(heading: str) -> str:
     return PAGE.partition(f"## {heading}\n")[2].partition("\n## ")[0]
 
 
-def test_the_table_has_the_floors_that_imports_are_held_to() -> None:
-    rows = re.findall(r"^\| (\d) \| (.*?) \|", section("The floors"), re.M)
-    told = {n.strip("/"): int(floor) for floor, cell in rows for n in re.findall(r"`(.*?)`", cell)}
-    assert told == FLOOR
+def test_the_table_has_the_layers_that_imports_are_held_to() -> None:
+    rows = re.findall(r"^\| (\d) \| (.*?) \|", section("The layers"), re.M)
+    told = {n.strip("/"): int(layer) for layer, cell in rows for n in re.findall(r"`(.*?)`", cell)}
+    assert told == LAYER
 
 
 def imports_of_packages() -> dict[str, set[str]]:
     """Which packages each one imports, also where it does so by name."""
-    edges: dict[str, set[str]] = {package: set() for package in FLOOR}
+    edges: dict[str, set[str]] = {package: set() for package in LAYER}
     for file in HOUSE.rglob("*.py"):
         package = file.relative_to(HOUSE).parts[0].removesuffix(".py")
         source = file.read_text(encoding="utf-8")
@@ -50,7 +50,7 @@ def test_every_arrow_of_the_drawing_is_an_import_and_every_import_follows_from_a
         for other in edges[package]
         if not any(other in reached(edges, between) for between in edges[package])
     }
-    assert set(re.findall(r"^ +(\w+) --> (\w+)$", section("The floors"), re.M)) == needed
+    assert set(re.findall(r"^ +(\w+) --> (\w+)$", section("The layers"), re.M)) == needed
 
 
 def sample_steps() -> list[tuple[str, str, str]]:

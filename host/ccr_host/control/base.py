@@ -23,18 +23,18 @@ class Outcome(enum.Enum):
     """How a command came about."""
 
     SOLVED = "solved"
-    """From a fresh measurement, or by a controller that needs none."""
+    """Computed from a fresh measurement, or by a controller that needs none."""
     COASTED = "coasted"
-    """No measurement: from the model alone."""
+    """No measurement: computed from the model alone."""
     HELD = "held"
     """The solver failed: the last safe command, repeated."""
     SKIPPED = "skipped"
-    """No command was given: the time for it had gone by when the host was back."""
+    """No command was sent: its time had passed when the host resumed."""
 
 
 @dataclass(frozen=True)
 class Observation:
-    """What a controller knows when it has to give a command."""
+    """The inputs of a controller at a control step."""
 
     step: int
     """Index of the command to give, from 1; step 0 is ``Controller.start``."""
@@ -43,7 +43,7 @@ class Observation:
     tip_mm: FloatArray | None
     """Newest measured tip f_m, (3,); None if there is none fresh enough."""
     tip_age_us: int
-    """From the exposure of ``tip_mm`` to ``time_us``; 0 without one."""
+    """Time from the exposure of ``tip_mm`` to ``time_us``; 0 without a tip."""
     q_rad: FloatArray
     """Motor angles commanded last, as the board accepted them, (2,)."""
     middle_mm: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
@@ -52,28 +52,28 @@ class Observation:
 
 @dataclass(frozen=True)
 class Phase:
-    """What a run is doing, for people who wait."""
+    """What a run is doing, shown to waiting users."""
 
     name: str
     done: float | None = None
-    """From 0 to 1; None where nobody knows."""
+    """From 0 to 1; None if unknown."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """Motor angles to go to, and what the controller expects of them."""
+    """Motor angles to move to, and the motion that the controller predicts."""
 
     q_rad: FloatArray
     """(2,), within the motor limits."""
     predicted_mm: FloatArray
-    """Tip at the ends of this period and the following ones as far as planned, (k, 3)."""
+    """Predicted tip at the end of this period and of any further planned ones, (k, 3)."""
     outcome: Outcome
     detail: str = field(default="")
-    """Why it was held, or what else is worth a line in the log."""
+    """Why it was held, or another remark for the log."""
     ramp_s: float = 0.0
-    """How long the setpoint takes to ``q_rad``, in a straight line; 0 for a step."""
+    """Duration of the setpoint's linear motion to ``q_rad``; 0 for a step."""
     iterations: int | None = None
-    """Of the solver, where there is one."""
+    """Number of solver iterations; None without a solver."""
     phase: Phase | None = None
     """What an approach is doing at the moment; None if it has only one phase."""
 
@@ -82,11 +82,11 @@ class Controller(Protocol):
     """Follows one reference, one command per control period."""
 
     def start(self, reference: Reference) -> Command:
-        """Take over a reference; the command of step 0, q_1 = f^-1(f_1)."""
+        """Begin a reference and return the command of step 0, q_1 = f^-1(f_1)."""
         ...
 
     def step(self, observation: Observation) -> Command:
-        """The command of step ``observation.step``, 1 to len(reference) - 1."""
+        """Return the command of step ``observation.step``, 1 to len(reference) - 1."""
         ...
 
 
@@ -95,7 +95,7 @@ class Approaching(Protocol):
     """A controller that approaches the first point under feedback, before the path's clock."""
 
     def approach(self, observation: Observation) -> Command | None:
-        """The next command of the approach, None once the path may begin.
+        """Return the next command of the approach, or None once the path may begin.
 
         Called after ``start``, every ``APPROACH_PERIOD_S``; step 0 then comes from ``step``.
         """
@@ -103,7 +103,7 @@ class Approaching(Protocol):
 
 
 APPROACH_PERIOD_S = 0.05
-"""Between two commands of an approach."""
+"""Time between two commands of an approach."""
 
 
 LONGEST_RAMP_S = 10.0
@@ -111,15 +111,15 @@ LONGEST_RAMP_S = 10.0
 
 
 def checked(answer: object) -> Command:
-    """What a controller has answered, with its numbers as arrays.
+    """Validate a controller's answer and convert its numbers to arrays.
 
     Raises:
-        ValueError: it is no command, or one that nobody could follow; limits are not looked at.
+        ValueError: it is not a command, or cannot be executed; limits are not checked.
     """
     if not isinstance(answer, Command):
         raise ValueError(f"{type(answer).__name__} instead of a Command")
     if not isinstance(answer.outcome, Outcome):
-        raise ValueError(f"outcome {answer.outcome!r}, which is no Outcome")
+        raise ValueError(f"outcome {answer.outcome!r} instead of an Outcome")
     if not 0.0 <= answer.ramp_s <= LONGEST_RAMP_S:
         raise ValueError(f"ramp_s = {answer.ramp_s}, which is not in 0..{LONGEST_RAMP_S:g}")
     q_rad = _finite("q_rad", answer.q_rad)
@@ -135,7 +135,7 @@ def _finite(name: str, numbers: object) -> FloatArray:
     try:
         array = np.array(numbers, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} = {numbers!r}, which are no numbers") from None
+        raise ValueError(f"{name} = {numbers!r} instead of numbers") from None
     if not np.isfinite(array).all():
         raise ValueError(f"{name} = {array.tolist()}, which is not finite")
     return array

@@ -211,9 +211,10 @@ class ForeignPeerError(TrackerError):
 
 
 class RawTracker(Protocol):
-    """A camera. Whoever owns it attaches it to the run's clock, which moves it along.
+    """A camera. Its owner attaches it to the run's clock, which calls `advance_to`.
 
-    Frames never repeat and never go back. A camera that loses contact tries again by itself.
+    A new frame has a later exposure than the one before. A camera that loses contact reconnects
+    by itself.
     """
 
     def start(self) -> None:
@@ -231,10 +232,10 @@ class RawTracker(Protocol):
         """
 
     def newest_frame(self) -> MarkerFrame | None:
-        """Newest frame, whatever its age; None before the first."""
+        """Newest frame, whatever its age: the same one until there is a newer; None at first."""
 
     def stop(self) -> None:
-        """Leave the device in a safe state and let go of it; harmless if done twice."""
+        """Leave the device in a safe state and close it; a second call has no effect."""
 
 
 class NamedTracker(RawTracker, Protocol):

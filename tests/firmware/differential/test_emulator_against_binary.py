@@ -2,7 +2,7 @@
 
 The same bytes go to both at the same times; whatever they answer is compared byte for byte, and the
 pulses on their pins to 0.5 us in every frame. Allowed to differ: the free stack, which an emulator
-has not got, and by a few milliseconds the time that clock_sync reads. Not tried: requests whose
+does not have, and by a few milliseconds the time that clock_sync reads. Not tried: requests whose
 last byte arrives so near a control tick that they may be dispatched on either side of it, and long
 talk in the first frame after a reset, of which a real board loses some while it counts the boot.
 """
@@ -63,6 +63,12 @@ def _without_what_may_differ(message: m.Message) -> m.Message:
         case m.ClockReply():
             return replace(message, board_time_us=0)
     return message
+
+
+def test_the_script_draws_every_request_of_the_spec() -> None:
+    script = Script(np.random.default_rng(1), accelerations=True)
+    drawn = {type(script._request(state)) for state in m.State for _ in range(500)}
+    assert drawn == set(m.REQUESTS.values())
 
 
 def run_both(seed: int, commands: int) -> tuple[int, set[m.State]]:

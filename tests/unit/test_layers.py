@@ -1,4 +1,4 @@
-"""The floors of docs/architecture.md: a package imports only what lies below it."""
+"""The layers of docs/architecture.md: a package imports only what lies below it."""
 
 import ast
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ import pytest
 import ccr_host
 
 HOUSE = Path(ccr_host.__file__).parent
-FLOORS = (
+LAYERS = (
     ("core",),
     ("description",),
     ("robot",),
@@ -21,7 +21,7 @@ FLOORS = (
     ("commands",),
     ("cli", "__init__"),
 )
-FLOOR = {package: floor for floor, packages in enumerate(FLOORS) for package in packages}
+LAYER = {package: layer for layer, packages in enumerate(LAYERS) for package in packages}
 
 
 def imported(source: str) -> Iterator[str]:
@@ -30,7 +30,7 @@ def imported(source: str) -> Iterator[str]:
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            assert not node.level, "relative imports hide the floor"
+            assert not node.level, "relative imports hide the layer"
             names = [f"{node.module}.{alias.name}" for alias in node.names]
         else:
             continue
@@ -38,21 +38,21 @@ def imported(source: str) -> Iterator[str]:
 
 
 def upward(package: str, source: str) -> list[str]:
-    """What a module of this package imports from its own floor's other half or from above."""
-    allowed = {name for name, floor in FLOOR.items() if floor < FLOOR[package]} | {package}
+    """What a module of this package imports from the other half of its own layer or from above."""
+    allowed = {name for name, layer in LAYER.items() if layer < LAYER[package]} | {package}
     return [name for name in imported(source) if f"{name}.".split(".")[1] not in allowed]
 
 
-def test_every_package_has_a_floor() -> None:
+def test_every_package_has_a_layer() -> None:
     there = {path.stem for path in HOUSE.iterdir() if path.suffix == ".py" or is_package(path)}
-    assert there == set(FLOOR)
+    assert there == set(LAYER)
 
 
 def is_package(path: Path) -> bool:
     return (path / "__init__.py").is_file()
 
 
-@pytest.mark.parametrize("package", FLOOR)
+@pytest.mark.parametrize("package", LAYER)
 def test_imports_only_go_down(package: str) -> None:
     files = [HOUSE / f"{package}.py", *(HOUSE / package).rglob("*.py")]
     found = {
