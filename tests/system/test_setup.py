@@ -37,7 +37,7 @@ def test_a_new_robot_is_set_up_and_finished_steps_are_not_repeated(
     first.press("\r")
     assert "motor 1 and 2" in first.wait_for("measuring again")
     first.wait_for("saved in mine.toml: camera and rests")
-    first.wait_for("Enter begins")
+    first.wait_for("Enter starts")
     first.press("\r")
     assert "is set up: ccr-host track 8shape --robot mine.toml" in first.end()
     assert first.status == 0
