@@ -1,1 +1,1 @@
-"""From the host to a board: frames, messages, transports, and the client that keeps it safe."""
+"""The link to a board: frames, messages, transports, and the client that keeps it safe."""

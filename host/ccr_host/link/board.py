@@ -1,4 +1,4 @@
-"""What can be asked of a board and told to it, one request after the other; nothing moves by it."""
+"""The requests that query and configure a board, one at a time; none of them moves the robot."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from ccr_host.link.exchange import (
 from ccr_host.link.messages import State
 
 BOOT_TIMEOUT_US = 5_000_000
-"""An UNO with its boot loader is there after 1 to 2 s."""
+"""An UNO with its boot loader answers after 1 to 2 s."""
 TELEMETRY_TIMEOUT_US = 1_000_000
-"""Fifty reports in a row are not lost by chance."""
+"""Fifty consecutive reports are not lost by chance."""
 STATE_POLL_US = m.TICK_US
 _MARGIN_US = 1_000_000
 _CHECK_BYTES = 4
@@ -44,7 +44,7 @@ _U32 = 1 << 32
 
 R = TypeVar("R", bound=m.Message)
 TelemetryObserver = Callable[[m.StateReport, int], None]
-"""A report and the host time in us at which it was read."""
+"""Called with a report and the host time in us at which it was read."""
 
 _SET: Final[dict[str, Callable[[int, Any], m.Request]]] = {
     "limits": m.SetLimits,
@@ -53,7 +53,7 @@ _SET: Final[dict[str, Callable[[int, Any], m.Request]]] = {
     "calibration": m.SetCalibration,
     "acceleration": m.SetAcceleration,
 }
-"""Request that sets each group of a configuration."""
+"""The request that sets each configuration group."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,19 +65,19 @@ class ReceivedReport:
 
 
 def drawn_session(rng: np.random.Generator) -> int:
-    """A session number; two hosts of one board must not draw from generators seeded alike."""
+    """Draw a session number; hosts that share a board need differently seeded generators."""
     return int(rng.integers(1, 1 << 16))
 
 
 class Board:
-    """Knows the protocol's requests.
+    """Sends the protocol's requests and returns their answers.
 
     Args:
-        transport: to the board.
-        clock: the only time.
-        session: number that no other host of the board has, see `drawn_session`.
-        on_message: gets what the board says without having been asked.
-        on_frame: sees every frame, both ways.
+        transport: connection to the board.
+        clock: the only source of time.
+        session: number that no other host of the board uses, see `drawn_session`.
+        on_message: called with each message that answers no pending request.
+        on_frame: called with every frame in both directions.
     """
 
     def __init__(
@@ -100,34 +100,34 @@ class Board:
         self._heard_us = self._synced_us = 0
         self.board_clock = BoardClock()
 
-    # Who it is, and how it is
+    # Identity and state
 
     @property
     def identity(self) -> m.HelloReply | None:
-        """What the board says it is; None before :meth:`connect`."""
+        """The board's answer to hello; None before :meth:`connect`."""
         return self._identity
 
     def read_state(self) -> m.StateReport:
-        """Ask for the state; needs no session."""
+        """Read the state; needs no session."""
         report = self._ask(m.GetState(), m.StateReply).report
         self._keep(report, self._clock.now_us())
         return report
 
     def read_counters(self) -> m.CountersReply:
-        """Ask for what the board has counted since its reset; needs no session."""
+        """Read the board's counters since its reset; needs no session."""
         return self._ask(m.GetCounters(), m.CountersReply)
 
     @property
     def telemetry(self) -> ReceivedReport | None:
-        """Newest report, from the stream or asked for."""
+        """Newest report, streamed or requested; None before the first."""
         return self._newest
 
     def telemetry_age_us(self) -> int | None:
-        """Time since the newest report was read."""
+        """Time since the newest report was read; None before the first."""
         return None if self._newest is None else self._clock.now_us() - self._newest.time_us
 
     def start_telemetry(self, period_ticks: int = 1) -> None:
-        """Let the board report once in `period_ticks`; 0 ends it."""
+        """Let the board send a report every `period_ticks`; 0 ends the stream."""
         self._telemetry_sequence = None
         self._exchange.request(m.SetTelemetry(self._session, period_ticks))
         self._telemetry_period_ticks = period_ticks
@@ -135,7 +135,7 @@ class Board:
         self._heard_us = self._clock.now_us()
 
     def sync_clock(self, exchanges: int = 4) -> None:
-        """Relate the board's clock to the host's; see `board_clock`."""
+        """Synchronise `board_clock` with the board."""
         self._synced_us = self._clock.now_us()
         for _ in range(exchanges):
             sent_us, retries = self._clock.now_us(), self._counts.retries
@@ -143,10 +143,10 @@ class Board:
             if self._counts.retries == retries:
                 self.board_clock.add(sent_us, self._clock.now_us(), reply.board_time_us)
 
-    # What it is told to keep
+    # Configuration
 
     def read_config(self) -> BoardConfig:
-        """Read all groups; what the board does not have reads as zeros."""
+        """Read all groups; a group that is not set reads as zeros."""
         return BoardConfig(
             limits=self._ask(m.GetLimits(), m.LimitsReply).limits,
             slew=self._ask(m.GetSlew(), m.SlewReply).slew,
@@ -156,7 +156,7 @@ class Board:
         )
 
     def set_config(self, present: BoardConfig, wanted: BoardConfig) -> None:
-        """Set the groups that differ, and read them back.
+        """Set the groups that differ, and verify them.
 
         Raises:
             DeviceError: refused, or read back differently.
@@ -171,11 +171,11 @@ class Board:
             )
 
     def read_equipment(self) -> m.Equipment:
-        """The board's name and what is wired to it."""
+        """Read the board's name and what is wired to it."""
         return self._ask(m.GetEquipment(), m.EquipmentReply).equipment
 
     def require_name(self, wanted: str) -> None:
-        """See that it is the board that is meant.
+        """Check that this is the board named in the description.
 
         Raises:
             WrongBoardError: it has another name; an empty one fits any board.
@@ -184,7 +184,7 @@ class Board:
             raise WrongBoardError(name, wanted)
 
     def set_equipment(self, equipment: m.Equipment) -> None:
-        """Tell the board its name and what is wired to it; lost with a reset unless saved.
+        """Set the board's name and what is wired to it; a reset loses both unless they are saved.
 
         Raises:
             RequestRefusedError: the board is armed or saving, or a value is out of range.
@@ -192,7 +192,7 @@ class Board:
         self._exchange.request(m.SetEquipment(self._session, equipment))
 
     def save_config(self) -> None:
-        """Keep the configuration in EEPROM; returns when it is written."""
+        """Save the configuration in EEPROM; returns when it is written."""
         self._exchange.request(m.SaveConfig(self._session))
         deadline_us = self._clock.now_us() + m.EEPROM_SLOT_SIZE * m.TICK_US + _MARGIN_US
         while True:
@@ -206,7 +206,7 @@ class Board:
             raise BoardFaultError(report.fault)
 
     def read_fault_log(self) -> list[m.FaultRecord]:
-        """The last faults that the board has kept, the newest first; needs no session."""
+        """Read the last faults from the board's log, newest first; needs no session."""
         records = []
         for place in range(m.FAULT_LOG_RECORDS):
             deadline_us = self._clock.now_us() + _MARGIN_US
@@ -224,9 +224,9 @@ class Board:
         self._exchange.request(m.Blink(duration_s))
 
     def clear_fault(self) -> None:
-        """Acknowledge a fault or a stop; the board is disarmed then.
+        """Acknowledge a fault or a stop; the board is then disarmed.
 
-        A board that has latched a moment ago is given the ticks it needs to take the pulses away.
+        Waits while a board that has just latched still ends its pulses.
         """
         deadline_us = self._clock.now_us() + _MARGIN_US
         self._while_refused(m.ClearFault(self._session), (m.NackCode.BUSY, 0), m.Ack, deadline_us)
@@ -238,7 +238,7 @@ class Board:
         return self._ask(hello, m.HelloReply, attempts=BOOT_TIMEOUT_US // ANSWER_TIMEOUT_US)
 
     def _open_session(self) -> tuple[m.HelloReply, State]:
-        """Wait for the board, check what it is built from, and open a session."""
+        """Wait for the board, check its spec, and open a session."""
         deadline_us = self._clock.now_us() + BOOT_TIMEOUT_US
         self._exchange.end_unfinished_frame()
         identity = self._hello()
@@ -256,7 +256,7 @@ class Board:
     def _while_refused(
         self, request: m.Request, for_now: tuple[m.NackCode, int], reply: type[R], deadline_us: int
     ) -> R:
-        """Ask once a tick as long as the answer is the refusal that passes by itself."""
+        """Repeat a request once per tick while the answer is a refusal that is only temporary."""
         while True:
             try:
                 return self._ask(request, reply)

@@ -9,41 +9,41 @@ import numpy as np
 
 _WRAP_US = 1 << 32
 _WINDOW = 64
-"""Exchanges, of which there is one in ten seconds: their drift is known to some 5 ppm."""
+"""Number of exchanges, one every ten seconds; they determine the drift to about 5 ppm."""
 _MOST_DRIFT = 0.01
-"""Of an UNO's ceramic resonator; a crystal has a hundredth of it."""
+"""Drift of an UNO's ceramic resonator; that of a crystal is a hundredth of it."""
 _WANDER = 5e-6
-"""By so much the drift itself changes over a window, as a crystal warms up."""
+"""Change of the drift itself over a window, as a crystal warms up."""
 _SHORTEST_US = 50.0
-"""No exchange is weighted as if its round trip were less."""
+"""Half round trips shorter than this are weighted as if they took this long."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Exchange:
     host_us: int
-    """The middle of it."""
+    """Host time at the middle of the exchange."""
     offset_us: int
-    """Board time minus host time, right to half the round trip whichever way was the slower."""
+    """Board time minus host time, accurate to half the round trip."""
     half_trip_us: float
 
 
 class BoardClock:
-    """Offset and drift from `clock_sync`.
+    """Estimates offset and drift of the board's clock from `clock_sync` exchanges.
 
-    Each exchange says where the offset was then, to half its round trip. A line through the last
-    ones gives the drift; the offset is that of the exchange which is the least uncertain now, by
-    its round trip and its age, carried on with the drift. A board that was reset, or a host that
-    slept while its clock stood still, contradicts what was known: then it is forgotten.
+    Each exchange gives the offset at its time, to half its round trip. A line through the last
+    exchanges gives the drift. The offset is extrapolated with this drift from the exchange that
+    is least uncertain now, considering its round trip and age. An exchange that contradicts the
+    estimate, after a reset of the board or a sleep of the host, discards all earlier ones.
     """
 
     def __init__(self) -> None:
         self._exchanges: deque[_Exchange] = deque(maxlen=_WINDOW)
         self.drift = 0.0
-        """How much faster than the host's the board's clock goes, as a share: 1e-6 is 1 ppm."""
+        """Relative rate by which the board's clock is faster than the host's: 1e-6 is 1 ppm."""
         self._drift_error = _MOST_DRIFT
 
     def add(self, sent_us: int, received_us: int, board_time_us: int) -> None:
-        """Take one exchange; the board's 32-bit time is unwrapped against what is known."""
+        """Add an exchange; the board's 32-bit time is unwrapped by the present estimate."""
         host_us = (sent_us + received_us) // 2
         half_trip_us = max((received_us - sent_us + 1) / 2, _SHORTEST_US)
         offset_us = board_time_us - host_us
@@ -58,14 +58,14 @@ class BoardClock:
         self._fit_drift()
 
     def offset_us(self, host_us: int) -> int | None:
-        """Board time minus host time at a time of the host; None before the first exchange."""
+        """Board time minus host time, at a host time; None before the first exchange."""
         if not self._exchanges:
             return None
         best = min(self._exchanges, key=lambda exchange: self._error_us(exchange, host_us))
         return best.offset_us + round(self.drift * (host_us - best.host_us))
 
     def uncertainty_us(self, host_us: int) -> int | None:
-        """The offset at that time is at most so wrong; None before the first exchange."""
+        """Bound of the offset's error at a host time; None before the first exchange."""
         if not self._exchanges:
             return None
         least_us = min(self._error_us(exchange, host_us) for exchange in self._exchanges)
@@ -75,7 +75,7 @@ class BoardClock:
         return exchange.half_trip_us + self._drift_error * abs(host_us - exchange.host_us)
 
     def _fit_drift(self) -> None:
-        """Weighted least squares; the bound takes every exchange as wrong as it can be."""
+        """Fit by weighted least squares; the bound assumes the largest error of each exchange."""
         first = self._exchanges[0]
         time_us = np.array([float(one.host_us - first.host_us) for one in self._exchanges])
         offset_us = np.array([float(one.offset_us - first.offset_us) for one in self._exchanges])

@@ -1,4 +1,4 @@
-"""From the robot description to the board's configuration groups."""
+"""Converts the robot description to the board's configuration groups."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ _KEYS: Final[dict[type, tuple[str, ...]]] = {
     ),
     Acceleration: ("servo.acceleration_deg_s2",),
 }
-"""Of each field on the wire, in its order."""
+"""Description key of each field of a group, in the order on the wire."""
 
 
 @dataclass(frozen=True, slots=True)
 class BoardConfig:
-    """All that a board must know before it may be armed."""
+    """The configuration that a board needs before it may be armed."""
 
     limits: Limits
     slew: Slew
@@ -51,16 +51,15 @@ class BoardConfig:
     acceleration: Acceleration
 
     def way_to_rest_us(self) -> int:
-        """Bound of the way from any pose to rest."""
+        """Upper bound of the time from any pose to rest."""
         longest_ticks = 0
         for axis in (0, 1):
             range_cdeg = self.limits.angle_max_cdeg[axis] - self.limits.angle_min_cdeg[axis]
             slew = min(self.watchdog.relax_slew_cdeg_tick, self.slew.slew_cdeg_tick[axis])
             ticks = range_cdeg // max(slew, 1) + 1
             acceleration = self.acceleration.acceleration_cdeg_tick2[axis]
-            if (
-                acceleration
-            ):  # to speed up, and before that to brake from whatever step fits the range
+            if acceleration:
+                # to accelerate, and before that to brake from the fastest motion within the range
                 ticks += slew // acceleration + isqrt(2 * range_cdeg // acceleration) + 4
             longest_ticks = max(longest_ticks, ticks)
         return longest_ticks * TICK_US + _MARGIN_US
@@ -70,7 +69,7 @@ ConfigGroup = Limits | Slew | Watchdog | Calibration | Acceleration
 
 
 def differences(seen: BoardConfig, wanted: BoardConfig) -> list[str]:
-    """What a board holds that is not wanted: the description's key, and both values."""
+    """List the differences: the description's key and both values."""
     return [
         f"{key} is {_shown(field, getattr(there, field.name))}, "
         f"described {_shown(field, getattr(here, field.name))} {field.unit}".rstrip()
@@ -81,7 +80,7 @@ def differences(seen: BoardConfig, wanted: BoardConfig) -> list[str]:
 
 
 def board_name(equipment: Equipment) -> str:
-    """Empty where it has none."""
+    """The board's name; empty if it has none."""
     return bytes(equipment.board_name).rstrip(b"\0").decode("ascii", "replace")
 
 

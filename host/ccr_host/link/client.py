@@ -1,7 +1,7 @@
 """The host's end of the link: one board, one session, always left in a safe state.
 
-`Board` asks and tells one thing after the other, over an `Exchange` of requests and answers. The
-client moves the robot, watches over it, and makes it safe.
+`Board` makes one request at a time, through an `Exchange` of requests and answers. The client moves
+the robot, monitors it, and makes it safe.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from ccr_host.link.exchange import (
 from ccr_host.link.messages import State
 
 _LED_TO_REST_US = 5_000_000
-"""A gap in the targets is to blame where the board leads the robot to rest within this time."""
+"""A gap in the targets is the cause if the board leads the robot to rest within this time."""
 _SYNC_PERIOD_US = 10_000_000
 _MARGIN_US = 1_000_000
 _STOP_ATTEMPTS = 8
@@ -56,20 +56,20 @@ _LOST_STATES: Final = _LATCHED_STATES | {State.RELAXING}
 
 
 class Client(Board):
-    """Talks to one board; to be used as a context manager.
+    """Communicates with one board; used as a context manager.
 
-    However the `with` block is left, the robot is made safe first: disarmed if the board goes
-    along, stopped otherwise. A second Ctrl-C goes straight to the stop.
+    However the `with` block is left, the robot is made safe first: disarmed if the board
+    cooperates, otherwise stopped. A second Ctrl-C stops it at once.
 
-    It never waits but through the clock. Attached to the clock it also takes in telemetry while
-    somebody else waits.
+    It waits only through the clock. Attached to the clock, it also receives telemetry while
+    another part of the program waits.
 
     Args:
-        transport: to the board; closed on leaving.
-        clock: the only time.
-        session: number that no other host of the board has, see `drawn_session`.
-        on_frame: sees every frame, both ways.
-        on_telemetry: sees every report of the stream.
+        transport: connection to the board; closed on leaving.
+        clock: the only source of time.
+        session: number that no other host of the board uses, see `drawn_session`.
+        on_frame: called with every frame in both directions.
+        on_telemetry: called with every streamed report.
     """
 
     def __init__(
@@ -111,13 +111,13 @@ class Client(Board):
     # Connection
 
     def connect(self, telemetry_period_ticks: int = 1) -> m.HelloReply:
-        """Wait for the board, check what it is built from, open a session, start telemetry.
+        """Wait for the board, check its spec, open a session, start telemetry.
 
-        After :class:`SpecMismatchError` reading and :meth:`stop` still work.
+        Reading and :meth:`stop` still work after a :class:`SpecMismatchError`.
 
         Raises:
-            BoardSilentError: nobody answers within `BOOT_TIMEOUT_US`.
-            SpecMismatchError: board and host do not fit.
+            BoardSilentError: no answer within `BOOT_TIMEOUT_US`.
+            SpecMismatchError: board and host are built from different specs.
             DeviceError: the port is gone.
         """
         identity, state = self._open_session()
@@ -131,7 +131,7 @@ class Client(Board):
     # Configuration
 
     def configure(self, config: BoardConfig) -> None:
-        """Set what differs, and read it back; disarms first if the board is armed.
+        """Set the groups that differ and verify them; an armed board is disarmed first.
 
         Raises:
             DeviceError: refused, or read back differently.
@@ -149,7 +149,7 @@ class Client(Board):
         """Enable the servos and lead the robot to rest; returns when the board holds.
 
         Raises:
-            BoardFaultError, BoardStoppedError: latched; nothing is cleared by itself.
+            BoardFaultError, BoardStoppedError: latched, which only `clear_fault` ends.
             RequestRefusedError: the board is not configured.
         """
         report = self.read_state()
@@ -173,11 +173,11 @@ class Client(Board):
     def set_target(
         self, q_rad: Sequence[float] | NDArray[np.float64], *, ramp_ms: int, validity_ms: int
     ) -> None:
-        """Send a target and go on; the board clamps it, see `accepted_rad`.
+        """Send a target without waiting; the board clamps it, see `accepted_rad`.
 
         Raises:
             ValueError: not finite, or a time that the wire cannot carry.
-            DeviceError: something has happened to the board since it was last looked at.
+            DeviceError: as in :meth:`poll`.
         """
         self.poll()
         first, second = rad_to_cdeg(np.minimum(np.maximum(q_rad, -np.pi), np.pi))
@@ -194,11 +194,11 @@ class Client(Board):
             self._exchange.send(m.ClockSync(now_us % _U32), now_us)
 
     def disarm(self) -> None:
-        """Lead the robot to rest and take the pulses away; returns when that is done.
+        """Lead the robot to rest and end the pulses; returns when that is done.
 
         Raises:
             BoardFaultError, BoardStoppedError: latched meanwhile; there are no pulses either.
-            DeviceError: the board does not get there, or what :meth:`poll` tells of it.
+            DeviceError: the board does not get there, or as in :meth:`poll`.
         """
         if self._watching:
             self.poll()
@@ -220,19 +220,19 @@ class Client(Board):
     # Observation
 
     def poll(self) -> None:
-        """Take in what has arrived.
+        """Process what has arrived.
 
         Raises:
             LinkLossError: the board leads the robot to rest, or has done so.
             DeviceError: the board has latched a fault, was stopped or reset, obeys another host,
-                or has fallen silent. All of them only between :meth:`arm` and :meth:`disarm`.
+                or has fallen silent; all of these only between :meth:`arm` and :meth:`disarm`.
         """
         now_us = self._clock.now_us()
         self._exchange.poll(now_us)
         if not self._watching:
             return
         if now_us > self._fed_until_us:
-            # After a stall the reports that wait in the port tell of the past.
+            # After a stall, the reports waiting in the port are out of date.
             self.read_state()
         if self._newest is not None and self._newest.report.state in _LOST_STATES:
             raise self._loss(self._newest.report, now_us)
@@ -245,7 +245,7 @@ class Client(Board):
             self._diagnose(now_us)
 
     def advance_to(self, time_us: int) -> None:
-        """Take in what has arrived, on behalf of the clock; of all troubles only a latch is raised.
+        """Process what has arrived, called by the clock; raises only if the board has latched.
 
         Raises:
             BoardFaultError, BoardStoppedError, LinkLossError: as in :meth:`poll`.
@@ -260,10 +260,10 @@ class Client(Board):
 
     @property
     def next_turn_us(self) -> int:
-        """When to look in spite of a silent line, which alone knows when bytes arrive.
+        """Time at which to poll even if the line announces no bytes.
 
-        In every slice while an answer to a target is awaited, as that tells the round trip, and
-        once the board has latched, which may have to be raised yet.
+        That is in every slice while an answer to a target is pending, since it gives the round
+        trip, and once the board has latched, which may still have to be raised.
         """
         latched = self._watching and self._newest and self._newest.report.state in _LATCHED_STATES
         return 0 if latched or self._targets.awaits_answer else NEVER_US
@@ -281,7 +281,7 @@ class Client(Board):
 
     @property
     def statistics(self) -> LinkStatistics:
-        """Figures of both ends; the board's are those of the last connect or leave."""
+        """Statistics of both ends; the board's are those of the last connect or leave."""
         overdue_us = self._clock.now_us() - ANSWER_TIMEOUT_US
         return self._counts.figures(self._targets.unanswered(sent_before_us=overdue_us))
 
@@ -308,7 +308,7 @@ class Client(Board):
                 self.disarm()
         except RequestRefusedError as refusal:
             if refusal.code in (m.NackCode.BAD_SESSION, m.NackCode.BAD_STATE):
-                return None  # another host answers for the robot now, or there are no pulses
+                return None  # another host is responsible for the robot now, or there are no pulses
             self.stop()
         except (BoardFaultError, BoardStoppedError):
             return None
@@ -325,7 +325,7 @@ class Client(Board):
             if self._telemetry_period_ticks:
                 self._exchange.request(m.SetTelemetry(self._session, 0))
         except (RequestRefusedError, BoardSilentError):
-            return  # the robot is safe; all that is lost is the last count
+            return  # the robot is safe; only the last counters are lost
 
     # Details
 
@@ -363,7 +363,7 @@ class Client(Board):
                 self.board_clock.add(sent_us, received.time_us, reply.board_time_us)
 
     def _diagnose(self, now_us: int) -> None:
-        """Find out why the board does not go along; return if all is well after all."""
+        """Find out why the board does not cooperate; return if nothing is wrong."""
         identity = self._hello()
         if self._identity and identity.boot_id != self._identity.boot_id:
             self._counts.board_at_start = None
@@ -379,7 +379,7 @@ class Client(Board):
             raise self._loss(report, now_us)
 
     def _loss(self, report: m.StateReport, now_us: int) -> DeviceError:
-        """What to raise for a board that no longer follows its targets."""
+        """The error to raise for a board that no longer follows its targets."""
         latched = report.state is State.FAULT and report.fault is m.Fault.LINK_LOSS
         if not latched and report.state is not State.RELAXING:
             return _latched_error(report)

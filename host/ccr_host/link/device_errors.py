@@ -1,4 +1,4 @@
-"""What a board can do to its host: each with its cause and its cure."""
+"""The errors of a board, each with its cause and its cure."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ _RESETS: Final = {
 
 
 class BoardSilentError(DeviceError):
-    """No answer came, however often the host asked.
+    """The board answered none of the host's attempts.
 
     Args:
         port: its URI.
@@ -129,7 +129,7 @@ class BoardSilentError(DeviceError):
 
 
 class SpecMismatchError(DeviceError):
-    """Host and board were built from different specs: only reading and stopping is possible."""
+    """Host and board were built from different specs: only reading and stopping are possible."""
 
     def __init__(self, identity: HelloReply) -> None:
         version = ".".join(str(part) for part in identity.firmware_version)
@@ -143,7 +143,7 @@ class SpecMismatchError(DeviceError):
 
 
 class WrongBoardError(DeviceError):
-    """The board has another name than the description says."""
+    """The board's name is not the one in the description."""
 
     def __init__(self, name: str, wanted: str) -> None:
         super().__init__(
@@ -185,7 +185,7 @@ class BoardResetError(DeviceError):
 
 
 class BoardFaultError(DeviceError):
-    """The board has latched a fault and taken the pulses away."""
+    """The board has latched a fault and ended the pulses."""
 
     def __init__(self, fault: Fault) -> None:
         cause, cure = _FAULTS[fault]
@@ -194,12 +194,12 @@ class BoardFaultError(DeviceError):
 
 
 class LinkLossError(DeviceError):
-    """The board got no target in time: it leads the robot to rest, or has done so.
+    """The board received no target in time and leads the robot to rest, or has done so.
 
     Args:
-        unfed_us: since the host sent its last target.
-        host_stalled: whether that is the reason; else targets were sent and did not arrive.
-        latched: whether the robot is at rest, which leaves a fault that has to be cleared.
+        unfed_us: time since the host sent its last target.
+        host_stalled: whether that is the cause; otherwise targets were sent and did not arrive.
+        latched: whether the robot is at rest and a fault must be cleared.
     """
 
     def __init__(self, unfed_us: int, *, host_stalled: bool, latched: bool) -> None:
@@ -214,7 +214,7 @@ class LinkLossError(DeviceError):
 
 
 class BoardStoppedError(DeviceError):
-    """Somebody has sent an emergency stop."""
+    """The board has received an emergency stop."""
 
     def __init__(self) -> None:
         super().__init__("the board is stopped", f"see why it was stopped; {_CLEAR}")

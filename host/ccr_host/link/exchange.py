@@ -29,19 +29,19 @@ from ccr_host.link.messages import (
 )
 
 ANSWER_TIMEOUT_US = 100_000
-"""Ten times the slowest answer seen through a USB serial adapter (16 ms latency timer)."""
+"""Ten times the slowest answer measured through a USB serial adapter (16 ms latency timer)."""
 ATTEMPTS = 8
 POLL_STEP_US = 200
-"""Five bytes at 250000 baud: the resolution of the round-trip times."""
+"""Duration of five bytes at 250000 baud: the resolution of the round-trip times."""
 _COARSE_POLL_US = 2000
-"""A round trip read by a host that looked away for longer says nothing about the link."""
+"""If the host polled less often than this, a round trip says nothing about the link."""
 _U8 = 1 << 8
 _U16 = 1 << 16
 
 assert ATTEMPTS * ANSWER_TIMEOUT_US < RETRY_WINDOW_TICKS * TICK_US, "a late retry would run twice"
 
 FrameObserver = Callable[[str, int, bytes], None]
-"""Direction ("sent" or "received"), host time in us, the bytes of one frame."""
+"""Called with direction ("sent" or "received"), host time in us, and the bytes of a frame."""
 
 
 class Transport(Protocol):
@@ -53,39 +53,39 @@ class Transport(Protocol):
         """Send bytes."""
 
     def read(self) -> bytes:
-        """Bytes that have arrived; empty if none have, never waits."""
+        """Return the bytes that have arrived, possibly none; never waits."""
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinkStatistics:
-    """Figures of one connection; errors and retries from its first hello on."""
+    """Statistics of a connection; errors and retries are counted from its first hello."""
 
     sent: int
-    """Frames, repetitions included."""
+    """Frames sent, including repetitions."""
     received: int
-    """Whole frames."""
+    """Complete frames received."""
     crc_errors: int
-    """Frames damaged on the way, on both ends, whether CRC, encoding or size has told."""
+    """Frames received damaged by either end: wrong CRC, encoding or size."""
     retries: int
     rtt_us_median: float | None
-    """From the first byte sent to the answer read; only where nothing was repeated."""
+    """Median time from the first byte sent to the answer, of requests that were not repeated."""
     rtt_us_p99: float | None
     unanswered_targets: int
     lost_telemetry: int
     clamped_targets: int
-    """Outside the angle limits, so that the board has accepted others instead."""
+    """Targets that the board has clamped to the angle limits."""
     holds: int | None
-    """How often the board held the pose for want of a fresh target; None if it was not asked."""
+    """How often the board held the pose for lack of a fresh target; None if it was not read."""
     relaxes: int | None
-    """How often it began to lead the robot to rest, likewise."""
+    """How often the board began to lead the robot to rest; None if it was not read."""
 
 
 @dataclass
 class LinkCounts:
-    """Counts as they grow; :meth:`figures` sums them up."""
+    """The running counts of a connection, summarised by :meth:`figures`."""
 
     sent: int = 0
     received: int = 0
@@ -93,23 +93,23 @@ class LinkCounts:
     lost_telemetry: int = 0
     clamped_targets: int = 0
     unusable: int = 0
-    """Whole frames that are no message this host knows."""
+    """Complete frames that are not a message known to this host."""
     framing_errors: Counter[FramingError] = field(default_factory=Counter)
     round_trips_us: list[int] = field(default_factory=list)
     board_at_start: CountersReply | None = None
     board: CountersReply | None = None
-    """As last read; None once that has failed."""
+    """The board's counters as last read; None if that failed."""
 
     def forget_waiting_for_the_board(self) -> None:
-        """Start again once the board has answered its first hello.
+        """Reset the error counts, once the board has answered its first hello.
 
-        Until then a boot loader was deaf, and half a frame is no error of the line.
+        Until then a boot loader ignores requests, and half a frame is not an error of the line.
         """
         self.framing_errors.clear()
         self.retries = 0
 
     def figures(self, unanswered_targets: int) -> LinkStatistics:
-        """The statistics so far."""
+        """Summarise the counts so far."""
         median, p99 = _median_and_p99(self.round_trips_us)
         return LinkStatistics(
             sent=self.sent,
@@ -129,7 +129,7 @@ class LinkCounts:
         return sum(self._counted_by_the_board(error.value) or 0 for error in FramingError)
 
     def _counted_by_the_board(self, name: str) -> int | None:
-        """On this connection, of a counter of 16 bits."""
+        """The increase of a 16-bit counter of the board during this connection."""
         if self.board is None or self.board_at_start is None:
             return None
         before: int = getattr(self.board_at_start, name)
@@ -168,7 +168,7 @@ class _Awaited:
 
 
 class Exchange:
-    """One request at a time; whatever else the board says goes to `on_message`."""
+    """Makes one request at a time; any other message of the board goes to `on_message`."""
 
     def __init__(
         self,
@@ -190,22 +190,22 @@ class Exchange:
 
     @property
     def waiting(self) -> bool:
-        """Whether a request waits for its answer."""
+        """Whether a request is pending."""
         return self._awaited is not None
 
     def end_unfinished_frame(self) -> None:
-        """Close whatever an interrupted write has left on the wire."""
+        """Terminate a frame that an interrupted write may have left on the wire."""
         self._transport.write(bytes([FRAME_DELIMITER]))
 
     def send(self, request: Request, now_us: int) -> int:
-        """Send without waiting; gives the sequence number."""
+        """Send without waiting; returns the sequence number."""
         sequence = self._next_sequence
         self._next_sequence = (sequence + 1) % _U8
         self._write(encode_frame(request.ID, sequence, request.pack()), now_us)
         return sequence
 
     def request(self, request: Request, attempts: int = ATTEMPTS) -> Message:
-        """Send, wait for the answer, repeat with the same sequence number where none comes.
+        """Send and wait for the answer; if none comes, repeat with the same sequence number.
 
         Raises:
             BoardSilentError: no answer to any attempt.
@@ -233,7 +233,7 @@ class Exchange:
         raise BoardSilentError(self._transport.name, request.NAME, heard_before=heard_before)
 
     def poll(self, now_us: int) -> None:
-        """Take in what has arrived."""
+        """Process what has arrived."""
         data = self._transport.read()
         for item in self._decoder.feed(data) if data else ():
             if isinstance(item, FramingError):
@@ -243,7 +243,7 @@ class Exchange:
         self._polled_us = now_us
 
     def note_round_trip(self, sent_us: int, received_us: int) -> None:
-        """Count a round trip that was awaited elsewhere, if it was looked for often enough."""
+        """Count a round trip that was awaited elsewhere, if polling was frequent enough."""
         if received_us - self._polled_us <= _COARSE_POLL_US:
             self._counts.round_trips_us.append(received_us - sent_us)
 
@@ -282,9 +282,9 @@ class Exchange:
 
 
 class TargetLog:
-    """What became of the targets that were sent: never repeated, so some stay unanswered.
+    """Tracks the answers to targets, which are never repeated, so some remain unanswered.
 
-    By sequence number; bounded, as those wrap after 256.
+    Targets are kept by sequence number, so their number is bounded: it wraps after 256.
     """
 
     def __init__(self) -> None:
@@ -293,10 +293,10 @@ class TargetLog:
         self._open_since_us: dict[int, int] = {}
         self._given_up = 0
         self.refusal: Nack | None = None
-        """The newest, until somebody has acted upon it."""
+        """The newest refusal that has not been handled."""
 
     def sent(self, sequence: int, time_us: int) -> None:
-        """Wait for an answer to a new target."""
+        """Note a new target, which is now unanswered."""
         self._given_up += sequence in self._open_since_us
         self._open_since_us[sequence] = time_us
 
@@ -306,19 +306,19 @@ class TargetLog:
         return bool(self._open_since_us)
 
     def answered(self, sequence: int, reply: TargetReply) -> int | None:
-        """Take an answer; gives the time at which its target was sent."""
+        """Note an answer; returns the time at which its target was sent, None if unknown."""
         sent_us = self._open_since_us.pop(sequence, None)
         if sent_us is not None:
             self.accepted_rad = cdeg_to_rad(reply.target_cdeg)
         return sent_us
 
     def refused(self, sequence: int, refusal: Nack) -> None:
-        """Keep a refusal until somebody acts upon it."""
+        """Keep a refusal until it is handled."""
         self._open_since_us.pop(sequence, None)
         self.refusal = refusal
 
     def unanswered(self, sent_before_us: int) -> int:
-        """How many targets sent before a time have got no answer."""
+        """Number of unanswered targets that were sent before a time."""
         overdue = sum(sent_us < sent_before_us for sent_us in self._open_since_us.values())
         return self._given_up + overdue
 

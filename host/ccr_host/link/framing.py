@@ -17,7 +17,7 @@ _CRC_BYTES = 2
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One frame that arrived whole."""
+    """A complete, valid frame."""
 
     id: int
     sequence: int
@@ -25,7 +25,7 @@ class Frame:
 
 
 class FramingError(Enum):
-    """Why what stood between two zeros is no frame."""
+    """Why the bytes between two zeros are not a valid frame."""
 
     BAD_CRC = "bad_crc"
     BAD_ENCODING = "bad_encoding"
@@ -33,21 +33,21 @@ class FramingError(Enum):
 
 
 def encode_frame(message_id: int, sequence: int, payload: bytes) -> bytes:
-    """Bytes to send, the closing zero included."""
+    """Encode a frame, including the closing zero."""
     body = bytes((message_id, sequence)) + payload
     encoded: bytes = cobs.encode(body + crc16_x25(body).to_bytes(_CRC_BYTES, "little"))
     return encoded + _DELIMITER
 
 
 class FrameDecoder:
-    """Finds the frames in a byte stream; keeps at most one unfinished frame."""
+    """Finds the frames in a byte stream; buffers at most one unfinished frame."""
 
     def __init__(self) -> None:
         self._unfinished = bytearray()
         self._too_long = False
 
     def feed(self, data: bytes) -> list[Frame | FramingError]:
-        """Take bytes as they come; give back what they complete, in order."""
+        """Add received bytes; returns the frames and errors that they complete, in order."""
         found: list[Frame | FramingError] = []
         *completed, rest = data.split(_DELIMITER)
         for part in completed:
@@ -61,7 +61,7 @@ class FrameDecoder:
         return found
 
     def reset(self) -> None:
-        """Forget the unfinished frame."""
+        """Discard the unfinished frame."""
         self._unfinished.clear()
         self._too_long = False
 
@@ -76,7 +76,7 @@ class FrameDecoder:
 
 
 def decode_single_frame(data: bytes) -> Frame | None:
-    """The frame that these bytes are, the closing zero included; None if they are none or more."""
+    """Decode bytes, including the closing zero; None unless they are exactly one valid frame."""
     found = FrameDecoder().feed(data)
     return found[0] if len(found) == 1 and isinstance(found[0], Frame) else None
 

@@ -26,12 +26,12 @@ _OTHER_SPEC = "build host and firmware from the same spec"
 
 
 class PayloadError(CcrError):
-    """Values that do not fit their integers, or bytes that are no such payload."""
+    """Values do not fit their integers, or bytes are not such a payload."""
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field on the wire: `count` integers; a physical value is raw * scale, in `unit`."""
+    """A field on the wire: `count` integers; the physical value in `unit` is raw * scale."""
 
     name: str
     code: str
@@ -42,10 +42,10 @@ class Field:
     scale: float = 1
     count: int = 1
     of: type[IntEnum] | type[IntFlag] | None = None
-    """Type of its enumerators or flags."""
+    """Enum or flag type of the integers; None for plain numbers."""
 
     def fits(self, elements: tuple[object, ...]) -> bool:
-        """Tell whether the integers fit the wire, in range or not."""
+        """Whether the integers fit their type, even if they are out of range."""
         try:
             struct.pack(f"<{self.count}{self.code}", *elements)
         except struct.error:
@@ -54,7 +54,7 @@ class Field:
 
     @property
     def needs(self) -> str:
-        """What fits, in words."""
+        """The values that fit, in words."""
         bits = 8 * struct.calcsize(f"<{self.code}")
         lower = 0 if self.code.isupper() else -(1 << (bits - 1))
         integers = f"{self.count} integers" if self.count > 1 else "an integer"
@@ -84,22 +84,22 @@ def nested(kind: type[P]) -> P:
 
 @dataclass_transform(frozen_default=True, field_specifiers=(wire, nested))
 class Payload:
-    """A fixed list of integers; subclasses with a name are dataclasses."""
+    """Base of all structs of integers; subclasses with a name become dataclasses."""
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
     NAME: ClassVar[str]
     FIELDS: ClassVar[tuple[Field, ...]]
-    """Its own fields; those of the nested struct follow them on the wire."""
+    """The own fields; on the wire those of the nested struct follow them."""
     SIZE: ClassVar[int]
     _LAYOUT: ClassVar[struct.Struct]
-    """All fields, the nested ones too."""
+    """Layout of all fields, including nested ones."""
     _VALUES: ClassVar[tuple[tuple[Field, attrgetter[Any]], ...]]
-    """The same, and how the value of each is reached."""
+    """All fields, each with the getter of its value."""
     _READERS: ClassVar[tuple[Callable[[int], Any] | None, ...]]
-    """For each of its own fields what makes the enumerator or flags of its integer."""
+    """The conversion of each own field's integer to an enumerator or flags, if any."""
     NESTED: ClassVar[tuple[str, type[Payload]] | None]
-    """Attribute and type of the nested struct."""
+    """Attribute and type of the nested struct, if there is one."""
 
     def __init_subclass__(cls, *, name: str = "") -> None:
         super().__init_subclass__()
@@ -163,7 +163,7 @@ class Payload:
         return None
 
     def inconsistent_axis(self) -> int | None:
-        """Index of the first axis whose fields, each in range, contradict each other."""
+        """Index of the first axis whose fields contradict each other although each is in range."""
         held = self._held()
         return None if held is None else held.inconsistent_axis()
 
@@ -209,7 +209,7 @@ class Payload:
 
 
 class Message(Payload):
-    """A payload with an id of its own."""
+    """A payload with an id."""
 
     ID: ClassVar[int] = 0
 
@@ -241,6 +241,6 @@ class Request(Message):
 
 
 def by_id(namespace: Mapping[str, object], base: type[M]) -> Mapping[int, type[M]]:
-    """The messages in a module's namespace."""
+    """The messages in a module's namespace, by id."""
     kinds = [one for one in namespace.values() if isinstance(one, type) and issubclass(one, base)]
     return MappingProxyType({kind.ID: kind for kind in kinds if kind.ID})

@@ -1,4 +1,4 @@
-"""Ways for bytes to and from a board."""
+"""Device URIs, and the ports that carry bytes to and from a board."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class DeviceUri:
 
     @property
     def is_outside(self) -> bool:
-        """Whether the board is another one's: real, for all that this program knows."""
+        """Whether the board is outside this program, and so possibly real."""
         return self.kind in (DeviceKind.SERIAL, DeviceKind.TCP)
 
     def __str__(self) -> str:
@@ -84,11 +84,11 @@ def open_transport(uri: DeviceUri, baud: int = BAUD) -> Transport:
 
     Args:
         uri: `serial:` or `tcp:`.
-        baud: without meaning on TCP.
+        baud: ignored on TCP.
 
     Raises:
         ConfigError: the URI names an emulator, which has to be made first.
-        DeviceError: the port cannot be opened; the cure tells what to do.
+        DeviceError: the port cannot be opened; the cure says what to do.
     """
     match uri.kind:
         case DeviceKind.SERIAL:

@@ -1,7 +1,7 @@
-"""Several runs at once, in processes of their own.
+"""Several runs at once, in separate processes.
 
-A process may be killed at any time, as by a system that runs out of memory: its run is then
-repeated or given up, and whoever waits for it is told.
+A process may be killed at any time, for example when memory runs out: its run is then repeated, or
+reported as lost.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ccr_host.run.summary import RunResult
 from ccr_host.run.twin_floor import keep_static_map
 
 ATTEMPTS = 3
-"""So often a run is begun whose process is killed."""
+"""Number of attempts at a run whose process is killed."""
 
 Outcome = RunResult | Exception
 Work = Callable[[RunOptions], Outcome]
@@ -38,9 +38,9 @@ class ProcessLostError(CcrError):
 def in_background(options: RunOptions) -> Iterator[Callable[[], RunResult]]:
     """Execute a run in another process; yields a function that waits for its result.
 
-    Before it returns, the static map of the twin is in the user's cache too. Leaving the context
-    without asking for the result ends the process. The function raises ProcessLostError, or what
-    the run has raised.
+    By then the static map of the twin is in the user's cache, too. Leaving the context without
+    asking for the result ends the process. The function raises ProcessLostError, or the error of
+    the run.
     """
     with _Worker() as worker:
         worker.begin(_execute_and_keep_map, options)
@@ -55,12 +55,12 @@ def in_background(options: RunOptions) -> Iterator[Callable[[], RunResult]]:
 
 
 def execute_all(runs: Sequence[RunOptions]) -> Iterator[tuple[int, Outcome]]:
-    """Execute runs, on all cores where all is simulated.
+    """Execute runs, on all cores if everything is simulated.
 
-    Where the robot is real, the first that fails ends them all: somebody has to look at it.
+    On a real robot the first failure ends them all, since the robot must be inspected.
 
     Yields:
-        Index, and result or error, as each ends.
+        Index, and result or error, of each run when it ends.
     """
     if all(is_simulated(run) for run in runs):
         yield from _in_parallel(runs)
@@ -97,7 +97,7 @@ def _in_parallel(runs: Sequence[RunOptions]) -> Iterator[tuple[int, Outcome]]:
 
 
 class _Worker:
-    """A process that executes one run after the other; ends with the context, or with ours."""
+    """A process that executes runs one by one; ends with the context or with this process."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -120,14 +120,14 @@ class _Worker:
         self.connection.close()
 
     def begin(self, work: Work, options: RunOptions) -> None:
-        """Let it work; `connection` can be read when it is done, or dead."""
+        """Start work; `connection` becomes readable when it is done, or the process dies."""
         try:
             self.connection.send((work, options))
         except OSError:
-            return  # it is dead, which `outcome` will tell
+            return  # it is dead, which `outcome` reports
 
     def outcome(self) -> Outcome:
-        """Wait for what the work has given."""
+        """Wait for the result or the error of the work."""
         try:
             outcome: Outcome = self.connection.recv()
         except (EOFError, OSError):

@@ -22,7 +22,7 @@ from ccr_host.run.summary import RunResult
 
 
 def reference_of(options: RunOptions) -> Reference:
-    """The desired path as the controller's model sees it.
+    """The desired path according to the controller's model.
 
     Raises:
         ConfigError: unknown path, unusable file or description, or laps of an open path.
@@ -34,7 +34,7 @@ def reference_of(options: RunOptions) -> Reference:
 
 
 def workspace_of(options: RunOptions) -> Workspace:
-    """The reachable surface of the robot as the controller's model sees it."""
+    """The reachable surface of the robot according to the controller's model."""
     description = options.description()
     return Workspace(ConstantCurvature(description.robot), MotorLimits.of(description.servo))
 
@@ -45,14 +45,13 @@ def execute(
     on_step: Progress,
     operator: Operator | None = None,
 ) -> RunResult:
-    """Run, and come back with whatever was reached.
+    """Execute a run, and return its result even if it ended early.
 
-    Whatever ends the run early, be it a device or tracker fault, Ctrl-C, the operator's stop or a
-    defect: the robot is made safe, the steps done so far are in the result, and ``failure`` says
-    why.
+    Whatever ends it (a device or tracker fault, Ctrl-C, the operator's stop or a defect), the
+    robot is made safe, the result contains the steps done so far, and ``failure`` says why.
 
     Raises:
-        ConfigError: the options make no run; nothing was started.
+        ConfigError: the options are unusable; nothing was started.
     """
     stopwatch = Stopwatch()
     description = options.description()
@@ -100,7 +99,7 @@ def execute(
 
 
 def execute_quietly(options: RunOptions) -> RunResult:
-    """Run without a log; for worker processes."""
+    """Execute a run without a log; for worker processes."""
     return execute(options, Observers(), lambda *_: None)
 
 

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from ccr_host.run.robot_check import RobotCheck
 
 _SOLVE_SHARE_OF_PERIOD = 0.5
-"""A command later than this share of its period is dropped; the last one stays."""
+"""A command later than this share of its period is dropped; the last one remains in effect."""
 _VALIDITY_LIMITS_MS = (200, 10_000)
-"""The lower one rides out a busy host, the upper one is the protocol's."""
+"""The lower limit tolerates a busy host, the upper one is that of the protocol."""
 
 _BEAT_US = 100_000
 """A multiple of the board's tick and of the usual camera's period."""
@@ -68,8 +68,8 @@ def follow_path(
 ) -> list[StepRecord]:
     """Arm the robot, approach the first point, follow the path, disarm.
 
-    While the operator wants a pause, the path's clock waits and the pose is held. Where its motion
-    is checked the robot makes a few small moves first, and has to answer as described from then on.
+    While the operator wants a pause, the path's clock waits and the pose is held. If its
+    motion is checked, the robot makes a few small moves first, and must then respond as described.
 
     Returns:
         One record for each step of the reference.
@@ -77,7 +77,7 @@ def follow_path(
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
         TrackerError: the markers were lost for longer than coasting and holding allow.
-        MisfitError: the robot is not the one that is described; it is disarmed by then.
+        MisfitError: the robot is not the described one; it has been disarmed.
     """
     heard = operator or NoOperator()
     markers = MarkerCheck(description) if checks_markers else None
@@ -184,9 +184,9 @@ class _PathRun:
             raise self._check.cause_of(odd)
 
     def _skip_missed_steps(self, held: Command) -> None:
-        """Let go of the steps whose time has gone by.
+        """Skip the steps whose time has passed.
 
-        Their commands would be stale, and where the robot was at their ends nobody has seen.
+        Their commands would be stale, and the robot was not observed at their ends.
         """
         now_us, first = self._rig.clock.now_us(), len(self._records)
         late_us = now_us - self._start_us - first * self._period_us
@@ -201,19 +201,19 @@ class _PathRun:
             self._keep(step, end_us, skipped, 0.0, True, None, None)
 
     def _wait_for_whole_beat(self) -> None:
-        """Boards take different times to start; from here on their runs can be compared."""
+        """Wait for a common beat: boards take different times to start, but runs are compared."""
         clock = self._rig.clock
         clock.sleep_until_us(-(-clock.now_us() // _BEAT_US) * _BEAT_US)
 
     def _answer_of(
         self, method: Callable[[A], object], argument: A, held: Command | None
     ) -> tuple[object, float]:
-        """What the controller answers, however long that takes: the board is fed meanwhile.
+        """The controller's answer; the host resends the last command for as long as it takes.
 
         Args:
-            method: of the controller.
-            argument: of the method.
-            held: the command to repeat; None before the robot is armed.
+            method: method of the controller.
+            argument: its argument.
+            held: the command to resend; None before the robot is armed.
 
         Returns:
             The answer and the computing time in us.
@@ -238,10 +238,10 @@ class _PathRun:
         return self._rig.clock.beside(ask, self._feed_us, feed)
 
     def _send_until(self, end_us: int, command: Command) -> int:
-        """Send a command, and again where the board's watchdog would not wait until the end.
+        """Send a command, and resend it when the board's watchdog would not wait until the end.
 
         Returns:
-            The time then, in us.
+            The time at the end, in us.
         """
         clock = self._rig.clock
         now_us = self._sent_us = clock.now_us()
@@ -254,7 +254,7 @@ class _PathRun:
             self._feed(command)
 
     def _approach(self, controller: Approaching, command: Command, phase: Phase) -> Command:
-        """Let the controller lead the robot to the first point; the last command it gave."""
+        """Let the controller lead the robot to the first point; return its last command."""
         clock = self._rig.clock
         self._watch.start()
         while True:
@@ -273,7 +273,7 @@ class _PathRun:
             clock.sleep_until_us(due_us + round(APPROACH_PERIOD_S * 1e6))
 
     def _pause(self, command: Command) -> int:
-        """Hold the pose until the operator continues; by how much the path is late, us."""
+        """Hold the pose until the operator continues; return the delay of the path in us."""
         clock = self._rig.clock
         since_us = resend_us = clock.now_us()
         self._begin("paused")
@@ -292,7 +292,7 @@ class _PathRun:
     def _next_command(
         self, step: int, now_us: int, due_us: int, last: Command
     ) -> tuple[Command, float, bool]:
-        """The command of a step, its computing time in us, and whether it came too late."""
+        """The command of a step, its computing time in us, and whether it was too late."""
         sample, must_hold = self._watch.look(now_us)
         if must_hold:
             return _repeat(last, "markers lost"), 0.0, False
@@ -314,7 +314,7 @@ class _PathRun:
         return Observation(step, time_us, sample.tip_mm, age_us, q_rad, sample.middle_mm)
 
     def _feed(self, command: Command) -> None:
-        """Send the last command again, with what is left of its ramp."""
+        """Resend the last command, with the remainder of its ramp."""
         gone_s = (self._rig.clock.now_us() - self._sent_us) * 1e-6
         self._put(command, max(0.0, command.ramp_s - gone_s))
 
@@ -326,7 +326,7 @@ class _PathRun:
     def _judge(
         self, step: int, now_us: int, end_us: int, command: Command, solve_us: float, late: bool
     ) -> None:
-        """At the end of its period; a host that comes later by another one has not seen it."""
+        """Record a step at the end of its period; a host late by another period has not seen it."""
         sample = self._watch.fresh_sample(now_us)
         if now_us < end_us + self._period_us:
             true_mm = self._rig.true_tip_mm()

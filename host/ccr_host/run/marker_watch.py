@@ -1,4 +1,4 @@
-"""What it means for a run that there is no fresh sample of the markers."""
+"""Handles the lack of fresh samples of the markers during a run."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ccr_host.tracking.tracker import Sample
 _FIRST_SAMPLE_TIMEOUT_US = 5_000_000
 _SAMPLE_POLL_US = 10_000
 _LOOK_PERIOD_US = 100_000
-"""Looks may be this far apart even where the control period is shorter."""
+"""Interval between looks that is tolerated even if the control period is shorter."""
 
 
 class MarkerWatch:
-    """Decides what a missing sample means: coast on the model, hold the pose, give up.
+    """Decides what follows a missing sample: coast on the model, hold the pose, give up.
 
-    Only the time counts in which somebody looked: to a host that was stopped itself the markers
+    Only time in which the host was looking counts: while the host itself was stopped, the markers
     were not lost.
     """
 
@@ -38,7 +38,7 @@ class MarkerWatch:
         self._fresh_us = -1
 
     def wait_for_markers(self) -> None:
-        """Return once there are markers that can be the robot's.
+        """Wait for markers that can be the robot's.
 
         Raises:
             TrackerError: there are none in time.
@@ -51,17 +51,19 @@ class MarkerWatch:
         raise self._lost(_FIRST_SAMPLE_TIMEOUT_US)
 
     def start(self) -> None:
-        """The robot moves; count from now on how long the markers are lost."""
+        """Note that the robot moves, and count lost markers from now on."""
         if self._check is not None:
             self._check.robot_moves()
         self._last_seen_us = self._looked_us = self._rig.clock.now_us()
         self._fresh_us = -1
 
     def fresh_sample(self, now_us: int) -> Sample | None:
-        """Newest measurement, None if it is stale or cannot be the robot's; looks once an instant.
+        """Newest measurement; None if it is stale or cannot be the robot's.
+
+        Looks once per instant of the clock.
 
         Raises:
-            TrackerError: the markers are exchanged, or those of another robot.
+            TrackerError: the markers are swapped, or belong to another robot.
         """
         if now_us == self._fresh_us:
             return self._fresh

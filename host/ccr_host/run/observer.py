@@ -1,7 +1,7 @@
-"""What can be seen of a run while it happens: the log, the live page and whoever else looks on.
+"""The events of a run while it happens, for the log, the live page and other subscribers.
 
-Nothing in it comes from the wall clock but ``StepRecord.solve_us``, so that in virtual time equal
-seeds give equal logs.
+Only ``StepRecord.solve_us`` comes from the wall clock, so in virtual time equal seeds give equal
+logs.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class StepRecord:
-    """One control period, judged at its end: the command of step i aims at f_i.
+    """A control period, evaluated at its end: the command of step i aims at f_i.
 
-    ``measured_mm`` and ``true_mm`` are f = M3 - M1 (3,) at the end of the period; None where the
-    tracker has lost the markers, or where nobody knows the truth (hardware).
+    ``measured_mm`` and ``true_mm`` are f = M3 - M1 (3,) at the end of the period; None if the
+    tracker has lost the markers, or if the truth is unknown (hardware).
     """
 
     step: int
     end_us: int
-    """Of the period, on the run's clock."""
+    """End of the period, on the run's clock."""
     time_s: float
-    """Of the step, on the path's clock."""
+    """Time of the step, on the path's clock."""
     target_mm: Vector
     q_rad: Vector
     outcome: Outcome
@@ -52,12 +52,12 @@ class StepRecord:
 
 
 def measured_errors_mm(records: Sequence[StepRecord]) -> Vector:
-    """f_m - f, (N, 3); NaN rows where nothing was measured."""
+    """f_m - f, (N, 3), with NaN rows for steps without a measurement."""
     return _errors(records, [record.measured_mm for record in records])
 
 
 def true_errors_mm(records: Sequence[StepRecord]) -> Vector | None:
-    """True tip minus desired one, (N, 3); NaN rows of skipped steps, None without a twin."""
+    """True minus desired tip, (N, 3), with NaN rows for skipped steps; None without a twin."""
     positions = [record.true_mm for record in records]
     is_real = bool(positions) and all(position is None for position in positions)
     return None if is_real else _errors(records, positions)
@@ -74,7 +74,7 @@ def _errors(records: Sequence[StepRecord], positions: Sequence[Vector | None]) -
 
 @dataclass(frozen=True)
 class RunSetup:
-    """All that is settled before a run begins."""
+    """What is fixed before a run begins."""
 
     options: RunOptions
     description: Description
@@ -82,40 +82,40 @@ class RunSetup:
 
 
 class RunObserver:
-    """Looks on in the control loop's own thread: returns at once and never raises.
+    """Base class of observers, which override the events they need.
 
-    To be inherited from: whoever looks on overrides what it wants to see.
+    They are called in the control loop's thread: each method must return at once and never raise.
     """
 
     def begin(self, setup: RunSetup) -> None:
-        """Before anything else."""
+        """Called first."""
 
     def frame(self, direction: str, time_us: int, data: bytes) -> None:
-        """Bytes of one frame on the link, as sent (``sent``) or received (``received``)."""
+        """The bytes of a frame on the link; the direction is ``sent`` or ``received``."""
 
     def state(self, time_us: int, report: StateReport) -> None:
         """A report of the board's state."""
 
     def marker_frame(self, time_us: int, frame: MarkerFrame) -> None:
-        """What a camera has delivered, before its markers are labelled."""
+        """A frame of the camera, before its markers are labelled."""
 
     def tracker_sample(self, time_us: int, sample: Sample) -> None:
-        """A sample that has arrived, whether or not the control loop will use it."""
+        """A sample that has arrived, whether or not the control loop uses it."""
 
     def control(self, time_us: int, observation: Observation | None, command: Command) -> None:
-        """What the controller was told and what it answered; no observation at its start."""
+        """The controller's observation, None at its start, and its command."""
 
     def step(self, record: StepRecord) -> None:
-        """The end of one control period."""
+        """A control period has ended."""
 
     def event(self, time_us: int, text: str) -> None:
-        """Something worth knowing afterwards: faults, interruptions, what the board does alone."""
+        """A remark for the log: a fault, an interruption, an action of the board."""
 
     def phase(self, time_us: int, phase: Phase) -> None:
-        """What the run is doing from now on, or how much of that is done."""
+        """What the run does from now on, or the progress of it."""
 
     def inputs(self, piece: TapePiece) -> None:
-        """The next piece of all that has come to the host from outside."""
+        """The next piece of the tape of all inputs of the host."""
 
 
 class Observers(RunObserver):

@@ -51,17 +51,17 @@ def is_simulated(options: RigOptions) -> bool:
     """Whether a rig needs nothing outside this process and no real time.
 
     Raises:
-        ConfigError: the device or tracker URI is not one.
+        ConfigError: the device or tracker URI is invalid.
     """
     device, tracker = parse_device_uri(options.device), parse_tracker_uri(options.tracker)
     return device.in_process and tracker.in_process and not options.realtime
 
 
 def sees_simulated_robot(options: RigOptions) -> bool:
-    """Whether the board is outside of this program but the robot that is seen is simulated in it.
+    """Whether the board is outside this program, but the robot that is seen is simulated in it.
 
     Raises:
-        ConfigError: the device or tracker URI is not one.
+        ConfigError: the device or tracker URI is invalid.
     """
     return (
         parse_device_uri(options.device).is_outside
@@ -70,10 +70,10 @@ def sees_simulated_robot(options: RigOptions) -> bool:
 
 
 def mismatch_of(options: RigOptions) -> str:
-    """What is odd about a board and a tracker of which one is simulated; empty if nothing is.
+    """The mismatch of a board and a tracker of which only one is simulated; empty if there is none.
 
     Raises:
-        ConfigError: the device or tracker URI is not one.
+        ConfigError: the device or tracker URI is invalid.
     """
     device, tracker = parse_device_uri(options.device), parse_tracker_uri(options.tracker)
     if sees_simulated_robot(options):
@@ -93,16 +93,16 @@ def open_rig(
     *,
     in_camera_frame: bool = False,
 ) -> Iterator[Rig]:
-    """Connect, configure the board, and make the robot safe on the way out, whatever happens.
+    """Connect and configure the board; make the robot safe on leaving, whatever happens.
 
     Args:
         options: device, tracker, seed and realtime count.
         description: of the robot.
-        observer: sees all that passes.
-        in_camera_frame: samples stay in the camera's own frame, whatever was registered.
+        observer: called with all events.
+        in_camera_frame: samples stay in the camera's frame even if it is registered.
 
     Raises:
-        ConfigError: unknown URI, or a description that board or tracker cannot take.
+        ConfigError: unknown URI, or a description that board or tracker cannot use.
         DeviceError: no board, not one of ours, or another one than described.
         TrackerError: no camera, or one that does not begin to track.
     """
@@ -144,7 +144,7 @@ def open_rig(
 
 
 def meet_board(client: Client, description: Description, device: DeviceUri) -> None:
-    """Connect, see that it is the board that is meant, and configure it; a simulated one is.
+    """Connect to the board, check its name unless it is simulated, and configure it.
 
     Raises:
         ConfigError: a description that the board cannot take.
@@ -160,7 +160,7 @@ def meet_board(client: Client, description: Description, device: DeviceUri) -> N
 def open_board(
     device: DeviceUri, description: Description, seed: int
 ) -> Iterator[tuple[Client, Clock]]:
-    """A board alone, connected but not configured, and the clock that it goes by.
+    """A board alone, connected but not configured, and its clock.
 
     Raises:
         DeviceError: no board, or not one of ours.
@@ -178,7 +178,7 @@ def open_board(
 def connect_board(
     device: DeviceUri, scene: TwinScene | None, clock: Clock, baud: int, stack: ExitStack
 ) -> Transport:
-    """The way to the board; what of board and robot is simulated here moves with the clock.
+    """Connect to the board; its simulated parts, and the scene, are attached to the clock.
 
     Raises:
         DeviceError: there is no such port.
@@ -197,7 +197,7 @@ def connect_board(
 
 
 def believed_rad(client: Client) -> NDArray[np.float64]:
-    """(2,): motor angles as they are believed now; zeros before arming."""
+    """Motor angles last accepted by the board, (2,); zeros before arming."""
     try:
         return client.accepted_rad
     except DeviceError:  # not armed yet
@@ -205,7 +205,7 @@ def believed_rad(client: Client) -> NDArray[np.float64]:
 
 
 def session_number(device: DeviceUri, seed: np.random.SeedSequence) -> int:
-    """Of the seed, but another one each time where others may be on the same board."""
+    """Session number from the seed, but random on a board that other hosts may use."""
     return drawn_session(np.random.default_rng(seed if device.in_process else None))
 
 

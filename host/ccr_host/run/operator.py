@@ -1,4 +1,4 @@
-"""Somebody beside a run who may stop or pause it: the buttons of the live page."""
+"""An operator who can stop or pause a run, with the buttons of the live page."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from ccr_host.link.messages import TICK_US
 from ccr_host.run.observer import RunObserver
 
 _UNTIL_SHOWN_US = 3 * TICK_US
-"""After so long the board's reports show that the pulses are gone, and so does the log."""
+"""Time until reports, and so the log, show that the pulses have ended."""
 
 
 class Operator(Protocol):
-    """Asked in the control loop's own thread, every millisecond: answers at once."""
+    """Asked every millisecond in the control loop's thread; must answer at once."""
 
     @property
     def wants_stop(self) -> bool:
-        """Whether the robot must stop now; once true, true for good."""
+        """Whether the robot must stop now; once true, it stays true."""
         ...
 
     @property
     def wants_pause(self) -> bool:
-        """Whether the path has to wait.
+        """Whether the path must wait.
 
         Raises:
-            CcrError: nobody is there any more who could end the pause.
+            CcrError: the operator who could end the pause is gone.
         """
         ...
 
     def news(self) -> str:
-        """What has become of the operator's page since last asked, one thing; empty: nothing."""
+        """One change of the operator's page since the last call; empty if there is none."""
         ...
 
 
 class NoOperator:
-    """Nobody is there."""
+    """No operator."""
 
     wants_stop = False
     wants_pause = False
@@ -58,13 +58,13 @@ class OperatorStop(KeyboardInterrupt):
 def stopping_at_once(
     operator: Operator, clock: Clock, client: Client, observer: RunObserver
 ) -> Iterator[None]:
-    """Obey the operator's stop wherever the run waits: the protocol's emergency stop.
+    """Execute the operator's stop, an emergency stop, wherever the run waits.
 
-    The operator's news are events of the run.
+    The operator's news becomes events of the run.
 
     Raises:
         OperatorStop: after the board has acknowledged.
-        DeviceError: it does not.
+        DeviceError: the board does not acknowledge.
     """
     if not isinstance(operator, NoOperator):
         clock.attach(_StopKey(operator, observer))
@@ -77,7 +77,7 @@ def stopping_at_once(
 
 
 class _StopKey:
-    """Ends whatever waits on the clock, once: the emergency stop itself has to wait as well."""
+    """Ends a wait on the clock, but only once, as the emergency stop itself must also wait."""
 
     def __init__(self, operator: Operator, observer: RunObserver) -> None:
         self._operator = operator

@@ -1,4 +1,4 @@
-"""What a rig, and a run on it, can be told."""
+"""The options of a rig, and of a run on it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ccr_host.sim.robot.plant import TWIN
 
 @dataclass(frozen=True, kw_only=True)
 class RigOptions:
-    """Which robot, board and tracker; small and picklable, so that other processes can have it.
+    """Which robot, board and tracker; small and picklable, for use in other processes.
 
     Raises:
         ConfigError: a seed below 0.
@@ -24,7 +24,7 @@ class RigOptions:
     device: str = "emulator:"
     tracker: str = "twin:"
     plant: str = TWIN
-    """The simulated robot, where the tracker sees one."""
+    """The simulated robot, if the tracker sees one."""
     seed: int = 1
     realtime: bool = False
 
@@ -42,12 +42,12 @@ class RigOptions:
 
 
 Checks = Literal["none", "markers", "motion"]
-"""Nothing, whether the markers can be the robot's, or also whether it moves as described."""
+"""Check nothing, that the markers fit, or also that the robot moves as described."""
 
 
 @dataclass(frozen=True)
 class RunOptions(RigOptions):
-    """One run, fully determined.
+    """The complete options of a run.
 
     Raises:
         ConfigError: a seed below 0, or no lap.
@@ -58,7 +58,7 @@ class RunOptions(RigOptions):
     rate_hz: float = 1.0
     laps: int = 1
     checks: Checks = "markers"
-    """Before the path and along it."""
+    """What is checked before the path and along it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -67,7 +67,7 @@ class RunOptions(RigOptions):
 
     @property
     def effective_checks(self) -> Checks:
-        """Those that make sense: recorded markers answer to no command."""
+        """The checks that are possible: recorded markers do not respond to commands."""
         recorded = self.checks == "motion" and self.tracker.startswith("replay:")
         return "markers" if recorded else self.checks
 

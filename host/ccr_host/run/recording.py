@@ -1,6 +1,6 @@
-"""Clock, port, tracker and operator of a run as the host sees them; what comes in is put on a tape.
+"""Clock, port, tracker and operator of a run, wrapped to record all inputs of the host on a tape.
 
-See `tape` for what an instant is.
+`tape` defines an instant.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ T = TypeVar("T")
 
 
 class HostClock:
-    """The run's clock in the hands of the host; the rest of the world uses the clock itself.
+    """The run's clock as the host sees it; the simulated world uses the clock itself.
 
-    Time goes on from instant to instant: when a wait or a computation is over, and when the clock
-    lets the host's parts take in what has arrived.
+    Time advances from instant to instant: at the end of a wait or a computation, and when the clock
+    lets the host's parts process what has arrived.
     """
 
     def __init__(self, clock: Clock, tape: Tape) -> None:
@@ -35,7 +35,7 @@ class HostClock:
         self._is_attached = False
         self.realtime = clock.realtime
         self.instant = 0
-        """Counts them."""
+        """Number of instants so far."""
 
     def now_us(self) -> int:
         return self._now_us
@@ -74,7 +74,7 @@ class HostClock:
             self.wake()
 
     def advance_to(self, time_us: int) -> None:
-        """Give the host's parts their turn, on behalf of the clock."""
+        """Give the host's parts their turn; called by the clock."""
         self._now_us = time_us
         self.instant += 1
         self._tape.begin_turn(time_us)
@@ -87,12 +87,12 @@ class HostClock:
 
     @property
     def next_turn_us(self) -> int:
-        """When one of the host's parts needs a turn; those before it would leave nothing."""
+        """When a part of the host next needs a turn; earlier turns would have no effect."""
         return self._parts.next_turn_us
 
     @contextmanager
     def recorded_end(self) -> Iterator[None]:
-        """Note what ends the run early, in its place on the tape."""
+        """Record an error that ends the run early at its place on the tape."""
         try:
             yield
         except BaseException as error:
@@ -106,7 +106,7 @@ class HostClock:
 
 
 class RecordedTransport:
-    """The way to the board; gives what has arrived once in an instant."""
+    """The connection to the board; returns what has arrived once per instant."""
 
     def __init__(self, transport: Transport, clock: HostClock, tape: Tape) -> None:
         self.name = transport.name
@@ -137,7 +137,7 @@ class RecordedTransport:
 
 
 def recorded_frames(then: FrameObserver, tape: Tape) -> FrameObserver:
-    """Note each frame, and pass it on."""
+    """Record each frame, then pass it on."""
 
     def note(direction: str, time_us: int, data: bytes) -> None:
         tape.note(Token.FRAME if direction == "received" else Token.SENT)
@@ -159,9 +159,9 @@ class _ForeseesArrivals(Protocol):
 
 
 class RecordedTracker:
-    """The tracker in the hands of the host; attach it to the run's clock behind the tracker.
+    """The tracker as the host sees it; attach it to the run's clock after the tracker.
 
-    The observer is shown every sample and every frame of markers, used or not.
+    The observer receives every sample and every frame of markers, used or not.
     """
 
     def __init__(self, tracker: Tracker, tape: Tape, observer: RunObserver) -> None:
@@ -175,7 +175,7 @@ class RecordedTracker:
         self._newest: Sample | None = None
 
     def advance_to(self, time_us: int) -> None:
-        """Look for what is new."""
+        """Look for a new frame and a new sample."""
         if self._frames is not None:
             frame = self._frames.frame
             if frame is not None and frame is not self._frame:
@@ -190,7 +190,7 @@ class RecordedTracker:
 
     @property
     def next_turn_us(self) -> int:
-        """When there may be something new; 0, which has passed, where the tracker cannot tell."""
+        """Time of the next possible arrival; 0, which is past, if the tracker cannot tell."""
         return 0 if self._arrivals is None else self._arrivals.next_arrival_us
 
     def newest(self) -> Sample | None:
@@ -201,7 +201,7 @@ class RecordedTracker:
 
 
 class RecordedOperator:
-    """The operator in the hands of the control loop."""
+    """The operator as the control loop sees it."""
 
     def __init__(self, operator: Operator, tape: Tape) -> None:
         self._operator = operator

@@ -1,4 +1,4 @@
-"""Poses at rest, one after the other: what registration and calibration are fitted to."""
+"""A sequence of poses at rest, to which registration and calibration are fitted."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ccr_host.tracking.tracker import Sample
 
 Array = NDArray[np.float64]
 OnPose = Callable[[int, int], None]
-"""Number of poses done, and of all."""
+"""Called with the number of poses done and the total."""
 
 _SPEED_RAD_S = math.radians(25.0)
 """Average speed of the motors between poses; 120 mm/s at the tip, which excites little ringing."""
@@ -25,15 +25,15 @@ _VALIDITY_MS = 500
 _SETTLE_US = 1_500_000
 _AVERAGE_US = 1_500_000
 _MIN_SAMPLES = 8
-"""In one pose; with fewer it is left out."""
+"""A pose with fewer samples is left out."""
 _OUTLIER_MM = 3.0
 _REST_MM = 0.5
-"""Both halves of the samples agree so well if the robot is at rest."""
+"""The means of both halves of the samples agree to this if the robot is at rest."""
 _ATTEMPTS_TO_REST = 4
 
 
 def visit(rig: Rig, check: MarkerCheck, stops_rad: Array, on_pose: OnPose) -> Rests:
-    """Arm, measure at each stop, (K, 2), go back to where arming has led the robot, disarm.
+    """Arm, measure at each stop, (K, 2), return to the pose reached by arming, disarm.
 
     Stops at which a marker was not seen are left out; vectors are in the tracker's frame.
 
@@ -41,7 +41,7 @@ def visit(rig: Rig, check: MarkerCheck, stops_rad: Array, on_pose: OnPose) -> Re
 
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
-        TrackerError: the markers are not those of the robot, or exchanged.
+        TrackerError: the markers are not those of the robot, or swapped.
         RegistrationError: the robot does not come to rest.
     """
     rig.client.arm()
@@ -69,7 +69,7 @@ def visit(rig: Rig, check: MarkerCheck, stops_rad: Array, on_pose: OnPose) -> Re
 
 
 def move_to(rig: Rig, start_rad: Array, target_rad: Array) -> Array:
-    """Lead an armed robot smoothly from one pose to another, (2,) each; the last command sent.
+    """Lead an armed robot smoothly from one pose to another, (2,) each; return the last command.
 
     Raises:
         DeviceError: the board was lost or latched a fault.
@@ -99,7 +99,7 @@ def command(rig: Rig, q_rad: Array) -> None:
 class _RestMotion:
     """Moves an armed robot slowly and averages its markers at rest.
 
-    Keeps the board's watchdog fed, and listens to the tracker meanwhile.
+    Meanwhile, it keeps the board's watchdog fed and listens to the tracker.
     """
 
     def __init__(self, rig: Rig, check: MarkerCheck, q_rad: Array) -> None:
@@ -116,7 +116,7 @@ class _RestMotion:
         self._q_rad = move_to(self._rig, self._q_rad, target_rad)
 
     def measure_at_rest(self) -> Array | None:
-        """Wait for rest; the markers in all exposures, (n, 3, 3), None if they are not seen.
+        """Wait for rest; return the markers of all exposures, (n, 3, 3), None if they are not seen.
 
         Raises:
             RegistrationError: the robot does not come to rest.
@@ -135,7 +135,7 @@ class _RestMotion:
         )
 
     def _listen(self, duration_us: int) -> list[Sample]:
-        """Hold the pose for a while; return what was exposed meanwhile."""
+        """Hold the pose for a while; return the samples exposed meanwhile."""
         clock, tracker = self._rig.clock, self._rig.tracker
         start_us = clock.now_us()
         samples: dict[int, Sample] = {}
@@ -150,12 +150,12 @@ class _RestMotion:
 
 
 def _is_complete(sample: Sample) -> bool:
-    """Markers that are lost are NaN."""
+    """Whether no marker is lost, which would be NaN."""
     return bool(np.all(np.isfinite(sample.markers_mm)))
 
 
 def _without_outliers(markers_mm: Array) -> Array:
-    """Exposures whose markers are all near the median, (n, 3, 3)."""
+    """The exposures whose markers are all near the median, (n, 3, 3)."""
     distances = np.linalg.norm(markers_mm - np.median(markers_mm, axis=0), axis=2)
     kept: Array = markers_mm[np.all(distances < _OUTLIER_MM, axis=1)]
     return kept if len(kept) >= _MIN_SAMPLES else markers_mm

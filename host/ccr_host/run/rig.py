@@ -1,4 +1,4 @@
-"""What a control loop works with, wherever it comes from: hardware, the twin, a recording."""
+"""What a control loop works with, on hardware, the twin or a recording."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Rig:
-    """A connected board and a tracker, and the clock that both go by."""
+    """A connected board and a tracker, and the clock of both."""
 
     clock: Clock
     client: Client
     tracker: Tracker
     tape: Tape
-    """Records what comes to the host through this rig."""
+    """Records the inputs of the host through this rig."""
     start_path_clock: Callable[[int], None] = lambda _: None
-    """Told the time, in us, from which on the description's timed disturbances count."""
+    """Sets the time in us from which the description's timed disturbances count."""
     true_tip_mm: Callable[[], NDArray[np.float64] | None] = lambda: None
-    """True f, (3,), for the metrics only; None where the robot is real, or recorded."""
+    """True f, (3,), for the metrics only; None if the robot is real or recorded."""

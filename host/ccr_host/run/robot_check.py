@@ -1,4 +1,4 @@
-"""Whether the robot is the one that is described: before its path, and along it."""
+"""Checks that the robot is the described one, before its path and along it."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.options import RunOptions
 
 _REACH_RAD = np.radians(20.0)
-"""Travel of each motor: past slack and a zero that is off, and half of what paths need."""
+"""Travel of each motor: beyond slack and a wrong zero, and half of what paths need."""
 _STOPS = ((0.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
 """Motor 1 last: falling through its slack sets the robot swinging."""
 _REST_S = 0.8
 _ZERO_FREEDOM = 3.0
-"""Zeros are looked for further away than they are believed to be: there are few rests."""
+"""Factor by which zeros may be further off than assumed, as there are few rests."""
 _FEWEST_RESTS = 4
-"""Where markers were hidden from more of them nothing can be said."""
+"""With fewer rests, because markers were hidden, nothing can be said."""
 _LOOK_PERIOD_US = 250_000
 _UNEXPLAINED_MM = 25.0
-"""Between tip and model: twice what loads, friction and a model that saw few rests leave."""
+"""Distance of tip and model: twice what loads, friction and a fit to few rests leave."""
 _FOR_US = 3_000_000
 _KEPT = 12
-"""Looks that tell the cause."""
+"""Number of looks from which the cause is determined."""
 
 
 class ProbeLaw(Law):
-    """A few small moves that show whether the robot is the one that is described."""
+    """A few small moves that show whether the robot is the described one."""
 
     name = "checking that the robot moves as described"
     feedback_s = 0.0
@@ -59,11 +59,11 @@ class ProbeLaw(Law):
 
     @property
     def rests(self) -> Rests:
-        """Where the robot was seen at rest."""
+        """The rests at which the robot was seen."""
         return self._survey.rests()
 
     def stages(self) -> Iterator[Stage]:
-        """The moves, then the fit, in which the robot stays where it is."""
+        """The moves, then the fit, during which the robot stays where it is."""
         here_rad = self._survey.start_rad = self.history.at(math.inf)
         stops_rad = self._limits.clip(here_rad + _REACH_RAD * np.array(_STOPS))
         yield Stage(self.name, smooth_moves(here_rad, stops_rad, _REST_S))
@@ -78,11 +78,11 @@ class ProbeLaw(Law):
 
 
 class RobotCheck:
-    """Judges the rests before the path, and the robot's answers along it.
+    """Judges the rests before the path, and the robot's response along it.
 
     Args:
         description: of the robot.
-        controller: one that begins with a tour of rests makes a probe unnecessary.
+        controller: no probe is needed if it begins with a tour of rests.
         reference: the path.
     """
 
@@ -94,7 +94,7 @@ class RobotCheck:
         self._adaptive = law if isinstance(law, AdaptiveLaw) else None
         self._probe: ProbeLaw | None = None
         self.probe: Shell | None = None
-        """Makes the moves in its approach."""
+        """Makes the probing moves in its approach; None if no probe is needed."""
         if self._adaptive is None or self._adaptive.is_identified:
             self._probe = ProbeLaw(description)
             self.probe = Shell(description, self._probe)
@@ -108,22 +108,22 @@ class RobotCheck:
 
     @property
     def told(self) -> str:
-        """What the rests before the path have shown, for the log."""
+        """The result of the rests before the path, for the log."""
         return self._told
 
     def judge_probe(self) -> Rests | None:
-        """Rests of the probe that the description does not explain, None if it does."""
+        """The rests of the probe if the description does not explain them, else None."""
         return None if self._probe is None else self._judge(self._probe.rests, self._probe.fit)
 
     def judge_approach(self) -> Rests | None:
-        """The same of those that the controller has fitted its model to, if it has."""
+        """The rests of the controller's own fit, if any, that the description does not explain."""
         adaptive = self._adaptive
         return None if adaptive is None else self._judge(adaptive.rests, adaptive.fit)
 
     def judge_step(
         self, time_us: int, q_rad: FloatArray, middle_mm: FloatArray, seen_mm: FloatArray
     ) -> Rests | None:
-        """The same of what was seen along the path, once it has been odd for some seconds."""
+        """The poses along the path, once they have been unexplained for some seconds, else None."""
         if self._model is None or time_us - self._looked_us < _LOOK_PERIOD_US:
             return None
         p, self._looked_us = self._model, time_us
@@ -144,7 +144,7 @@ class RobotCheck:
         return Rests.of_vectors(setpoints_rad[0], setpoints_rad, markers, count)
 
     def cause_of(self, odd: Rests) -> MisfitError:
-        """What is most likely wrong; takes seconds, for a robot that has been made safe."""
+        """Find what is most likely wrong; takes seconds, so make the robot safe first."""
         return misfit(odd, self._description)
 
     def _judge(self, rests: Rests, fit: StaticsFit | None) -> Rests | None:
@@ -161,6 +161,6 @@ class RobotCheck:
 def motion_check(
     options: RunOptions, controller: Controller, description: Description, reference: Reference
 ) -> RobotCheck | None:
-    """The check of a run that asks for one."""
+    """The check of the motion, None if the run does not ask for it."""
     wanted = options.effective_checks == "motion"
     return RobotCheck(description, controller, reference) if wanted else None

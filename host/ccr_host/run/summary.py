@@ -1,4 +1,4 @@
-"""The JSON summary of a run; others script against its keys (see docs/command-line.md)."""
+"""The JSON summary of a run; scripts of users rely on its keys (see docs/command-line.md)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LATERAL = [PATH_AXES["y"], PATH_AXES["z"]]
 
 @dataclass(frozen=True)
 class ErrorFigures:
-    """Of the error norm |f - f_desired| over the steps where the position was known."""
+    """Statistics of the error norm |f - f_desired| over the steps with a known position."""
 
     mean_mm: float
     rmse_mm: float
@@ -31,7 +31,7 @@ class ErrorFigures:
 
     @classmethod
     def of(cls, errors_mm: NDArray[np.float64]) -> ErrorFigures | None:
-        """Figures of error vectors (N, 3), rows with NaN left out; None if no row is left."""
+        """Statistics of error vectors (N, 3) without rows with NaN; None if no row is left."""
         known = errors_mm[np.isfinite(errors_mm).all(axis=1)]
         if not len(known):
             return None
@@ -45,7 +45,7 @@ class ErrorFigures:
         )
 
     def as_summary(self, prefix: str = "") -> dict[str, float]:
-        """Keys of the JSON summary."""
+        """The values by their keys in the JSON summary."""
         return {
             f"{prefix}mean_error_mm": self.mean_mm,
             f"{prefix}rmse_mm": self.rmse_mm,
@@ -56,7 +56,7 @@ class ErrorFigures:
 
 
 def quantiles_us(durations_us: NDArray[np.float64]) -> dict[str, float | None]:
-    """Median, 99th percentile and maximum; None where nothing was timed."""
+    """Median, 99th percentile and maximum; all None if nothing was timed."""
     if not len(durations_us):
         return {"median": None, "p99": None, "max": None}
     return {
@@ -67,7 +67,7 @@ def quantiles_us(durations_us: NDArray[np.float64]) -> dict[str, float | None]:
 
 
 TIMING_KEYS = ("solve_us", "wall_s")
-"""What measures this machine; everything else repeats with the seed in virtual time."""
+"""Keys that depend on the machine; all others repeat with the seed in virtual time."""
 
 _ERROR_KEYS = tuple(ErrorFigures(0, 0, 0, 0, 0).as_summary())
 _TRUE_ERROR_KEYS = tuple(ErrorFigures(0, 0, 0, 0, 0).as_summary("true_"))
@@ -75,7 +75,7 @@ _TRUE_ERROR_KEYS = tuple(ErrorFigures(0, 0, 0, 0, 0).as_summary("true_"))
 
 @dataclass(frozen=True)
 class RunResult:
-    """A run that has ended, well or not."""
+    """A run that has ended, successfully or not."""
 
     options: RunOptions
     reference: Reference
@@ -83,12 +83,12 @@ class RunResult:
     link: LinkStatistics | None
     """None if the board was never reached."""
     failure: Exception | KeyboardInterrupt | None
-    """What ended the run early."""
+    """The error that ended the run early; None if it was completed."""
     wall_s: float
     started: bool = True
     """Whether the robot was armed."""
     log_trouble: str = ""
-    """What is missing in the log and why; empty if nothing is."""
+    """What is missing from the log, and why; empty if nothing is."""
 
 
 def summarise(
@@ -96,7 +96,7 @@ def summarise(
     open_loop: RunResult | None = None,
     twin_floor_mm: float | None = None,
 ) -> dict[str, Any]:
-    """One flat object for a run, with the open loop's error figures where it was run too."""
+    """Summarise a run, with the error figures of the open loop if that was run too."""
     reference, records = result.reference, result.records
     solved_us = [record.solve_us for record in records if record.solve_us > 0]
     return {
@@ -132,13 +132,13 @@ def summarise(
 def _lap_figures(
     records: Sequence[StepRecord], reference: Reference
 ) -> list[dict[str, float | None]]:
-    """Of each lap that was begun."""
+    """The error figures of each lap that was begun."""
     starts = range(0, len(records), reference.lap_steps)
     return [_error_figures(records[start : start + reference.lap_steps]) for start in starts]
 
 
 def ratio_to_twin_floor(summary: Mapping[str, Any]) -> float | None:
-    """Mean error of the true position over the least that the twin allows; None without a twin."""
+    """Mean true error divided by the least that the twin allows; None without a twin."""
     error_mm, floor_mm = summary.get("true_mean_error_mm"), summary["twin_floor_mean_error_mm"]
     return error_mm / floor_mm if error_mm is not None and floor_mm else None
 

@@ -1,9 +1,9 @@
-"""The tape: what the host was told from outside, in the order in which it was told.
+"""The tape: all inputs of the host, in the order in which it received them.
 
-The host (control loop, controller, link client) is a deterministic program. It sees the world at
-instants only, between which time stands still and nothing comes in: one begins when a wait is over,
-and when the clock lets the client take in what has arrived. A token stands for each instant and for
-each thing that is taken in or given out during it. Frames and samples themselves are elsewhere in
+The host (control loop, controller, link client) is a deterministic program. It sees the world
+only at instants, between which its time does not advance and nothing arrives: one begins at the end
+of a wait, and when the clock lets the client process what has arrived. There is a token for each
+instant and for each input or output during it. The frames and samples themselves are elsewhere in
 the log.
 """
 
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from ccr_host.core.errors import CcrError, DeviceError
 
 _PIECE_US = 100_000
-"""So much less than a second that a log cut short ends with the tape, too."""
+"""Much less than a second, so that the tape of a truncated log ends with it."""
 _PIECE_TOKENS = 4096
 
 
@@ -25,13 +25,13 @@ class Token(enum.StrEnum):
     """One letter each; those marked with a time carry one, in us on the run's clock."""
 
     TURN = "t"
-    """The clock let the client take in what had arrived, and something had; the time it told."""
+    """The clock let the client process what had arrived, if anything had; its time."""
     WOKE = "w"
-    """A wait or a computation was over; the time."""
+    """A wait or a computation ended; the time."""
     FRAME = "f"
-    """The next frame from the board was taken."""
+    """The next frame from the board was received."""
     SENT = "o"
-    """The next frame to the board was given out."""
+    """The next frame to the board was sent."""
     SAMPLE = "s"
     """A new sample of the tracker arrived; its exposure time."""
     PAUSE = "h"
@@ -52,7 +52,7 @@ TOKENS_WITH_ERROR = frozenset({Token.PORT_LOST, Token.RAISED})
 
 @dataclass(frozen=True)
 class TapeError:
-    """What a token that stands for an error tells of it."""
+    """The error that a token stands for."""
 
     kind: str
     cause: str
@@ -60,7 +60,7 @@ class TapeError:
 
     @staticmethod
     def of(error: BaseException) -> TapeError:
-        """Of what was raised."""
+        """Convert an exception."""
         if isinstance(error, CcrError):
             return TapeError(type(error).__name__, error.cause, error.cure)
         return TapeError(type(error).__name__, str(error), "")
@@ -68,21 +68,21 @@ class TapeError:
 
 @dataclass(frozen=True)
 class TapePiece:
-    """A stretch of the tape that can be read by itself."""
+    """A section of the tape that can be read on its own."""
 
     start_us: int
     """The last time on the tape before it."""
     tokens: str
     times_us: list[int]
-    """One for each token that carries a time."""
+    """One time for each token that carries one."""
     errors: list[TapeError]
-    """One for each token that stands for an error."""
+    """One error for each token that stands for one."""
 
     def checked(self) -> TapePiece:
-        """The piece itself.
+        """Validate the piece and return it.
 
         Raises:
-            ValueError: a letter that is no token, or not as many times or errors as tokens need.
+            ValueError: a letter is not a token, or the number of times or errors does not match.
         """
         tokens = [Token(letter) for letter in self.tokens]
         times = sum(token in TOKENS_WITH_TIME for token in tokens)
@@ -99,7 +99,7 @@ class Tape:
     """Collects tokens and passes them on in pieces.
 
     Args:
-        take: gets each piece once it is full or ``_PIECE_US`` long.
+        take: called with each piece when it is full or ``_PIECE_US`` long.
     """
 
     def __init__(self, take: TapeReader) -> None:
@@ -121,7 +121,7 @@ class Tape:
             self.pass_on()
 
     def note(self, token: Token) -> None:
-        """Note a token that carries nothing."""
+        """Note a token without a time."""
         if self._turn_us is not None:
             self.note_turn()
         self._tokens.append(token)
@@ -132,26 +132,26 @@ class Tape:
         self._errors.append(TapeError.of(error))
 
     def end(self, time_us: int, error: BaseException) -> None:
-        """Note what has ended the run."""
+        """Note the error that has ended the run."""
         self.note_turn()
         self._errors.append(TapeError.of(error))
         self.at(Token.RAISED, time_us)
 
     def begin_turn(self, time_us: int) -> None:
-        """A turn begins, which is noted before whatever happens in it.
+        """Begin a turn; it is noted only if something happens in it.
 
-        Turns in which nothing happens, a thousand a second, change nothing in the host.
+        Turns in which nothing happens, a thousand per second, change nothing in the host.
         """
         self._turn_us = time_us
 
     def note_turn(self) -> None:
-        """Something has happened in this turn, if there is one."""
+        """Note the present turn, if there is one, as something has happened in it."""
         if self._turn_us is not None:
             time_us, self._turn_us = self._turn_us, None
             self.at(Token.TURN, time_us)
 
     def end_turn(self) -> None:
-        """The turn is over."""
+        """End the turn."""
         self._turn_us = None
 
     @contextmanager

@@ -1,4 +1,4 @@
-"""The part of a rig that sees: what a tracker URI stands for."""
+"""The tracker of a rig, made from its URI."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from ccr_host.tracking.uri import TrackerKind, TrackerUri
 
 
 class TrackerRig:
-    """A camera, and the simulated robot where the camera is simulated here.
+    """A camera, and the simulated robot if the camera is simulated here.
 
     Args:
         uri: of the tracker.
@@ -75,9 +75,9 @@ class TrackerRig:
         self._twin_camera: Camera | None = None
         self._polaris: PolarisLine | None = None
         self.camera: NamedTracker | None = None
-        """None for ``twin:``, which speaks no protocol."""
+        """None for ``twin:``, which has no protocol."""
         self.scene: TwinScene | None = None
-        """None where the robot is not simulated here."""
+        """None if the robot is not simulated here."""
         match uri.kind:
             case TrackerKind.TWIN:
                 self._twin_camera = Camera(description.tracker, np.random.default_rng(seed))
@@ -130,7 +130,7 @@ class TrackerRig:
         return tracker
 
     def wait_until_tracking(self, clock: Clock) -> None:
-        """Let a camera that needs seconds to start have them.
+        """Wait for the first frame; a camera may take seconds to start.
 
         Raises:
             TrackerError: no frame in time.
@@ -139,11 +139,11 @@ class TrackerRig:
             wait_until_tracking(self.camera, clock)
 
     def true_tip_mm(self) -> NDArray[np.float64] | None:
-        """True f, (3,); None where the robot is real."""
+        """True f, (3,); None if the robot is real."""
         return None if self.scene is None else self.scene.true_tip_mm()
 
     def start_path_clock(self, time_us: int) -> None:
-        """Zero of whatever the description times."""
+        """Set the time from which the description's timed disturbances count."""
         if self.scene is not None:
             self.scene.start_path_clock(time_us)
         if self._polaris is not None:
@@ -152,7 +152,7 @@ class TrackerRig:
 
 
 def camera_rotation(description: Description) -> NDArray[np.float64]:
-    """(3, 3): from the camera's frame to the robot's, as registered; else the identity."""
+    """Rotation (3, 3) from the camera's frame to the robot's; the identity if not registered."""
     registration = description.registration
     if registration is None:
         return np.eye(3)
@@ -174,7 +174,7 @@ def _tools(description: Description) -> list[Tool]:
 
 
 class _Guarded(StartsAndStops):
-    """A camera that may be a plug-in: its failures are reported as such."""
+    """A camera that may be a plug-in, whose failures are reported as such."""
 
     def __init__(self, camera: RawTracker, name: str) -> None:
         self.name = name
@@ -207,7 +207,7 @@ class _Guarded(StartsAndStops):
 
     @property
     def next_exposure_us(self) -> int:
-        """Of a simulated camera; after a failure there are no more exposures."""
+        """Next exposure of a simulated camera; there are none after a failure."""
         if self._guard.has_failed:
             return NEVER_US
         with self._guard.blamed("next_exposure_us"):
@@ -237,7 +237,7 @@ def open_tracker(
     Args:
         uri: anything but `twin:` and `ndi-emulator:`, which need a scene.
         description: of the robot and its tracker.
-        tools: rigid bodies for a Polaris; none for single spheres.
+        tools: rigid bodies for a Polaris; empty for single spheres.
 
     Raises:
         ConfigError: a package or a setting is missing.

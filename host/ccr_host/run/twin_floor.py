@@ -1,4 +1,4 @@
-"""The least mean error that the twin's own statics leave on a path."""
+"""The least mean error on a path that the statics of the twin allow."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from ccr_host.sim.robot.static_map import StaticMap, default_cache, load_static_
 def twin_floor_mm(result: RunResult) -> float | None:
     """Floor of a run's path on its twin, whose static map is kept in the user's cache.
 
-    It is that of the undisturbed robot: a payload that is hung on in mid-run and a push are left
-    out, and so are friction and deadband.
+    It applies to the undisturbed robot: a payload added during the run, a push, friction and
+    deadband are not considered.
 
     Returns:
         mm; None if the robot was real or not the twin, or if the twin has no rest pose for some
@@ -37,7 +37,7 @@ def twin_floor_mm(result: RunResult) -> float | None:
 
 
 def keep_static_map(options: RunOptions) -> None:
-    """Leave the static map of a run's twin in the user's cache, where it is missing."""
+    """Store the static map of a run's twin in the user's cache, if it is missing."""
     static_map_of_run(options, default_cache())
 
 
@@ -50,11 +50,11 @@ def static_map_of_run(options: RunOptions, cache: Path | None) -> StaticMap | No
 
 
 def static_map_of(description: Description, cache: Path | None) -> StaticMap:
-    """Where the twin rests within the motor limits.
+    """The rest poses of the twin within the motor limits.
 
     Args:
         description: of the robot.
-        cache: folder that keeps the maps; None computes without keeping.
+        cache: folder of the stored maps; None computes without storing.
 
     Raises:
         CcrError: some motor angles leave the twin without a rest pose.
@@ -73,7 +73,7 @@ def floor_on_map_mm(static_map: StaticMap, description: Description, reference: 
 def _shaft_limits_deg(
     description: Description,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the twin's shafts stand at the limits of the commanded angles, (2,) each."""
+    """Angles of the twin's shafts at the limits of the commanded angles, (2,) each."""
     servo, twin = description.servo, description.twin
     limits_deg = np.array([servo.angle_min_deg, servo.angle_max_deg])
     pulses_us = np.clip(
