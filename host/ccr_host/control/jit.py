@@ -1,6 +1,6 @@
-"""How functions are compiled by numba (extra ``fast``).
+"""Compiles functions by numba (extra ``fast``).
 
-Imported only where a robot description asks for it.
+Imported only if a robot description requires it.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ def compiled(function: Function) -> Function:
 
 
 def compiled_on_disk(function: Function) -> Function:
-    """The same, kept from one process to the next where a folder can be written.
+    """Compile on first use, cached for other processes if a folder is writable.
 
-    Numba's cache watches the file of ``function`` alone, but it tells apart functions that enclose
-    different values: enclose a ``fingerprint`` of all other code that it is made of.
+    Numba's cache checks only the file of ``function``, but distinguishes functions that enclose
+    different values: enclose a ``fingerprint`` of all other code that it uses.
     """
     try:
         return cast(Function, numba.njit(error_model="numpy", cache=True)(function))
@@ -51,6 +51,6 @@ def functions_of(*modules: ModuleType) -> list[Callable[..., Any]]:
 
 
 def fingerprint(*modules: ModuleType) -> int:
-    """A number that changes with the source of any of them."""
+    """A number that depends on the sources of all modules."""
     sources = "".join(map(inspect.getsource, modules))
     return int.from_bytes(hashlib.sha256(sources.encode()).digest()[:7], "big")

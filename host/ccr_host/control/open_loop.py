@@ -14,19 +14,19 @@ from ccr_host.robot.workspace import MotorLimits
 FloatArray = NDArray[np.float64]
 
 SINGULAR_BELOW = 0.05
-"""Share of J's largest singular value below which a direction counts as lost.
+"""Fraction of J's largest singular value below which a direction is dropped.
 
-With the paper's geometry the share stays above 0.2 out to the folds of the workspace, so nothing
-is cut there and Algorithm 2 runs as printed. In other geometries a direction is dropped before a
-path step of 1 mm would ask for more than about 6 deg of motor."""
+With the paper's geometry the fraction stays above 0.2 out to the folds of the workspace, so nothing
+is dropped and Algorithm 2 runs as printed. In other geometries a direction is dropped before a path
+step of 1 mm would ask for more than about 6 deg of motor."""
 
 
 class OpenLoop:
     """u_i = J^+(f_(i-1)) (f_i - f_(i-1)), with J at the configuration that reaches f_(i-1).
 
-    J is 3 x 2, so its inverse is the pseudo-inverse, truncated near rank loss. Desired steps that
-    leave the workspace are projected out by it and come back with the path, which is why the raw
-    path is differentiated: differences of the reachable one would not sum up any better.
+    J is 3 x 2, so its inverse is the pseudo-inverse, truncated near rank loss. It projects
+    out desired steps that leave the workspace, and they are regained when the path returns. The raw
+    path is therefore differentiated: differences of the reachable one would not add up any better.
     """
 
     name = "open-loop"
@@ -36,14 +36,14 @@ class OpenLoop:
         self._limits = MotorLimits.of(description.servo)
 
     def start(self, reference: Reference) -> Command:
-        """The nearest reachable configuration of the first sample."""
+        """Return the nearest reachable configuration of the first sample."""
         self._reference = reference
         self._q_rad = self._limits.clip(reference.q_rad[0])
         self._step = 0
         return self._command()
 
     def step(self, observation: Observation) -> Command:
-        """The increments of Algorithm 2 since the last command; looks at nothing else."""
+        """Apply the increments of Algorithm 2 since the last command; ignores measurements."""
         desired_mm = self._reference.target_mm
         for i in range(self._step + 1, observation.step + 1):
             jacobian = self._model.jacobian_mm_rad(self._reference.q_rad[i - 1])

@@ -25,7 +25,7 @@ _BASELINES = {
     "kalman-jacobian": "jacobian_feedback:KalmanJacobian",
     "mpc-offset": "mpc_offset:OffsetFreeMpc",
 }
-"""Module and law in ``control.baselines``; loaded only when one is asked for."""
+"""Module and law in ``control.baselines``; loaded only when one is requested."""
 
 
 def controller_names() -> list[str]:
@@ -34,7 +34,7 @@ def controller_names() -> list[str]:
 
 
 def baseline_names() -> list[str]:
-    """Controllers as the field builds them, to compare with."""
+    """The baselines: controllers from the literature, for comparison."""
     return list(_BASELINES)
 
 

@@ -1,7 +1,7 @@
-"""What all feedback laws share, so that they differ in the law alone.
+"""The common part of all feedback laws, so that they differ only in the law.
 
-The shell leads the robot to the first point, times commands and measurements, keeps to limits and
-rates, takes the board's word for what it holds, and sorts out measurements that are missing or mad.
+The shell leads the robot to the first point, times commands and measurements, respects limits and
+rates, adopts the command that the board reports, and rejects missing or implausible measurements.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ from ccr_host.robot.workspace import MotorLimits
 FloatArray = NDArray[np.float64]
 
 _LINK_US = 1000
-"""A target on the wire, and the board's dispatch of it."""
+"""Time of a target on the wire and of its processing by the board."""
 COMMAND_DELAY_S = (_LINK_US + TICK_US / 2 + (TICK_US - TICK_PHASE_US)) * 1e-6
-"""From a command to the start of its motion, on average: the link, half a servo frame until the
-board's next tick, and from there to the pulses that the tick has computed. 13 ms; the twin's shafts
-are 6 to 16 ms behind their commands. The camera's latency is in the age of a measurement."""
+"""Mean time from a command to the start of its motion, 13 ms: the link, half a servo frame until
+the board's next tick, and the time from the tick to its pulses. The twin's shafts are 6 to 16 ms
+behind their commands. The age of a measurement contains the camera's latency."""
 _LONGEST_RAMP_S = 0.5
 _RAMP_SHARE = 0.8
-"""A ramp ends within this share of the period: steps would set the structure swinging."""
+"""Length of a ramp as a fraction of the period; steps would make the structure oscillate."""
 _MEAN_RATE_RAD_S = np.radians(60.0)
 _SHORTEST_MOVE_S = 0.7
-"""Two periods of the structure's slowest oscillation, so that a move leaves none behind."""
+"""Two periods of the structure's slowest oscillation, so that a move does not excite it."""
 _FARTHEST_LENGTHS = 2.0
 """Measurements further away than this many lengths of the robot are ignored."""
 _LONGEST_ERROR_MM = 40.0
-"""A larger error counts as this: above the 30 mm by which the model alone misses the path, below
-what a marker taken for another one shows."""
+"""Larger errors are reduced to this: more than the 30 mm by which the model alone misses the path,
+less than the error of a confused marker."""
 _OTHER_COMMAND_RAD = np.radians(0.05)
-"""Above the rounding of the link: the board holds another command than the last one."""
+"""Difference, above the link's rounding, that shows that the board holds another command."""
 _US_PER_S = 1e6
 NOTHING_MM = np.empty((0, 3))
 
 
 class PathView:
-    """A reference between its samples; positions are fractional step indices, held at the ends."""
+    """Interpolates a reference at fractional step indices, which are clamped to its ends."""
 
     def __init__(self, reference: Reference) -> None:
         self.reference = reference
@@ -70,29 +70,29 @@ class PathView:
 
 @dataclass(frozen=True)
 class Measurement:
-    """One new measurement, and what was commanded when it was taken."""
+    """A new measurement, and the setpoint in effect when it was taken."""
 
     tip_mm: FloatArray
-    """(3,), finite."""
+    """M3 - M1, (3,), finite."""
     middle_mm: FloatArray
-    """M2 - M1, (3,); NaN where not seen."""
+    """M2 - M1, (3,); NaN if not seen."""
     exposed_s: float
-    """On the clock of the run."""
+    """Time of exposure on the clock of the run."""
     time_s: float
-    """Time of the commands whose effect it shows: the exposure less the law's delay."""
+    """Time of the commands whose effect it shows: the exposure minus the law's delay."""
     setpoint_rad: FloatArray
     """Setpoint in effect at ``time_s``, (2,)."""
     index: float | None
-    """Step index that this setpoint aimed at; None where it followed no path."""
+    """Step index that this setpoint aimed at; None if it followed no path."""
     clock_index: float | None
-    """Step index at which the path's clock stood at the exposure; None in an approach."""
+    """Step index of the path's clock at the exposure; None in an approach."""
     elapsed_s: float
-    """Since the measurement before; the period of the commands for the first one."""
+    """Time since the previous measurement; for the first one, the period of the commands."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Motor angles to go to, (2,), and the tips they should lead to, (k, 3)."""
+    """Motor angles to move to, (2,), and the predicted tips, (k, 3)."""
 
     q_rad: FloatArray
     predicted_mm: FloatArray
@@ -100,71 +100,77 @@ class Plan:
 
 @dataclass(frozen=True)
 class Stage:
-    """A part of the approach: setpoints, one a period of it, (K, 2)."""
+    """A part of the approach: one setpoint per approach period, (K, 2)."""
 
     name: str
     setpoints_rad: FloatArray
     is_motion: bool = True
-    """Whether people can be told how much of it is done."""
+    """Whether its progress can be shown."""
 
 
 class Law(ABC):
-    """A feedback law, with time, limits and lost markers taken care of by ``Shell``."""
+    """A feedback law; ``Shell`` handles time, limits and lost markers.
+
+    A law must define its ``name``.
+    """
 
     name: str
     settle_s = 0.0
-    """Time at rest at the first point."""
+    """Duration of the rest at the first point."""
     feedback_s = 6.0
-    """Time under feedback at the first point, before the path's clock starts."""
+    """Duration of feedback at the first point, before the path's clock starts."""
 
     @property
     def delay_s(self) -> float:
-        """From a command to the start of its motion, as far as the law knows."""
+        """Estimated time from a command to the start of its motion."""
         return COMMAND_DELAY_S
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
-        """Forget everything; a new path begins.
+        """Reset the law for a new path.
 
         Args:
-            path: to follow.
-            history: of the commands; the shell keeps it up to date.
+            path: path to follow.
+            history: setpoints of the commands, kept up to date by the shell.
         """
         self.path = path
         self.history = history
 
     def first_rad(self) -> FloatArray:
-        """Motor angles at the first point, (2,), as far as known by now."""
+        """Motor angles at the first point, (2,), by the present estimate."""
         return self.path.reachable_rad(0.0)
 
     def stages(self) -> Iterator[Stage]:
-        """The parts of the approach before the feedback, each asked for when its turn comes."""
+        """Yield the parts of the approach before the feedback, each when it begins."""
         here_rad, first_rad = self.history.at(math.inf), self.first_rad()
         moves_rad = smooth_moves(here_rad, first_rad[None], self.settle_s)
         yield Stage("approaching the first point", moves_rad)
 
     @abstractmethod
     def observe(self, measurement: Measurement) -> None:
-        """Take in a measurement."""
+        """Process a measurement."""
 
     def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
-        """Where to go so as to be at step ``index`` of the path when it has taken effect.
+        """Plan the command that reaches step ``index`` of the path when it has taken effect.
 
-        Stays where it is unless a law knows better.
+        The default repeats the last command.
 
         Args:
             index: fractional step.
             commanded_rad: the last command, (2,).
-            time_s: now, on the clock of the measurements.
+            time_s: present time on the clock of the measurements.
         """
         return Plan(commanded_rad, NOTHING_MM)
 
 
 class Shell:
-    """A controller of a feedback law; approaches the first point under feedback.
+    """The controller that runs a feedback law and approaches the first point under feedback.
 
-    Commands lie within the motor limits and within the servo's rate of each other. Each aims as
-    far along the path as the robot will be once it has taken effect. Without measurements the law
-    goes on with what it knows.
+    Commands respect the motor limits and the servo's rate. Each aims at the point of the path that
+    is current when it has taken effect. Without measurements the law continues on its estimate.
+
+    Args:
+        description: description of the robot.
+        law: the feedback law.
     """
 
     def __init__(self, description: Description, law: Law) -> None:
@@ -177,7 +183,7 @@ class Shell:
         self._farthest_mm = _FARTHEST_LENGTHS * length_mm
 
     def start(self, reference: Reference) -> Command:
-        """The law's pose for the first sample."""
+        """Return the law's pose for the first sample."""
         self._path = PathView(reference)
         self._ramp_s = _ramp_s(reference.period_s)
         self._history = SetpointHistory(np.zeros(2))
@@ -193,9 +199,9 @@ class Shell:
         return Command(self._last_rad, NOTHING_MM, Outcome.SOLVED, ramp_s=self._ramp_s)
 
     def approach(self, observation: Observation) -> Command | None:
-        """The law's preparations, a smooth move to the first pose, feedback there.
+        """Make the law's preparations, move smoothly to the first pose, apply feedback there.
 
-        None once the path may begin.
+        Returns None once the path may begin.
         """
         self._synchronise(observation)
         seen = self._look(observation, APPROACH_PERIOD_S, None)
@@ -217,7 +223,7 @@ class Shell:
         return self._command(observation, 0.0, APPROACH_PERIOD_S, seen)
 
     def step(self, observation: Observation) -> Command:
-        """Measurement in, command out; never raises on bad measurements."""
+        """Return the command for a measurement; never raises on bad measurements."""
         self._synchronise(observation)
         period_s = self._path.period_s
         # The end of period i, when f_i is aimed at, is the beginning of step i + 1.
@@ -227,7 +233,7 @@ class Shell:
         return self._command(observation, index, period_s, seen)
 
     def _synchronise(self, observation: Observation) -> None:
-        """Note what the board holds if that is not the last command."""
+        """Adopt the command that the board holds if it is not the last one."""
         accepted_rad = observation.q_rad
         if not np.isfinite(accepted_rad).all():
             return
@@ -240,7 +246,7 @@ class Shell:
         self._is_first = False
 
     def _look(self, observation: Observation, period_s: float, step: float | None) -> bool:
-        """Let the law see a new measurement; whether there was any, new or not."""
+        """Pass a new measurement to the law; return whether there is one, new or not."""
         tip_mm = observation.tip_mm
         if tip_mm is None or not np.all(np.abs(tip_mm) < self._farthest_mm):
             return False
@@ -290,7 +296,7 @@ class Shell:
 
 
 def believable(error_mm: FloatArray) -> FloatArray:
-    """An error, (3,), scaled down to the longest that can be believed."""
+    """An error, (3,), reduced to the largest plausible length."""
     length_mm = float(np.linalg.norm(error_mm))
     return (
         error_mm if length_mm <= _LONGEST_ERROR_MM else error_mm * (_LONGEST_ERROR_MM / length_mm)
@@ -300,9 +306,9 @@ def believable(error_mm: FloatArray) -> FloatArray:
 def smooth_moves(
     start_rad: FloatArray, stops_rad: FloatArray, rest_s: float, tick_s: float = APPROACH_PERIOD_S
 ) -> FloatArray:
-    """Setpoints, one a tick, (K, 2): from stop to stop, (N, 2), with a rest at each.
+    """Setpoints, one per tick, (K, 2), from stop to stop, (N, 2), with a rest at each.
 
-    The moves have no jump in rate or acceleration.
+    Rate and acceleration of the moves are continuous.
     """
     setpoints = []
     here = start_rad

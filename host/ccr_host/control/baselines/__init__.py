@@ -1,1 +1,1 @@
-"""Controllers as the field builds them, to compare with; loaded by name, one module each."""
+"""Controllers from the literature, for comparison; each module is loaded by name."""

@@ -1,4 +1,4 @@
-"""Visual servoing on an estimated Jacobian: no model of the robot after the first guess."""
+"""Visual servoing on an estimated Jacobian; the robot's model is only its first guess."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ def damped_inverse(jacobian: FloatArray, damping: float) -> FloatArray:
 
 
 class JacobianEstimator(Protocol):
-    """Learns J, (3, 2) in mm/rad, from secants."""
+    """Estimates J, (3, 2) in mm/rad, from secants."""
 
     jacobian_mm_rad: FloatArray
 
     def start(self, guess_mm_rad: FloatArray) -> None:
-        """Forget everything but a first guess."""
+        """Reset the estimate to a first guess."""
         ...
 
     def correct(self, turn_rad: FloatArray, move_mm: FloatArray) -> None:
-        """The motors turned by (2,), not zero, and the tip moved by (3,)."""
+        """Process a secant: turn of the motors, (2,), not zero, and move of the tip, (3,)."""
         ...
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """The same for both estimators; docs/control-baselines.md tells how it was found."""
+    """Tuning common to both estimators; docs/control-baselines.md describes how it was found."""
 
     integral_time_s: float = 0.06
-    """An error seen for T is taken up by T / (T + this): 0.94 at 1 Hz, 0.45 at 20 Hz."""
+    """Of an error seen for T, T / (T + this) is corrected: 0.94 at 1 Hz, 0.45 at 20 Hz."""
     damping_mm: float = 20.0
-    """Per rad of motor, of the inverse; singular values are about 100 away from the folds."""
+    """Damping of the inverse, mm/rad; singular values are about 100 away from the folds."""
     longest_move_rad: float = 0.3
     """Limit of one command: two or three of the paper's longest steps at 1 Hz."""
     fastest_rad_s: float = 1.0
-    """Five times the paths' fastest; a J gone to zero asks for any rate."""
+    """Five times the fastest rate of the paths; a vanishing J would demand any rate."""
     motion_threshold_rad: float = 0.03
-    """Less motion than this, 3 mm of tip, tells little beside 0.25 mm of noise."""
+    """Shorter motions, 3 mm of the tip, are not informative at 0.25 mm of noise."""
 
 
 class JacobianFeedback(Law):
-    """q += J^+ (path's step + share of the error), J^+ damped, J estimated as the robot moves."""
+    """q += J^+ (path's step + part of the error), with damped J^+ and J estimated during motion."""
 
     def __init__(self, description: Description, estimator: JacobianEstimator) -> None:
         self._model = ConstantCurvature(description.robot)
@@ -63,7 +63,7 @@ class JacobianFeedback(Law):
         self._tuning = Tuning()
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
-        """The first guess of J is the model's at the first point."""
+        """Begin a path with the model's J at the first point."""
         super().start(path, history)
         self._estimator.start(self._model.jacobian_mm_rad(path.reachable_rad(0.0)))
         self._newest: Measurement | None = None
@@ -73,7 +73,7 @@ class JacobianFeedback(Law):
         self._correction_mm = np.zeros(3)
 
     def observe(self, measurement: Measurement) -> None:
-        """A secant since the last one, once the motors have turned far enough; the error."""
+        """Pass on a secant once the motors have turned far enough, and note the error."""
         self._newest = measurement
         self._elapsed_s = measurement.elapsed_s
         self._learn(measurement)
@@ -84,7 +84,7 @@ class JacobianFeedback(Law):
         self._correction_mm = self._correction_mm + share * error_mm
 
     def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
-        """One increment; where the limits stop it nothing is kept for later."""
+        """Plan an increment; what the limits cut off is discarded."""
         tuning = self._tuning
         target_mm = self.path.target_mm(index)
         wanted_mm = target_mm - self._target_mm + self._correction_mm
@@ -116,8 +116,8 @@ class BroydenEstimator:
     update as long as no constraint is active.
 
     Args:
-        rate: 1 meets the newest secant, less smooths over several.
-        regularisation_rad: turns well below it change J little.
+        rate: 1 fits the newest secant, a lower rate averages several.
+        regularisation_rad: turns well below this change J little.
     """
 
     jacobian_mm_rad: FloatArray
@@ -136,16 +136,16 @@ class BroydenEstimator:
 
 
 class KalmanEstimator:
-    """Kalman filter whose state is J's entries.
+    """Kalman filter whose state is the entries of J.
 
     As in model-free control of continuum robots (Li, Kang, Branson, Dai, IEEE/ASME T-Mech 23(1),
-    2018): the entries walk at random, each motion dx = J dq + noise is a measurement of them. The
+    2018): the entries follow random walks, each motion dx = J dq + noise measures them. The
     rows of J share one covariance, (2, 2): their regressors and noises are the same.
 
     Args:
-        deviation_mm_rad: of the first guess.
-        walk_mm_rad: of an entry per square root of a radian turned.
-        noise_mm: of a measured motion, everything that is not linear included.
+        deviation_mm_rad: standard deviation of the first guess.
+        walk_mm_rad: random walk of an entry per square root of a radian turned.
+        noise_mm: noise of a measured motion, including nonlinearity.
     """
 
     jacobian_mm_rad: FloatArray
@@ -172,7 +172,7 @@ class KalmanEstimator:
 
 
 class Broyden(JacobianFeedback):
-    """With Broyden's rank-one update."""
+    """Visual servoing with Broyden's rank-one update."""
 
     name = "broyden"
 
@@ -181,7 +181,7 @@ class Broyden(JacobianFeedback):
 
 
 class KalmanJacobian(JacobianFeedback):
-    """With a Kalman filter."""
+    """Visual servoing with a Kalman filter."""
 
     name = "kalman-jacobian"
 

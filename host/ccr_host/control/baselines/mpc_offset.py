@@ -2,7 +2,7 @@
 
 The disturbance model of dynamic matrix control, with a Kalman filter for its size (Pannocchia and
 Rawlings, AIChE J. 49(2), 2003). The measurement is compared with the model at the setpoint that was
-in effect when it was taken, so neither servo nor camera delay passes for a disturbance.
+in effect when it was taken, so servo and camera delays are not mistaken for a disturbance.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Tuning of the disturbance's filter; docs/control-baselines.md tells how it was found."""
+    """Tuning of the disturbance's filter; docs/control-baselines.md describes how it was found."""
 
     noise_mm: float = 0.3
-    """Standard deviation of a measured coordinate, unmodelled motion included."""
+    """Standard deviation of a measured coordinate, including unmodelled motion."""
     drift_mm: float = 1.0
     """Drift of a coordinate of the disturbance, per square root of a second."""
     first_deviation_mm: float = 20.0
@@ -58,7 +58,7 @@ class OffsetFreeMpc(Law):
         self._plan_rad = self._reachable_rad
 
     def observe(self, measurement: Measurement) -> None:
-        """One step of the disturbance's Kalman filter; its coordinates are alike."""
+        """Make a step of the disturbance's Kalman filter, which is the same for each coordinate."""
         tuning = self._tuning
         expected_mm = self._model.tip_mm(measurement.setpoint_rad) + self.disturbance_mm
         self._variance_mm2 += tuning.drift_mm**2 * measurement.elapsed_s
@@ -68,7 +68,7 @@ class OffsetFreeMpc(Law):
         self._variance_mm2 *= 1.0 - gain
 
     def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
-        """The whole horizon from the last plan, moved on as the reachable path goes on."""
+        """Plan the horizon, starting from the last plan shifted along the reachable path."""
         targets_mm = np.array([self.path.target_mm(index + k) for k in self._ahead])
         before_rad, self._reachable_rad = self._reachable_rad, self._reachable_from(index)
         guess_rad = self._plan_rad + self._reachable_rad - before_rad

@@ -19,22 +19,22 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Gains act on the error in motor angles; found as docs/control-baselines.md tells."""
+    """Gains for the error in motor angles; docs/control-baselines.md tells how they were found."""
 
     proportional: float = 0.1
     integral_time_s: float = 0.05
-    """An error seen for T is taken up by T / (T + this): 0.95 at 1 Hz, 0.5 at 20 Hz."""
+    """Of an error seen for T, T / (T + this) is corrected: 0.95 at 1 Hz, 0.5 at 20 Hz."""
     derivative_s: float = 0.01
     derivative_filter_s: float = 0.1
     damping_mm: float = 15.0
-    """Per rad of motor; J's singular values are about 100 away from the folds."""
+    """Damping of J's inverse, mm/rad; its singular values are about 100 away from the folds."""
 
 
 class PidIk(Law):
     """Inverse kinematics of the path, plus PID on the error that J's damped inverse turns into q.
 
-    The error is that of the setpoint in effect when the picture was taken, so the delays add no
-    error of their own while the path moves on.
+    The error refers to the setpoint in effect when the picture was taken, so delays cause no error
+    while the path advances.
     """
 
     name = "pid-ik"
@@ -51,7 +51,7 @@ class PidIk(Law):
         self.integral_rad = np.zeros(2)
 
     def observe(self, measurement: Measurement) -> None:
-        """Integrate and differentiate, over the time between measurements."""
+        """Integrate and differentiate the error over the time between measurements."""
         if measurement.index is None:
             return
         tuning, elapsed_s = self._tuning, measurement.elapsed_s
@@ -67,7 +67,7 @@ class PidIk(Law):
         self.integral_rad = self.integral_rad + gain * error_rad
 
     def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
-        """Feedforward and PID; what the motor limits cut off is taken out of the integral."""
+        """Plan feedforward plus PID; the integral is reduced by what the motor limits cut off."""
         tuning = self._tuning
         reachable_rad = self.path.reachable_rad(index)
         wanted_rad = reachable_rad + self.integral_rad + tuning.derivative_s * self._rate_rad_s

@@ -1,7 +1,7 @@
 """The paper's model predictive controller.
 
-One text, which plain Python runs and numba compiles (``control.solver = "compiled"``). So
-``problem``, ``sqp`` and ``plan`` keep to what both can do: numbers, tuples, lists of tuples that
-stay inside, and arrays. What belongs to one step of the horizon is plain numbers, since array
-overhead would be most of the time; only whole matrices are arrays.
+The same source runs as plain Python or is compiled by numba (``control.solver = "compiled"``). So
+``problem``, ``sqp`` and ``plan`` are limited to what both support: numbers, tuples, internal lists
+of tuples, and arrays. The quantities of a single step of the horizon are plain numbers, since the
+overhead of arrays would dominate; only whole matrices are arrays.
 """

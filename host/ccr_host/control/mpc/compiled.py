@@ -1,4 +1,4 @@
-"""``plan`` as machine code."""
+"""``plan``, compiled to machine code."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ for _function in jit.functions_of(*SOURCES):
         jit.callable_when_compiled(_function)
 
 
-# Python gives the whole QP to DAQP.
+# Plain Python passes the whole QP to DAQP.
 overload(qp.minimise, jit_options={"error_model": "numpy"}, strict=False)(
     lambda *_: qp.minimise_without_bounds
 )
@@ -45,7 +45,7 @@ class _Entry(Protocol):
 
 
 def compiled_code(settings: Settings) -> Code:
-    """Compiled or loaded by first calls; from then on it refuses arguments of other types."""
+    """Compiled or loaded by first calls; it then rejects arguments of other types."""
     packed = np.array(
         [
             *settings.geometry.lengths_mm,
@@ -68,7 +68,7 @@ def compiled_code(settings: Settings) -> Code:
 
 @lru_cache(maxsize=1)
 def _entries() -> tuple[_Entry, _Entry]:
-    """What Python calls. Arguments are few and flat since numba takes time to pass each."""
+    """The functions that Python calls. Arguments are few and flat, as each costs time in numba."""
     fingerprint = jit.fingerprint(*SOURCES, jit)
 
     def plan_step_compiled(packed: FloatArray, *arguments: object) -> StepResult:

@@ -27,11 +27,11 @@ _FAILURES = {
 
 
 class ModelPredictive:
-    """The paper's MPC: horizon shrinking at the end of the path, first increment applied.
+    """The paper's MPC: the horizon shrinks at the end of the path, the first increment is applied.
 
-    Beside (15)'s bound on each increment the motor limits hold for every planned angle. Without a
-    measurement it predicts from the model and the error last seen between model and measurement.
-    Where no solution can be had it repeats the last command.
+    In addition to (15)'s bound on each increment, every planned angle respects the motor limits.
+    Without a measurement it predicts from the model and the last error between model and
+    measurement. Without a solution it repeats the last command.
 
     Raises:
         ConfigError: the solver needs an extra that is not installed.
@@ -49,20 +49,20 @@ class ModelPredictive:
         self._planner = Planner(settings, control.solver)
 
     def start(self, reference: Reference) -> Command:
-        """The nearest reachable configuration of the first sample."""
+        """Return the nearest reachable configuration of the first sample."""
         self._steps = len(reference)
         reachable_rad = np.clip(reference.q_rad, self._bounds.lower_rad, self._bounds.upper_rad)
         self._planner.begin(np.hstack([reference.target_mm, reachable_rad]))
         self._last_rad = reachable_rad[0].copy()
         self._planner.interrupt(self._last_rad)
         self.plan_rad = self._last_rad[None, :]
-        """All angles planned by the last step, (M, 2)."""
+        """The angles planned by the last step, (M, 2)."""
         self._last_seen: tuple[FloatArray, Pair] | None = None
         predicted_mm = self._model.jet_at(*self._last_rad.tolist()).tip_mm[None, :]
         return Command(self._last_rad.copy(), predicted_mm, Outcome.SOLVED)
 
     def step(self, observation: Observation) -> Command:
-        """Measurement in, command out; never raises on bad measurements."""
+        """Return the command for a measurement; never raises on bad measurements."""
         first, second = observation.q_rad.tolist()
         if not (math.isfinite(first) and math.isfinite(second)):
             return self._hold("the angles commanded last are not finite")

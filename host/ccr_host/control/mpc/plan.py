@@ -1,4 +1,4 @@
-"""A whole step of the MPC: measurement in, plan out."""
+"""A complete step of the MPC, from measurement to plan."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ tip (mm) of each step."""
 
 
 class Settings(NamedTuple):
-    """What stays the same over a run."""
+    """The constants of a run."""
 
     geometry: Geometry
     bounds: Bounds
@@ -45,13 +45,13 @@ def plan_step(
     """Plan ahead from one measurement.
 
     Args:
-        settings: of the run.
+        settings: constants of the run.
         path: (T, 5), target (mm) and nearest reachable angles (rad) of each step.
         last_plan: (k, 5), as returned, or NaN for the tip where none was predicted.
         now: index of the step to command.
         steps: M, at most T - now, at least 1.
-        commanded_rad: within the limits.
-        position_mm: the tip.
+        commanded_rad: last command, within the limits.
+        position_mm: measured tip.
         program: see ``sqp.solve``.
     """
     targets_mm = path[now : now + steps]
@@ -74,7 +74,7 @@ def resume(
     newton: tuple[FloatArray, float, float],
     iteration: int,
 ) -> StepResult:
-    """Go on after NEEDS_QP from its plan with the ``sqp.Newton`` of its iteration."""
+    """Continue after NEEDS_QP, from its plan with the ``sqp.Newton`` of its iteration."""
     problem = tracking(settings.geometry, settings.weights, commanded_rad, position_mm, targets_mm)
     rollout = roll_out(problem, [(row[0], row[1]) for row in plan])
     is_over, rollout = sqp.line_search(problem, rollout, Newton(newton[0], newton[1], newton[2]))
@@ -85,7 +85,7 @@ def resume(
 
 
 def shift(last_plan: Rows, path: Rows, now: int, steps: int) -> list[Pair]:
-    """The last plan without its first step, continued as the reachable path goes on."""
+    """The last plan without its first step, extended along the reachable path."""
     guess = [(row[0], row[1]) for row in last_plan[1 : 1 + steps]]
     first, second = guess[-1] if len(guess) > 0 else (last_plan[-1][0], last_plan[-1][1])
     for j in range(now + len(guess), now + steps):
@@ -101,10 +101,10 @@ def correct(
     position_mm: Triple,
     expected: Sequence[float] | FloatArray,
 ) -> list[Pair]:
-    """The guess, moved against what the measurement shows beyond the prediction.
+    """The guess, corrected for the difference of measurement and prediction.
 
-    ``expected`` is the row of a plan whose tip is ``position_mm`` now. One damped least-squares
-    step through J for the whole plan; it saves the solver about one iteration in three.
+    ``expected`` is the row of the plan that predicts the tip measured as ``position_mm``. A single
+    damped least-squares step through J for the whole plan saves about a third of the iterations.
     """
     jet = problem.start_jet
     x = position_mm[0] - expected[2]
@@ -126,7 +126,7 @@ def correct(
 def _result(problem: Tracking, bounds: Bounds, targets_mm: Rows, solution: Solution) -> StepResult:
     stages, angles = solution.rollout.stages, solution.rollout.angles
     if solution.status != sqp.NEEDS_QP:
-        # DAQP meets its bounds to 1e-6 rad only.
+        # DAQP satisfies its bounds only to 1e-6 rad.
         angles = sqp.feasible(bounds, problem.start_rad, angles)
     plan = np.empty((len(angles), 5))
     for j in range(len(angles)):
@@ -139,18 +139,18 @@ def _result(problem: Tracking, bounds: Bounds, targets_mm: Rows, solution: Solut
 
 
 class Code(NamedTuple):
-    """``plan_step`` and ``resume`` as they are, or compiled."""
+    """``plan_step`` and ``resume``, plain or compiled."""
 
     settings: Any
-    """Their first argument."""
+    """The first argument of both."""
     plan_step: Callable[..., StepResult]
     resume: Callable[..., StepResult]
     rows: Callable[[FloatArray], Any]
-    """What they take in place of an array."""
+    """Converts an array to the type that they require."""
 
 
 class Planner:
-    """Plans steps of a path, by ``solver`` of the description: plain or compiled.
+    """Plans the steps of a path, plain or compiled as ``solver`` of the description says.
 
     Raises:
         ConfigError: the solver needs an extra that is not installed.
@@ -159,7 +159,7 @@ class Planner:
     def __init__(self, settings: Settings, solver: str) -> None:
         self._bounds = settings.bounds
         self._program = np.empty((1, 0))
-        # Numbers out of lists are many times faster than out of arrays.
+        # Reading numbers from lists is many times faster than from arrays.
         code = Code(settings, plan_step, resume, np.ndarray.tolist)
         if solver == "compiled":
             import_optional("numba", "fast", "control.solver = compiled")
@@ -169,18 +169,18 @@ class Planner:
         self._code = code
 
     def begin(self, path: FloatArray) -> None:
-        """Take over a path (T, 5), as ``plan_step`` wants it."""
+        """Begin a path (T, 5), see ``plan_step``."""
         self._path = self._code.rows(path)
 
     def interrupt(self, q_rad: FloatArray) -> None:
-        """Forget the plan: ``q_rad`` (2,) was commanded instead."""
+        """Discard the plan, as ``q_rad`` (2,) was commanded instead."""
         row = np.concatenate([q_rad, np.full(3, math.nan)])
         self._last_plan = self._code.rows(row[None, :])
 
     def plan(
         self, now: int, steps: int, commanded_rad: Pair, position_mm: Triple
     ) -> tuple[int, int, FloatArray]:
-        """``plan_step`` from the last plan: status, iterations, plan."""
+        """Make a ``plan_step`` from the last plan; returns status, iterations and plan."""
         code, path = self._code, self._path
         n = 2 * steps
         if self._program.shape[1] != n:

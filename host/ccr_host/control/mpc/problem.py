@@ -6,14 +6,14 @@ of (14) touches two neighbours only. Prediction errors are
 
     e_k = f_m - f_k + sum over j <= k of J(q_(j-1)) u_j,        k = 1..M,
 
-and the cost is Q sum |e_k|^2 + R sum |u_j|^2. J stands where its increment sets out, so that the
-first one meets the pose that was measured, as (12) has it; (13) and (14) print the same index for
-the pose before and after a move. (15) counts N terms from k = 0; the one at k = 0 holds only the
-measurement, so M = N - 1 increments are live and the last is zero.
+and the cost is Q sum |e_k|^2 + R sum |u_j|^2. J is evaluated at the pose where its increment
+begins, so the first one refers to the measured pose, as in (12); (13) and (14) print the same
+index for the pose before and after a move. (15) counts N terms from k = 0; the one at k = 0
+contains only the measurement, so M = N - 1 increments are free and the last is zero.
 
 ``by_model`` is the same problem with e_k = f_m - f_k + f(q_k) - f(q_0), for a controller whose f_m
-is the model's tip plus a disturbance estimated against the model: what (14)'s sums miss must not
-join it.
+is the model's tip plus a disturbance estimated against the model, which must not include the
+linearisation error of (14)'s sums.
 
 Positions are split as in ``robot.kinematics``: f[0], and s = -f[1] + i f[2].
 """
@@ -37,31 +37,31 @@ Rows = Sequence[Sequence[float]] | FloatArray
 
 
 class Weights(NamedTuple):
-    """Q (1/mm^2) and R (1/rad^2) of (15)."""
+    """The weights Q (1/mm^2) and R (1/rad^2) of (15)."""
 
     position: float
     effort: float
 
 
 class Tracking(NamedTuple):
-    """One instance: where the robot is and where it should be."""
+    """An instance of the problem: where the robot is and where it should be."""
 
     geometry: Geometry
     weights: Weights
     start_rad: Pair
-    """q_0, the angles commanded last."""
+    """q_0, the last commanded angles."""
     start_jet: TipJet
     offsets_mm: list[tuple[float, complex]]
-    """f_m - f_k for k = 1..M, the errors if nothing moved."""
+    """f_m - f_k for k = 1..M, the errors without any motion."""
     by_model: bool
-    """Whether e_k is predicted by f(q_k) - f(q_0) in place of (14)'s sum."""
+    """Whether e_k is predicted by f(q_k) - f(q_0) instead of (14)'s sum."""
 
 
 class Stage(NamedTuple):
-    """One step of the horizon as predicted."""
+    """The prediction of one step of the horizon."""
 
     jet: TipJet
-    """The model at the pose from which the move sets out; with ``by_model`` where it ends."""
+    """The model at the pose where the move begins; with ``by_model``, where it ends."""
     move_rad: Pair
     error_across_mm: float
     error_sagittal_mm: complex
@@ -76,17 +76,17 @@ class Rollout(NamedTuple):
 
 
 class Expansion(NamedTuple):
-    """Second-order expansion of the cost in the n = 2M flat angles, in parts."""
+    """The parts of the second-order expansion of the cost in the n = 2M flattened angles."""
 
     gradient: FloatArray
-    """(n,)."""
+    """Gradient, (n,)."""
     lasting: FloatArray
-    """(n, 4): what an angle does to every error after its own; f[0], 0, s."""
+    """(n, 4): effect of an angle on every error after its own; f[0], 0, s."""
     tail: FloatArray
-    """(n, 4): what it does to its own and all later errors together, times 2 Q."""
+    """(n, 4): its effect on the sum of its own and all later errors, times 2 Q."""
     blocks: list[tuple[Block, Block, Block]]
-    """For each step: Gauss-Newton's block, the curvature by its angles, and that by its angles and
-    those of the next."""
+    """For each step: Gauss-Newton's block, the curvature in its angles, and the mixed curvature in
+    its angles and those of the next step."""
 
 
 def tracking(
@@ -96,7 +96,7 @@ def tracking(
     position_mm: tuple[float, float, float],
     targets_mm: Rows,
 ) -> Tracking:
-    """The problem from positions in the frame of (10); ``targets_mm`` has M rows of at least 3."""
+    """Set up the problem in the frame of (10); ``targets_mm`` has M rows of at least 3."""
     x, y, z = position_mm
     offsets_mm = [(x - target[0], complex(target[1] - y, z - target[2])) for target in targets_mm]
     start_jet = jet_at(geometry, start_rad[0], start_rad[1])
@@ -104,7 +104,7 @@ def tracking(
 
 
 def roll_out(problem: Tracking, angles: list[Pair]) -> Rollout:
-    """Predict the tip for M commanded angles, and the cost."""
+    """Predict the tip for M pairs of commanded angles, and the cost."""
     geometry, weights, (previous_1, previous_2), start_jet, offsets_mm, by_model = problem
     jet = start_jet
     moved_across, moved_sagittal = 0.0, 0j
@@ -138,7 +138,7 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
     """Gradient and the parts of the Hessian of the cost at a rollout.
 
     With w_j = J(q_(j-1)) u_j, the angle q_j enters e_j through w_j alone (``own``, J itself) and
-    every later error through w_j and w_(j+1) (``lasting``). The later errors weigh on it by the
+    every later error through w_j and w_(j+1) (``lasting``). The later errors affect it through the
     costate lambda = 2 Q (e_(j+1) + ... + e_M), which also multiplies the curvature of w_(j+1).
     """
     stages = rollout.stages
@@ -150,7 +150,7 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
     costate_across, costate_sagittal = 0.0, 0j
     across, sagittal_1, sagittal_2 = 0.0, 0j, 0j
     next_effort_1, next_effort_2 = 0.0, 0.0
-    # Re(conj(a) b) is the inner product in the sagittal plane; costates are kept conjugated.
+    # Re(conj(a) b) is the inner product in the sagittal plane; costates are stored conjugated.
     for j in range(steps - 1, -1, -1):
         first, second, later = 2 * j, 2 * j + 1, steps - 1 - j
         jet, (move_1, move_2), error_across, error_sagittal = stages[j]
@@ -199,7 +199,7 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
 def curvature_of_move(
     costate_across: float, costate_sagittal: complex, jet: TipJet, move: Pair
 ) -> tuple[Block, Block]:
-    """Second derivatives of costate * J(q) (q' - q): by q twice, by q and q'."""
+    """Second derivatives of costate * J(q) (q' - q): in q twice, and in q and q'."""
     move_1, move_2 = move
     bend_11, bend_12, bend_22 = curvature_of_tip(costate_across, costate_sagittal, jet)
     twist_11 = jet.sagittal_111 * move_1 + jet.sagittal_112 * move_2
@@ -222,11 +222,11 @@ def curvature_of_tip(costate_across: float, costate_sagittal: complex, jet: TipJ
 
 
 def hessian(expansion: Expansion, effort_weight: float, blend: float, ridge: float) -> FloatArray:
-    """Gauss-Newton's Hessian, positive semidefinite, plus a share ``blend`` of the curvature.
+    """Gauss-Newton's Hessian, positive semidefinite, plus ``blend`` times the curvature.
 
-    (n, n), upper triangle only. Every error from step j + 1 on sees the same of the angles of
-    steps i < j, so the block of both is lasting_i' tail_j. ``ridge``, relative to the trace of
-    Gauss-Newton, is added to the diagonal.
+    (n, n), upper triangle only. The angles of a step i < j have the same effect on every
+    error from that of step j on, so the block of both steps is lasting_i' tail_j. ``ridge``,
+    relative to the trace of Gauss-Newton, is added to the diagonal.
     """
     matrix: FloatArray = expansion.lasting @ expansion.tail.T
     n = len(matrix)

@@ -1,4 +1,4 @@
-"""One convex quadratic program between bounds, by DAQP.
+"""Solves a convex quadratic program with bounds by DAQP.
 
 DAQP was the fastest packaged solver on this problem and never failed.
 """
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 OPTIMAL, NOT_CONVEX, FAILED, BOUND = 0, 1, 2, 3
-"""BOUND, in machine code only: a bound is in the way, which DAQP has to deal with."""
+"""BOUND, in machine code only: a bound is active, so DAQP must solve the QP."""
 
 _DAQP_OPTIMAL = 1
 _DAQP_NOT_CONVEX = -5
@@ -24,26 +24,26 @@ _DAQP_NOT_CONVEX = -5
 def minimise(
     hessian: FloatArray, gradient: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> tuple[int, list[float], float]:
-    """Minimise x' H x / 2 + g' x between bounds on the angles and on their changes.
+    """Minimise x' H x / 2 + g' x within bounds on the angles and on their changes.
 
     Args:
         hessian: (n, n), upper triangle.
         gradient: (n,).
-        lower: (2n,), of x first, then of x[i] - x[i-2].
-        upper: (2n,).
+        lower: (2n,), bounds of x first, then of x[i] - x[i-2].
+        upper: (2n,), likewise.
 
     Returns:
         OPTIMAL, NOT_CONVEX or FAILED (infeasible, or not finite); the minimiser (n,), within its
-        bounds but for 1e-6; the minimum.
+        bounds to 1e-6; the minimum.
     """
     changes, above = _layout(len(gradient))
-    # eps_prox = 0: DAQP's own Cholesky shall refuse an indefinite Hessian, not repair it.
+    # eps_prox = 0: DAQP's Cholesky must reject an indefinite Hessian, not repair it.
     step, minimum, flag, _ = daqp.solve(
         np.where(above, hessian, hessian.T), gradient, changes, upper, lower, eps_prox=0.0
     )
     if flag == _DAQP_NOT_CONVEX:
         return NOT_CONVEX, [], 0.0
-    # DAQP passes NaN through and calls it optimal.
+    # DAQP propagates NaN and reports it as optimal.
     if flag != _DAQP_OPTIMAL or not math.isfinite(minimum):
         return FAILED, [], 0.0
     return OPTIMAL, step.tolist(), minimum
@@ -51,14 +51,14 @@ def minimise(
 
 @lru_cache(maxsize=128)
 def _layout(n: int) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Rows that turn angles into changes, and where the upper triangle is."""
+    """The rows that convert angles to changes, and a mask of the upper triangle."""
     return np.eye(n) - np.eye(n, k=-2), np.triu(np.ones((n, n), np.bool_))
 
 
 def minimise_without_bounds(
     hessian: FloatArray, gradient: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> tuple[int, FloatArray, float]:
-    """``minimise`` as machine code does it: BOUND where the unconstrained minimum does not fit."""
+    """``minimise`` in machine code: BOUND if the unconstrained minimum violates a bound."""
     n = len(gradient)
     factor, step = hessian.copy(), -gradient
     for k in range(n):

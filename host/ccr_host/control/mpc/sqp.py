@@ -2,7 +2,7 @@
 
 Each iteration minimises the second-order expansion within the bounds and backtracks along the
 step. The exact Hessian is needed, since the residuals at the edge of the workspace are large and
-Gauss-Newton stalls there; where it is not positive definite it is blended with Gauss-Newton.
+Gauss-Newton stalls there; if it is not positive definite, it is blended with Gauss-Newton.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ FloatArray = NDArray[np.float64]
 CONVERGED, STOPPED, COST_NOT_FINITE, HESSIAN_NOT_CONVEX, QP_FAILED, NEEDS_QP = 0, 1, 2, 3, 4, 5
 
 MAX_ITERATIONS = 30
-# Share of the exact curvature that is tried, in turn.
+# Fractions of the exact curvature, tried in this order.
 BLENDS = (1.0, 0.5, 0.1, 0.0)
 # Keeps Gauss-Newton definite where J loses rank and R is 0; relative to its trace.
 _RIDGE = 1e-10
 _SUFFICIENT_DECREASE = 1e-4
 _MAX_HALVINGS = 20
-# Of the cost: what may be left on the table, and what is lost in rounding anyway.
+# Fractions of the cost: the decrease that may remain, and the size of rounding errors.
 _TOLERANCE = 1e-8
 _ROUNDING = 1e-14
 # After a Newton step of size d the angles are off by about c d^2, so about (c d)^2 of the decrease
-# predicted for the step is left. c is the change of curvature with angle; along the paper's paths
+# predicted for the step remains. c is the change of curvature with angle; along the paper's paths
 # c^2 is about 2/rad^2, at the fold up to 100.
 _LEFT_OVER_PER_RAD2 = 100.0
-# Only machine code writes to it.
+# A placeholder: only machine code writes to it.
 _NO_PROGRAM = np.empty((1, 0))
 
 
 class Bounds(NamedTuple):
-    """On the motor angles and on their change per step."""
+    """Bounds on the motor angles and on their change per step."""
 
     lower_rad: Pair
     upper_rad: Pair
@@ -50,30 +50,30 @@ class Bounds(NamedTuple):
 
     @classmethod
     def of(cls, limits: MotorLimits, step_rad: float) -> Bounds:
-        """The bounds that motor limits and a step bound make."""
+        """The bounds given by motor limits and a step bound."""
         lower_1, lower_2 = limits.lower_rad.tolist()
         upper_1, upper_2 = limits.upper_rad.tolist()
         return cls((lower_1, lower_2), (upper_1, upper_2), step_rad)
 
 
 class Newton(NamedTuple):
-    """A step to try next."""
+    """A step to be tried."""
 
     step_rad: FloatArray | list[float]
-    """(2M,)."""
+    """Changes of the angles, (2M,)."""
     predicted_reduction: float
-    """Of the cost, by the expansion."""
+    """Reduction of the cost predicted by the expansion."""
     blend: float
 
 
 class Solution(NamedTuple):
-    """The best rollout found, and how."""
+    """The best rollout found, and how it was found."""
 
     status: int
     iterations: int
     rollout: Rollout
     blend: float
-    """Share of the exact curvature in the last QP."""
+    """Fraction of the exact curvature in the last QP."""
 
 
 def clip(bounds: Bounds, angles: Sequence[float]) -> Pair:
@@ -83,7 +83,7 @@ def clip(bounds: Bounds, angles: Sequence[float]) -> Pair:
 
 
 def feasible(bounds: Bounds, start_rad: Pair, angles: list[Pair]) -> list[Pair]:
-    """The angles, each moved as little as the bounds and its predecessor ask.
+    """The angles, each changed as little as the bounds and its predecessor require.
 
     ``start_rad`` is within the limits.
     """
@@ -98,7 +98,7 @@ def feasible(bounds: Bounds, start_rad: Pair, angles: list[Pair]) -> list[Pair]:
 
 
 def room(bounds: Bounds, start_rad: Pair, angles: list[Pair]) -> tuple[FloatArray, FloatArray]:
-    """Bounds of a step from these angles, lower and upper, as ``minimise`` takes them."""
+    """Lower and upper bounds of a step from these angles, in the form of ``minimise``."""
     (lower_1, lower_2), (upper_1, upper_2), reach = bounds
     n = 2 * len(angles)
     lower, upper = np.empty(2 * n), np.empty(2 * n)
@@ -120,8 +120,8 @@ def solve(
     """Descend from a feasible guess of M pairs of motor angles to a local minimum.
 
     The status is CONVERGED or STOPPED with a feasible solution that costs no more than the guess,
-    or tells why there is no solution. Machine code ends with NEEDS_QP where a bound is in the way,
-    and writes to ``program`` (2M + 1, 2M) the QP of the iteration, the gradient below the Hessian:
+    or says why there is no solution. Machine code ends with NEEDS_QP if a bound is active, and
+    writes to ``program`` (2M + 1, 2M) the QP of the iteration, the gradient below the Hessian:
     its solution is the next ``Newton`` for ``line_search``.
     """
     rollout = roll_out(problem, guess)
@@ -133,7 +133,7 @@ def solve(
 def descend(
     problem: Tracking, bounds: Bounds, rollout: Rollout, first: int, program: FloatArray
 ) -> Solution:
-    """The iterations from number ``first`` on, see ``solve``."""
+    """Run the iterations from number ``first``, see ``solve``."""
     for iteration in range(first, MAX_ITERATIONS + 1):
         status, newton = _newton_step(problem, bounds, rollout, program)
         if status != CONVERGED:
@@ -146,10 +146,10 @@ def descend(
 
 
 def line_search(problem: Tracking, rollout: Rollout, newton: Newton) -> tuple[bool, Rollout]:
-    """Backtrack along a step until the cost falls enough.
+    """Backtrack along a step until the cost decreases enough.
 
     Returns:
-        Whether that ends the iterations; the new rollout, or the old one if no step helps.
+        Whether the iterations are over; the new rollout, or the old one if no step helps.
     """
     if newton.predicted_reduction <= _ROUNDING * rollout.cost:
         return True, rollout
@@ -162,7 +162,7 @@ def line_search(problem: Tracking, rollout: Rollout, newton: Newton) -> tuple[bo
         candidate = roll_out(problem, angles)
         enough = _SUFFICIENT_DECREASE * step_length * newton.predicted_reduction
         if candidate.cost <= rollout.cost - enough:
-            # Convergence is quadratic: what a full Newton step leaves is known beforehand.
+            # Convergence is quadratic: the remainder after a full Newton step is known beforehand.
             squared = 0.0
             for angle in step:
                 squared += angle * angle
@@ -170,14 +170,14 @@ def line_search(problem: Tracking, rollout: Rollout, newton: Newton) -> tuple[bo
             is_newton = newton.blend == 1.0 and step_length == 1.0
             return is_newton and left_over <= _TOLERANCE * candidate.cost, candidate
         step_length *= 0.5
-    # The decrease drowns in rounding: as good as it gets.
+    # The decrease is below rounding errors: converged.
     return True, rollout
 
 
 def _newton_step(
     problem: Tracking, bounds: Bounds, rollout: Rollout, program: FloatArray
 ) -> tuple[int, Newton]:
-    """CONVERGED, NEEDS_QP or a failure; the step."""
+    """Status (CONVERGED, NEEDS_QP or a failure), and the step."""
     expansion = expand(problem, rollout)
     lower, upper = room(bounds, problem.start_rad, rollout.angles)
     gradient = expansion.gradient
