@@ -142,7 +142,7 @@ def test_a_run_that_ignores_hangups_outlives_its_terminal(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     ("words", "shown"),
-    [(("jog",), "asked"), (("monitor",), "M1"), (("emulate",), "try"), (("doctor",), "good")],
+    [(("jog",), "target"), (("monitor",), "M1"), (("emulate",), "try"), (("doctor",), "good")],
 )
 def test_closing_the_terminal_ends_every_command_without_a_crash(
     tmp_path: Path, words: tuple[str, ...], shown: str
