@@ -1,7 +1,7 @@
-"""Arithmetic that serves floats and arrays alike; on floats it is some ten times faster.
+"""Arithmetic for floats and arrays; on floats it is about ten times faster.
 
-The model is written in it once: with floats for one robot, with arrays for many at a time, and
-compiled (`compiled.py`), where everything is a float.
+The model is written once with it: for floats (one robot), for arrays (many robots), and compiled
+(`compiled.py`), where everything is a float.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ def arc_at(theta: Number) -> Arc:
 
 
 def split(rows: FloatArray) -> tuple[Number, ...]:
-    """The columns of (..., n), as floats if there is but one row."""
+    """The columns of (..., n), as floats if there is only one row."""
     if rows.ndim == 1:
         return tuple(rows.tolist())
     return tuple(np.moveaxis(rows, -1, 0))
 
 
 def stacked(*columns: Number) -> FloatArray:
-    """The reverse of ``split``: columns of (..., n), broadcast against each other."""
+    """The inverse of ``split``: stack columns to (..., n), broadcast against each other."""
     if all(isinstance(column, float) for column in columns):
         return np.array(columns)
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
@@ -59,7 +59,7 @@ def sign(x: Number) -> Number:
 
 
 def within(x: Number, most: float) -> Number:
-    """The nearest to x within -most and most."""
+    """x limited to the interval from -most to most."""
     return 0.5 * (abs(x + most) - abs(x - most))
 
 
@@ -69,5 +69,5 @@ def largest(x: Number) -> float:
 
 
 def anywhere(x: Number) -> bool:
-    """Whether a condition holds for one of them."""
+    """Whether a condition holds for any element."""
     return bool(np.any(x))

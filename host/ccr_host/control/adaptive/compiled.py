@@ -1,7 +1,7 @@
 """The static model's recurring computations as machine code, by numba (extra ``fast``).
 
-All formulas are those of the plain model, compiled; here are the loops over what is an array there.
-Nothing here is imported before a robot description asks for it.
+The formulas are the compiled ones of the plain model; this module adds the loops that replace its
+arrays. It is imported only if a robot description requires it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ccr_host.robot.rests import Rests
 
 _SOURCES: tuple[ModuleType, ...] = (arc, arithmetic, parameters, tip, statics, motion, path_plan)
 
-# Functions that look at the type of what they are given, as they are for floats.
+# Versions for floats of functions that depend on the type of their arguments.
 overload(arithmetic.arc_at)(
     lambda theta: lambda theta: Arc(arc_derivatives_at(theta), cmath.exp(1j * theta))
 )
@@ -50,7 +50,7 @@ for _function in jit.functions_of(*_SOURCES):
 class CompiledModel:
     """``PlainModel`` in machine code.
 
-    Building one compiles, or loads what was compiled before; using it never does.
+    It is compiled, or loaded from the cache, when constructed, never when used.
     """
 
     def __init__(self) -> None:
@@ -93,7 +93,7 @@ class _Entry(Protocol):
 
 
 class _Entries(NamedTuple):
-    """What Python calls; arguments are few and flat since numba takes time to pass each."""
+    """The functions that Python calls; arguments are few and flat, as each costs time in numba."""
 
     moved: _Entry
     changes: _Entry
@@ -102,7 +102,7 @@ class _Entries(NamedTuple):
 
 
 def _make_entries(fingerprint: int) -> _Entries:
-    """Entries that enclose a fingerprint of all code they are made of, see ``jit``."""
+    """The entries, which enclose a fingerprint of all code that they use, see ``jit``."""
 
     def moved(packed: FloatArray, flat: FloatArray, setpoint_rad: FloatArray) -> FloatArray:
         _ = fingerprint
@@ -149,7 +149,7 @@ def _make_entries(fingerprint: int) -> _Entries:
 
 @lru_cache(maxsize=1)
 def _ready_entries() -> _Entries:
-    """Compiled or loaded by first calls; from then on they refuse arguments of other types."""
+    """Compiled or loaded by first calls; they then reject arguments of other types."""
     entries = _make_entries(jit.fingerprint(*_SOURCES, jit, sys.modules[__name__]))
     anything = np.full(COUNT, 0.1)
     pose, pair, pairs = np.zeros(10), np.zeros(2), np.zeros((1, 2))

@@ -1,8 +1,8 @@
 """Extended Kalman filter over the static model's parameters, the servo delay and a tip offset.
 
-The offset is what the model does not explain: a slow disturbance with a memory of a few seconds.
-Parameters drift slowly, so the model keeps learning during the run; innovations that agree free the
-load on the tip, since payloads and pushes come at once.
+The offset is the part that the model does not explain: a slow disturbance with a memory of a few
+seconds. Parameters drift slowly, so the model continues to learn during the run. Consistent
+innovations free the load on the tip, since payloads and pushes begin suddenly.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ _DRIFTING = [
         "tip_per_mm",
     )
 ]
-"""Geometry stays what it is; threads creep and tools change."""
+"""Parameters that drift: threads creep and tools change, while the geometry stays constant."""
 _HINDRANCES = [Parameters._fields.index(name) for name in ("backlash_rad", "friction_1")]
 _NOTABLE_HINDRANCE = 0.3
-"""Prior deviations below which identification found none: noise must not find any on the path."""
+"""Smaller ones, in prior deviations, count as absent, so that noise on the path cannot add them."""
 _LOADS = [Parameters._fields.index("tip_per_mm"), *PUSHES]
 _IDENTIFIED = [index for index in range(COUNT) if index not in _DRIFTING + _HINDRANCES + _LOADS]
-"""Once identified at rest these are only considered, not corrected: along a path they could not be
-told from disturbances."""
+"""Once identified at rest, these are only considered, not corrected: along a path they cannot be
+distinguished from disturbances."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """What the filter assumes."""
+    """The assumptions of the filter."""
 
     noise_mm: float = 0.3
-    """Standard deviation of a measured coordinate, unmodelled motion included."""
+    """Standard deviation of a measured coordinate, including unmodelled motion."""
     swing_mm_per_rad: float = 60.0
-    """What a jump of the servos adds to it."""
+    """Increase of this deviation by a jump of the servos."""
     delay_s: float = COMMAND_DELAY_S
     delay_deviation_s: float = 0.015
     offset_deviation_mm: float = 1.0
@@ -59,30 +59,30 @@ class Tuning:
     drift_per_sqrt_s: float = 0.02
     """Drift of the parameters, in prior deviations."""
     gate_deviations: float = 4.0
-    """Larger innovations are taken down to this."""
+    """Larger innovations are reduced to this."""
     innovation_share: float = 0.2
     """Weight of the newest innovation in their running mean."""
     freeing: float = 20.0
     """Squared length of that mean over its expected size at which the load is freed: noise alone
-    gets there once in six thousand samples."""
+    reaches it once in six thousand samples."""
     load_deviation: float = 0.7
     """Deviation of a freed load, in prior deviations."""
     usual_after_s: float = 3.0
-    """Time constant of the offset that a payload or push is set off against."""
+    """Time constant of the usual offset, which is restored when a load is freed."""
     believed_after_s: float = 0.3
     """Time constant with which commands follow the estimate. A structure that resonates at 4 to
-    10 Hz with 2 % damping answers 20 times stronger there, in whatever phase the latency makes of
-    it: the loop must be well below 1 by then."""
+    10 Hz with 2 % damping responds 20 times more strongly there, with a phase that depends on the
+    latency: the loop gain must be well below 1 at these frequencies."""
 
 
 class Estimator:
-    """Keeps what is known of the robot.
+    """Estimates the parameters of the robot, the servo delay and the tip offset.
 
     Args:
         scaling: prior of the parameters.
-        fit: what identification has found, None to start from the prior.
-        tuning: of the filter.
-        model: what computes the derivatives.
+        fit: result of the identification; None starts from the prior.
+        tuning: assumptions of the filter.
+        model: computes the derivatives.
     """
 
     def __init__(
@@ -109,32 +109,32 @@ class Estimator:
 
     @property
     def offset_mm(self) -> FloatArray:
-        """Tip seen minus tip modelled, (3,), as far as commands shall follow it."""
+        """Measured minus modelled tip, (3,), low-pass filtered for use in commands."""
         return self._believed[_OFFSET].copy()
 
     @property
     def believed(self) -> Parameters:
-        """Parameters as far as commands shall follow them."""
+        """The parameters, low-pass filtered for use in commands."""
         return self._scaling.parameters(self._believed[:COUNT])
 
     @property
     def delay_s(self) -> float:
-        """From a command to the start of its motion."""
+        """Estimated time from a command to the start of its motion."""
         tuning = self._tuning
         return tuning.delay_s + tuning.delay_deviation_s * float(self._state[_DELAY])
 
     def trust(self, jolt_rad: float) -> float:
-        """Weight of a measurement against one without swings."""
+        """Weight of a measurement relative to one without oscillation."""
         return (self._tuning.noise_mm / self._noise_mm(jolt_rad)) ** 2
 
     def hand_over(self, offset_mm: FloatArray) -> None:
-        """From now on a memory of earlier laps accounts for this much of the offset, (3,)."""
+        """Subtract the part of the offset, (3,), that a memory of earlier laps now accounts for."""
         for state in (self._state, self._believed):
             state[_OFFSET] -= offset_mm
         self._usual_offset_mm -= offset_mm
 
     def elapse(self, duration_s: float) -> None:
-        """Let time pass: parameters drift, the offset fades and is renewed."""
+        """Predict over a time: parameters drift, the offset decays and gains uncertainty."""
         tuning = self._tuning
         keep = float(np.exp(-duration_s / tuning.offset_memory_s))
         self._state[_OFFSET] *= keep
@@ -149,16 +149,16 @@ class Estimator:
     def correct(
         self, pose: Pose, rate_rad_s: FloatArray, jolt_rad: float, seen_mm: FloatArray
     ) -> Pose:
-        """Take in one measurement.
+        """Correct the estimate by a measurement.
 
         Args:
-            pose: of the model when it was taken.
-            rate_rad_s: of the setpoints then, (2,).
-            jolt_rad: by how much they have jumped lately.
+            pose: the model's pose when it was taken.
+            rate_rad_s: rate of the setpoints at that time, (2,).
+            jolt_rad: recent jump of the setpoints.
             seen_mm: measured tip, (3,).
 
         Returns:
-            The pose as the corrected model has it.
+            The pose of the corrected model.
         """
         tuning = self._tuning
         by = self._model.sensitivity(self._scaling, self._state[:COUNT], pose, rate_rad_s)
@@ -179,7 +179,7 @@ class Estimator:
         change = gain @ (share * innovation)
         correction = gain @ cross.T
         self._covariance += gain @ innovation_covariance @ gain.T - correction - correction.T
-        # Rounding makes it lopsided, and that grows: no filter equation pulls it back.
+        # Rounding makes it asymmetric, which the filter equations would amplify.
         self._covariance = 0.5 * (self._covariance + self._covariance.T)
         score, before = self._state[:COUNT].copy(), self.parameters
         self._state += change
@@ -209,7 +209,7 @@ class Estimator:
             free = np.maximum(self._covariance[_LOADS, _LOADS], tuning.load_deviation**2)
             self._covariance[_LOADS, _LOADS] = free
             self._mean_innovation = np.zeros(3)
-            # What the offset has taken of it since is given back, for the load to explain.
+            # The part of it that the offset has absorbed is removed, for the load to explain.
             self._state[_OFFSET] = self._usual_offset_mm
             self.releases += 1
 

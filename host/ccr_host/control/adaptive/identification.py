@@ -26,21 +26,21 @@ _ITERATIONS = 20
 _DAMPING_FIRST, _DAMPING_FALL, _DAMPING_RISE, _DAMPING_MOST = 1e-3, 0.1, 10.0, 1e3
 _PROBE = 1e-4
 _DONE = 1e-2
-"""The fit ends once its steps are shorter than this share of a prior deviation."""
+"""The fit ends when its steps are shorter than this fraction of a prior deviation."""
 _HUBER_DEVIATIONS = 3.0
 _SURPRISING = 2.5
-"""Residual over expected residual at which the model does not explain the robot; 0.85 at most in
-the tours of 40 random robots (`bench.misfits.matching`)."""
+"""Ratio of residual to expected residual above which the model does not explain the robot; at most
+0.85 in the tours of 40 random robots (`bench.misfits.matching`)."""
 
 _ROWS_RAD = np.radians((0.0, 50.0, 100.0, -100.0, -50.0))
 _COLUMNS_RAD = np.radians((-110.0, -40.0, 40.0, 110.0))
 SETTLED_AFTER_S = 0.15
-"""A tip counts as resting this long after its servos."""
+"""Time after which a tip counts as resting when its servos rest."""
 _FEWEST_RESTS = 10
 _BELIEVABLE_MM = 60.0
-"""Random robots of the kind are 10 to 30 mm off the prior; markers mixed up are further."""
+"""Random robots are 10 to 30 mm off the prior; confused markers are further off."""
 _PULSE_KEYS = {"neutral_pulse_us", "pulse_per_90_deg_us"}
-"""What a commanded angle means; limits may change."""
+"""The servo keys that define a commanded angle; limits may change."""
 _DIGITS = 12
 
 
@@ -59,9 +59,9 @@ def predicted_mm(p: Parameters, rests: Rests) -> FloatArray:
 class Fit:
     """Parameters in prior deviations from the prior mean.
 
-    ``score`` (COUNT,), ``covariance`` (COUNT, COUNT), ``rms_mm`` of the markers that the fit
-    leaves, and what noise and the model's usual error let expect of it; ``cost`` is what it has
-    minimised: squared standardised residuals, as far as they count, and squared scores.
+    ``score`` (COUNT,), ``covariance`` (COUNT, COUNT), ``rms_mm`` of the markers'
+    residuals, and its expectation from noise and the model's usual error; ``cost`` is the minimised
+    sum of squared standardised residuals (robust) and squared scores.
     """
 
     score: FloatArray
@@ -72,12 +72,12 @@ class Fit:
 
     @property
     def explains(self) -> bool:
-        """Whether the model explains the rests: leaves no more than noise and its usual error."""
+        """Whether the model explains the rests: residuals are noise and its usual error."""
         return self.rms_mm < _SURPRISING * self.expected_rms_mm
 
     @property
     def residual(self) -> str:
-        """What the fit leaves, in words."""
+        """The residual of the fit, in words."""
         verdict = "" if self.explains else ": it does not explain the robot"
         return (
             f"the model leaves {self.rms_mm:.2f} mm RMS, where the camera's noise and its usual "
@@ -89,15 +89,15 @@ Predict = Callable[[Parameters, Rests], FloatArray]
 
 
 class StaticsFit:
-    """Levenberg and Marquardt's method, one step at a time.
+    """Fit by Levenberg and Marquardt's method, one step at a time.
 
-    A step takes tenths of a second, during which the board must go on hearing from the host.
+    A step takes tenths of a second; between steps the host must send commands to the board.
 
     Args:
-        scaling: prior.
-        rests: what was measured.
-        predict: instead of ``predicted_mm``.
-        start: scores to begin with, (COUNT,); the prior's without.
+        scaling: prior of the parameters.
+        rests: the measurements.
+        predict: replaces ``predicted_mm``.
+        start: initial scores, (COUNT,); by default those of the prior.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class StaticsFit:
         self._steps_left = _ITERATIONS
 
     def improve(self) -> bool:
-        """Make a step; whether another one may be worth it."""
+        """Make a step; return whether another one may be worthwhile."""
         scaled = self._residual_mm * self._weight
         slope = self._sensitivity() * self._weight[..., None]
         weighted = slope * _huber_weight(scaled)[:, None, None]
@@ -129,20 +129,20 @@ class StaticsFit:
         return self._descend(gradient) > _DONE and self._steps_left > 0
 
     def finish(self) -> Fit:
-        """All steps that are left at once."""
+        """Make all remaining steps."""
         while self.improve():
             pass
         return self.result()
 
     def result(self) -> Fit:
-        """What has been found so far."""
+        """The fit so far."""
         rms_mm = float(np.sqrt((self._residual_mm**2).sum(axis=1).mean()))
         expected_mm = math.sqrt(3.0 * float((self._weight**-2.0).mean()))
         covariance = np.asarray(np.linalg.inv(self._information), dtype=np.float64)
         return Fit(self._score, covariance, rms_mm, expected_mm, self._cost)
 
     def _descend(self, gradient: FloatArray) -> float:
-        """Damp the step until it leads downhill; its length, 0 if none does."""
+        """Damp a step until it leads downhill; return its length, 0 if none does."""
         while self._damping < _DAMPING_MOST:
             damped = self._information + self._damping * np.diag(np.diag(self._information))
             trial = self.scaling.bounded(self._score + np.linalg.solve(damped, gradient))
@@ -161,7 +161,7 @@ class StaticsFit:
         return residual_mm, _cost(residual_mm * self._weight, score)
 
     def _sensitivity(self) -> FloatArray:
-        """d marker / d score of each that was seen, (M, 3, COUNT), the way to it included."""
+        """d marker / d score of each marker seen, (M, 3, COUNT), including the path to the pose."""
         near_mm = self._predict(self.scaling.perturbed(self._score, _PROBE), self.rests)
         slope = np.moveaxis(near_mm[:, :COUNT] - near_mm[:, COUNT:], 1, -1) / _PROBE
         slope[..., PUSHES] = 0.0
@@ -181,10 +181,10 @@ def _huber_weight(standardised: FloatArray) -> FloatArray:
 
 
 def tour_bending_rad() -> FloatArray:
-    """Bending angles that show all parameters, (N, 2), neighbours next to each other.
+    """Bending angles at which all parameters are observable, (N, 2), in an order of short moves.
 
-    They reach as far as the workspace does: the camera's rotation and the robot's sag can only be
-    told apart by large bends.
+    They cover the workspace: only large bends distinguish the camera's rotation from the robot's
+    sag.
     """
     stops: list[tuple[float, float]] = []
     for number, row in enumerate(_ROWS_RAD):
@@ -197,8 +197,8 @@ def tour_stops_rad(p: Parameters, limits: MotorLimits) -> FloatArray:
     """Motor angles of the tour's rests, (N, 2), as far as the limits allow.
 
     Args:
-        p: as the robot is believed to be, floats.
-        limits: of the motors.
+        p: believed parameters of the robot, floats.
+        limits: limits of the motors.
     """
     return limits.clip(unhindered_setpoints_for(p, tour_bending_rad()))
 
@@ -208,19 +208,19 @@ class RestSurvey:
 
     Args:
         scaling: prior of the parameters.
-        predict: for the fit, instead of ``predicted_mm``.
+        predict: replaces ``predicted_mm`` in the fit.
     """
 
     def __init__(self, scaling: Scaling, predict: Predict | None = None) -> None:
         self.start_rad = np.zeros(2)
-        """Where the motors stood before."""
+        """Motor angles before the tour, (2,)."""
         self._predict = predict
         self._scaling = scaling
         self._setpoints_rad: list[FloatArray] = []
         self._markers_mm: list[list[FloatArray]] = []
 
     def add(self, history: SetpointHistory, measurement: Measurement) -> None:
-        """Keep a measurement if the setpoints had stood for long enough by then."""
+        """Keep a measurement if the setpoints had been at rest for long enough."""
         if measurement.time_s - history.resting_since(measurement.time_s) < SETTLED_AFTER_S:
             return
         setpoint = measurement.setpoint_rad
@@ -230,7 +230,7 @@ class RestSurvey:
         self._markers_mm[-1].append(np.stack([measurement.middle_mm, measurement.tip_mm]))
 
     def rests(self) -> Rests:
-        """What was measured."""
+        """The rests measured so far."""
         return Rests.of_vectors(
             self.start_rad,
             np.array(self._setpoints_rad),
@@ -239,12 +239,12 @@ class RestSurvey:
         )
 
     def fit(self) -> StaticsFit | None:
-        """The fit to what was measured, yet to be made; None if it makes no sense."""
+        """Prepare the fit to the measured rests; None if they are not suitable."""
         return fit_to(self._scaling, self.rests(), self._predict)
 
 
 def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> StaticsFit | None:
-    """The fit to rests, yet to be made; None if there are few, or no such robot rests there."""
+    """Prepare the fit to rests; None if there are too few, or they are implausible."""
     if len(rests.q_rad) < _FEWEST_RESTS:
         return None
     prior = scaling.parameters(np.zeros(COUNT))
@@ -255,7 +255,7 @@ def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> St
 
 
 def digest_of(description: Description) -> str:
-    """Digest of all in a description that decides what its identified rests mean."""
+    """Digest of everything in a description that its identified rests depend on."""
     registration = description.registration
     meaning = {
         "robot": description.robot.model_dump(),
@@ -267,7 +267,7 @@ def digest_of(description: Description) -> str:
 
 
 def identified_rests(description: Description) -> Rests | None:
-    """The rests of a description; None if it keeps none.
+    """The rests stored in a description; None if there are none.
 
     Raises:
         ConfigError: they were measured with another geometry, servo pulses or registration.

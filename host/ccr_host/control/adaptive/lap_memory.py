@@ -1,7 +1,7 @@
-"""What the model does not explain along a closed path, learnt from lap to lap.
+"""Learns from lap to lap the offset that the model does not explain along a closed path.
 
-Iterative learning with a zero-phase filter, m_{k+1} = m_k + gain Q (d_k - m_k), where d_k is what
-the tip was off the model in lap k; docs/control-statics.md has its condition of convergence.
+Iterative learning with a zero-phase filter, m_{k+1} = m_k + gain Q (d_k - m_k), where d_k is the
+offset of tip and model in lap k; docs/control-statics.md has the condition of convergence.
 """
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 _GAIN = 0.5
-"""Half of what is new, so that noise and one bad lap are averaged out."""
+"""Learning gain: half, so that noise and a single bad lap are averaged out."""
 _SMOOTHING_S = 1.0
-"""Deviation of the filter's bell: nothing is learnt above 0.4 Hz, a tenth of where the structure
-begins to resonate; what the static model lacks changes over some ten seconds of a path."""
+"""Standard deviation of the filter's Gaussian: nothing is learnt above 0.4 Hz, a tenth of the
+lowest resonance; errors of the static model change over some ten seconds of a path."""
 _SMOOTHING_STEPS = 0.7
-"""The least deviation: the bell (1, 2, 1) / 4 of slow sampling."""
+"""Minimum standard deviation: that of (1, 2, 1) / 4, for slow sampling."""
 _LARGEST_MM = 2.0
-"""The most that one measurement may teach: more is a payload, a push or markers mixed up."""
+"""Limit of what is learnt from a measurement: more is a payload, a push or confused markers."""
 
 
 class LapMemory:
     """Tip offset by phase of the path.
 
     Args:
-        steps: of one lap.
-        period_s: of a step.
+        steps: number of steps of a lap.
+        period_s: duration of a step.
     """
 
     def __init__(self, steps: int, period_s: float) -> None:
@@ -38,7 +38,7 @@ class LapMemory:
         self._filter = _low_pass(steps, max(_SMOOTHING_S / period_s, _SMOOTHING_STEPS))
 
     def at(self, index: float) -> FloatArray:
-        """What earlier laps have taught of a fractional step of the whole path, (3,) mm."""
+        """The offset learnt from earlier laps at a fractional step of the whole path, (3,) mm."""
         if self._lap == 0:
             return np.zeros(3)
         before = int(np.floor(index))
@@ -48,7 +48,7 @@ class LapMemory:
         return np.asarray((1.0 - share) * first + share * second)
 
     def note(self, index: float, unexplained_mm: FloatArray, trust: float) -> None:
-        """Tip seen minus tip modelled, (3,), at a fractional step; trust from 0 to 1."""
+        """Note measured minus modelled tip, (3,), at a fractional step; trust is from 0 to 1."""
         if index < 0.0:
             return
         step = round(index) % self._steps
@@ -57,10 +57,10 @@ class LapMemory:
         self._news_mm[step] = trust * share * news_mm
 
     def turn(self, index: float) -> FloatArray | None:
-        """Learn from the last lap once a new one has begun.
+        """Learn from the last lap when a new one has begun.
 
         Returns:
-            By how much that has changed the offset here, (3,) mm; None within a lap.
+            The resulting change of the offset here, (3,) mm; None within a lap.
         """
         if index < (self._lap + 1) * self._steps:
             return None
@@ -74,7 +74,7 @@ class LapMemory:
 
 
 def _low_pass(steps: int, deviation_steps: float) -> FloatArray:
-    """A bell's frequency response around the closed path: real, between 0 and 1."""
+    """Frequency response of a Gaussian on the closed path: real, between 0 and 1."""
     angle = 2.0 * np.pi * np.fft.rfftfreq(steps)
     response: FloatArray = np.exp(-0.5 * (deviation_steps * angle) ** 2)
     return response

@@ -31,23 +31,23 @@ from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
 
 _TOUR_REST_S = 0.5
-"""Time for the last move's motion to die down and for six samples of a 20 Hz camera."""
+"""Time for the oscillation after a move to decay, and for six samples of a 20 Hz camera."""
 _KNOT_PERIOD_S = 0.25
 _REFINEMENTS = 4
 _LONGEST_SHIFT_RAD = 0.5
-"""Further from the plan would be another branch."""
+"""Poses further from the plan would be on another branch."""
 _OLDEST_SAMPLE_S = 0.3
 
 
 class AdaptiveLaw(Law):
     """Identify, plan the branch, then follow with preview and learning.
 
-    Identification is a tour of rests during the approach, or that of the description. From lap to
-    lap of a closed path, what the model does not explain is remembered by phase.
+    Identification uses a tour of rests during the approach, or the rests of the description. On a
+    closed path, the offset that the model does not explain is remembered from lap to lap, by phase.
 
-    Every command is the static model's setpoint for the pose nearest to where the path will be when
-    the command has taken effect, in view of the offset that the estimator sees. Without
-    measurements it goes on with what it knows.
+    Every command is the static model's setpoint for the pose nearest to the point of the path at
+    which the command will have taken effect, given the estimated offset. Without measurements it
+    continues on its estimate.
 
     Raises:
         ConfigError: the description's rests were measured on another robot, or ``control.solver``
@@ -66,24 +66,24 @@ class AdaptiveLaw(Law):
 
     @property
     def delay_s(self) -> float:
-        """The estimator's."""
+        """The delay by the estimator."""
         return self._estimator.delay_s
 
     @property
     def is_identified(self) -> bool:
-        """Whether the approach has no tour of its own."""
+        """Whether the description contains the rests, so that the approach needs no tour."""
         return self._identified is not None
 
     @property
     def rests(self) -> Rests:
-        """What the model was fitted to."""
+        """The rests that the model was fitted to."""
         return self._survey.rests() if self.fit is None else self.fit.rests
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
-        """Plan from the prior."""
+        """Reset everything and plan from the prior."""
         super().start(path, history)
         self.fit: StaticsFit | None = None
-        """The fit that the path was planned with; None where no such robot rests there."""
+        """The fit that the path was planned with; None if the rests were not suitable."""
         self._survey = RestSurvey(self._scaling, self._model.predicted_mm)
         self._is_surveying = True
         self._estimator = Estimator(self._scaling, None, Tuning(), self._model)
@@ -95,7 +95,7 @@ class AdaptiveLaw(Law):
         self._sides = 0.0, 0.0
 
     def stages(self) -> Iterator[Stage]:
-        """Tour of rests unless identified, fit, first point."""
+        """Tour the rests unless they are known, fit the model, move to the first point."""
         here_rad = self.history.at(math.inf)
         if self._identified is not None:
             self.fit = fit_to(self._scaling, self._identified, self._model.predicted_mm)
@@ -120,9 +120,9 @@ class AdaptiveLaw(Law):
         return self._limits.clip(unhindered_setpoints_for(p, theta_rad))
 
     def observe(self, measurement: Measurement) -> None:
-        """Rests for the fit first; then learn, but not from the approach's other moves.
+        """Collect rests for the fit, later learn, but not from other moves of the approach.
 
-        They are faster than the path: lag would pass for an offset.
+        Those are faster than the path, so lag would be mistaken for an offset.
         """
         if self._is_surveying and measurement.clock_index is None:
             self._newest_s = measurement.exposed_s
@@ -133,7 +133,7 @@ class AdaptiveLaw(Law):
             self._learn(measurement)
 
     def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
-        """Setpoint for the nearest pose to the path, next to the planned one."""
+        """Plan the setpoint of the pose nearest to the path, close to the planned pose."""
         estimator = self._estimator
         oldest_s = time_s - _OLDEST_SAMPLE_S
         follower = self._following(oldest_s)
@@ -153,7 +153,7 @@ class AdaptiveLaw(Law):
         return Plan(setpoint_rad, (tip_mm(p, theta_1, theta_2) + expected_mm)[None])
 
     def _learn(self, measurement: Measurement) -> None:
-        """Correct the estimate."""
+        """Correct the estimate by a measurement."""
         estimator, time_s = self._estimator, measurement.time_s
         if self._newest_s is not None:
             estimator.elapse(measurement.exposed_s - self._newest_s)
@@ -166,7 +166,7 @@ class AdaptiveLaw(Law):
         follower.pose = estimator.correct(pose, rate_rad_s, jolt_rad, seen_mm)
 
     def _remember(self, measurement: Measurement, pose: Pose, jolt_rad: float) -> FloatArray:
-        """Note for the next lap what the model does not explain; what the last one has noted."""
+        """Note the unexplained offset for the next lap; return that of the last laps, (3,)."""
         index = measurement.clock_index
         if index is None:
             return np.zeros(3)

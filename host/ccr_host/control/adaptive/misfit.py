@@ -1,9 +1,9 @@
-"""Whether a robot moves as its description says, and if not, what is most likely wrong with it.
+"""Checks whether a robot moves as described, and if not, finds the most likely cause.
 
-The static model is fitted to rests under the description's prior. If it leaves too much, or needs
-parameters that no such robot has, it is fitted again under each of some hypotheses: motors reversed
-or exchanged, a servo's zero off, tendons loose, other lengths, a camera that is turned. The one
-under which rests and parameters are likeliest is the cause that is named.
+The static model is fitted to rests under the description's prior. If the residual is too large, or
+the parameters are implausible, it is fitted again under each of several hypotheses: motors reversed
+or swapped, a wrong zero of a servo, loose tendons, other lengths, a turned camera. The hypothesis
+with the most likely rests and parameters is the cause that is reported.
 """
 
 from __future__ import annotations
@@ -24,42 +24,42 @@ from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
 
 _MOST_DEVIATIONS = 2.2
-"""Deviations by which a parameter is certainly off; in robots that match they are up to 2.0."""
+"""Deviations at which a parameter is certainly wrong; in matching robots they are up to 2.0."""
 _MOST_ZERO_RAD = math.radians(5.6)
-"""Angle by which a servo is certainly off: half a tooth of its spline is 7.2 deg."""
+"""Angle at which a zero is certainly wrong: half a tooth of the servo's spline is 7.2 deg."""
 _ZERO_DOUBT_RAD = math.radians(1.2)
-"""The least doubt about a zero: where lengths and radii are 10 % off, the zeros found are up to 1.8
-deg off (0.9 RMS of 45 random robots), whatever their deviation."""
+"""Minimum uncertainty of a zero: if lengths and radii are 10 % off, zeros have errors of up to 1.8
+deg (0.9 RMS of 45 random robots), whatever their deviation."""
 _VARYING = [
     Parameters._fields.index(name)
     for name in Parameters._fields
     if not name.startswith(("length", "marker", "middle", "gain", "slack", "turn", "zero"))
 ]
-"""Loads, stiffness, friction and glue differ from robot to robot by more than any prior says."""
+"""Parameters that vary beyond their prior from robot to robot: loads, stiffness, friction, glue."""
 _FREEDOM = 8.0
-"""A hypothesis frees its parameters to so many times their prior deviation."""
+"""Factor by which a hypothesis widens the prior deviation of its parameters."""
 _START = 0.5
-"""A freed zero starts at this share of its deviation, 8 deg, to either side: slack may bar one
-way."""
+"""A freed zero starts at this fraction of its deviation, 8 deg, on either side, as slack may block
+one way."""
 _FIRST_STEPS = 8
 _FINALISTS = 5
-"""All hypotheses make some steps of their fit, the best of them all the others. After 5 steps the
-right one was still among the last in one of forty misfits, after 8 it led."""
+"""All hypotheses make the first steps of their fits, only the best ones the rest. After 5 steps the
+right one was still among the last in one of forty misfits, after 8 it was first."""
 _PRICE = 6.0
-"""Minus twice the logarithm of how often a motor is reversed, or two are exchanged, against how
-often all is well; a freed parameter pays for its freedom likewise."""
+"""Minus twice the log odds that a motor is reversed, or that two are swapped; a freed parameter is
+penalised likewise."""
 
 
 class MisfitError(CcrError):
-    """The robot is not the one that is described (exit status 3)."""
+    """The robot is not the described one (exit status 3)."""
 
 
 def is_misfit(fit: Fit, scaling: Scaling) -> bool:
-    """Whether the model, fitted to rests, does not explain them, or only with odd parameters.
+    """Whether the fitted model does not explain the rests, or only with implausible parameters.
 
     Args:
-        fit: what was found.
-        scaling: that it was fitted under.
+        fit: the fit to the rests.
+        scaling: the prior of that fit.
     """
     deviation = np.sqrt(np.diag(fit.covariance))
     certain = np.maximum(np.abs(fit.score) - deviation, 0.0)
@@ -74,11 +74,11 @@ def is_misfit(fit: Fit, scaling: Scaling) -> bool:
 
 
 def misfit(rests: Rests, description: Description) -> MisfitError:
-    """The likeliest cause, to be raised. Takes seconds: the robot has to be safe by now.
+    """Find the most likely cause. Takes seconds, so the robot must already be safe.
 
     Args:
-        rests: where the robot was seen.
-        description: of the robot.
+        rests: measured rests of the robot.
+        description: description of the robot.
     """
     scaling = Scaling.of(description)
     trials = [t for h in _hypotheses(description) for t in _trials(h, rests, scaling)]
@@ -99,29 +99,29 @@ def misfit(rests: Rests, description: Description) -> MisfitError:
 
 @dataclass(frozen=True)
 class _Hypothesis:
-    """How the robot may differ from its description."""
+    """A way in which the robot may differ from its description."""
 
     name: str
-    """With parameters of `Parameters` in braces; of angles in degrees."""
+    """Text for the user, with fields of `Parameters` in braces; angles are in degrees."""
     cure: str
     reversed: tuple[int, ...] = ()
-    """Motors, 0 or 1."""
+    """The reversed motors, 0 or 1."""
     swapped: bool = False
     turned: bool = False
     freed: tuple[str, ...] = ()
-    """Fields of `Parameters`."""
+    """The freed fields of `Parameters`."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A hypothesis on its way to the parameters under which it fits best."""
+    """A hypothesis and the fit of the parameters under it."""
 
     hypothesis: _Hypothesis
     fit: StaticsFit
     price: float
 
     def cost(self) -> float:
-        """Minus twice the logarithm of the likelihood, so far."""
+        """Minus twice the log likelihood so far."""
         return self.fit.result().cost + self.price
 
     def cause(self) -> str:
@@ -186,7 +186,7 @@ def _trials(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> Iterator
 
 
 def _as_supposed(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> Rests:
-    """The rests as the robot that is described would have been led through them."""
+    """The rests with the setpoints and the frame that the hypothesis implies."""
     signs = np.ones(2)
     signs[list(hypothesis.reversed)] = -1.0
     order = [1, 0] if hypothesis.swapped else [0, 1]

@@ -1,4 +1,4 @@
-"""What recurs with every measurement, in Python or compiled, as ``control.solver`` says."""
+"""The computations at every measurement, plain or compiled as ``control.solver`` says."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ PROBE = 1e-5
 
 
 class Sensitivity(NamedTuple):
-    """Columns are the scores, then time: ``tip`` (3, COUNT + 1), ``theta_rad`` (2, COUNT + 1)."""
+    """``tip`` (3, COUNT + 1), ``theta_rad`` (2, COUNT + 1): a column for each score, then time."""
 
     tip: FloatArray
     theta_rad: FloatArray
 
 
 class StaticModel(Protocol):
-    """The computations; both kinds run the same text of the formulas."""
+    """The interface of the computations; both implementations share the formulas."""
 
     def moved(self, p: Parameters, pose: Pose, setpoint_rad: FloatArray) -> Pose:
-        """``motion.moved``, to setpoints (2,)."""
+        """``motion.moved`` to setpoints, (2,)."""
         ...
 
     def sensitivity(
@@ -41,10 +41,10 @@ class StaticModel(Protocol):
         """Derivatives of the tip at rest in parameters and setpoints, see ``motion.change_of``.
 
         Args:
-            scaling: of the scores.
-            score: of the parameters, (COUNT,).
-            pose: at rest.
-            rate_rad_s: of the setpoints, (2,), which makes the last column a speed.
+            scaling: scaling of the scores.
+            score: scores of the parameters, (COUNT,).
+            pose: pose at rest.
+            rate_rad_s: rate of the setpoints, (2,), for the last column, a speed.
         """
         ...
 
@@ -60,7 +60,7 @@ class StaticModel(Protocol):
 
 
 class PlainModel:
-    """The computations in Python: many parameter sets at a time are arrays."""
+    """The computations in plain Python; several parameter sets at once are arrays."""
 
     predicted_mm = staticmethod(predicted_mm)
     polished = staticmethod(path_plan.polished)
@@ -83,7 +83,7 @@ PLAIN = PlainModel()
 
 
 def make_model(control: Control) -> StaticModel:
-    """The model that ``control.solver`` names.
+    """Make the model that ``control.solver`` names.
 
     Raises:
         ConfigError: it needs an extra that is not installed.
@@ -97,13 +97,13 @@ def make_model(control: Control) -> StaticModel:
 
 
 class PoseFollower:
-    """Follows a history of setpoints; backlash and friction need every turn of them.
+    """Follows a history of setpoints completely, as backlash and friction depend on every turn.
 
     Args:
         p: parameters, floats.
-        history: of the setpoints.
-        time_s: from when on to follow it.
-        model: what computes the poses.
+        history: history of the setpoints.
+        time_s: time from which to follow it.
+        model: computes the poses.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class PoseFollower:
         return self.pose
 
     def ahead(self, p: Parameters) -> Pose:
-        """What will hold the robot once all commands are done; its bending angles are old ones."""
+        """Backlash and friction after all commands; the bending angles are not updated."""
         pose = self.pose
         for setpoint_rad in self._history.corners(self._time_s, math.inf):
             if p.friction_1 > 0.0:

@@ -1,6 +1,6 @@
-"""How the robot comes to rest where it does: backlash of the servos, friction of the tendons.
+"""Rests of the robot with backlash of the servos and friction of the tendons.
 
-Both remember only how far and which way the servos went, not how fast.
+Both depend only on how far and in which direction the servos moved, not on their speed.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from ccr_host.control.adaptive.tip import Tip, seen_of, tip_of
 from ccr_host.robot.arc import Number
 
 _LONGEST_STEP_RAD = np.radians(8.0)
-"""Over so much of its travel a motor moves the segments one way or the other, not to and fro."""
+"""Travel of a motor over which the segments are assumed to move in one direction only."""
 _LEAST_BACKLASH_RAD = 1e-4
 _FRICTION_1 = Parameters._fields.index("friction_1")
 _AFTER_IT = _FRICTION_1 + 1
 _UNMOVED_RAD = np.radians(0.1)
-"""A wish to turn a shaft back by less than this does not take up the whole backlash."""
+"""Demanded reversals of a shaft below this do not take up the whole backlash."""
 
 
 class Pose(NamedTuple):
-    """A pose at rest and what holds it; floats, or arrays where parameters are.
+    """A pose at rest and what holds it; floats, or arrays if the parameters are arrays.
 
-    ``q`` are the setpoints of the servos; ``lag``, from -1 to 1, is the share of their backlash by
-    which they stay behind; ``anchors`` are the routes of the tendons, as ``routes_of`` has them, at
-    which friction pulls none of them; ``theta`` are the bending angles.
+    ``q`` are the setpoints of the servos; ``lag``, from -1 to 1, is the fraction of their backlash
+    by which they lag; ``anchors`` are the tendon routes, see ``routes_of``, at which friction
+    exerts no force; ``theta`` are the bending angles.
     """
 
     q_1: Number
@@ -56,7 +56,7 @@ class Pose(NamedTuple):
 
 
 def first_pose(p: Parameters, q_1: float, q_2: float) -> Pose:
-    """The pose at setpoints that were not reached from any side."""
+    """The pose at setpoints without a history of motion."""
     guess_1, guess_2 = likely_of(p, q_1, q_2)
     anchors = routes_of(p, guess_1, guess_2)
     shafts = shafts_of(p, (q_1, q_2), (0.0, 0.0))
@@ -65,13 +65,13 @@ def first_pose(p: Parameters, q_1: float, q_2: float) -> Pose:
 
 
 def without_friction(p: Parameters) -> Parameters:
-    """The parameters of a robot whose tendons slide freely."""
+    """The parameters of the same robot with tendons that slide freely."""
     fields: tuple[Number, ...] = (*p[:_FRICTION_1], 0.0 * p.friction_1, *p[_AFTER_IT:])
     return Parameters(*fields)
 
 
 def moved(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
-    """The pose after the setpoints have gone straight to new ones."""
+    """The pose after a straight motion of the setpoints to new ones."""
     travel_1, travel_2 = q_1 - pose.q_1, q_2 - pose.q_2
     steps = math.ceil(max(abs(travel_1), abs(travel_2)) / _LONGEST_STEP_RAD)
     for _ in range(steps):
@@ -80,14 +80,14 @@ def moved(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
 
 
 def turned(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
-    """``moved`` without friction, for those who want to know what holds the robot but not where."""
+    """``moved`` without friction and without updating the bending angles."""
     lag_1 = _lag_of(p.backlash_rad, pose.lag_1, q_1 - pose.q_1)
     lag_2 = _lag_of(p.backlash_rad, pose.lag_2, q_2 - pose.q_2)
     return Pose(q_1, q_2, lag_1, lag_2, pose.anchors, pose.theta_1, pose.theta_2)
 
 
 def _stepped(p: Parameters, pose: Pose, travel_1: float, travel_2: float) -> Pose:
-    """The pose after one short motion of the setpoints."""
+    """The pose after a short motion of the setpoints."""
     ahead = turned(p, pose, pose.q_1 + travel_1, pose.q_2 + travel_2)
     shafts = shafts_of(p, (ahead.q_1, ahead.q_2), (ahead.lag_1, ahead.lag_2))
     theta_1, theta_2 = settled(p, pose.theta_1, pose.theta_2, shafts, pose.anchors)
@@ -103,13 +103,13 @@ def _stepped(p: Parameters, pose: Pose, travel_1: float, travel_2: float) -> Pos
 
 
 def _lag_of(backlash_rad: Number, lag: Number, travel_rad: float) -> Number:
-    """Share of the backlash by which a servo stays behind, -1 to 1, after it has turned on."""
+    """Fraction of the backlash by which a servo lags, -1 to 1, after a further turn."""
     at_least_rad = backlash_rad + positive(_LEAST_BACKLASH_RAD - backlash_rad)
     return within(lag + travel_rad / at_least_rad, 1.0)
 
 
 def shifted(before: Parameters, after: Parameters, pose: Pose, theta: FloatArray) -> Pose:
-    """The pose moved to where a corrected model has it, (2,): what slides keeps sliding."""
+    """The pose at the bending angles of a corrected model, (2,): sliding tendons keep sliding."""
     theta_1, theta_2 = theta.tolist()
     routes = zip(
         pose.anchors,
@@ -122,7 +122,7 @@ def shifted(before: Parameters, after: Parameters, pose: Pose, theta: FloatArray
 
 
 def setpoint_for(p: Parameters, pose: Pose, shafts: tuple[float, float]) -> FloatArray:
-    """Setpoint that turns the shafts from where they are to given angles, past backlash, (2,)."""
+    """Setpoint that turns the shafts from a pose to given angles, including backlash, (2,)."""
     lag, q_rad = np.array([pose.lag_1, pose.lag_2]), np.array([pose.q_1, pose.q_2])
     wanted = np.array([shafts[0] + p.zero_1_rad, shafts[1] + p.zero_2_rad])
     ahead = lag + (wanted - q_rad + p.backlash_rad * lag) / _UNMOVED_RAD
@@ -130,7 +130,7 @@ def setpoint_for(p: Parameters, pose: Pose, shafts: tuple[float, float]) -> Floa
 
 
 class Slopes(NamedTuple):
-    """Forces, tip, and how the seen tip moves with each bending angle, of one pose."""
+    """Forces and tip of a pose, and the motion of the seen tip with each bending angle."""
 
     forces: Forces
     seen: Three
@@ -139,7 +139,7 @@ class Slopes(NamedTuple):
 
 
 def slopes_of(p: Parameters, pose: Pose) -> Slopes:
-    """What ``change_of`` starts from."""
+    """The input of ``change_of`` at a pose."""
     shafts = shafts_of(p, (pose.q_1, pose.q_2), (pose.lag_1, pose.lag_2))
     tip: Tip = tip_of(p, pose.theta_1, pose.theta_2)
     return Slopes(
@@ -153,17 +153,17 @@ def slopes_of(p: Parameters, pose: Pose) -> Slopes:
 def change_of(
     here: Slopes, near: Parameters, pose: Pose, travel_1: Number, travel_2: Number
 ) -> tuple[Number, Number, Number, Number, Number]:
-    """By how much tip and bending angles of a pose change, by the implicit function theorem.
+    """Changes of tip and bending angles of a pose, by the implicit function theorem.
 
-    At rest g(theta, p) = 0, so dtheta = -g_theta^-1 g_p dp and df = f_p dp + f_theta dtheta. What
-    friction holds hardly yields.
+    At rest g(theta, p) = 0, so dtheta = -g_theta^-1 g_p dp and df = f_p dp + f_theta dtheta. A
+    segment held by friction hardly yields.
 
     Args:
-        here: of the pose.
-        near: parameters, perturbed a little.
-        pose: at rest.
-        travel_1: by how much the setpoint of motor 1 is perturbed.
-        travel_2: the same of motor 2.
+        here: slopes at the pose.
+        near: slightly perturbed parameters.
+        pose: pose at rest.
+        travel_1: perturbation of the setpoint of motor 1.
+        travel_2: perturbation of the setpoint of motor 2.
 
     Returns:
         Changes of the seen tip, three, and of the bending angles, two.

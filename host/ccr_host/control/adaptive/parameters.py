@@ -1,4 +1,4 @@
-"""What the static model does not know exactly, and what is believed of it beforehand."""
+"""The uncertain parameters of the static model, and their prior."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ccr_host.robot.arc import Number
 FloatArray = NDArray[np.float64]
 
 SEGMENT_1_SHARE, MARKER_2_SHARE, SEGMENT_2_SHARE = 0.4, 0.25, 0.35
-"""Shares of the weight without the tip, for a printed robot of the paper's kind. What the shares
-get wrong the stiffness ratio and the tip's weight take up."""
+"""Fractions of the weight without the tip, for a printed robot like the paper's. The stiffness
+ratio and the tip's weight compensate for errors of these."""
 
 
 class Parameters(NamedTuple):
-    """What the controller does not know exactly; floats, or arrays that broadcast."""
+    """The uncertain parameters; floats, or arrays that broadcast."""
 
     length_1_mm: Number
     length_2_mm: Number
@@ -30,42 +30,42 @@ class Parameters(NamedTuple):
     gain_1: Number
     """theta_1 / phi_1 of inextensible, taut tendons: r_p / r_c."""
     gain_ratio: Number
-    """Segment 2's over segment 1's."""
+    """Ratio of the gains, segment 2 to segment 1."""
     compliance_1: Number
-    """k_1 / (k_t r_c^2): how much further a motor must turn against stretching tendons."""
+    """k_1 / (k_t r_c^2): the additional motor angle due to the stretch of the tendons."""
     compliance_2: Number
     slack_1_rad: Number
     """Motor angle that takes up the slack of a straight segment."""
     slack_2_rad: Number
     sag_1: Number
-    """Slack in units of r_c that bending adds per theta_1^2: holes of a bent segment come closer
-    on both sides."""
+    """Slack in units of r_c that bending adds per theta_1^2, as the holes of a bent segment get
+    closer on both sides."""
     sag_2: Number
     body_per_mm: Number
-    """Weight of everything but the tip over k_1."""
+    """Weight of everything except the tip, divided by k_1."""
     tip_per_mm: Number
-    """Weight at the tip over k_1: marker, tool, payload."""
+    """Weight at the tip (marker, tool, payload), divided by k_1."""
     stiffness_ratio: Number
     """k_2 / k_1."""
     turn_x_rad: Number
-    """Rotation vector of the camera against the robot, 2 tan(angle / 2) long."""
+    """Rotation vector of the camera relative to the robot, of length 2 tan(angle / 2)."""
     turn_y_rad: Number
     turn_z_rad: Number
     backlash_rad: Number
-    """How far a servo stays behind its setpoint, on the side it came from."""
+    """Angle by which a servo lags behind its setpoint, on the side it came from."""
     friction_1: Number
-    """Moment over k_1 that a segment's motion has to overcome."""
+    """Friction moment of a segment, divided by k_1."""
     friction_ratio: Number
-    """Segment 2's over segment 1's."""
+    """Ratio of the friction moments, segment 2 to segment 1."""
     push_x_per_mm: Number
-    """Steady force on the tip over k_1, along x and y of (10); along z it counts as weight."""
+    """Steady force on the tip, divided by k_1, along x and y of (10); along z it is weight."""
     push_y_per_mm: Number
     zero_1_rad: Number = 0.0
-    """Setpoint at which a shaft stands at 0: how the horn sits on its spline. Half the difference
-    between the slack of a pair's two tendons is the same thing."""
+    """Setpoint at which a shaft is at 0, given by the horn's position on the spline. Half the
+    difference in slack of a pair's tendons has the same effect."""
     zero_2_rad: Number = 0.0
     middle_along_mm: Number = 0.0
-    """Where M2 is glued, off its place: along the backbone, away from it, and along f[0]."""
+    """Offset of M2 from its nominal place: along the backbone, away from it, and along f[0]."""
     middle_up_mm: Number = 0.0
     middle_aside_mm: Number = 0.0
 
@@ -76,7 +76,7 @@ class Parameters(NamedTuple):
 
     @property
     def friction_2(self) -> Number:
-        """Moment over k_1."""
+        """Friction moment of segment 2, divided by k_1."""
         return self.friction_1 * self.friction_ratio
 
 
@@ -84,21 +84,21 @@ COUNT = len(Parameters._fields)
 TURNS = [Parameters._fields.index(f"turn_{axis}_rad") for axis in "xyz"]
 ZEROS = [Parameters._fields.index(f"zero_{motor}_rad") for motor in (1, 2)]
 PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_per_mm")]
-"""A robot at rest is taken to be pushed by nothing: pushes look like a turned camera."""
+"""No push is assumed on a robot at rest, as a push looks like a turned camera."""
 _RINGING_MM = 0.32
-"""Error of a coordinate of one measurement at rest, beside the camera's noise."""
+"""Error of a coordinate of a measurement at rest, in addition to the camera's noise."""
 _MODEL_MM = 0.25
-"""Error of a coordinate of a rest, however often it was measured: what the model leaves is alike in
-neighbouring rests, so that to believe it less than it seems to be is not enough."""
+"""Error of a coordinate of a rest, however often it was measured. The model's errors are correlated
+in neighbouring rests, which this alone does not describe."""
 _USUAL_TURN_DEG = 0.5
 """Standard deviation of a registration that does not state it."""
 _LEAST_TURN_DEG = 0.1
 _FREE_ZERO_RAD = 0.8
-"""Where zeros are looked for: the horn of a servo fits on its spline every 14.4 deg."""
+"""Range of the zeros: the horn of a servo fits on its spline every 14.4 deg."""
 
 
 class Prior(NamedTuple):
-    """What the description and its kind of robot say of each parameter, (COUNT,) each."""
+    """The prior of each parameter, from the description and the kind of robot, (COUNT,) each."""
 
     mean: FloatArray
     deviation: FloatArray
@@ -109,10 +109,10 @@ class Prior(NamedTuple):
 def prior_of(robot: Robot) -> Prior:
     """The prior, from the description alone.
 
-    The geometry is believed to some per cent. The rest are assumptions about a printed robot with
+    The geometry is known to a few per cent. The rest are assumptions about a printed robot with
     thread tendons: 1 mm of slack, tendons four times stiffer than the flexures, gravity bending it
-    by a third of a radian, servos set to zero as well as a camera is aligned, M2 glued on to
-    half a millimetre. Bounds keep the model meaningful, whatever is measured.
+    by a third of a radian, servo zeros as accurate as the camera's alignment, M2 placed within half
+    a millimetre. Bounds keep the model meaningful, whatever is measured.
     """
     length_1, length_2 = robot.segment_lengths_mm
     offset = robot.marker_offset_mm
@@ -157,7 +157,7 @@ def prior_of(robot: Robot) -> Prior:
 
 
 def parameters_of(vector: FloatArray | Sequence[float]) -> Parameters:
-    """Floats from a vector, (COUNT,)."""
+    """Convert a vector, (COUNT,), to floats."""
     return Parameters(*map(float, vector))
 
 
@@ -165,10 +165,10 @@ class Scaling:
     """Parameters as scores, (parameter - prior mean) / prior deviation, and their bounds.
 
     Args:
-        robot: what the prior knows.
-        turn_deviation_rad: of the camera's rotation, about each axis or about x, y and z, (3,),
-            where it was registered.
-        zero_deviation_rad: of the servos' zeros, where they are believed otherwise.
+        robot: section of the description for the prior.
+        turn_deviation_rad: standard deviation of the camera's rotation, about each axis or about
+            x, y and z, (3,), if it was registered.
+        zero_deviation_rad: standard deviation of the servos' zeros, if not that of the prior.
         noise_mm: RMS length of the error of a measured vector between two markers.
     """
 
@@ -192,7 +192,7 @@ class Scaling:
 
     @classmethod
     def of(cls, description: Description) -> Scaling:
-        """Believes a registered camera's rotation as precisely as its registration states."""
+        """Scaling of a description, with the accuracy of its registration, if any."""
         registration, noise_mm = description.registration, description.tracker.noise_mm
         if registration is None:
             return cls(description.robot, noise_mm=noise_mm)
@@ -206,16 +206,16 @@ class Scaling:
         return deviation_mm
 
     def parameters(self, score: FloatArray) -> Parameters:
-        """Floats for the model."""
+        """The parameters of scores, as floats."""
         return parameters_of(self._mean + self._deviation * score)
 
     def perturbed(self, score: FloatArray, probe: float) -> Parameters:
-        """Each score raised by ``probe`` in turn, and at last none: arrays (COUNT + 1,)."""
+        """Parameters with each score increased by ``probe`` in turn, then none: (COUNT + 1,)."""
         scores = score + probe * np.eye(COUNT + 1, COUNT)
         return Parameters(*(self._mean + self._deviation * scores).T)
 
     def freed(self, indices: Sequence[int], factor: float) -> Scaling:
-        """Some parameters are believed so many times less, and may go so much further."""
+        """Widen the deviation and the bounds of some parameters by a factor."""
         other = copy.copy(self)
         lower, upper = (self._mean + self._deviation * end for end in (self._lower, self._upper))
         other._deviation = self._deviation.copy()
@@ -229,5 +229,5 @@ class Scaling:
         return other
 
     def bounded(self, score: FloatArray) -> FloatArray:
-        """The nearest scores with a meaning."""
+        """The nearest scores within the bounds."""
         return np.clip(score, self._lower, self._upper)

@@ -1,8 +1,8 @@
-"""One continuous sequence of bending angles along a whole path, with the branch chosen globally.
+"""Plans a continuous sequence of bending angles along a path, with a globally optimal branch.
 
 Beyond the fold of the workspace a point can be reached by two poses, or the nearest pose jumps from
-one side to the other. Every sample gets all its local nearest poses; Viterbi's algorithm picks one
-of each at least cost of squared error plus a price on steps.
+one side to the other. All locally nearest poses of every sample are found; Viterbi's algorithm
+selects one of each with minimum squared error plus a price of steps.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ _GRID_STEP_RAD = np.radians(5.0)
 _MOST_BENDING_RAD = np.radians(200.0)
 _CANDIDATES = 6
 _STEP_PRICE_MM2_RAD2 = 4.0
-"""A jump of half a radian is worth 1 mm of error at one sample."""
+"""A jump of half a radian costs as much as an error of 1 mm at one sample."""
 _POLISHING_STEPS = 12
 _DAMPING_MM2 = 150.0
-"""Above the curvature that an unreachable target adds at the fold: 3.5 mm times 40 mm/rad^2."""
+"""More than the curvature due to an unreachable target at the fold: 3.5 mm times 40 mm/rad^2."""
 _LONGEST_STEP_RAD = 0.1
 
 
 @dataclass(frozen=True)
 class PathPlan:
-    """Bending angles over the knots of a path, (K, 2), and the knots' step indices, (K,)."""
+    """Bending angles at the knots of a path, (K, 2), and the knots' step indices, (K,)."""
 
     knots: FloatArray
     theta_rad: FloatArray
 
     def bending_rad(self, index: float) -> FloatArray:
-        """Between the samples linearly; (2,)."""
+        """Bending angles at a fractional step, (2,), interpolated linearly."""
         return np.array([np.interp(index, self.knots, column) for column in self.theta_rad.T])
 
 
 class Atlas:
-    """Tips over a grid of all bending angles that the motors can hold.
+    """The tips on a grid of all bending angles that the motors can hold.
 
     Args:
         p: parameters, floats.
@@ -62,7 +62,7 @@ class Atlas:
         self._tip_mm = np.where(allowed, straight_tip_mm(p, *split(self._theta)), np.inf)
 
     def nearest(self, target_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Local nearest poses of one target: angles (C, 2) and distances (C,), nearest first."""
+        """Locally nearest poses of a target: angles (C, 2) and distances (C,), nearest first."""
         distance = np.linalg.norm(self._tip_mm - target_mm, axis=-1)
         inner = distance[1:-1, 1:-1]
         around = [
@@ -86,15 +86,15 @@ def plan_path(
     near: FloatArray,
     polish: Polish,
 ) -> PathPlan:
-    """Choose the branch and polish.
+    """Choose the branch and refine its poses.
 
     Args:
         p: parameters, floats.
         limits: of the motors.
         target_mm: desired tips at the knots, (K, 3), in the robot's frame.
         knots: step index of each, (K,).
-        near: bending angles that the plan should start from, (2,).
-        polish: ``polished``, or the same compiled.
+        near: bending angles near which the plan should start, (2,).
+        polish: ``polished``, plain or compiled.
     """
     atlas = Atlas(p, limits)
     candidates = [atlas.nearest(target) for target in target_mm]
@@ -130,7 +130,7 @@ def polished(
 def polished_of(
     p: Parameters, theta_1: Number, theta_2: Number, x_mm: Number, wanted: Number, iterations: int
 ) -> Two:
-    """``polished`` one by one; ``wanted`` is -y + i z of the target."""
+    """``polished`` for a single pose; ``wanted`` is -y + i z of the target."""
     for _ in range(iterations):
         tip = tip_of(p, theta_1, theta_2)
         by_1, by_2 = tip.sagittal_1.conjugate(), tip.sagittal_2.conjugate()

@@ -1,10 +1,10 @@
-"""Where the robot rests: two bending angles, slack elastic tendons, gravity, dry friction.
+"""Rest poses of the robot: two bending angles, slack elastic tendons, gravity, dry friction.
 
-The equations stand in docs/control-statics.md.
+The equations are in docs/control-statics.md.
 
 Each segment bends evenly by theta_j. Its pose minimises the energy of bending, gravity and the
-tendons, each of which pulls when taut and never pushes. All energies count in units of segment 1's
-bending stiffness k_1, so only ratios enter: they are the unknowns of ``Parameters``.
+tendons, which pull when taut and never push. All energies are divided by the bending stiffness k_1
+of segment 1, so only ratios enter: they are the unknowns of ``Parameters``.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ from ccr_host.robot.arc import Number
 _NEWTON_LIMIT = 15
 _LONGEST_STEP_RAD = 0.5
 _REST_RAD = 1e-5
-"""The step after the last one would be about its square."""
+"""Newton's method ends with a step below this: the next one would be about its square."""
 _CUTS = 5
 _LEFT_SHARE = 0.3
 _LEAST_STIFFNESS = 0.2
-"""Share of k_1 that keeps Newton's steps downhill where gravity nearly buckles the robot."""
+"""Fraction of k_1 that keeps Newton's steps downhill if gravity nearly buckles the robot."""
 
 _CHANGE_OVER = 0.006
-"""In k_1 a radian, 0.3 deg of bending: a tendon pair changes over when the other tendon would have
-to pull so much. Between, the segment rests on the tendon that held it: noise must not send the
-servo to and fro through the slack, with the segment hanging on no tendon, lightly damped."""
+"""A tendon pair changes over when the other tendon would have to pull this much, in k_1 per radian
+(0.3 deg of bending). Below that, the segment stays on the tendon that held it, so that noise does
+not drive the servo to and fro through the slack, where no tendon damps the segment."""
 
 STICKING = 0.005
-"""In units of r_c: dry friction gives by so much before a tendon slides. 0.3 deg of bending, a few
-tenths of a mm at the tip, as much as feedback can tell from noise."""
+"""Yield of dry friction before a tendon slides, in units of r_c: 0.3 deg of bending, or a few
+tenths of a mm at the tip, which is as little as feedback can distinguish from noise."""
 
 _STILL_STICKS = STICKING * (1.0 - 1e-9)
-"""What has just slid stands at the limit and goes on sliding, whatever rounding makes of it."""
+"""A tendon that has just slid is at the limit and continues to slide in spite of rounding."""
 
 
 class Forces(NamedTuple):
@@ -65,9 +65,9 @@ class Forces(NamedTuple):
 
 
 def routes_of(p: Parameters, theta_1: Number, theta_2: Number) -> Four:
-    """How much longer bending makes the tendons' routes, in units of r_c.
+    """Lengthening of the tendons' routes by bending, in units of r_c.
 
-    Those of motor 1 on both sides, then those of motor 2, which pass segment 1 too.
+    First those of motor 1 on both sides, then those of motor 2, which also pass segment 1.
     """
     sag_1 = p.sag_1 * theta_1 * theta_1
     sag_2 = p.sag_2 * theta_2 * theta_2 + sag_1
@@ -77,8 +77,8 @@ def routes_of(p: Parameters, theta_1: Number, theta_2: Number) -> Four:
 def settled(p: Parameters, theta_1: Number, theta_2: Number, shafts: Two, anchors: Four) -> Two:
     """Bending angles at rest, found by Newton's method from a guess.
 
-    Whole steps across the kinks of tendons and friction can go round in circles: one that
-    overshoots is cut to where the forces along it vanish.
+    Full steps across the kinks of tendons and friction can cycle, so a step that overshoots is
+    shortened to where the forces along it vanish.
     """
     here = forces_of(p, theta_1, theta_2, shafts, anchors)
     for _ in range(_NEWTON_LIMIT):
@@ -101,7 +101,7 @@ def _searched(
     shafts: Two,
     anchors: Four,
 ) -> tuple[Number, Forces]:
-    """Share of a step at which the forces along it nearly vanish, and the forces there."""
+    """Fraction of a step at which the forces along it nearly vanish, and the forces there."""
     ahead = forces_of(p, theta_1 + step_1, theta_2 + step_2, shafts, anchors)
     first = step_1 * here.moment_1 + step_2 * here.moment_2
     last = step_1 * ahead.moment_1 + step_2 * ahead.moment_2
@@ -118,7 +118,7 @@ def _searched(
         if not anywhere((abs(along) >= enough) & too_far):
             break
         beyond = along > 0.0
-        # Illinois's rule: an end that stays loses half its weight.
+        # Illinois rule: halve the weight of an end that is kept.
         first, last = (
             beyond * 0.5 * first + (1 - beyond) * along,
             beyond * along + (1 - beyond) * 0.5 * last,
@@ -131,7 +131,7 @@ _TINY = 1e-18
 
 
 def likely_of(p: Parameters, q_1: Number, q_2: Number) -> Two:
-    """Bending angles at setpoints without gravity and sag, to start a search from."""
+    """Bending angles at setpoints without gravity and sag, as initial guess."""
     q_1, q_2 = q_1 - p.zero_1_rad, q_2 - p.zero_2_rad
     taut_1, taut_2 = positive(abs(q_1) - p.slack_1_rad), positive(abs(q_2) - p.slack_2_rad)
     return (
@@ -164,14 +164,14 @@ class Hold(NamedTuple):
 
 
 def hold_of(p: Parameters, theta_1: Number, theta_2: Number, anchors: Four, sides: Two) -> Hold:
-    """What holds the robot at given bending angles, the exact inverse of rest.
+    """The shaft angles that hold the robot at given bending angles, the exact inverse of rest.
 
     Args:
         p: parameters, floats.
         theta_1: bending angle of segment 1.
         theta_2: bending angle of segment 2.
-        anchors: of the tendons by friction.
-        sides: which tendons have pulled so far; 0 for none.
+        anchors: routes at which friction exerts no force.
+        sides: which tendon of each pair has pulled so far; 0 for none.
     """
     load = _loads(p, theta_1, theta_2)
     routes = routes_of(p, theta_1, theta_2)
@@ -219,12 +219,12 @@ def unhindered_setpoints_for(p: Parameters, theta_rad: FloatArray) -> FloatArray
 
 
 def zeros_rad(p: Parameters) -> FloatArray:
-    """Setpoints at which the shafts stand at 0, (..., 2)."""
+    """Setpoints at which the shafts are at 0, (..., 2)."""
     return stacked(p.zero_1_rad, p.zero_2_rad)
 
 
 def _loads(p: Parameters, theta_1: Number, theta_2: Number) -> Forces:
-    """Spring, gravity and push; gravity through the heights of markers and segments.
+    """Forces of bending, gravity and push; gravity by the heights of markers and segments.
 
     A segment's weight acts at the mean of its points, by Simpson's rule (2 E(t/2) + E(t)) / 6.
     The push acts on the last disk.
@@ -262,7 +262,7 @@ def _loads(p: Parameters, theta_1: Number, theta_2: Number) -> Forces:
 
 
 def shafts_of(p: Parameters, q: Two, lag: Two) -> Two:
-    """Angles of the shafts at setpoints, by whose backlash they stay behind."""
+    """Angles of the shafts at setpoints, which they follow with backlash."""
     return (
         q[0] - p.backlash_rad * lag[0] - p.zero_1_rad,
         q[1] - p.backlash_rad * lag[1] - p.zero_2_rad,
@@ -274,8 +274,7 @@ def forces_of(
 ) -> Forces:
     """Forces at bending and shaft angles.
 
-    ``anchors`` are the routes of the tendons, as ``routes_of`` has them, at which friction pulls
-    none of them.
+    ``anchors`` are the tendon routes, see ``routes_of``, at which friction exerts no force.
     """
     moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22 = _loads(p, theta_1, theta_2)
     spring_1 = 1.0 / p.compliance_1

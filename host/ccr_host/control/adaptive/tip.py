@@ -1,6 +1,6 @@
-"""Where the tip is at given bending angles, as the turned camera sees it.
+"""Position of the tip at given bending angles, in the frame of the turned camera.
 
-As in ``robot.kinematics``, f[0] is carried as ``across`` and the other two coordinates as
+As in ``robot.kinematics``, f[0] is called ``across`` and the other two coordinates are combined to
 s = -f[1] + i f[2].
 """
 
@@ -22,10 +22,10 @@ from ccr_host.control.adaptive.parameters import SEGMENT_1_SHARE, SEGMENT_2_SHAR
 from ccr_host.robot.arc import Number
 
 _LEAST_SOFTENED = 0.4
-"""Least share of a segment's stiffness against uneven bending: a model beyond it would have
+"""Minimum fraction of a segment's stiffness against uneven bending: below it, the model would have
 buckled."""
 _SHORTENING = 2.0 / 3.0 * 12.5
-"""A chain of n hinges ends short of its arc by theta^2 / (12 n^2), and its sag is
+"""A chain of n hinges is shorter than its arc by theta^2 / (12 n^2), and its sag is
 L / (8 n^2 r_c): the former is 2/3 r_c / L of the latter, with r_c = r_p / gain and the paper's r_p.
 The effect is below 1 mm, so another pulley's r_p is not worth a parameter."""
 
@@ -33,7 +33,7 @@ The effect is below 1 mm, so another pulley's r_p is not worth a parameter."""
 class Tip(NamedTuple):
     """f before the camera's rotation, f[0] and -f[1] + i f[2], with derivatives in theta.
 
-    ``middle`` is M2 against M1 in the sagittal plane, in which it moves.
+    ``middle`` is M2 - M1 in the sagittal plane, in which it moves.
     """
 
     across: Number
@@ -57,18 +57,18 @@ def straight_tip_mm(p: Parameters, theta_1: Number, theta_2: Number) -> FloatArr
 
 
 def markers_of(p: Parameters, theta_1: Number, theta_2: Number) -> tuple[Three, Three]:
-    """M2 and M3 against M1 in the camera's frame."""
+    """M2 - M1 and M3 - M1 in the camera's frame."""
     tip = tip_of(p, theta_1, theta_2)
     return seen_of(p, p.middle_aside_mm, tip.middle), seen_of(p, tip.across, tip.sagittal)
 
 
 def seen_of(p: Parameters, across: Number, sagittal: Number) -> Three:
-    """A vector given by ``across`` and ``sagittal`` in the camera's frame."""
+    """Convert a vector from ``across`` and ``sagittal`` to the camera's frame."""
     return _turned(_turn_of(p, 1.0), (across, -sagittal.real, sagittal.imag))
 
 
 def turned_back_mm(p: Parameters, seen_mm: FloatArray) -> FloatArray:
-    """A vector of the camera's frame in the robot's, (3,)."""
+    """Convert a vector from the camera's frame to the robot's, (3,)."""
     x, y, z = (float(coordinate) for coordinate in seen_mm)
     return np.array(_turned(_turn_of(p, -1.0), (x, y, z)))
 
@@ -78,7 +78,7 @@ def _turn_of(p: Parameters, sense: float) -> Three:
 
 
 def _turned(turn: Three, point: Three) -> Three:
-    """By w = 2 tan(angle / 2) axis: v + (w x v + w x (w x v) / 2) / (1 + w^2 / 4), by Cayley."""
+    """By w = 2 tan(angle / 2) axis, Cayley: v + (w x v + w x (w x v) / 2) / (1 + w^2 / 4)."""
     once = _cross(turn, point)
     twice = _cross(turn, once)
     share = 1.0 / (1.0 + 0.25 * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]))
@@ -124,12 +124,12 @@ def tip_of(p: Parameters, theta_1: Number, theta_2: Number) -> Tip:
 def _bulge_mm(
     p: Parameters, theta_1: Number, theta_2: Number, arc_1: tuple[Number, ...], turn: Number
 ) -> tuple[Number, Number, Number]:
-    """How gravity, strongest at the base, bends segment 1 unevenly; slopes in both angles.
+    """Uneven bending of segment 1 by gravity, strongest at the base, with slopes in both angles.
 
     Bending angle gamma (u - u^2) at the share u of the length moves the segment's end by
     gamma L_1 D with D = E' + i E''; its energy is gamma^2 / 6 and the load's gamma load Im D.
-    Pulling tendons soften it, as they soften every bending of a chain with sag; how hard they
-    pull is taken from the loads of a straight robot.
+    Taut tendons soften it, as they soften any bending of a chain with sag; their force is that of a
+    straight robot under its loads.
     """
     load = ((1.0 - 0.5 * SEGMENT_1_SHARE) * p.body_per_mm + p.tip_per_mm) * p.length_1_mm
     beyond = (0.5 * SEGMENT_2_SHARE * p.body_per_mm + p.tip_per_mm) * p.length_2_mm
