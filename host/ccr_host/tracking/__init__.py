@@ -1,1 +1,1 @@
-"""Trackers behind one small interface."""
+"""Trackers with a common small interface."""

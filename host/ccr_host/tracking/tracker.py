@@ -1,4 +1,4 @@
-"""The small interface of every tracker."""
+"""The interface of all trackers."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Sample:
     """One exposure of the three markers."""
 
     exposed_us: int
-    """When the markers were there, on the run's clock."""
+    """Time of exposure on the run's clock."""
     markers_mm: NDArray[np.float64]
-    """(3, 3): the positions of M1 (base), M2 (end of segment 1) and M3 (tip), one a row."""
+    """(3, 3): the positions of M1 (base), M2 (end of segment 1) and M3 (tip), one per row."""
 
     @property
     def tip_mm(self) -> NDArray[np.float64]:
@@ -56,7 +56,7 @@ class Pose:
     quaternion: FloatArray
     """(4,): w, x, y, z; turns vectors of the body into the camera's frame."""
     error_mm: float = 0.0
-    """RMS misfit of the body's markers as the device reports it; 0 where it does not."""
+    """RMS misfit of the body's markers as reported by the device; 0 if it reports none."""
 
     @classmethod
     def of(cls, position_mm: FloatArray, turn: Rotation) -> Pose:
@@ -66,22 +66,22 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class MarkerFrame:
-    """One exposure: markers that nobody has told apart yet, and bodies that have a name."""
+    """One exposure: single markers that are not labelled yet, and bodies with a name."""
 
     exposed_us: int
-    """Best estimate of when the markers were there, on the run's clock."""
+    """Best estimate of the time of exposure on the run's clock."""
     frame_number: int
     """Frame number of the device since it was last started."""
     points_mm: FloatArray
-    """(n, 3): single markers in the camera's frame, one a row, in no order."""
+    """(n, 3): single markers in the camera's frame, one per row, in any order."""
     out_of_volume: BoolArray
-    """(n,): points outside the volume in which the camera is accurate, by our own check."""
+    """(n,): whether a point is outside the volume in which the camera is accurate."""
     tools: Mapping[str, Pose] = field(default_factory=dict)
     """Bodies seen, by name; those not seen are absent."""
 
 
 def checked_frame(frame: object) -> MarkerFrame:
-    """A frame from a plug-in, its numbers converted to arrays.
+    """Validate a frame of a plug-in and convert its numbers to arrays.
 
     Raises:
         ValueError, TypeError: not a frame, or numbers of the wrong type or shape.
@@ -113,7 +113,7 @@ def _checked_pose(name: str, pose: Pose) -> Pose:
 
 @dataclass(frozen=True)
 class TrackerHealth:
-    """State of a camera, for people to read."""
+    """State of a camera, for users."""
 
     state: str
     """What the driver is doing, e.g. `tracking`."""
@@ -124,40 +124,40 @@ class TrackerHealth:
     frames: int = 0
     """New frames so far."""
     lost_frames: int = 0
-    """Exposures that the frame numbers tell of but that never arrived."""
+    """Exposures that are missing by the frame numbers."""
     damaged_replies: int = 0
-    """Answers refused by their check sum or their grammar."""
+    """Answers rejected by their check sum or their grammar."""
     reconnections: int = 0
     """How often contact was lost and regained."""
     odd_frame_numbers: int = 0
     """How often a frame number did not follow the one before: damage, or a counter that changed."""
     warnings: tuple[str, ...] = ()
-    """What the device complains about now, one readable line each."""
+    """Present warnings of the device, one readable line each."""
     last_error: str = ""
     """Cause and cure of the last failure; empty if there was none."""
 
 
 _WINDOW = 128
-"""Long enough to hold an arrival that nothing delayed, short enough for the drift of two quartzes:
-6 s at 20 Hz, 0.6 ms at 100 ppm."""
+"""Long enough to contain an arrival without delay, short enough for the drift of two quartzes: 6 s
+at 20 Hz, 0.6 ms at 100 ppm."""
 
 
 class ClockFit:
-    """Fits the device's clock to the host's by the least delay over a window.
+    """Relates the device's clock to the host's by the least delay over a window.
 
-    Everything between the two only ever delays, so the least delay is the one to go by.
-    It is fed one arrival at a time between ticks of the clock, hence no filter over an array.
+    Everything between the two only adds delay, so the least delay is the best estimate. Arrivals
+    are added one at a time between ticks of the clock, hence no filter over an array.
     """
 
     def __init__(self) -> None:
         self._offsets_us: deque[int] = deque(maxlen=_WINDOW)
 
     def see(self, device_us: int, seen_us: int) -> None:
-        """Something stamped `device_us` was seen at `seen_us` of the run's clock."""
+        """Add an arrival, stamped `device_us` by the device, at `seen_us` of the run's clock."""
         self._offsets_us.append(seen_us - device_us)
 
     def host_us(self, device_us: int) -> int:
-        """The run's time of a device time; something must have been seen before."""
+        """Convert a device time to the run's clock; needs at least one arrival."""
         return min(self._offsets_us) + device_us
 
 
@@ -165,7 +165,7 @@ _RATE_FRAMES = 20
 
 
 class FrameCount:
-    """Keeps the newest frame, sees to it that frames never go back, and measures their rate."""
+    """Keeps the newest frame, ensures that frames never go back, and measures their rate."""
 
     def __init__(self) -> None:
         self.newest: MarkerFrame | None = None
@@ -174,18 +174,18 @@ class FrameCount:
 
     @property
     def rate_hz(self) -> float:
-        """Rate of the last frames."""
+        """Rate of the last frames, Hz."""
         times_us = self._exposures_us
         if len(times_us) < 2:  # noqa: PLR2004 - a rate needs an interval
             return 0.0
         return (len(times_us) - 1) * 1e6 / (times_us[-1] - times_us[0])
 
     def not_before_last(self, exposed_us: int) -> int:
-        """An estimate of an exposure that is later than the last one: fits improve."""
+        """An estimated time of exposure, raised if necessary to be later than the last one."""
         return exposed_us if self.newest is None else max(exposed_us, self.newest.exposed_us + 1)
 
     def add(self, frame: MarkerFrame) -> None:
-        """Take a new frame."""
+        """Add a new frame."""
         self.newest = frame
         self.count += 1
         self._exposures_us.append(frame.exposed_us)
@@ -193,7 +193,7 @@ class FrameCount:
     def add_poses(
         self, exposed_us: int, tools: Mapping[str, Pose], points_mm: FloatArray | None = None
     ) -> None:
-        """Take a new frame of a camera that numbers none and has no volume."""
+        """Add a new frame of a camera without frame numbers and volume."""
         points = np.zeros((0, 3)) if points_mm is None else points_mm
         self.add(
             MarkerFrame(
@@ -218,17 +218,17 @@ class RawTracker(Protocol):
     """
 
     def start(self) -> None:
-        """Open the device; frames follow as the clock goes on.
+        """Open the device; frames follow as the clock advances.
 
         Raises:
             TrackerError: there is no such device.
         """
 
     def advance_to(self, time_us: int) -> None:
-        """Take what has arrived by a time and go on with the conversation; never waits.
+        """Process what has arrived by a time and continue the protocol; never waits.
 
         Raises:
-            ForeignPeerError: there never was a frame, and what answers is no such tracker.
+            ForeignPeerError: there was no frame yet, and the peer is not such a tracker.
         """
 
     def newest_frame(self) -> MarkerFrame | None:
@@ -239,7 +239,7 @@ class RawTracker(Protocol):
 
 
 class NamedTracker(RawTracker, Protocol):
-    """A camera as a rig holds it: with a name, a state, and a context manager that starts it."""
+    """A camera with a name and a state, which a context manager starts and stops."""
 
     name: str
 
@@ -258,7 +258,7 @@ class NamedTracker(RawTracker, Protocol):
 
 
 class StartsAndStops:
-    """Makes a camera a context manager: started on the way in, stopped on the way out."""
+    """Makes a camera a context manager that starts it on entry and stops it on exit."""
 
     def start(self) -> None:
         raise NotImplementedError
@@ -288,11 +288,11 @@ class Tracker(Protocol):
         """Newest sample that has arrived, whatever its age; None before the first."""
 
     def trouble(self) -> str:
-        """Why there may be no newer sample, for people to read; empty if nothing is known."""
+        """Why there may be no newer sample, for users; empty if unknown."""
 
 
 class WatchedTracker(Tracker, Protocol):
-    """A tracker that also tells how it is doing."""
+    """A tracker that also reports its health."""
 
     @property
     def health(self) -> TrackerHealth:
@@ -300,9 +300,9 @@ class WatchedTracker(Tracker, Protocol):
 
 
 DEFAULT_TIMEOUT_US = 20_000_000
-"""A Polaris takes up to 7 s for a reset and as long again when its break is not heard."""
+"""A Polaris takes up to 7 s for a reset, and twice that if it misses the break."""
 _MOST_RECONNECTIONS = 4
-"""A peer that keeps closing the connection will not become a camera by waiting."""
+"""A peer that keeps closing the connection is not a camera."""
 _LOOK_US = 10_000
 
 
@@ -312,7 +312,7 @@ def wait_until_tracking(
     """Let the clock run until the first frame is there; the tracker is attached to the clock.
 
     Raises:
-        TrackerError: no frame in time; tells what the driver was doing and its last failure.
+        TrackerError: no frame in time; states what the driver was doing and its last failure.
     """
     start_us = clock.now_us()
     while tracker.newest_frame() is None:

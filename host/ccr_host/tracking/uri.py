@@ -1,4 +1,4 @@
-"""Tracker URIs: which tracker is meant, without loading any."""
+"""Tracker URIs, parsed without loading the trackers."""
 
 from __future__ import annotations
 
@@ -79,9 +79,9 @@ class TrackerUri:
         return self.kind in _WITHOUT_ADDRESS
 
     def check_made(self, camera: object) -> None:
-        """Check that a plug-in is what its class announced before it was made.
+        """Check that a plug-in is of the kind that its class has shown.
 
-        Log and clock are chosen by the class, so what is only known of the object comes too late.
+        Log and clock are chosen by the class, before the object is made.
 
         Raises:
             ConfigError: only the object shows that no real time is needed.

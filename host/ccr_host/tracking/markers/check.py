@@ -1,16 +1,16 @@
-"""Checks that M1, M2 and M3 are where they can be on the robot, and are not exchanged.
+"""Checks that M1, M2 and M3 are where they can be on the robot, and are not swapped.
 
-A camera that names bodies (tools, tags, devices of a server) is believed as to where they are, not
-as to which is which: names are given by people. What a robot of the described geometry cannot do,
+Of a camera that names bodies (tools, tags, devices of a server), positions are trusted, but not
+names, which are assigned by people. A robot of the described geometry cannot do the following,
 whatever its tendons, its load and the camera:
 
-- Two markers are further apart than the segments between them allow. At rest, where no segment is
-  bent by more than `_REST_BENDING_RAD`, they are no nearer than such a bending brings them either.
-- At rest M3 is on the other side of M1 than the backbone leaves the base.
-- From one sample to the next two markers change places.
+- Two markers are further apart than the segments between them allow, or, at rest, where no segment
+  is bent by more than `_REST_BENDING_RAD`, nearer than such a bending allows.
+- At rest M3 is on the side of M1 opposite to the one on which the backbone leaves the base.
+- Two markers change places from one sample to the next.
 
 The tolerance of a distance is `_LENGTH_TOLERANCE` of it (print; sweeps draw as much around a
-description), `_GLUE_MM` for each of its two markers, and `_SIGMAS` of the camera's noise.
+description), `_GLUE_MM` for each of its two markers, and `_SIGMAS` times the camera's noise.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _LENGTH_TOLERANCE = 0.1
 _GLUE_MM = 1.0
 _SIGMAS = 4.0
 _REST_BENDING_RAD = math.radians(120.0)
-"""More than the paper's paths need: a robot may have been left so."""
+"""More than the paper's paths need, as a robot may have been left in such a pose."""
 _REVERSED = 0.34
 """Sine by which M3 is beyond the base: more than even such a bending makes."""
 _JUMP_RATIO = 0.3
@@ -49,19 +49,19 @@ _JUMP_RATIO = 0.3
 _JUMP_MM = 20.0
 _SAMPLES = 3
 _CONFIRMED_US = 300_000
-"""That many samples over that time are no outliers."""
+"""This many samples over this time are not outliers."""
 _RENAME = (
     "exchange their names: tracker.tool_files, the tags on the robot, or the names in the server"
 )
 
 
 class MarkerCheck:
-    """Looks at each sample before it is used.
+    """Checks each sample before it is used.
 
     Args:
-        description: of the robot and its camera.
-        in_robot_frame: whether samples are turned into the robot's frame; otherwise their direction
-            tells nothing.
+        description: description of the robot and its camera.
+        in_robot_frame: whether samples are in the robot's frame; otherwise their direction is not
+            checked.
     """
 
     def __init__(self, description: Description, *, in_robot_frame: bool = True) -> None:
@@ -77,7 +77,7 @@ class MarkerCheck:
         self._misfit_since_us = 0
 
     def robot_moves(self) -> None:
-        """Tell that the robot has left its rest."""
+        """Note that the robot has left its rest."""
         self._moves = True
         self._points_away = False
 
@@ -85,7 +85,7 @@ class MarkerCheck:
         """Whether a sample can be used; call once for each sample, in order.
 
         Raises:
-            TrackerError: several in a row do not fit; tells which markers are exchanged, or what
+            TrackerError: several in a row do not fit; says which markers are swapped, or what
                 else is wrong.
         """
         trouble = self.trouble(sample.markers_mm)
@@ -105,7 +105,7 @@ class MarkerCheck:
         return False
 
     def trouble(self, markers_mm: Array) -> tuple[str, str] | None:
-        """Cause and cure where markers, (3, 3), NaN if lost, cannot be this robot's."""
+        """Cause and cure if markers, (3, 3), NaN if lost, cannot be this robot's, else None."""
         if (jump := self._jump(markers_mm)) is not None:
             return f"markers {_names(jump)} have changed places", _RENAME
         fits, is_reversed = self._fits(markers_mm), self._points_away and _is_reversed(markers_mm)
@@ -132,7 +132,7 @@ class MarkerCheck:
         )
 
     def _exchange(self, markers_mm: Array) -> Order | None:
-        """Find the exchange of names that fits the robot, and its lengths clearly better."""
+        """Find the swap of names that fits the robot, and its lengths clearly better."""
         fitting = [
             order
             for order in _EXCHANGES
@@ -145,7 +145,7 @@ class MarkerCheck:
         return best
 
     def _gain_mm(self, markers_mm: Array, order: Order) -> float:
-        """By how much an exchange brings the segments nearer to their lengths; NaN if unknown."""
+        """By how much a swap brings the segments closer to their lengths; NaN if unknown."""
         named, exchanged = (
             seen_lengths_mm(markers_mm[list(one)], self._robot) - self._robot.segment_lengths_mm
             for one in (_AS_NAMED, order)
@@ -153,14 +153,14 @@ class MarkerCheck:
         return float(np.abs(named).sum() - np.abs(exchanged).sum())
 
     def _fits(self, markers_mm: Array) -> bool:
-        """Whether the distances fit the robot; those of lost markers, NaN, do."""
+        """Whether the distances fit the robot; those of lost markers, NaN, always do."""
         distances = _lengths_mm(markers_mm[_TO, :] - markers_mm[_FROM, :])
         if np.logical_or.reduce(distances > self._high_mm):
             return False
         return self._moves or not np.logical_or.reduce(distances < self._low_mm)
 
     def _jump(self, markers_mm: Array) -> Order | None:
-        """Which markers are now where others were in the last sample that fitted."""
+        """The markers that are now where others were in the last sample that fitted."""
         if self._last is None:
             return None
         own_mm = _lengths_mm(markers_mm - self._last)
@@ -208,7 +208,7 @@ def _is_reversed(markers_mm: Array) -> bool:
 
 
 def _lengths_mm(vectors_mm: Array) -> Array:
-    """Of each vector, (..., 3); as numpy.linalg.norm, which takes five times as long for so few."""
+    """Norm of each vector, (..., 3); numpy.linalg.norm takes five times as long for so few."""
     lengths: Array = np.sqrt(np.add.reduce(vectors_mm * vectors_mm, axis=-1))
     return lengths
 

@@ -30,7 +30,7 @@ from ccr_host.tracking.tracker import (
 Image = NDArray[np.uint8]
 
 DEFAULT_LATENCY_US = 60_000
-"""From the middle of an exposure to its image in the host; our estimate, two frames at 30 Hz."""
+"""Estimated time from the middle of an exposure to its image in the host: two frames at 30 Hz."""
 _RETRY_US = 1_000_000
 _CAMERA_FILE_BYTES = 1_000_000
 _MATRIX_NUMBERS = 9
@@ -39,13 +39,13 @@ DISTORTION_COUNTS = (4, 5, 8, 12, 14)
 _DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 """ROS's names of OpenCV's models."""
 _OFF_CENTRE = 0.25
-"""Share of the image by which the optical axis may miss its middle."""
+"""Fraction of the image by which the optical axis may be off its centre."""
 _ASPECT_TOLERANCE = 0.005
-"""Rounding to whole pixels."""
+"""Tolerance for rounding to whole pixels."""
 _PIXEL_CENTRE_PX = 0.5
 """That refinement counts from a pixel's corner, the rest of OpenCV from its centre."""
 _POLL_NS = 1
-"""OpenCV takes 0 for «wait for ever»."""
+"""A time-out of 0 would make OpenCV wait forever."""
 
 
 @dataclass(frozen=True)
@@ -62,20 +62,20 @@ class ArucoSettings:
 
 @dataclass(frozen=True, eq=False)
 class CameraModel:
-    """Pinhole with distortion, as OpenCV calibrates it."""
+    """Pinhole model with distortion, as calibrated by OpenCV."""
 
     matrix: FloatArray
     """(3, 3), pixels."""
     distortion: FloatArray
     """(k,): OpenCV's coefficients, k one of `DISTORTION_COUNTS`."""
     size_px: tuple[int, int] | None = None
-    """Width and height of the images of the calibration; None if the file does not tell."""
+    """Width and height of the calibration images; None if the file does not state them."""
 
     def of_images(self, width_px: int, height_px: int) -> CameraModel:
-        """The model of smaller or larger images of the same view.
+        """The model scaled to smaller or larger images of the same view.
 
         Raises:
-            ConfigError: such images cannot come from the calibrated camera, or only cropped.
+            ConfigError: the calibrated camera can make such images only by cropping, or not at all.
         """
         delivered = f"the camera delivers {width_px} x {height_px} pixels"
         if self.size_px is None:
@@ -101,20 +101,20 @@ class CameraModel:
 
 
 class ImageSource(Protocol):
-    """A camera that never makes anybody wait; `TrackerError` means that it is lost."""
+    """A camera that is read without waiting; `TrackerError` means that it is lost."""
 
     def newest_image(self) -> Image | None:
-        """Image that has arrived since the last call."""
+        """The image that has arrived since the last call, if any."""
 
     def close(self) -> None:
-        """Let go of the camera."""
+        """Close the camera."""
 
 
 CameraOpener = Callable[[], ImageSource]
 
 
 class TagDetector:
-    """Poses of tags in an image.
+    """Detects tags and their poses in an image.
 
     Raises:
         ConfigError: OpenCV is not installed, or it has no such dictionary.
@@ -145,10 +145,10 @@ class TagDetector:
         )
 
     def poses(self, image: Image) -> dict[str, Pose]:
-        """Known tags by name; a tag that appears twice counts as not seen.
+        """The poses of known tags by name; a tag that appears twice counts as not seen.
 
         Raises:
-            ConfigError: the calibration is not that of such images.
+            ConfigError: the calibration does not fit such images.
         """
         height_px, width_px = image.shape[:2]
         if self._size_px != (width_px, height_px):
@@ -188,8 +188,8 @@ class ArucoTracker(StartsAndStops):
     Args:
         name: tracker URI, for messages.
         open_camera: makes the image source; called again after it was lost.
-        detector: of tags.
-        latency_us: from the middle of an exposure to its image.
+        detector: detects the tags.
+        latency_us: time from the middle of an exposure to its image.
     """
 
     def __init__(
@@ -236,7 +236,7 @@ class ArucoTracker(StartsAndStops):
         self._running = True
 
     def advance_to(self, time_us: int) -> None:
-        """Look at an image that has arrived; open the camera again where it was lost."""
+        """Process an image that has arrived; reopen the camera if it was lost."""
         if not self._running or time_us < self._retry_us:
             return
         try:
@@ -254,7 +254,7 @@ class ArucoTracker(StartsAndStops):
             poses = self._detector.poses(image)
         except ConfigError as error:
             self._last_error = f"{self.name}: {error}"
-            if self._frames.count:  # in mid-run the robot is made safe as for any lost marker
+            if self._frames.count:  # during a run the robot is made safe as for any lost marker
                 return
             self._running = False
             raise ConfigError(f"{self.name}: {error.cause}", error.cure) from None
@@ -281,7 +281,7 @@ class ArucoTracker(StartsAndStops):
 
 
 class Webcam:
-    """A camera of the operating system, asked only when an image is there (Linux, V4L2).
+    """A camera of the operating system, read only when an image is available (Linux, V4L2).
 
     Raises:
         TrackerError: there is no such camera.
@@ -293,7 +293,7 @@ class Webcam:
         self._capture: Any = self._cv2.VideoCapture(number, self._cv2.CAP_V4L2)
         if not self._capture.isOpened():
             raise TrackerError(f"aruco:{number}: no such camera", "plug it in; see ls /dev/video*")
-        self._capture.set(self._cv2.CAP_PROP_BUFFERSIZE, 1)  # an older image helps nobody
+        self._capture.set(self._cv2.CAP_PROP_BUFFERSIZE, 1)  # older images are useless
 
     def newest_image(self) -> Image | None:
         ready, _ = self._cv2.VideoCapture.waitAny([self._capture], timeoutNs=_POLL_NS)
@@ -313,7 +313,7 @@ def load_camera_file(path: Path) -> CameraModel:
     """Read the file that OpenCV's calibration writes (YAML, XML or JSON), or ROS's (YAML).
 
     Raises:
-        ConfigError: no such file, or no calibration in it that could be used; tells why.
+        ConfigError: no such file, or no usable calibration in it; says why.
     """
     cure = "calibrate the camera, see docs/trackers.md"
     text, _ = read_text(path, "camera file", cure, _CAMERA_FILE_BYTES)
@@ -349,9 +349,9 @@ def load_camera_file(path: Path) -> CameraModel:
 
 
 def _numbers_of(name: str, text: str) -> FloatArray | None:
-    """The data of a matrix; None if it is not there.
+    """The data of a matrix; None if it is absent.
 
-    OpenCV's own reader takes the process with it where a file is nested deeply.
+    OpenCV's own reader crashes the process on deeply nested files.
     """
     form = rf"\b{name}\b[\s\S]{{1,300}}?\bdata\b[\"\s:>\[]*([-+.\dE,\s]*)"
     found = re.search(form, text, re.IGNORECASE)
@@ -362,7 +362,7 @@ def _numbers_of(name: str, text: str) -> FloatArray | None:
 
 
 def _word_of(name: str, text: str) -> str:
-    """The value of a key; empty if it is not there."""
+    """The value of a key; empty if it is absent."""
     found = re.search(rf"\b{name}\b[\"\s:>]*([\w.]+)", text, re.IGNORECASE)
     return "" if found is None else found[1]
 

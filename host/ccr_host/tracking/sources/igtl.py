@@ -2,8 +2,8 @@
 
 TRANSFORM messages become tools, POINT messages become single markers; both are in mm.
 
-A server that hangs may say again and again what it has said before. So only messages with a new
-time stamp count, and stamps are remembered across connections.
+A server that hangs may repeat old messages. So only messages with a new time stamp count, and
+stamps are remembered across connections.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from ccr_host.tracking.tracker import (
 )
 
 DEFAULT_LATENCY_US = 60_000
-"""Exposure to time stamp plus the fastest way here; our estimate, PLUS adds its own buffers."""
+"""Time from exposure to stamp plus the fastest transmission, an estimate; PLUS adds buffers."""
 SAME_EXPOSURE_S = 10e-3
-"""Between the stamps of one frame: many servers stamp each transform when they send it, a few
-milliseconds after each other."""
+"""Largest difference of the stamps in a frame: many servers stamp each transform when they send it,
+a few milliseconds apart."""
 
 _SILENCE_US = 2_000_000
 _RETRY_US = 1_000_000
@@ -51,23 +51,23 @@ class Stream(Protocol):
         """Poses and points that have arrived since the last call."""
 
     def close(self) -> None:
-        """Let go of the connection."""
+        """Close the connection."""
 
 
 class IgtlTracker(StartsAndStops):
     """Markers from an OpenIGTLink server.
 
     A device name such as `M1ToTracker` gives the tool `M1`. Messages whose stamps differ by no more
-    than `SAME_EXPOSURE_S` make up a frame, which is complete when a later one arrives or the server
-    has told of all expected tools. A transform whose metadata say anything but OK (PLUS sends
+    than `SAME_EXPOSURE_S` make up a frame, which is complete when a later one arrives or all
+    expected tools are known. A transform whose metadata say anything but OK (PLUS sends
     `TransformStatus` and `TransformValid`) gives no pose.
 
     Args:
-        host: of the server.
-        port: of the server.
-        expected_tools: the only ones that are used; a frame with all of them is complete.
-        latency_us: from an exposure to the earliest arrival of its message.
-        open_stream: for tests.
+        host: name or address of the server.
+        port: its port.
+        expected_tools: only these are used; a frame with all of them is complete.
+        latency_us: time from an exposure to the earliest arrival of its message.
+        open_stream: opens a connection; replaced in tests.
 
     Raises:
         ConfigError: pyigtl is not installed.
@@ -131,13 +131,13 @@ class IgtlTracker(StartsAndStops):
         """Connect to the server.
 
         Raises:
-            TrackerError: nobody listens there.
+            TrackerError: no server is listening there.
         """
         self._connect(0)
         self._running = True
 
     def advance_to(self, time_us: int) -> None:
-        """Take what has arrived; connect again where the server went away or has nothing new."""
+        """Process what has arrived; reconnect if the server is gone or sends nothing new."""
         if not self._running or time_us < self._retry_us:
             return
         try:
@@ -257,21 +257,21 @@ class IgtlTracker(StartsAndStops):
 
 
 class _Stamps:
-    """Tells new messages from repeated and late ones, also across connections."""
+    """Distinguishes new messages from repeated and late ones, also across connections."""
 
     def __init__(self) -> None:
         self._seen: dict[tuple[str, float], None] = {}
         self._newest_s = -math.inf
         self._may_restart = False
         self.has_restarted = False
-        """Whether the newest message showed that the server's clock has begun again."""
+        """Whether the newest message showed that the server's clock was reset."""
 
     def begin_connection(self) -> None:
-        """The server may be another one by now, with another clock."""
+        """Note a new connection: the server, and so its clock, may be another one."""
         self._may_restart = True
 
     def is_new(self, device: str, stamp_s: float) -> bool:
-        """Whether such a message was not there before, and none later by more than a frame."""
+        """Whether a message is new, and not older than the newest by more than a frame."""
         key = (device, stamp_s)
         goes_back = stamp_s < self._newest_s - SAME_EXPOSURE_S
         if key in self._seen or (goes_back and not self._may_restart):
@@ -286,7 +286,7 @@ class _Stamps:
 
 
 def _status(message: Message) -> str:
-    """Status that PLUS gives a transform; OK if the server gives none."""
+    """Status of a transform by PLUS; OK if the server sends none."""
     told = {key.lower(): value.strip().upper() for key, value in message.metadata.items()}
     status = told.get("transformstatus", "OK")
     is_valid = told.get("transformvalid", "TRUE") in ("TRUE", "1")

@@ -1,7 +1,7 @@
-"""Messages of an OpenIGTLink server as they come over TCP, without ever waiting.
+"""Messages of an OpenIGTLink server over TCP, read without waiting.
 
-pyigtl unpacks them. Its client is not used: that keeps only the newest message of each device, does
-not notice a server that goes away, and answers anything it does not understand with a traceback.
+pyigtl unpacks them. Its client is not used: it keeps only the newest message of each device, does
+not notice a lost server, and prints a traceback for anything that it does not understand.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _CONNECT_S = 3.0
 _NOT_YET = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EINPROGRESS, errno.ENOTCONN)
 _READ_BYTES = 1 << 16
 _READS_AT_ONCE = 64
-"""Limit that keeps a server that floods the line from holding up the run."""
+"""Limit, so that a server that floods the line does not delay the run."""
 
 _HEADER_BYTES = 58
 _HEADER = re.compile(rb"\0[\x01-\x03](?P<type>[A-Z][A-Z0-9_]*)\0*")
@@ -40,7 +40,7 @@ _LONGEST_POSE_BYTES = 1 << 16
 _SHOWN_BYTES = 24
 
 Unpack = Callable[[bytes, bytes], Message]
-"""Makes a message of header and body."""
+"""Unpacks a message from header and body."""
 
 
 class IgtlStream:
@@ -48,8 +48,8 @@ class IgtlStream:
 
     Args:
         name: tracker URI, for messages.
-        connection: it need not stand yet.
-        unpack: pyigtl's.
+        connection: a socket, possibly not connected yet.
+        unpack: function of pyigtl.
     """
 
     def __init__(self, name: str, connection: socket.socket, unpack: Unpack) -> None:
@@ -68,26 +68,26 @@ class IgtlStream:
         """Poses and points that have arrived since the last call, in the order of their arrival.
 
         Raises:
-            ForeignPeerError: what listens there does not speak OpenIGTLink.
-            TrackerError: the connection is lost, and all that came before has been given.
+            ForeignPeerError: the peer does not speak OpenIGTLink.
+            TrackerError: the connection is lost, and everything before has been returned.
         """
         lost = self._receive()
         messages = []
         while (whole := self._next_pose()) is not None:
             try:
                 messages.append(self._unpack(*whole))
-            except Exception:  # pyigtl raises whatever its unpacking ends in
+            except Exception:  # pyigtl lets any exception of its unpacking through
                 self.damaged += 1
         if lost is not None and not messages:
             raise lost
         return messages
 
     def close(self) -> None:
-        """Let go of the connection."""
+        """Close the connection."""
         self._connection.close()
 
     def _receive(self) -> TrackerError | None:
-        """Take in what has arrived; tells why nothing more will come."""
+        """Receive what has arrived; returns why nothing more will come, if so."""
         cause = ""
         try:
             for _ in range(_READS_AT_ONCE):
@@ -109,7 +109,7 @@ class IgtlStream:
         self._to_skip -= count
 
     def _next_pose(self) -> tuple[bytes, bytes] | None:
-        """Header and body of the next message of `POSE_TYPES`; None while it is not there."""
+        """Header and body of the next message of `POSE_TYPES`; None until it has arrived."""
         received = self._received
         while True:
             self._skip()
@@ -141,7 +141,7 @@ class IgtlStream:
 
 
 def igtl_opener(host: str, port: int) -> Callable[[], IgtlStream]:
-    """Opens connections to a server, one after another: the first one waits until it stands.
+    """Opens successive connections to a server; the first call waits until it is connected.
 
     Raises:
         ConfigError: pyigtl is not installed.

@@ -1,4 +1,4 @@
-"""Tracker ``twin:``, the simulated camera read without a protocol."""
+"""Tracker ``twin:``, the simulated camera, read without a protocol."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 class Camera:
     """Exposes the markers at a fixed rate and delivers each sample after a latency.
 
-    The generator is used once an exposure, whatever becomes of the sample.
+    The generator is used once per exposure, even if the sample is dropped.
 
     Args:
         tracker: the ``tracker`` section of the robot description.
@@ -29,7 +29,7 @@ class Camera:
     def __init__(self, tracker: Tracker, rng: np.random.Generator) -> None:
         self._tracker = tracker
         self._rng = rng
-        # M3 - M1 has six independent components of error.
+        # M3 - M1 contains six independent errors.
         self._noise_per_coordinate_mm = tracker.noise_mm / math.sqrt(6)
         self._robot_to_camera = np.eye(3)
         if any(tracker.rotation_deg):  # scipy's rotations take 0.2 s to load
@@ -44,17 +44,17 @@ class Camera:
 
     @property
     def rate_hz(self) -> float:
-        """Exposures a second."""
+        """Exposures per second."""
         return self._tracker.rate_hz
 
     @property
     def next_arrival_us(self) -> int:
-        """Time before which ``newest`` gives nothing new."""
+        """Time before which ``newest`` returns nothing new."""
         exposed_us = self._in_flight[0].exposed_us if self._in_flight else self.next_exposure_us
         return exposed_us + self._latency_us
 
     def expose(self, time_us: int, markers_mm: Array) -> None:
-        """Take a picture of the markers, (3, 3), one a row, in the robot's frame."""
+        """Expose the markers, (3, 3), one per row, in the robot's frame."""
         self._exposures += 1
         self.next_exposure_us = round(self._exposures * 1e6 / self._tracker.rate_hz)
         noise_mm = self._noise_per_coordinate_mm * self._rng.standard_normal((3, 3))
@@ -75,7 +75,7 @@ class TwinTracker:
 
     Args:
         camera: exposed by the twin's scene.
-        clock: of the run.
+        clock: the run's clock.
         camera_to_robot: the registered rotation, (3, 3); None leaves samples in the camera's frame.
     """
 
@@ -106,11 +106,11 @@ class TwinTracker:
 
     @property
     def next_arrival_us(self) -> int:
-        """Time before which ``newest`` gives nothing new."""
+        """Time before which ``newest`` returns nothing new."""
         return self._camera.next_arrival_us
 
     def trouble(self) -> str:
-        """The simulated camera has none but those that the description gives it."""
+        """Always empty: the simulated camera has only the faults of the description."""
         return ""
 
     def _turned(self, sample: Sample) -> Sample:
