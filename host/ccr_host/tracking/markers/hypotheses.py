@@ -1,7 +1,6 @@
-"""One hypothesis about which point is which, and its continuations by the next frame.
+"""A hypothesis on the labels of all points, and its continuations by the next frame.
 
-Scores are logarithms of the probability of all that was seen, against that of all points being
-phantoms.
+Scores are log odds of everything that was seen, relative to all points being phantoms.
 """
 
 from __future__ import annotations
@@ -30,23 +29,23 @@ MISSING = -1
 """Index of a marker that is not among the points."""
 
 _NOISE_MM = 0.15
-"""Per coordinate; a Polaris Vicra has 0.25 mm RMS in all three."""
+"""Noise per coordinate; a Polaris Vicra has 0.25 mm RMS in all three."""
 _SEEN = 0.8
 """Probability that a marker seen before is seen again: low, so that occlusion is always likely."""
 _HIDDEN_LONG = 0.02
-"""Least probability that a marker long hidden is seen."""
+"""Minimum probability that a marker long hidden is seen."""
 NEAR_MM = 30.0
-"""Phantoms do harm near the markers, so they are counted there."""
+"""Distance from a marker within which phantoms are counted, as they are harmful there."""
 _NEAR_MM3 = 4.0 / 3.0 * math.pi * NEAR_MM**3
 _ROOM_MM3 = 200.0**3
-"""Volume in which the base can be when nothing is known."""
+"""Volume in which the base can be if nothing is known."""
 _GATE = 25.0
-"""Squared Mahalanobis distance of three coordinates: 1.5e-5 of the true markers are lost to it."""
+"""Squared Mahalanobis distance of three coordinates: it rejects 1.5e-5 of the true markers."""
 _LOG_JUMP = math.log(1e-3)
 """Probability that the robot is suddenly elsewhere: a push, a knock, wrong motor angles."""
 _LOG_JUMP_IN_CLEAN_VIEW = math.log(0.3)
-"""A robot that rings leaves its gates frame after frame; where no phantom has been seen for long,
-the shape of the robot alone tells where it is."""
+"""Likewise in a clean view: an oscillating robot leaves its gates in every frame; if no phantom has
+been seen for long, the shape of the robot alone shows where it is."""
 
 _BASE_GATE_MM = 1.0
 _BASE_CREEP_MM = 0.1
@@ -57,14 +56,14 @@ _BASE_MEMORY = 40
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """M1, which does not move."""
+    """The base marker M1, which does not move."""
 
     place_mm: Array
-    """(3,): mean of what was seen, in the camera's frame."""
+    """(3,): mean of the sightings, in the camera's frame."""
     frames: int
     """Number of frames in which it was seen."""
     seen_us: int
-    """Time of the newest of them."""
+    """Time of the newest sighting."""
 
     @property
     def sigma_mm(self) -> float:
@@ -73,7 +72,7 @@ class Base:
         return math.hypot(_NOISE_MM * math.sqrt(share), _BASE_CREEP_MM)
 
     def seen_at(self, place_mm: Array, time_us: int) -> Base:
-        """Average another sighting in."""
+        """Include another sighting in the average."""
         weight = 1.0 / min(self.frames + 1, _BASE_MEMORY)
         mean = self.place_mm + weight * (place_mm - self.place_mm)
         return Base(mean, self.frames + 1, time_us)
@@ -81,7 +80,7 @@ class Base:
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A history of the three markers, and which points they are in the newest frame."""
+    """A history of the three markers, and their points in the newest frame."""
 
     score: float
     base: Base
@@ -98,7 +97,7 @@ class Hypothesis:
     """(6,): M2 and M3 relative to M1 after the newest frame."""
 
     def resembles(self, other: Hypothesis) -> bool:
-        """Both say the same about where the markers are, and will say so from now on."""
+        """Whether both agree on the positions of the markers, and will continue to agree."""
         return bool(
             np.max(np.abs(self.expected_mm - other.expected_mm)) < 4.0 * _NOISE_MM
             and np.max(np.abs(self.base.place_mm - other.base.place_mm)) < 4.0 * _NOISE_MM
@@ -108,47 +107,47 @@ class Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One frame and what else is known about that time."""
+    """A frame, and what else is known at that time."""
 
     points_mm: Array
-    """(n, 3): in the camera's frame."""
+    """(n, 3): the points, in the camera's frame."""
     time_us: int
     camera_to_robot: Array
     """(3, 3)."""
     q_rad: Array
-    """(2,): motor angles believed."""
+    """(2,): believed motor angles."""
     motor_motion_rad: Array
-    """(2,): how far they moved lately."""
+    """(2,): their recent motion."""
     phantoms: float
     """Expected number of phantoms within `NEAR_MM` of a marker."""
     clean: bool
-    """No point too many has been seen for a while."""
+    """Whether no surplus point has been seen for a while."""
 
     @property
     def log_phantoms(self) -> float:
-        """Logarithm of their density near the markers, per mm^3."""
+        """Logarithm of the phantoms' density near the markers, per mm^3."""
         return math.log(self.phantoms / _NEAR_MM3)
 
     def relative(self, base: Base) -> Array:
-        """(n, 3): the points as seen from M1, in the frame of the motion model."""
+        """(n, 3): the points relative to M1, in the frame of the motion model."""
         return (self.points_mm - base.place_mm) @ self.camera_to_robot.T
 
 
 class _Choice(NamedTuple):
-    """One answer to where a marker is."""
+    """A possible label of a marker."""
 
     point: int
     gain: float
     """Increase of the score."""
     harm_mm: float
     after: Expectation
-    """Given that answer."""
+    """The belief given this label."""
 
 
 def continuations(
     parent: Hypothesis, scene: Scene, duration_s: float, model: MotionModel
 ) -> Iterator[Hypothesis]:
-    """All ways in which the frame can continue a hypothesis."""
+    """All continuations of a hypothesis by the frame."""
     index, base, score = _find_base(parent, scene)
     before = model.moved(parent.belief, duration_s, scene.motor_motion_rad)
     expected = model.expect(before)
@@ -164,10 +163,10 @@ def continuations(
 
 
 def jumps(parent: Hypothesis, scene: Scene, model: MotionModel) -> Iterator[Hypothesis]:
-    """Ways in which the robot may suddenly be elsewhere, on the same base.
+    """Continuations in which the robot is suddenly elsewhere, on the same base.
 
-    In a clean view they are believed at once, if they are certain; otherwise they have to prove
-    themselves like a birth.
+    In a clean view they are believed at once, if they are certain; otherwise they must be confirmed
+    like a birth.
     """
     index, base, score = _find_base(parent, scene)
     relative = scene.relative(base)
@@ -182,7 +181,7 @@ def jumps(parent: Hypothesis, scene: Scene, model: MotionModel) -> Iterator[Hypo
 
 
 def births(scene: Scene, model: MotionModel) -> Iterator[Hypothesis]:
-    """Ways to see the robot in a frame without any history."""
+    """Hypotheses on the robot in a frame, without a history."""
     for index, place_mm in enumerate(scene.points_mm):
         base = Base(place_mm, 1, scene.time_us)
         score = math.log(_SEEN) - scene.log_phantoms - math.log(_ROOM_MM3)
@@ -219,7 +218,7 @@ def _choices(
     log_phantoms: float,
     *taken: int,
 ) -> Iterator[_Choice]:
-    """Points that a marker can be, and that it is missing."""
+    """The possible points of a marker, and that it is missing."""
     yield _Choice(MISSING, math.log(1.0 - seen), math.inf, expected)
     if len(points_mm) == 0:
         return

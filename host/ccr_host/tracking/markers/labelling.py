@@ -1,11 +1,11 @@
-"""Labelling: which of the points that a camera sees are M1, M2 and M3.
+"""Labelling: finds M1, M2 and M3 among the points of a camera.
 
-Three single spheres have no identity. What they have: M1 does not move; M2 and M3 hang on M1 by
-the robot, which has only two degrees of freedom; and markers persist while phantoms do not. So the
-three are not labelled frame by frame. A handful of hypotheses about the whole history are carried
-on (``hypotheses``), each frame continues each of them in every way it can (all labels at once,
-since every marker tells of the others), and a marker is only given when the hypotheses that
-disagree about it are together less likely than `DOUBT`. Everything in doubt is lost.
+Single spheres have no identity, but M1 does not move; M2 and M3 are connected to M1 by the robot,
+which has only two degrees of freedom; and markers persist while phantoms do not. So the three are
+not labelled frame by frame. A few hypotheses about the whole history are maintained
+(``hypotheses``). Each frame continues each of them in all possible ways (all labels together, since
+every marker constrains the others). A marker is only reported if the hypotheses that disagree about
+it are together less likely than `DOUBT`. Every doubtful marker counts as lost.
 """
 
 from __future__ import annotations
@@ -35,46 +35,46 @@ Array = NDArray[np.float64]
 DOUBT = 1e-4
 """Probability of being wrong above which a marker counts as lost."""
 HARMLESS_MM = 2.0
-"""A marker also counts as lost if a phantom taken for it could be further off than this. Wherever
-the robot may have moved far since the last frame, the next frame has to confirm the point. Where
-phantoms are rare the limit is wider by as much."""
+"""A marker also counts as lost if a phantom mistaken for it could be further off than this. If the
+robot may have moved far since the last frame, the next frame must confirm the point. The limit is
+wider in proportion if phantoms are rare."""
 BASE_MEMORY_US = 3_000_000
-"""Time for which M1 is taken to be where it was seen last."""
+"""Time for which M1 is assumed to be where it was seen last."""
 
 _LOG_DOUBT = math.log(DOUBT)
 _TRUST = 35.0
-"""Highest score: no history makes a hypothesis so sure that ten frames cannot refute it."""
+"""Highest score, so that ten frames can refute a hypothesis with any history."""
 _FADED = 15.0
-"""A hypothesis so much less likely than the best is dropped (3e-7)."""
+"""A hypothesis less likely than the best by this is dropped (3e-7)."""
 _MOST = 12
-"""Hypotheses carried on."""
+"""Number of hypotheses kept."""
 _PROVEN_FRAMES = 4
 """Complete frames before a hypothesis is believed."""
 _MOST_POINTS = 50
-"""A Polaris reports no more strays."""
+"""The most strays that a Polaris reports."""
 _STIR_S = 0.1
-"""Servos follow their commands within about so long."""
+"""Servos follow their commands within about this time."""
 _PHANTOMS_AT_START = 1.0
 _PHANTOMS_FLOOR = 0.3
-"""Never fewer are expected near a marker, however clean the camera's view has been."""
+"""Minimum expected number near a marker, however clean the camera's view has been."""
 _PHANTOM_FRAMES = 100
 """Number of frames over which phantoms are averaged."""
 _CLEAN_FRAMES = 40
-"""Without a fourth point in view before phantoms are taken to be rare; one is enough to doubt."""
+"""Frames without a fourth point after which phantoms count as rare; a single one ends that."""
 _PHANTOM_MARGIN = 3.0
-"""Factor of safety on the count of phantoms: a mistake costs more than a lost frame."""
+"""Safety factor of the number of phantoms, as a mistake is worse than a lost frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """The markers of one exposure as far as they are certain."""
+    """The certain markers of an exposure."""
 
     exposed_us: int
     markers_mm: Array
-    """(3, 3): M1, M2 and M3 in the camera's frame, one a row; NaN where lost. M1 is the mean of
-    its latest sightings."""
+    """(3, 3): M1, M2 and M3 in the camera's frame, one per row; NaN if lost. M1 is the mean of its
+    latest sightings."""
     base_age_us: int
-    """Since M1 itself was seen."""
+    """Time since M1 itself was seen."""
 
     @property
     def lost(self) -> tuple[str, ...]:
@@ -90,10 +90,10 @@ class Labelled:
 
 
 class Labeller:
-    """Labels the points of frame after frame.
+    """Labels the points of successive frames.
 
     Args:
-        geometry: the robot as the controller believes it.
+        geometry: geometry of the described robot.
         camera_to_robot: the registered rotation, (3, 3); None before registration, when only
             distances are used and fewer frames come out certain.
     """
@@ -111,15 +111,15 @@ class Labeller:
         self._clean_frames = 0
 
     def label(self, exposed_us: int, points_mm: ArrayLike, q_rad: ArrayLike) -> Labelled:
-        """Take the next frame.
+        """Label the next frame.
 
         Args:
-            exposed_us: later than that of the frame before.
+            exposed_us: time of exposure, later than that of the previous frame.
             points_mm: (n, 3), in the camera's frame, in any order.
-            q_rad: (2,), motor angles believed at the exposure.
+            q_rad: (2,), believed motor angles at the exposure.
 
         Raises:
-            ValueError: time goes back.
+            ValueError: the time is not later.
         """
         if self._time_us is not None and exposed_us <= self._time_us:
             raise ValueError(f"frame exposed at {exposed_us} us after one at {self._time_us} us")
@@ -149,7 +149,7 @@ class Labeller:
         )
 
     def _count_phantoms(self, scene: Scene) -> None:
-        """Count the points near M2 or M3 that the best hypothesis leaves over; without one, all."""
+        """Count the points near M2 or M3 that the best hypothesis does not use, or all."""
         found = float(len(scene.points_mm))
         if self._hypotheses:
             best = self._hypotheses[0]
@@ -194,7 +194,7 @@ class Labeller:
         return Labelled(scene.time_us, markers, base_age_us)
 
     def _is_certain(self, agreeing: list[bool]) -> bool:
-        """Whether the hypotheses that disagree are negligible, and so is that none is true."""
+        """Whether hypotheses that disagree are negligible, and also that none is true."""
         scores = np.array([one.score for one in self._hypotheses])
         favour = np.logaddexp.reduce(scores[np.array(agreeing)])
         against = np.logaddexp.reduce([0.0, *scores[~np.array(agreeing)]])
@@ -208,7 +208,7 @@ def _same_base(best: Hypothesis, hypotheses: list[Hypothesis]) -> list[bool]:
 
 
 def _pruned(grown: Iterable[Hypothesis]) -> list[Hypothesis]:
-    """Best first; twins merged, unlikely ones dropped, scores kept below `_TRUST`."""
+    """Sort by score; merge equal hypotheses, drop unlikely ones, limit scores to `_TRUST`."""
     kept: list[Hypothesis] = []
     for one in sorted(grown, key=lambda one: -one.score):
         if kept and (one.score < kept[0].score - _FADED or len(kept) == _MOST):

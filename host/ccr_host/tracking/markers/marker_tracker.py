@@ -1,4 +1,4 @@
-"""Turns a camera's frames into samples: labelling, then registration."""
+"""Converts a camera's frames to samples: labelling, then registration."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from ccr_host.tracking.tracker import MARKERS, MarkerFrame, NamedTracker, Sample
 Array = NDArray[np.float64]
 
 BelievedAngles = Callable[[], Array]
-"""Motor angles as they are believed now, rad, (2,)."""
+"""Returns the believed motor angles at present, rad, (2,)."""
 
 
 class MarkerTracker:
-    """Takes every new frame of a camera; a frame that shows the tip becomes a sample.
+    """Processes every new frame of a camera; a frame that shows the tip becomes a sample.
 
-    Attach it to the clock behind the camera. Bodies named M1 to M3 are taken for the markers;
-    a camera that names none of them has its points labelled. Points out of its volume are not
-    used. M2 of a sample may be lost (NaN).
+    Attach it to the clock after the camera. Bodies named M1 to M3 are used as the markers; if the
+    camera names none of them, its points are labelled. Points outside its volume are not used. M2
+    of a sample may be lost (NaN).
 
     Args:
-        camera: started by somebody else.
-        geometry: the robot as the controller believes it.
+        camera: the camera, which its owner starts.
+        geometry: geometry of the described robot.
         camera_to_robot: the registered rotation, (3, 3); None before registration, when samples
             stay in the camera's frame.
-        believed_rad: asked at least once a slice of the clock.
+        believed_rad: called at least once per slice of the clock.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class MarkerTracker:
         self._labeller = Labeller(geometry, camera_to_robot)
         self._believed_rad = believed_rad
         self._beliefs = SetpointHistory(believed_rad())
-        """What was believed about the motors when an older frame was exposed."""
+        """The motor angles that were believed when an older frame was exposed."""
         self._names_markers = False
         self._frame: MarkerFrame | None = None
         self._lost: tuple[str, ...] = MARKERS
@@ -60,7 +60,7 @@ class MarkerTracker:
 
     @property
     def frame(self) -> MarkerFrame | None:
-        """The newest frame, with all that it shows."""
+        """The newest frame, complete."""
         return self._frame
 
     @property
@@ -69,7 +69,7 @@ class MarkerTracker:
         return self._lost
 
     def advance_to(self, time_us: int) -> None:
-        """Take a new frame if there is one."""
+        """Process a new frame if there is one."""
         believed_rad = self._believed_rad()
         if not np.array_equal(believed_rad, self._beliefs.at(math.inf)):
             self._beliefs.command(time_us * 1e-6, believed_rad, 0.0)
@@ -108,7 +108,7 @@ class MarkerTracker:
         return "; ".join(text for text in told if text)
 
     def _markers_mm(self, frame: MarkerFrame) -> Array:
-        """(3, 3) in the camera's frame, NaN where lost."""
+        """The markers, (3, 3), in the camera's frame; NaN if lost."""
         named = {name: pose for name, pose in frame.tools.items() if name in MARKERS}
         self._names_markers |= bool(named)
         if self._names_markers:

@@ -1,4 +1,4 @@
-"""What the device's error codes mean and what to do about them."""
+"""The meaning of the device's error codes, and their cures."""
 
 from __future__ import annotations
 

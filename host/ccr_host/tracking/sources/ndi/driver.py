@@ -28,14 +28,14 @@ from ccr_host.tracking.tracker import (
 )
 
 COUNTER_HZ = 60
-"""The frame counter of every Polaris, whatever its rate of new data."""
+"""Rate of every Polaris' frame counter, independent of its rate of new data."""
 
 
 class ExposureClock:
     """Knows when a frame is available in the device, and when it was exposed.
 
     Args:
-        latency_us: from an exposure to its being available in the device.
+        latency_us: time from an exposure to its data being available in the device.
     """
 
     def __init__(self, latency_us: int) -> None:
@@ -43,12 +43,12 @@ class ExposureClock:
         self._fit = ClockFit()
 
     def see(self, frame_number: int, seen_us: int) -> int:
-        """Take note of a new frame; return when it was exposed."""
+        """Note a new frame; return its time of exposure."""
         self._fit.see(_counted_us(frame_number), seen_us)
         return self.available_us(frame_number) - self._latency_us
 
     def available_us(self, frame_number: int) -> int:
-        """When a frame was or will be available; there must have been one before."""
+        """Time at which a frame was or will be available; needs an earlier frame."""
         return self._fit.host_us(_counted_us(frame_number))
 
 
@@ -57,12 +57,12 @@ def _counted_us(frame_number: int) -> int:
 
 
 POLL_AGAIN_US = 2_000
-"""After a poll that found nothing new."""
+"""Pause after a poll that found nothing new."""
 _AIM_US = 1_000
-"""After the earliest time at which a frame is known to be available: one slice of the clock."""
+"""Delay after the time at which a frame is known to be available: one slice of the clock."""
 _PROBE_AIM_US = -1_500
 _FRAMES_BETWEEN_PROBES = 16
-"""Costs a sixteenth of the frames 12 ms of age; follows the drift of two quartzes easily."""
+"""Every 16th poll is a probe: its frame is 12 ms older, but it tracks the drift of the quartzes."""
 _POLLS_KEPT = 8
 
 
@@ -78,28 +78,28 @@ class PollPace:
 
     @property
     def frame_step(self) -> int | None:
-        """Counts from one frame to the next; None before there were two."""
+        """Counts from one frame to the next; None before the second frame."""
         return min(self._steps, default=None)
 
     def after_step(self, counts: int) -> None:
-        """Take note of how many counts a new frame is after the last one."""
+        """Note the number of counts from the last frame to a new one."""
         self._steps.append(counts)
 
     def pause_after_nothing_us(self, now_us: int) -> int:
-        """Until the next poll, where the last one found nothing new."""
+        """Pause until the next poll after one that found nothing new."""
         if self._steps:
             self._probing = False
         return self._pause(now_us, POLL_AGAIN_US)
 
     def pause_after_frame_us(self, now_us: int, seen_us: int, next_available_us: int) -> int:
-        """Until the next poll, where the last one found a frame.
+        """Pause until the next poll after one that found a frame.
 
         A probe that succeeds is followed by another one.
 
         Args:
-            now_us: when the reply had arrived.
-            seen_us: when the camera took the frame for it.
-            next_available_us: when the next frame will be available at the latest.
+            now_us: time at which the reply had arrived.
+            seen_us: time at which the camera selected the frame for it.
+            next_available_us: latest time at which the next frame will be available.
         """
         if self._asked_us is not None:
             self._responses_us.append(max(0, seen_us - self._asked_us))
@@ -118,12 +118,12 @@ class PollPace:
 
 
 DEFAULT_LATENCY_US = 40_000
-"""From an exposure to its data being available: lower end of our estimate of 40 to 100 ms."""
+"""Time from an exposure to its data being available: the least of the estimated 40 to 100 ms."""
 
 _RETRY_US = 1_000_000
 _RESYNCHRONISE_US = 1_000_000
 _COUNTER_SLACK = 2 * COUNTER_HZ
-"""Counts by which a frame number may be ahead of the time that has passed."""
+"""Counts by which a frame number may be ahead of the elapsed time."""
 _BITS_PER_BYTE = 10
 
 
@@ -134,21 +134,20 @@ class NdiSettings:
     tools: Sequence[Tool] = ()
     """Rigid bodies; without any, a dummy tool lights the illuminators for single spheres."""
     latency_us: int = DEFAULT_LATENCY_US
-    """From an exposure to its data being available in the device."""
+    """Time from an exposure to its data being available in the device."""
     volume: MeasurementVolume = VICRA
-    """Points outside it are marked as such."""
+    """The measurement volume; points outside are marked."""
 
 
 class NdiTracker(StartsAndStops):
     """Driver of one camera.
 
-    A camera that falls silent, is reset or unplugged is started again each time;
-    `health` tells of it.
+    A camera that falls silent, is reset or unplugged is restarted each time; `health` reports it.
 
     Args:
         name: tracker URI, for messages.
-        open_port: makes the line to the camera; called again after the port was lost.
-        settings: what a lab can choose.
+        open_port: opens the port to the camera; called again after the port was lost.
+        settings: settings of the lab.
     """
 
     def __init__(
@@ -191,7 +190,7 @@ class NdiTracker(StartsAndStops):
             yield f"the camera's frame counter has jumped, {count} times so far; tracking goes on"
 
     def start(self) -> None:
-        """Open the port; the conversation begins when the clock goes on.
+        """Open the port; the session begins when the clock advances.
 
         Raises:
             TrackerError: the port cannot be opened.
@@ -200,7 +199,7 @@ class NdiTracker(StartsAndStops):
         self._running = True
 
     def advance_to(self, time_us: int) -> None:
-        """Take what has arrived, go on with the conversation, begin again where it has failed."""
+        """Process what has arrived, continue the session, restart it if it has failed."""
         if not self._running or time_us < self._retry_us:
             return
         try:
@@ -254,7 +253,7 @@ class NdiTracker(StartsAndStops):
 
 
 class _FrameMaker:
-    """Turns TX replies into frames: no repeats, exposure times, own volume check, pace of polls."""
+    """Converts TX replies to frames: no repeats, exposure times, volume check, pace of polls."""
 
     def __init__(self, settings: NdiSettings) -> None:
         self._settings = settings
@@ -264,20 +263,20 @@ class _FrameMaker:
         self.system_status = SystemStatus(0)
 
     def begin_session(self, log: SessionLog, *, has_baud: bool) -> None:
-        """The device counts from 0 again."""
+        """Restart, as the device counts from 0 again."""
         self._log = log
         self._has_baud = has_baud
         self._clock = ExposureClock(self._settings.latency_us)
         self._last_number: int | None = None
         self._last_us = 0
         self._odd: tuple[int, int] | None = None
-        """First of the numbers that do not follow the last one, and when it came."""
+        """First of the numbers that do not follow the last one, and its time of arrival."""
         self._pace = PollPace()
 
     def take(self, reply: TxReply, source: Reply) -> int:
         """Make a frame if the reply has a new one; return the pause until the next poll, us.
 
-        Number 0 is none: TSTART has just set the counter, and no exposure belongs to it.
+        Number 0 is not a frame: TSTART has just set the counter, without an exposure.
         """
         self.system_status = reply.system_status
         number = reply.frame
@@ -303,11 +302,11 @@ class _FrameMaker:
         return self._pace.pause_after_frame_us(source.arrived_us, seen_us, next_us)
 
     def _is_next(self, number: int, now_us: int) -> bool:
-        """Whether it is the number of a new frame.
+        """Whether a number is that of a new frame.
 
-        One that does not follow the last one in the time that has passed is not believed: it may be
-        damage that no check sum shows, and all that follow would seem old. Once such numbers have
-        been counting up for a second, the counter has changed: it is followed from there.
+        A number that is inconsistent with the last one and the elapsed time is rejected: it may be
+        damage that no check sum shows, and all following frames would seem old. Once such numbers
+        have counted up for a second, the counter has changed, and they are accepted.
         """
         if self._last_number is None:
             return True

@@ -1,4 +1,4 @@
-"""The line to a camera: like a board's transport, with a baud rate that changes and a break."""
+"""The port to a camera: like a board's transport, with a variable baud rate and a break."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ccr_host.core.errors import TrackerError
 
 _RESET_BAUD = 9600
 _RECONNECT_TIMEOUT_S = 0.1
-"""In mid-run the board waits meanwhile for its next target."""
+"""Time limit of a reconnection during a run, as the board waits for its next target."""
 _CAMERA = Peer("camera", TrackerError, if_refused="check address and power of the camera")
 
 
@@ -21,24 +21,24 @@ class Port(Protocol):
 
     name: str
     has_baud: bool
-    """Whether the rate means anything here; not so on TCP."""
+    """Whether the rate has an effect; not on TCP."""
     has_break: bool
-    """Whether a break reaches the device; not so on TCP and pseudo-terminals."""
+    """Whether a break reaches the device; not on TCP and pseudo-terminals."""
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
 
     def read(self) -> bytes:
-        """Bytes that have arrived; empty if none have, never waits."""
+        """Return the bytes that have arrived, possibly none; never waits."""
 
     def set_baud(self, baud: int) -> None:
-        """Change the rate of both directions from now on."""
+        """Change the rate of both directions."""
 
     def set_break(self, on: bool) -> None:
-        """Hold the line in the break state or let go of it."""
+        """Begin or end the break state of the line."""
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
 
 
 PortOpener = Callable[[], Port]
@@ -72,13 +72,13 @@ class TcpPort(BytePort):
         super().__init__(f"ndi+tcp://{address}", address, _CAMERA, None, connect_timeout_s)
 
     def set_baud(self, baud: int) -> None:
-        """Nothing to set."""
+        """TCP has no rate."""
 
     def set_break(self, on: bool) -> None:
-        """Nothing to hold."""
+        """TCP has no break."""
 
 
 def tcp_opener(address: str) -> PortOpener:
-    """Opens a TCP port again and again; only the first time, when nothing moves, may take long."""
+    """A function that opens a TCP port; only its first call, when nothing moves, may be slow."""
     timeouts_s = chain([CONNECT_TIMEOUT_S], repeat(_RECONNECT_TIMEOUT_S))
     return lambda: TcpPort(address, next(timeouts_s))

@@ -4,7 +4,7 @@
     stray count, out-of-volume bits, strays
     system status
 
-The grammar is strict: a reply that is not exactly this is refused as a whole.
+The grammar is strict: any other reply is rejected as a whole.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LONGEST_REPLY_BYTES = 8192
 
 
 class DamagedReplyError(TrackerError):
-    """Bytes that are not a whole, correct reply."""
+    """The bytes are not a complete, correct reply."""
 
     def __init__(self, cause: str, line: bytes = b"") -> None:
         self.line = line
@@ -80,7 +80,7 @@ class ReplySplitter:
         self._rest = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Replies completed by `data`; one that grows beyond all bounds is thrown away."""
+        """Replies completed by `data`; one that gets too long is discarded."""
         self._rest += data
         if CR not in data:
             if len(self._rest) > LONGEST_REPLY_BYTES:
@@ -96,12 +96,12 @@ class ReplySplitter:
         return bytes(self._rest)
 
     def clear(self) -> None:
-        """Forget what has come of an unfinished reply."""
+        """Discard an unfinished reply."""
         self._rest.clear()
 
 
 class SystemStatus(IntFlag):
-    """Last four digits of a TX reply. Bits 8 and 9 are the Polaris', Aurora has none there."""
+    """System status, the last four digits of a TX reply. Aurora does not use bits 8 and 9."""
 
     SYNC_ERROR = 1 << 0
     EXTERNAL_INFRARED = 1 << 1
@@ -116,7 +116,7 @@ class SystemStatus(IntFlag):
 
 
 class PortStatus(IntFlag):
-    """Eight digits after a tool's transform."""
+    """Port status, the eight digits after a tool's transform."""
 
     OCCUPIED = 1 << 0
     INITIALISED = 1 << 4
@@ -147,7 +147,7 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True)
 class MeasurementVolume:
-    """Frustum along -z of the camera's frame; half widths are of x and y."""
+    """Frustum along -z of the camera's frame, with half widths in x and y."""
 
     near_z_mm: float
     near_half_mm: Pair
@@ -155,7 +155,7 @@ class MeasurementVolume:
     far_half_mm: Pair
 
     def contains(self, points_mm: ArrayLike) -> BoolArray:
-        """Which of the points, (n, 3), lie inside or on the rim: (n,)."""
+        """Whether each point, (n, 3), is inside or on the boundary, (n,)."""
         points = np.asarray(points_mm, dtype=np.float64).reshape(-1, 3)
         depth = (points[:, 2] - self.near_z_mm) / (self.far_z_mm - self.near_z_mm)
         near, far = np.array(self.near_half_mm), np.array(self.far_half_mm)
@@ -202,7 +202,7 @@ _NO_STATUS = PortStatus(0)
 
 
 class ToolState(Enum):
-    """Why a tool has a pose or none."""
+    """Whether a tool has a pose, and if not, why."""
 
     TRACKED = "tracked"
     MISSING = "MISSING"
@@ -230,12 +230,12 @@ class TxReply:
     strays_mm: FloatArray
     """(n, 3), in the camera's frame."""
     out_of_volume_bits: int
-    """As sent; which bit belongs to which stray is disputed, so nothing here depends on it."""
+    """As sent, and not used, as the assignment of bits to strays is disputed."""
     system_status: SystemStatus
 
     @property
     def frame(self) -> int | None:
-        """Newest frame number of any tool; strays have none of their own. None without tools."""
+        """Newest frame number of the tools, as strays have none; None without tools."""
         return max((tool.frame for tool in self.tools if tool.frame is not None), default=None)
 
 

@@ -1,8 +1,7 @@
-"""A conversation written from top to bottom, and what carries it out without ever waiting.
+"""Sequential scripts of a protocol, and their execution without waiting.
 
-A script is a generator. It yields what is to happen next, and is resumed with the result, or with
-the exception that the result is, as soon as that is known. So the order of a conversation can be
-read in one place, while the run goes on in between.
+A script is a generator. It yields the next step, and is resumed with its result or exception as
+soon as that is known. So a sequence can be read in one place, while the run continues in between.
 """
 
 from __future__ import annotations
@@ -27,35 +26,35 @@ _SHOWN_BYTES = 24
 
 @dataclass(frozen=True)
 class Say:
-    """Send bytes and go on at once; replies unread by now answer something else: forget them."""
+    """Send bytes without waiting; unread replies, which answer something else, are discarded."""
 
     data: bytes
 
 
 @dataclass(frozen=True)
 class Hear:
-    """Wait for the next reply; silence, damage and refusals come as exceptions."""
+    """Wait for the next reply; silence, damage and refusals raise exceptions."""
 
     timeout_us: int
 
 
 @dataclass(frozen=True)
 class Pause:
-    """Let time pass."""
+    """Wait for some time."""
 
     duration_us: int
 
 
 @dataclass(frozen=True)
 class SetBaud:
-    """Change the host's rate; a rate that the port cannot have comes as an exception."""
+    """Change the host's rate; raises an exception if the port does not support it."""
 
     baud: int
 
 
 @dataclass(frozen=True)
 class SetBreak:
-    """Hold or let go of the line."""
+    """Begin or end a break of the line."""
 
     on: bool
 
@@ -75,7 +74,7 @@ Script: TypeAlias = Generator[Step, Reply | None, None]
 
 
 class NoReplyError(TrackerError):
-    """Silence, or less than a whole reply."""
+    """No reply, or an incomplete one."""
 
     def __init__(self, unfinished: bytes = b"") -> None:
         self.unfinished = unfinished
@@ -83,7 +82,7 @@ class NoReplyError(TrackerError):
 
 
 class NotACameraError(ForeignPeerError):
-    """Answers that no camera gives."""
+    """The replies are not those of a camera."""
 
     def __init__(self, heard: bytes) -> None:
         shown = bytes(heard[:_SHOWN_BYTES])
@@ -94,11 +93,11 @@ class NotACameraError(ForeignPeerError):
 
 
 class Conversation:
-    """Carries out a script on a port.
+    """Executes a script on a port.
 
     Args:
-        port: open.
-        script: not started yet.
+        port: an open port.
+        script: a script that has not started.
     """
 
     def __init__(self, port: Port, script: Script) -> None:
@@ -109,13 +108,13 @@ class Conversation:
         self._step: Step | None = None
         self._deadline_us = 0
         self._failure: TrackerError | None = None
-        """Error of a step that ends as soon as it begins."""
+        """Error of a step that ends immediately."""
 
     def advance_to(self, time_us: int) -> None:
-        """Go as far as the script can by now.
+        """Advance the script as far as possible.
 
         Raises:
-            TrackerError: what the script could not cope with, or the port is lost.
+            TrackerError: an error that the script does not handle, or the port is lost.
         """
         self._replies.extend(self._splitter.feed(self._port.read()))
         if self._step is None:

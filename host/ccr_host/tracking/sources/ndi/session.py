@@ -1,4 +1,4 @@
-"""The conversation with a Polaris, from the first byte to the endless stream of frames."""
+"""The session with a Polaris, from the first byte to the endless stream of frames."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ FAST_BAUD = 115_200
 _FAST_BAUD_ARGUMENTS = "50000"
 """115200 baud, 8 data bits, no parity, 1 stop bit, no handshake."""
 _KNOWN_BAUDS = (RESET_BAUD, FAST_BAUD, 921_600, 230_400, 57_600, 38_400, 19_200, 14_400, 1_228_739)
-"""All that a COMM of some Polaris can have set, the usual ones first."""
+"""All rates that COMM of a Polaris can set, the usual ones first."""
 
 _BREAK_US = 300_000
 """A break is any low level longer than a byte; 250 ms is what serial drivers send."""
 _RESET_TIMEOUT_US = 7_000_000
-"""As long as NDI's own samples wait."""
+"""The waiting time in NDI's samples."""
 _LINES_BEFORE_RESET = 10
 _PROBE_TIMEOUT_US = 300_000
 _TIMEOUT_US = 2_000_000
@@ -50,10 +50,10 @@ _TX_TIMEOUT_US = 400_000
 """The longest reply, 50 strays and 6 tools, takes 130 ms at 115200 baud."""
 _ATTEMPTS = 3
 _DAMAGED_IN_A_ROW = 20
-"""More than noise explains: the device may have been reset to its slow rate."""
+"""More damaged replies than noise explains: the device may have been reset to its slow rate."""
 _DONE = "OKAY"
 _RESET = "RESET"
-"""Said by a device that has just been reset, whatever it was asked."""
+"""The reply of a device that has just been reset, to any command."""
 _FRESH_FRAMES = "80"
 """Argument of TSTART: count frames from 0."""
 _WARNING_RESERVED_BITS = "WARNING05"
@@ -61,7 +61,7 @@ _WARNING_RESERVED_BITS = "WARNING05"
 
 Talk = Generator[Step, Reply | None, Reply]
 ReplySink = Callable[[TxReply, Reply], int]
-"""Takes a reply and tells how long to pause before the next poll, us."""
+"""Called with a reply; returns the pause until the next poll, us."""
 
 
 @dataclass(frozen=True)
@@ -79,25 +79,25 @@ class SessionLog:
     doing: str = "not started"
     tracking: bool = False
     baud: int = RESET_BAUD
-    """Present rate of the line; meaningless on TCP."""
+    """Present rate of the line; without effect on TCP."""
     damaged_replies: int = 0
     warnings: tuple[str, ...] = ()
-    """One readable line each."""
+    """Warnings, one readable line each."""
     handles: dict[int, str] | None = None
     """Tool names by port handle."""
 
 
 def session(port: Port, tools: Sequence[Tool], log: SessionLog, on_reply: ReplySink) -> Script:
-    """Whatever state the device is in, make it track, and poll it for ever.
+    """Make a device in any state track, and poll it forever.
 
     Args:
-        port: tells what it can do; its bytes go through the steps.
-        tools: to be tracked besides strays; with none, a dummy lights the illuminators.
-        log: kept up to date.
+        port: states its capabilities; its bytes pass through the steps.
+        tools: tracked in addition to strays; if empty, a dummy lights the illuminators.
+        log: updated during the session.
         on_reply: called with every parsed TX reply; returns the pause until the next poll in us.
 
     Raises:
-        TrackerError: no camera, or one that refuses or went silent; begin again.
+        TrackerError: no camera, or one that refuses or fell silent; start a new session.
     """
     log.doing = "looking for the camera"
     log.baud = yield from _make_contact(port)
@@ -119,15 +119,15 @@ def session(port: Port, tools: Sequence[Tool], log: SessionLog, on_reply: ReplyS
 
 
 def farewell() -> bytes:
-    """Commands that leave the device quiet; nobody waits for the answer."""
+    """Commands that leave the device quiet; their replies are not awaited."""
     return encode_command("TSTOP")
 
 
 def _make_contact(port: Port) -> Generator[Step, Reply | None, int]:
-    """Leave the device initialisable at the rate at which the host speaks; gives that rate.
+    """Make the device ready for initialisation at the host's rate; returns that rate.
 
-    A device that an earlier program left at another rate hears a break; where there is no break
-    or it is not heard, the known rates are tried.
+    A device that an earlier program left at another rate is reset by a break; if there is no break
+    or it has no effect, the known rates are tried.
     """
     if port.has_break:
         yield SetBaud(RESET_BAUD)
@@ -184,7 +184,7 @@ def _initialise() -> Generator[Step, Reply | None, None]:
 
 
 def _hasten(log: SessionLog) -> Generator[Step, Reply | None, None]:
-    """Ask for the fast rate; a camera that refuses it goes on at the rate it has."""
+    """Request the fast rate; a camera that refuses it stays at its present rate."""
     try:
         yield from _order("COMM", _FAST_BAUD_ARGUMENTS)
     except CommandRefusedError as refusal:
@@ -198,7 +198,7 @@ def _hasten(log: SessionLog) -> Generator[Step, Reply | None, None]:
 
 
 def _free_all_handles() -> Generator[Step, Reply | None, None]:
-    """Also those of an earlier program, which would fill the table."""
+    """Free all port handles, including those of an earlier program, which would fill the table."""
     reply = yield from _talk("PHSR", "00")
     for at in range(2, len(reply.text), 5):
         yield from _order("PHF", reply.text[at : at + 2])
@@ -246,7 +246,7 @@ def _poll_for_ever(log: SessionLog, on_reply: ReplySink) -> Script:
 
 
 def _talk(name: str, arguments: str = "") -> Talk:
-    """Ask until a whole answer comes; every command used here may be repeated."""
+    """Request until a complete reply comes; every command used here may be repeated."""
     command = encode_command(name, arguments)
     for _ in range(_ATTEMPTS - 1):
         yield Say(command)
@@ -259,7 +259,7 @@ def _talk(name: str, arguments: str = "") -> Talk:
 
 
 def _order(name: str, arguments: str = "") -> Generator[Step, Reply | None, None]:
-    """Ask for something that is answered with OKAY."""
+    """Make a request whose reply must be OKAY."""
     answer = (yield from _talk(name, arguments)).text
     if answer == _RESET:
         raise CommandRefusedError(NOT_INITIALISED)
@@ -268,6 +268,6 @@ def _order(name: str, arguments: str = "") -> Generator[Step, Reply | None, None
 
 
 def _pass_on_unless_noise(error: TrackerError) -> None:
-    """Asking again cures a damaged command or reply, but nothing else."""
+    """Raise an error unless it is a damaged command or reply, which a repetition cures."""
     if isinstance(error, CommandRefusedError) and error.code != BAD_COMMAND_CRC:
         raise error
