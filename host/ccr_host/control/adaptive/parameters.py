@@ -88,8 +88,8 @@ PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_p
 _RINGING_MM = 0.32
 """Error of a coordinate of a measurement at rest, in addition to the camera's noise."""
 _MODEL_MM = 0.25
-"""Error of a coordinate of a rest, however often it was measured. The model's errors are correlated
-in neighbouring rests, which this alone does not describe."""
+"""Assumed error of a coordinate of a rest, however often it was measured: larger than the model's
+residual, as its errors are correlated in neighbouring rests."""
 _USUAL_TURN_DEG = 0.5
 """Standard deviation of a registration that does not state it."""
 _LEAST_TURN_DEG = 0.1
