@@ -3,7 +3,8 @@
     python -m bench.same_runs keep .venv/bin/ccr-host before.json
     python -m bench.same_runs compare before.json after.json
 
-All runs are in virtual time, so that equal versions give equal bytes. A set takes three minutes.
+All runs are in virtual time, so that equal versions give equal bytes. A set took 7 minutes on two
+busy cores.
 """
 
 from __future__ import annotations

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import re
+import tempfile
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
+import matplotlib.pyplot as plt
 from sphinx.application import Sphinx
 
 project = "ccr-host"
@@ -42,28 +48,36 @@ def lead_to_pages(_app: Sphinx, _page: str, source: list[str]) -> None:
 
 
 NOTEBOOKS = {"first-steps": "first_steps.ipynb"}
-"""Pages that show a notebook of examples/ as it was run last."""
+"""Pages that show a notebook of examples/, executed while the site is built."""
 
 
 def show_notebook(_app: Sphinx, page: str, source: list[str]) -> None:
-    """Pages of notebooks are made from their cells and what these have printed."""
+    """Make the page of a notebook from its cells and what they print and plot."""
     if page in NOTEBOOKS:
         file = Path(__file__).parents[1] / "examples" / NOTEBOOKS[page]
         cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
-        source[0] = "\n\n".join(map(markdown_of, cells)).replace("](../docs/", "](")
+        names: dict[str, Any] = {}
+        with tempfile.TemporaryDirectory() as folder, chdir(folder):
+            shown = [markdown_of(cell, names) for cell in cells]
+        source[0] = "\n\n".join(shown).replace("](../docs/", "](")
 
 
-def markdown_of(cell: dict[str, Any]) -> str:
-    """A cell, with its text and pictures where it is code."""
+def markdown_of(cell: dict[str, Any], names: dict[str, Any]) -> str:
+    """A cell; code is executed with the names of the cells before, its output follows."""
     text = "".join(cell["source"])
     if cell["cell_type"] == "markdown":
         return text
-    shown = [f"```python\n{text}\n```"]
-    for output in cell["outputs"]:
-        if printed := "".join(output.get("text", ())):
-            shown.append(f"```none\n{printed}```")
-        if picture := "".join(output.get("data", {}).get("image/png", ())):
-            shown.append(f"![](data:image/png;base64,{picture.strip()})")
+    shown, printed = [f"```python\n{text}\n```"], io.StringIO()
+    with redirect_stdout(printed), patch.object(plt, "show"):
+        exec(text, names)
+    if printed.getvalue():
+        shown.append(f"```none\n{printed.getvalue()}```")
+    for number in plt.get_fignums():
+        picture = io.BytesIO()
+        plt.figure(number).savefig(picture, bbox_inches="tight")
+        code = base64.b64encode(picture.getvalue()).decode()
+        shown.append(f"![](data:image/png;base64,{code})")
+    plt.close("all")
     return "\n\n".join(shown)
 
 

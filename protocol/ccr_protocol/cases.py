@@ -37,7 +37,7 @@ CONSISTENT_VALUES: Mapping[str, Value] = {
     "pulse_min_half_us": [1000, 1100],
     "pulse_max_half_us": [5000, 4900],
 }
-"""Of fields that stand in consistency rules: a plausible robot."""
+"""Values of fields that consistency rules mention: a plausible robot."""
 
 
 @dataclass(frozen=True)

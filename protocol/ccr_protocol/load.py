@@ -1,4 +1,4 @@
-"""From a file to a `Spec`, or to the list of what is wrong with it."""
+"""Load a spec file as a `Spec`, or list what is wrong with it."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ REPLY_BIT = 0x80
 """Added to a request's id for the reply that belongs to it alone."""
 
 ANY_STATE = ("any",)
-"""In place of the states in which a request is allowed."""
+"""Stands for all states in a request's list of states."""
 
 FIRST_CONFIGURATION = ("limits", "slew", "watchdog", "calibration")
 """Structs in an EEPROM slot where a spec does not say which, in this order."""
@@ -203,7 +203,7 @@ class Message(_Part):
 
     @property
     def struct(self) -> Struct | None:
-        """Whose fields follow its own."""
+        """The struct whose fields follow the message's own, if any."""
         return self._struct
 
     @property
@@ -347,7 +347,7 @@ class Spec(_Part):
 
     @property
     def version(self) -> int:
-        """Of the protocol."""
+        """Version of the protocol that the spec describes."""
         return self.protocol.version
 
     @property
@@ -362,7 +362,7 @@ class Spec(_Part):
 
     @property
     def hash(self) -> int:
-        """By which the two ends know that they were built from the same spec."""
+        """Fingerprint, by which the two ends notice that they were built from different specs."""
         return self._hash
 
     @cached_property

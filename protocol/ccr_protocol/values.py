@@ -105,7 +105,7 @@ def _is_requirement_id(text: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_is_name)]
-"""In snake_case, and free in both languages."""
+"""A name in snake_case that is no keyword of either language."""
 Prose = Annotated[str, AfterValidator(_in_one_line)]
 """Text that may stand in comments and strings of both languages."""
 Type = Annotated[IntegerType, BeforeValidator(_integer_type)]

@@ -92,7 +92,7 @@ class GeneratedSolver:
         self._buffer.set_res(self._function.index_out("x"), memoryview(self.solution))
 
     def run(self) -> None:
-        """From ``guess`` and ``given`` to ``solution``."""
+        """Solver that maps ``guess`` and ``given`` to ``solution``."""
         self._run()
 
 

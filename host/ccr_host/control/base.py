@@ -56,7 +56,7 @@ class Phase:
 
     name: str
     done: float | None = None
-    """From 0 to 1; None if unknown."""
+    """Share of the phase that is done, 0 to 1; None if unknown."""
 
 
 @dataclass(frozen=True)

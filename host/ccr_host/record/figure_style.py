@@ -84,9 +84,13 @@ def svg_element(figure: Figure) -> str:
 
 def _write(figure: Figure, file: Path | io.StringIO, form: str, metadata: Metadata) -> None:
     from matplotlib import rc_context  # noqa: PLC0415 - costs 0.7 s
+    from matplotlib.backend_bases import get_registered_canvas_class  # noqa: PLC0415
 
     # TrueType is what publishers ask for; the salt gives equal runs equal files.
     settings = rc_context({"pdf.fonttype": 42, "svg.hashsalt": "ccr-host"})
     with settings, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        figure.savefig(file, format=form, dpi=_DPI, metadata=metadata)
+        # Figure.savefig would draw once more to find the layout, which any drawing does.
+        figure.set_dpi(_DPI)
+        canvas = get_registered_canvas_class(form)(figure)
+        getattr(canvas, f"print_{form}")(file, metadata=metadata)

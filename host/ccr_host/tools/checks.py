@@ -102,7 +102,7 @@ _TURN_RAD = np.radians(1.0)
 _ZERO_RAD = np.radians(1.0)
 """Standard deviation of the zeros of calibrated servos."""
 _SURPRISING = 2.0
-"""In standard deviations."""
+"""Standard deviations off the expected direction from which it is reported."""
 _PROBE = 1e-4
 
 

@@ -6,7 +6,6 @@ import os
 import select
 import sys
 from contextlib import suppress
-from types import TracebackType
 from typing import Self, TextIO
 
 from ccr_host.core.errors import ConfigError
@@ -55,12 +54,7 @@ class Keyboard:
             ) from None
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with suppress(termios.error, OSError):  # the terminal may be gone
             termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
 

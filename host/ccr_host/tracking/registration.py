@@ -331,7 +331,7 @@ def _require_quality(result: Registration, geometry: Robot) -> None:
 
 
 def chord(bending_rad: Array, load: float) -> ComplexArray:
-    """From the start to the end of segments of unit length that bend by ``bending_rad``, (K,).
+    """Vectors from start to end of segments of unit length that bend by ``bending_rad``, (K,).
 
     (10) bends a segment evenly. At rest the moment of its tendons is indeed even along it, but that
     of the weight it carries falls off towards its end: theta'(s) = c + w X(s) along the segment,

@@ -112,7 +112,7 @@ class LivePage:
         self.operator = PageOperator(self._buttons, self._keeper.is_alive, self._heard)
 
     def end_run(self, folder: Path) -> None:
-        """From now on the page plays what the folder holds."""
+        """Switch the page to playing what the folder holds."""
         with self._changing:
             self._ended, messages = RunEnded(folder), self._messages
         with suppress(queue.Full):

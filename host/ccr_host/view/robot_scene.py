@@ -106,7 +106,7 @@ def _draw_axes(scene: SceneApi) -> None:
 _TRAIL_POINTS = 1500
 """Longer trails show every second, third ... step."""
 _DISK_MARGIN_MM = 2.0
-"""From the tendon holes to the rim."""
+"""Distance from the tendon holes to the rim of a disk."""
 _DISK_THICKNESS_MM = 1.5
 _MARKER_RADIUS_MM = 3.5
 _TARGET_RADIUS_MM = 4.5

@@ -42,7 +42,7 @@ class Tuning:
     """Tuning common to both estimators; docs/control-baselines.md describes how it was found."""
 
     integral_time_s: float = 0.06
-    """Of an error seen for T, T / (T + this) is corrected: 0.94 at 1 Hz, 0.45 at 20 Hz."""
+    """An error seen for T is corrected by the share T / (T + this): 0.94 at 1 Hz, 0.45 at 20 Hz."""
     damping_mm: float = 20.0
     """Damping of the inverse, mm/rad; singular values are about 100 away from the folds."""
     longest_move_rad: float = 0.3

@@ -23,7 +23,7 @@ class Tuning:
 
     proportional: float = 0.1
     integral_time_s: float = 0.05
-    """Of an error seen for T, T / (T + this) is corrected: 0.95 at 1 Hz, 0.5 at 20 Hz."""
+    """An error seen for T is corrected by the share T / (T + this): 0.95 at 1 Hz, 0.5 at 20 Hz."""
     derivative_s: float = 0.01
     derivative_filter_s: float = 0.1
     damping_mm: float = 15.0

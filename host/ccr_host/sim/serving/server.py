@@ -11,7 +11,6 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Thread
-from types import TracebackType
 from typing import Protocol, Self
 
 from ccr_host.core.clock import Clock, Steppable
@@ -234,12 +233,7 @@ class BackgroundServer:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._thread.is_alive():
             self._server.stop()
         self._thread.join()
