@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import logging
 import re
 import tempfile
 from contextlib import chdir, redirect_stdout
@@ -46,6 +47,9 @@ def lead_to_pages(_app: Sphinx, _page: str, source: list[str]) -> None:
     for file, page in PAGES_OF_FILES.items():
         source[0] = re.sub(rf"\]\((?:\.\./)+{re.escape(file)}", f"](/{page}.md", source[0])
 
+
+# A style that Sphinx loads (a11y_pygments) turns on everybody's INFO: a line per font table.
+logging.getLogger("fontTools").setLevel(logging.WARNING)
 
 NOTEBOOKS = {"first-steps": "first_steps.ipynb"}
 """Pages that show a notebook of examples/, executed while the site is built."""
