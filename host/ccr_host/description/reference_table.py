@@ -19,6 +19,8 @@ Schema = dict[str, Any]
 _UNITS_BY_SUFFIX = {
     "_us_per_90_deg": "µs",
     "_nm_rad": "N m/rad",
+    "_deg_per_nm": "deg/(N m)",
+    "_nm": "N m",
     "_n_m": "N/m",
     "_m_s2": "m/s²",
     "_deg_s2": "deg/s²",

@@ -98,6 +98,18 @@ class Twin(Section):
     """Speed at which the shaft turns towards its target."""
     servo_deadband_deg: Annotated[float, within(0, 45)] = 0.0
     """The shaft does not move while its target is no further away than this."""
+    servo_stall_torque_nm: Annotated[float, within(0.01, 1000)] | None = None
+    """Opposing moment at which the speed, which falls linearly with it, is zero; none: no limit."""
+    servo_droop_deg_per_nm: Annotated[float, within(0, 1000)] = 0.0
+    """Steady deviation of the shaft towards the load, per moment on the pulley."""
+    servo_backlash_deg: Annotated[float, within(0, 45)] = 0.0
+    """Play of the gear train, of which the load decides the side."""
+    servo_lag_ms: Annotated[float, within(0, 1000)] = 0.0
+    """Time until a change of the pulse width is followed."""
+    servo_drift_deg: Both[Annotated[float, within(-45, 45)]] = (0.0, 0.0)
+    """Final drift of each shaft's neutral position from power-up, as the servos warm up."""
+    servo_drift_time_s: Annotated[float, within(1, 1e5)] = 600.0
+    """Time constant of that drift."""
     servo_neutral_us: Both[Pulse] = Field(
         (1500.0, 1500.0), json_schema_extra=as_in("servo.neutral_pulse_us")
     )
@@ -141,6 +153,14 @@ class Tracker(Section):
     """Time from an exposure until the host can have it, at least; of a real camera too."""
     dropout: Annotated[float, within(0, 0.999)] = 0.0
     """Fraction of exposures without a sample."""
+    outliers: Annotated[float, within(0, 0.5)] = 0.0
+    """Fraction of exposures in which one marker, any of the three, is seen in a wrong place."""
+    outlier_mm: Annotated[float, within(0, 1000)] = 5.0
+    """Distance of that place from the true one, in any direction."""
+    frame_jitter_ms: Annotated[float, within(0, 1000)] = 0.0
+    """Standard deviation of the true time of an exposure about the one that its sample states."""
+    exposure_ms: Annotated[float, within(0, 1000)] = 0.0
+    """Duration of an exposure, over which the position is averaged."""
     rotation_deg: Annotated[tuple[Turn, Turn, Turn], BeforeValidator(_rotation)] = Field(
         (0.0, 0.0, 0.0), json_schema_extra=as_in("registration.camera_to_robot_deg")
     )
@@ -156,6 +176,16 @@ class Tracker(Section):
     """Calibration file of a webcam, as written by OpenCV or ROS."""
     tag_size_mm: Annotated[float, within(1, 1000)] | None = None
     """Edge length of the ArUco tags, for a webcam."""
+
+    @model_validator(mode="after")
+    def _exposures_follow_one_another(self) -> Tracker:
+        period_ms = 1000 / self.rate_hz
+        if self.exposure_ms > period_ms:
+            raise ValueError(
+                f"tracker.exposure_ms = {self.exposure_ms:g} is longer than the period of "
+                f"{period_ms:g} ms at tracker.rate_hz = {self.rate_hz:g}"
+            )
+        return self
 
 
 def _ordered(span: tuple[float, float]) -> tuple[float, float]:

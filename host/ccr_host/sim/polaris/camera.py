@@ -12,7 +12,7 @@ from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.device import PolarisDevice
 from ccr_host.sim.polaris.faults import NO_FAULTS, PolarisFaults, Span
 from ccr_host.sim.polaris.line import PolarisLine
-from ccr_host.sim.polaris.sensor import Placement, PositionSensor
+from ccr_host.sim.polaris.sensor import PositionSensor
 
 
 def faults_of(described: simulation.PolarisFaults, start_us: int | None) -> PolarisFaults:
@@ -60,7 +60,7 @@ def make_polaris(
     faults: PolarisFaults = NO_FAULTS,
     paced: bool = True,
 ) -> PolarisLine:
-    """An emulated Vicra with the noise, latency and misalignment of a robot description.
+    """An emulated Vicra with the noise, faults and misalignment of a robot description's tracker.
 
     Its rate is the Vicra's 20 Hz; `tracker.rate_hz` is ignored. It skips exposures with the
     probability `tracker.dropout`, in addition to `faults.frozen`.
@@ -74,9 +74,7 @@ def make_polaris(
     optics_seed, line_seed = seed.spawn(2)
     sensor = PositionSensor(
         np.random.default_rng(optics_seed),
-        placement=Placement(rotation_deg=tracker.rotation_deg),
-        noise_mm=tracker.noise_mm,
-        latency_us=round(tracker.latency_ms * 1000),
+        tracker,
         faults=_with_dropout(faults, tracker),
     )
     return PolarisLine(PolarisDevice(sensor), np.random.default_rng(line_seed), paced=paced)

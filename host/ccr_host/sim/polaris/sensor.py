@@ -15,8 +15,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.faults import NO_FAULTS, BitOrder, PolarisFaults, is_within
 from ccr_host.tracking.sources.ndi.replies import VICRA
+from ccr_host.tracking.sources.shutter import Shutter
 
 Array = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
@@ -86,25 +88,25 @@ class PositionSensor:
 
     Args:
         rng: random numbers for noise and faults.
+        tracker: the ``tracker`` section of the robot description; the exposures are at 20 Hz and
+            follow one another whatever its rate.
         placement: pose of the camera.
-        noise_mm: RMS length of the error of a vector between two markers.
-        latency_us: time from an exposure until its image is available.
         faults: injected faults of the optics.
     """
 
     def __init__(
         self,
         rng: np.random.Generator,
+        tracker: Tracker,
         *,
         placement: Placement | None = None,
-        noise_mm: float = 0.25,
-        latency_us: int = 40_000,
         faults: PolarisFaults = NO_FAULTS,
     ) -> None:
         self._rng = rng
-        self._placement = placement or Placement()
-        self._noise_per_coordinate_mm = noise_mm / math.sqrt(6)
-        self._latency_us = latency_us
+        self._placement = placement or Placement(rotation_deg=tracker.rotation_deg)
+        self._noise_per_coordinate_mm = tracker.noise_mm / math.sqrt(6)
+        self._latency_us = round(tracker.latency_ms * 1000)
+        self._shutter = Shutter(tracker, COUNTER_HZ / COUNTS_PER_EXPOSURE, rng)
         self.faults = faults
         self.illuminated = False
         """Set by the device; a dark exposure shows no passive marker."""
@@ -114,16 +116,20 @@ class PositionSensor:
 
     @property
     def next_exposure_us(self) -> int:
-        """Time of the next call of `expose`; the first exposure is at 0."""
-        return round(self._exposures * COUNTS_PER_EXPOSURE * 1e6 / COUNTER_HZ)
+        """Time of the next call of `expose`."""
+        return self._shutter.next_look_us
 
     def expose(self, time_us: int, markers_mm: Array) -> None:
         """Expose the markers, (n, 3), one per row, in the robot frame."""
+        stated_us = self._shutter.stated_us
+        picture_mm = self._shutter.look(markers_mm)
+        if picture_mm is None:
+            return
         count = self._exposures * COUNTS_PER_EXPOSURE
         self._exposures += 1
-        image = self._picture(count, time_us, markers_mm)
+        image = self._picture(count, time_us, picture_mm)
         if self._rng.random() >= self.faults.frozen:
-            self._in_flight.append((time_us + self._latency_us, image))
+            self._in_flight.append((stated_us + self._latency_us, image))
 
     def newest(self, time_us: int) -> Image | None:
         """Latest image available at `time_us`, which must not decrease between calls."""

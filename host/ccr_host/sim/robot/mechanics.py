@@ -89,6 +89,7 @@ class Mechanics:
         slack_lengths_m = self._data.ten_length + np.divide(twin.slack_mm, _MM_PER_M)
         self._slack_lengths_m: list[float] = slack_lengths_m.tolist()
         self._tendon_lengths_m = self._data.ctrl  # kept as views: attribute access is slow
+        self._forces_n = self._data.actuator_force  # negative: a tendon only pulls
         self._angles_rad = self._data.qpos
         self._tip = self._model.body(TIP).id
         self._markers = [self._model.site(name).id for name in MARKERS]
@@ -108,6 +109,12 @@ class Mechanics:
         lengths_m[1] = slack_m[1] - radius_m * pulley_2_rad
         lengths_m[2] = slack_m[2] + radius_m * pulley_1_rad
         lengths_m[3] = slack_m[3] + radius_m * pulley_2_rad
+
+    def pulley_moments_nm(self) -> tuple[float, float]:
+        """Moment of the tendons on each pulley, positive if it turns it to greater angles."""
+        radius_m = self._twin.pulley_radius_mm / _MM_PER_M
+        force_1, force_2, force_3, force_4 = self._forces_n.tolist()
+        return radius_m * (force_1 - force_3), radius_m * (force_2 - force_4)
 
     def set_payload(self, payload_g: float) -> None:
         """Attach a point mass to the centre of the last disk."""

@@ -12,55 +12,12 @@ from numpy.typing import NDArray
 from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.mechanics import Mechanics
 from ccr_host.sim.robot.plant import Plant
-
-
-class ServoModel:
-    """A servo that turns towards its target at a constant rate and stops at the deadband's edge.
-
-    Without pulses it does not move: its gear train is assumed to hold the shaft against the
-    tendons. It starts at 0 rad.
-
-    Args:
-        neutral_us: pulse width for 0 rad.
-        rad_per_us: change of angle per microsecond of pulse width.
-        rate_rad_s: no-load speed.
-        deadband_rad: the shaft does not move while its target is no further away than this.
-    """
-
-    def __init__(
-        self, neutral_us: float, rad_per_us: float, rate_rad_s: float, deadband_rad: float
-    ) -> None:
-        self._neutral_us = neutral_us
-        self._rad_per_us = rad_per_us
-        self._rate_rad_s = rate_rad_s
-        self._deadband_rad = deadband_rad
-        self._goal_rad = 0.0
-        self.angle_rad = 0.0
-        self.moving = False
-
-    def set_pulse_us(self, pulse_us: float) -> None:
-        """Set the width of the pulses received from now on; 0 means no pulses."""
-        if pulse_us > 0:
-            self._goal_rad = (pulse_us - self._neutral_us) * self._rad_per_us
-            self.moving = abs(self._goal_rad - self.angle_rad) > self._deadband_rad
-        else:
-            self.moving = False
-
-    def advance(self, duration_s: float) -> None:
-        """Turn for ``duration_s``; ``moving`` becomes false on arrival."""
-        if not self.moving:
-            return
-        error_rad = self._goal_rad - self.angle_rad
-        left_rad = abs(error_rad) - self._deadband_rad
-        travel_rad = self._rate_rad_s * duration_s
-        if travel_rad < left_rad:
-            self.angle_rad += math.copysign(travel_rad, error_rad)
-        else:
-            self.angle_rad = self._goal_rad - math.copysign(self._deadband_rad, error_rad)
-            self.moving = False
-
+from ccr_host.sim.robot.servo import ServoModel, ServoProperties
 
 Array = NDArray[np.float64]
+
+_LOAD_US = 2000
+"""Time between two looks of resting servos at their loads; turning ones look at every step."""
 
 
 class TwinRobot(Plant):
@@ -77,23 +34,28 @@ class TwinRobot(Plant):
 
     def __init__(self, twin: Twin) -> None:
         self._twin = twin
-        self._servos = tuple(
-            ServoModel(
-                neutral_us,
-                math.radians(90.0) / us_per_90_deg,
-                math.radians(twin.servo_rate_deg_s),
-                math.radians(twin.servo_deadband_deg),
-            )
-            for neutral_us, us_per_90_deg in zip(
-                twin.servo_neutral_us, twin.servo_us_per_90_deg, strict=True
-            )
-        )
+        self._servos = _servos_of(twin)
         self._mechanics = Mechanics(twin, twin.payload_g if twin.payload_start_s == 0 else 0.0)
+        step_us = self._mechanics.step_us
+        self._lag_steps = round(twin.servo_lag_ms * 1000 / step_us)
+        self._load_steps = max(1, _LOAD_US // step_us)
+        self._feels_load = any(servo.feels_load for servo in self._servos)
         self._steps_done = 0
+        self._felt_at_step = 0
+        self._pulses: deque[tuple[int, tuple[int, int]]] = deque()
         self._events: deque[tuple[int, Callable[[], None]]] = deque()
 
     def set_pulses_half_us(self, pulses_half_us: tuple[int, int]) -> None:
-        """Set both pulse widths from now on, in 0.5 us; 0 means no pulses."""
+        """Set both pulse widths from now on, in 0.5 us; 0 means no pulses.
+
+        The servos follow after their lag.
+        """
+        if self._lag_steps:
+            self._pulses.append((self._steps_done + self._lag_steps, pulses_half_us))
+        else:
+            self._receive(pulses_half_us)
+
+    def _receive(self, pulses_half_us: tuple[int, int]) -> None:
         for servo, pulse_half_us in zip(self._servos, pulses_half_us, strict=True):
             servo.set_pulse_us(pulse_half_us / 2)
 
@@ -122,6 +84,8 @@ class TwinRobot(Plant):
         while self._steps_done < last_step:
             while self._events and self._events[0][0] <= self._steps_done:
                 self._events.popleft()[1]()
+            while self._pulses and self._pulses[0][0] <= self._steps_done:
+                self._receive(self._pulses.popleft()[1])
             steps = self._turn_servos(last_step - self._steps_done)
             self._mechanics.advance(steps)
             self._steps_done += steps
@@ -141,10 +105,57 @@ class TwinRobot(Plant):
     def _turn_servos(self, steps_left: int) -> int:
         """Turn the servos by one step; return the number of steps with these angles."""
         first, second = self._servos
-        if not (first.moving or second.moving):
-            until_event = self._events[0][0] - self._steps_done if self._events else steps_left
-            return min(steps_left, until_event)
+        moving = first.moving or second.moving
+        if self._feels_load and (moving or self._steps_done % self._load_steps == 0):
+            self._feel_loads()
+            moving = first.moving or second.moving
+        if not moving:
+            return self._steps_at_rest(steps_left)
         for servo in self._servos:
             servo.advance(self._mechanics.step_us * 1e-6)
         self._mechanics.pull(first.angle_rad, second.angle_rad)
         return 1
+
+    def _feel_loads(self) -> None:
+        step_s = self._mechanics.step_us * 1e-6
+        time_s = self._steps_done * step_s
+        duration_s = (self._steps_done - self._felt_at_step) * step_s
+        self._felt_at_step = self._steps_done
+        for servo, load_nm in zip(self._servos, self._mechanics.pulley_moments_nm(), strict=True):
+            servo.feel(load_nm, time_s, duration_s)
+        first, second = self._servos
+        self._mechanics.pull(first.angle_rad, second.angle_rad)
+
+    def _steps_at_rest(self, steps_left: int) -> int:
+        """Number of steps until something may turn a servo, or an event is due."""
+        turns = [steps_left]
+        if self._events:
+            turns.append(self._events[0][0] - self._steps_done)
+        if self._pulses:
+            turns.append(self._pulses[0][0] - self._steps_done)
+        if self._feels_load:
+            turns.append(self._load_steps - self._steps_done % self._load_steps)
+        return min(turns)
+
+
+def _servos_of(twin: Twin) -> tuple[ServoModel, ServoModel]:
+    """The servos of motor 1 and 2."""
+    radius_m = twin.pulley_radius_mm * 1e-3
+    first, second = (
+        ServoModel(
+            ServoProperties(
+                neutral_us=twin.servo_neutral_us[axis],
+                rad_per_us=math.radians(90.0) / twin.servo_us_per_90_deg[axis],
+                rate_rad_s=math.radians(twin.servo_rate_deg_s),
+                deadband_rad=math.radians(twin.servo_deadband_deg),
+                stall_torque_nm=twin.servo_stall_torque_nm or math.inf,
+                droop_rad_nm=math.radians(twin.servo_droop_deg_per_nm),
+                play_rad=math.radians(twin.servo_backlash_deg),
+                drift_rad=math.radians(twin.servo_drift_deg[axis]),
+                drift_time_s=twin.servo_drift_time_s,
+                load_stiffness_nm_rad=2 * twin.tendon_stiffness_n_m * radius_m**2,
+            )
+        )
+        for axis in (0, 1)
+    )
+    return first, second

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ccr_host.core.clock import Clock
 from ccr_host.description.simulation import Tracker
+from ccr_host.tracking.sources.shutter import Shutter
 from ccr_host.tracking.tracker import Sample, TrackerHealth
 
 Array = NDArray[np.float64]
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 class Camera:
     """Exposes the markers at a fixed rate and delivers each sample after a latency.
 
-    The generator is used once per exposure, even if the sample is dropped.
+    The generator is used as often for a sample that is dropped.
 
     Args:
         tracker: the ``tracker`` section of the robot description.
@@ -36,9 +37,7 @@ class Camera:
             turn = scipy.spatial.transform.Rotation.from_rotvec(tracker.rotation_deg, degrees=True)
             self._robot_to_camera = turn.inv().as_matrix()
         self._latency_us = round(tracker.latency_ms * 1000)
-        self._exposures = 0
-        self.next_exposure_us = 0
-        """Time of the next call of ``expose``."""
+        self._shutter = Shutter(tracker, tracker.rate_hz, rng)
         self._in_flight: deque[Sample] = deque()
         self._newest: Sample | None = None
 
@@ -48,20 +47,28 @@ class Camera:
         return self._tracker.rate_hz
 
     @property
+    def next_exposure_us(self) -> int:
+        """Time of the next call of ``expose``."""
+        return self._shutter.next_look_us
+
+    @property
     def next_arrival_us(self) -> int:
         """Time before which ``newest`` returns nothing new."""
-        exposed_us = self._in_flight[0].exposed_us if self._in_flight else self.next_exposure_us
-        return exposed_us + self._latency_us
+        if self._in_flight:
+            return self._in_flight[0].exposed_us + self._latency_us
+        return max(self._shutter.stated_us + self._latency_us, self._shutter.next_look_us)
 
     def expose(self, time_us: int, markers_mm: Array) -> None:
         """Expose the markers, (3, 3), one per row, in the robot's frame."""
-        self._exposures += 1
-        self.next_exposure_us = round(self._exposures * 1e6 / self._tracker.rate_hz)
+        stated_us = self._shutter.stated_us
+        picture_mm = self._shutter.look(markers_mm)
+        if picture_mm is None:
+            return
         noise_mm = self._noise_per_coordinate_mm * self._rng.standard_normal((3, 3))
         dropped = self._rng.random() < self._tracker.dropout
         if not dropped:
-            seen_mm = markers_mm @ self._robot_to_camera.T + noise_mm
-            self._in_flight.append(Sample(time_us, seen_mm))
+            seen_mm = picture_mm @ self._robot_to_camera.T + noise_mm
+            self._in_flight.append(Sample(stated_us, seen_mm))
 
     def newest(self, time_us: int) -> Sample | None:
         """Return the latest sample that has arrived by a time; times must not go backwards."""

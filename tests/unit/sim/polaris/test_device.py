@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.device import Mode, PolarisDevice
 from ccr_host.sim.polaris.faults import PolarisFaults
 from ccr_host.sim.polaris.sensor import Exposer, PositionSensor
@@ -20,8 +21,7 @@ class Host:
     def __init__(self, faults: PolarisFaults | None = None, latency_us: int = 0) -> None:
         sensor = PositionSensor(
             np.random.default_rng(1),
-            noise_mm=0.0,
-            latency_us=latency_us,
+            Tracker(noise_mm=0.0, latency_ms=latency_us / 1000),
             faults=faults or PolarisFaults(),
         )
         self.device = PolarisDevice(sensor)

@@ -15,9 +15,13 @@ from ccr_host.tracking.sources.twin import Camera
 MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)])
 
 
-def sensor(faults: PolarisFaults | None = None, **keys) -> PositionSensor:
-    keys = {"latency_us": 0, "noise_mm": 0.0} | keys
-    device = PositionSensor(np.random.default_rng(1), faults=faults or PolarisFaults(), **keys)
+def sensor(
+    faults: PolarisFaults | None = None, placement: Placement | None = None, **keys
+) -> PositionSensor:
+    tracker = Tracker(**({"latency_ms": 0.0, "noise_mm": 0.0} | keys))
+    device = PositionSensor(
+        np.random.default_rng(1), tracker, placement=placement, faults=faults or PolarisFaults()
+    )
     device.illuminated = True
     return device
 
@@ -123,7 +127,7 @@ def test_frames_of_a_seed_are_repeatable():
 
 
 def test_scene_of_the_twin_exposes_the_sensor_at_exact_times():
-    device = sensor(latency_us=40_000)
+    device = sensor(latency_ms=40.0)
     robot = TwinRobot(Twin())
     robot.set_pulses_half_us((3000 + 800, 3000 - 800))
     scene = TwinScene(robot, device)

@@ -27,6 +27,12 @@ CHANGED = {
     "tendon_force_max_n": 1.0,
     "servo_rate_deg_s": 200.0,
     "servo_deadband_deg": 0.5,
+    "servo_stall_torque_nm": 0.3,
+    "servo_droop_deg_per_nm": 10.0,
+    "servo_backlash_deg": 0.5,
+    "servo_lag_ms": 20.0,
+    "servo_drift_deg": (0.0, 30.0),
+    "servo_drift_time_s": 2.0,
     "servo_neutral_us": (1500.0, 1510.0),
     "servo_us_per_90_deg": (-1000.0, 1000.0),
     "gravity_m_s2": 9.7,
@@ -45,7 +51,7 @@ def test_no_key_is_without_effect(pulses_half_us, key):
         robot.advance_to(100_000)
         return robot.tip_mm()
 
-    usual = Twin(payload_g=0.5)
+    usual = Twin(payload_g=0.5, servo_drift_deg=(0.0, 1.0), servo_drift_time_s=1.0)
     changed = usual.model_copy(update={key: CHANGED[key]})
     assert np.linalg.norm(swing_mm(changed) - swing_mm(usual)) > 1e-3
 
@@ -222,6 +228,103 @@ def test_servo_deadband_leaves_the_shaft_short(pulses_half_us):
     robot.set_pulses_half_us(pulses_half_us(18, 1.8))
     robot.advance_to(500_000)
     np.testing.assert_allclose(np.degrees(robot.servo_angles_rad()), (16, 0), atol=1e-9)
+
+
+PULLED = {"slack_mm": 0.0, "gravity_m_s2": 0.0}
+"""A robot that pulls at its servos as soon as they turn."""
+
+
+def shaft_deg(robot: TwinRobot) -> float:
+    return float(np.degrees(robot.servo_angles_rad()[1]))
+
+
+def test_the_bent_robot_pulls_its_servos_back(posed):
+    """Bent to both sides alike; a straight one without slack does not pull at all."""
+    droop_deg = {
+        angle_deg: angle_deg - shaft_deg(posed(0, angle_deg, servo_droop_deg_per_nm=20, **PULLED))
+        for angle_deg in (-20, 0, 20)
+    }
+    assert droop_deg[0] == 0.0
+    assert droop_deg[20] == pytest.approx(-droop_deg[-20], rel=1e-3)
+    # Flexures of 0.02 N m/rad in series with one tendon of 4000 N/m on 4.5 mm, seen by the pulley.
+    bending, tendon = 0.02, 4000 * 4.5e-3**2
+    stiffness_nm_rad = (12.5 / 4.5) ** 2 * bending * tendon / (bending + tendon)
+    moment_nm = stiffness_nm_rad * np.radians(20 - droop_deg[20])
+    assert droop_deg[20] == pytest.approx(20 * moment_nm, rel=0.1)
+
+
+def test_droop_bends_the_robot_less(tip):
+    assert tip(0, 25, servo_droop_deg_per_nm=20.0)[X] < tip(0, 25)[X] - 0.5
+
+
+def test_backlash_under_load_lies_on_the_side_of_the_robot_whatever_the_approach(
+    posed, pulses_half_us
+):
+    robot = posed(0, 30, servo_backlash_deg=1.0, **PULLED)
+    for second, angle_deg in ((3, 20), (4, -20), (5, 20)):
+        robot.set_pulses_half_us(pulses_half_us(0, angle_deg))
+        robot.advance_to(second * 1_000_000)
+        assert shaft_deg(robot) == pytest.approx(np.sign(angle_deg) * 19.5, abs=0.05)
+
+
+def test_backlash_leaves_a_robot_with_slack_tendons_on_either_side(posed, pulses_half_us):
+    reached = []
+    for first_deg in (2.0, -2.0):
+        robot = posed(0, first_deg, servo_backlash_deg=1.0, gravity_m_s2=0.0)
+        robot.set_pulses_half_us(pulses_half_us(0, 0))
+        robot.advance_to(3_000_000)
+        reached.append(shaft_deg(robot))
+    assert reached == pytest.approx([0.5, -0.5], abs=0.05)
+
+
+def test_a_loaded_servo_is_slower_the_more_so_the_weaker_it_is(posed, pulses_half_us):
+    def turned_deg(**keys) -> float:
+        robot = posed(0, 10, **PULLED, **keys)
+        robot.set_pulses_half_us(pulses_half_us(0, 60))
+        robot.advance_to(2_100_000)
+        return shaft_deg(robot)
+
+    assert turned_deg(servo_stall_torque_nm=0.1) < turned_deg(servo_stall_torque_nm=0.3) - 2
+    assert turned_deg(servo_stall_torque_nm=0.3) < turned_deg() - 2
+
+
+def test_a_servo_follows_after_its_lag(pulses_half_us):
+    prompt, late = TwinRobot(Twin()), TwinRobot(Twin(servo_lag_ms=30.0))
+    for robot in (prompt, late):
+        robot.set_pulses_half_us(pulses_half_us(0, 30))
+    prompt.advance_to(50_000)
+    late.advance_to(30_000)
+    assert shaft_deg(late) == 0.0
+    late.advance_to(80_000)
+    assert shaft_deg(late) == pytest.approx(shaft_deg(prompt)) == pytest.approx(15.0)
+
+
+def test_warming_servos_drift_while_their_pulses_stay(pulses_half_us):
+    robot = TwinRobot(Twin(servo_drift_deg=(0.0, 2.0), servo_drift_time_s=2.0))
+    robot.set_pulses_half_us(pulses_half_us(0, 9))
+    robot.advance_to(2_000_000)
+    np.testing.assert_allclose(
+        np.degrees(robot.servo_angles_rad()), (0, 9 + 2 * (1 - np.exp(-1))), atol=0.01
+    )
+
+
+def test_loaded_servos_do_not_depend_on_how_often_the_robot_is_read(pulses_half_us):
+    effects = {
+        "servo_droop_deg_per_nm": 10.0,
+        "servo_backlash_deg": 0.6,
+        "servo_stall_torque_nm": 0.9,
+        "servo_lag_ms": 5.0,
+        "servo_drift_deg": (1.0, -1.0),
+    }
+    tips = []
+    for chunk_us in (100_000, 2_500):
+        robot = TwinRobot(Twin(**effects))
+        for k in range(4):
+            robot.set_pulses_half_us(pulses_half_us(10 * k, 30 - 20 * k))
+            for time_us in range(k * 100_000, (k + 1) * 100_000, chunk_us):
+                robot.advance_to(time_us + chunk_us)
+        tips.append(robot.tip_mm())
+    assert tips[0].tobytes() == tips[1].tobytes()
 
 
 def test_more_flexures_keep_the_segment_as_stiff(tip):
