@@ -280,7 +280,8 @@ class Description(Section):
             described = info.data.get(source)
             if described is not None and name not in section.model_fields_set:
                 followed[name] = getattr(described, key)
-        return section.model_copy(update=followed)
+        expanded = type(section).model_validate(followed)
+        return section.model_copy(update={name: getattr(expanded, name) for name in followed})
 
 
 def load(source: str | None = None, overrides: Iterable[str] = ()) -> Description:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, TypeGuard
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -10,7 +10,6 @@ from ccr_host.description.section import (
     FULL_TURN_DEG,
     LEAST_SPAN_US,
     Both,
-    MarkerOffset,
     PulleyRadius,
     Pulse,
     PulseSpan,
@@ -28,11 +27,27 @@ _Share = Annotated[float, within(0, 1)]
 _Force = Annotated[float, within(-100, 100)]
 _Flexures = Annotated[int, within(1, 40)]
 _Slack = Annotated[float, within(0, 100)]
+_Offset = Annotated[float, within(-500, 500)]
+_Acceleration = Annotated[float, within(-100, 100)]
 
 
 def _all_tendons(value: object) -> object:
     """Expand one number to all four tendons."""
     return (value,) * 4 if isinstance(value, int | float) else value
+
+
+def _is_number(value: object) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _along_z(value: object) -> object:
+    """Expand one number to a vector along z of (10)."""
+    return (0.0, 0.0, value) if _is_number(value) else value
+
+
+def _downwards(value: object) -> object:
+    """Expand one number to a vector along -z of (10)."""
+    return (0.0, 0.0, -value) if _is_number(value) else value
 
 
 class Push(Section):
@@ -65,12 +80,17 @@ class Twin(Section):
     """True L_1 and L_2."""
     tendon_radius_mm: TendonRadius = Field(4.5, json_schema_extra=as_in("robot.tendon_radius_mm"))
     """True r_c."""
-    marker_offset_mm: MarkerOffset = Field(15.0, json_schema_extra=as_in("robot.marker_offset_mm"))
-    """True d_m."""
+    marker_offset_mm: Annotated[tuple[_Offset, _Offset, _Offset], BeforeValidator(_along_z)] = (
+        Field((0.0, 0.0, 15.0), json_schema_extra=as_in("robot.marker_offset_mm"))
+    )
+    """True d_m: each marker seen from the centre of its disk, along x, y and z of (10) while the
+    robot is straight; one number is an offset along z."""
     pulley_radius_mm: PulleyRadius = Field(12.5, json_schema_extra=as_in("robot.pulley_radius_mm"))
     """True r_p."""
     bending_stiffness_nm_rad: Both[Annotated[float, within(1e-4, 100)]] = (0.02, 0.02)
     """Stiffness of a whole segment: moment over total bending angle."""
+    axial_stiffness_n_m: Both[Annotated[float, within(0, 1e8)]] = (0.0, 0.0)
+    """Force over shortening of a whole segment; 0: its length does not change."""
     joint_damping: Annotated[float, within(0, 1)] = 2e-4
     """Damping of each flexure, N m s/rad."""
     friction: Annotated[float, within(0, 100)] = 0.0
@@ -118,8 +138,11 @@ class Twin(Section):
         (1000.0, 1000.0), json_schema_extra=as_in("servo.pulse_per_90_deg_us")
     )
     """True pulse change for +90 deg; negative for a servo mounted the other way round."""
-    gravity_m_s2: Annotated[float, within(-100, 100)] = 9.81
-    """Gravity along -z; negative for a robot mounted upside down."""
+    gravity_m_s2: Annotated[
+        tuple[_Acceleration, _Acceleration, _Acceleration], BeforeValidator(_downwards)
+    ] = (0.0, 0.0, -9.81)
+    """Gravity along x, y and z of (10); one number is gravity along -z, negative for a robot
+    mounted upside down."""
     push: Push | None = None
     """A force on the tip, as a table: {force_n = [0, 0, 0.1], start_s = 10, end_s = 12}."""
     time_step_ms: Annotated[float, within(0.02, 2)] = 0.5
@@ -137,7 +160,7 @@ class Twin(Section):
 
 def _rotation(value: object) -> object:
     """Expand one number to a rotation about the axis (1, 1, 1); three are a rotation vector."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if not _is_number(value):
         return value
     return (value / 3**0.5,) * 3 if abs(value) <= FULL_TURN_DEG else value
 

@@ -53,7 +53,7 @@ class Equilibrium:
             mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
         self._compliance: Array | None = None
         self.joints_rad = np.zeros(self._model.nv)
-        """Bending of each flexure, at which the next search starts."""
+        """Position of each joint, rad or m, at which the next search starts."""
         self.motor_rad = (0.0, 0.0)
         """Motor angles of this pose."""
 

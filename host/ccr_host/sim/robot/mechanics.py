@@ -90,7 +90,8 @@ class Mechanics:
         self._slack_lengths_m: list[float] = slack_lengths_m.tolist()
         self._tendon_lengths_m = self._data.ctrl  # kept as views: attribute access is slow
         self._forces_n = self._data.actuator_force  # negative: a tendon only pulls
-        self._angles_rad = self._data.qpos
+        self._joints = self._data.qpos
+        self._bounds = _bounds(self._model, twin)
         self._tip = self._model.body(TIP).id
         self._markers = [self._model.site(name).id for name in MARKERS]
         disks = range(sum(twin.flexures) + 1)
@@ -133,14 +134,20 @@ class Mechanics:
             CcrError: the simulation became unstable.
         """
         mujoco.mj_step(self._model, self._data, nstep=steps)
-        # A flexure bent by more than half a turn is as unphysical as a NaN.
-        for angle_rad in self._angles_rad.tolist():
-            if not -math.pi < angle_rad < math.pi:
-                raise CcrError(
-                    f"the twin became unstable at a step of {self.step_us / 1000:g} ms",
-                    "raise twin.joint_damping, or lower twin.time_step_ms, the load or the "
-                    "stiffness",
-                )
+        for joint, bound in zip(self._joints.tolist(), self._bounds, strict=True):
+            if not -bound < joint < bound:
+                raise self._out_of_bounds(bound)
+
+    def _out_of_bounds(self, bound: float) -> CcrError:
+        if bound < math.pi:
+            return CcrError(
+                "the load took more than half the length of one of the twin's flexures",
+                "raise twin.axial_stiffness_n_m, or lower the load or twin.tendon_force_max_n",
+            )
+        return CcrError(
+            f"the twin became unstable at a step of {self.step_us / 1000:g} ms",
+            "raise twin.joint_damping, or lower twin.time_step_ms, the load or the stiffness",
+        )
 
     def markers_mm(self) -> Array:
         """Positions of M1, M2 and M3, one per row, (3, 3)."""
@@ -189,6 +196,14 @@ class Mechanics:
                 "or raise twin.disk_mass_g",
             )
         return step_us
+
+
+def _bounds(model: mujoco.MjModel, twin: Twin) -> list[float]:
+    """Bound of each joint, rad or m, beyond which it is as unphysical as a NaN."""
+    pitch_m = min(np.divide(twin.segment_lengths_mm, twin.flexures)) / _MM_PER_M
+    return [
+        math.pi if kind == mujoco.mjtJoint.mjJNT_HINGE else pitch_m / 2 for kind in model.jnt_type
+    ]
 
 
 def _ignore(_: str) -> None:

@@ -1,8 +1,8 @@
 """The twin's mechanics as MJCF (MuJoCo's model format).
 
-Rigid disks on hinge flexures, straight along -y at zero bending, gravity along -z. Segment 1 bends
-in the y-z plane and segment 2 in its local x-y plane, with the signs of equation (10): positive
-angles lift the tip and move it towards +x. MJCF uses m, kg, s, N.
+Rigid disks on hinge flexures, straight along -y at zero bending. Segment 1 bends in the y-z plane
+and segment 2 in its local x-y plane, with the signs of equation (10): positive angles lift the tip
+and move it towards +x. MJCF uses m, kg, s, N.
 """
 
 from __future__ import annotations
@@ -26,9 +26,13 @@ _MARKER_RADIUS_MM = 5.75
 """NDI's passive spheres have a diameter of 11.5 mm."""
 _ARMATURE_KG_M2 = 1e-8
 """Inertia of the flexure itself, about that of a 0.3 g piece 5 mm long."""
+_RELAXATION_S = 2e-3
+"""Damping over stiffness of the joints that do not bend. Their modes are too fast to be seen; from
+half a time step on, MuJoCo's implicit damping keeps them stable at any stiffness."""
 _FRICTION_SOLREF = "0.001 1"
 _FRICTION_SOLIMP = "0.9999 0.9999 0.001"
 """Nearly hard: MuJoCo's dry friction creeps, here by about 1 um/s at the tip (docs/twin.md)."""
+_LONGER = "0 -1 0"
 _BENDING_AXES = ("-1 0 0", "0 0 1")
 
 
@@ -56,7 +60,7 @@ def _add_options(root: ET.Element, twin: Twin) -> None:
         root,
         "option",
         timestep=_numbers(twin.time_step_ms * _MS),
-        gravity=_numbers(0.0, 0.0, -twin.gravity_m_s2),
+        gravity=_numbers(*twin.gravity_m_s2),
         integrator="implicitfast",
     )
     # No contacts; instability is reported (mechanics.py), not hidden by an automatic reset.
@@ -96,7 +100,19 @@ def _add_tip(last_disk: ET.Element, y_mm: float) -> None:
 
 def _add_flexure(body: ET.Element, twin: Twin, segment: int) -> None:
     # Springs in series: n flexures of stiffness n k form a segment of stiffness k.
-    stiffness = twin.flexures[segment] * twin.bending_stiffness_nm_rad[segment]
+    flexures = twin.flexures[segment]
+    stiffness = flexures * twin.bending_stiffness_nm_rad[segment]
+    axial = flexures * twin.axial_stiffness_n_m[segment]
+    if axial > 0:
+        damping = axial * _RELAXATION_S
+        ET.SubElement(
+            body,
+            "joint",
+            type="slide",
+            axis=_LONGER,
+            stiffness=_numbers(axial),
+            damping=_numbers(damping),
+        )
     ET.SubElement(
         body,
         "joint",
@@ -135,14 +151,19 @@ def _add_marker(body: ET.Element, twin: Twin, name: str, y_mm: float) -> None:
         "geom",
         type="sphere",
         size=_millimetres(_MARKER_RADIUS_MM),
-        pos=_millimetres(0.0, y_mm, twin.marker_offset_mm),
+        pos=_marker_place(twin, y_mm),
         mass=_numbers(twin.marker_mass_g * _G),
     )
     _add_marker_site(body, twin, name, y_mm)
 
 
 def _add_marker_site(body: ET.Element, twin: Twin, name: str, y_mm: float) -> None:
-    ET.SubElement(body, "site", name=name, pos=_millimetres(0.0, y_mm, twin.marker_offset_mm))
+    ET.SubElement(body, "site", name=name, pos=_marker_place(twin, y_mm))
+
+
+def _marker_place(twin: Twin, y_mm: float) -> str:
+    along_x_mm, along_y_mm, along_z_mm = twin.marker_offset_mm
+    return _millimetres(along_x_mm, y_mm + along_y_mm, along_z_mm)
 
 
 def _add_tendons(root: ET.Element, twin: Twin) -> None:

@@ -132,7 +132,7 @@ def _write(file: Path, found: StaticMap) -> None:
 _STATIC_KEYS = (
     "flexures", "segment_lengths_mm", "tendon_radius_mm", "marker_offset_mm", "pulley_radius_mm",
     "bending_stiffness_nm_rad", "disk_mass_g", "marker_mass_g", "payload_g", "payload_start_s",
-    "slack_mm", "tendon_stiffness_n_m", "tendon_force_max_n", "gravity_m_s2",
+    "slack_mm", "tendon_stiffness_n_m", "tendon_force_max_n", "gravity_m_s2", "axial_stiffness_n_m",
 )  # fmt: skip
 """Keys that a rest pose depends on."""
 

@@ -64,8 +64,11 @@ def test_the_nearest_point_is_found_wherever_the_surface_folds():
     assert together.per_step_mm == pytest.approx(np.mean(alone_mm))
 
 
-def test_rest_poses_are_those_reached_by_the_simulation():
-    twin = Twin(friction=0.0, joint_damping=2e-3)
+@pytest.mark.parametrize(
+    "keys", [{}, {"axial_stiffness_n_m": (8000.0, 5000.0)}, {"gravity_m_s2": (5.0, 6.0, -6.0)}]
+)
+def test_rest_poses_are_those_reached_by_the_simulation(keys):
+    twin = Twin(friction=0.0, joint_damping=2e-3, **keys)
     mechanics = Mechanics(twin, 0.0)
     mechanics.pull(0.3, -0.5)
     mechanics.advance(round(6e6 / mechanics.step_us))

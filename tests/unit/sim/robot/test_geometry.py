@@ -78,6 +78,17 @@ def test_markers_stand_off_the_backbone(posed):
     np.testing.assert_allclose(np.linalg.norm(robot.markers_mm() - backbone, axis=1), 17.0)
 
 
+def test_markers_stand_off_the_backbone_in_any_direction(posed):
+    straight = posed(gravity_m_s2=0.0, marker_offset_mm=(2.0, -3.0, 14.0))
+    np.testing.assert_allclose(
+        straight.markers_mm() - straight.backbone_mm()[[0, 6, 11]], [(2, -3, 14)] * 3, atol=1e-6
+    )
+    bent = posed(10, 20, marker_offset_mm=(2.0, -3.0, 14.0))
+    offsets_mm = bent.markers_mm() - bent.backbone_mm()[[0, 6, 11]]
+    np.testing.assert_allclose(np.linalg.norm(offsets_mm, axis=1), np.sqrt(4 + 9 + 196))
+    np.testing.assert_array_equal(bent.tip_mm(), bent.markers_mm()[2] - bent.markers_mm()[0])
+
+
 def test_marker_offset_turns_with_the_first_segment(tip):
     """(10): d_m moves the tip vector by d (sin theta_1, cos theta_1 - 1)."""
     near, far = (tip(20, 0, **IDEAL, marker_offset_mm=d_mm) for d_mm in (0.0, 30.0))

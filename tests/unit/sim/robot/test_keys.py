@@ -13,9 +13,10 @@ CHANGED = {
     "flexures": (7, 5),
     "segment_lengths_mm": (60.0, 43.5),
     "tendon_radius_mm": 4.6,
-    "marker_offset_mm": 16.0,
+    "marker_offset_mm": (0.0, 0.0, 16.0),
     "pulley_radius_mm": 12.0,
     "bending_stiffness_nm_rad": (0.02, 0.021),
+    "axial_stiffness_n_m": (1e4, 2e4),
     "joint_damping": 3e-4,
     "friction": 0.1,
     "disk_mass_g": 0.9,
@@ -35,7 +36,7 @@ CHANGED = {
     "servo_drift_time_s": 2.0,
     "servo_neutral_us": (1500.0, 1510.0),
     "servo_us_per_90_deg": (-1000.0, 1000.0),
-    "gravity_m_s2": 9.7,
+    "gravity_m_s2": (0.0, 0.0, -9.7),
     "push": Push(force_n=(0, 0, 0.01), start_s=0.0, end_s=1.0),
     "time_step_ms": 0.4,
 }
@@ -60,6 +61,78 @@ def test_gravity_droops_and_its_sign_turns_the_droop(tip):
     assert tip(gravity_m_s2=9.81)[Z] < -10
     assert tip(gravity_m_s2=0.0)[Z] == pytest.approx(0, abs=1e-6)
     assert tip(gravity_m_s2=-9.81)[Z] > 10
+
+
+def test_gravity_acts_in_any_direction(tip):
+    # The second segment bends sideways and the first up and down: each gives way on its own.
+    free = {"slack_mm": 50.0, "bending_stiffness_nm_rad": 0.4}
+    aside = tip(gravity_m_s2=(9.81, 0.0, 0.0), **free)
+    np.testing.assert_allclose(tip(gravity_m_s2=(-9.81, 0.0, 0.0), **free), aside * (-1, 1, 1))
+    assert aside[X] > 0.05
+    assert aside[Z] == pytest.approx(0, abs=1e-6)
+    hanging = tip(gravity_m_s2=(0.0, -9.81, 0.0), marker_offset_mm=0.0, **free)
+    np.testing.assert_allclose(hanging, (0, -102, 0), atol=1e-6)
+    np.testing.assert_array_equal(tip(gravity_m_s2=(0.0, 0.0, -9.81)), tip(gravity_m_s2=9.81))
+
+
+def test_tendons_shorten_a_compliant_backbone_by_their_force(posed):
+    """Both tendons of a motor too short: they press on the backbone with all their force."""
+    rigid, compliant = (
+        posed(gravity_m_s2=0.0, tendon_force_max_n=5.0, **keys)
+        for keys in ({}, {"axial_stiffness_n_m": (10_000.0, 5_000.0)})
+    )
+    for robot in (rigid, compliant):
+        robot._mechanics._tendon_lengths_m[:] -= 0.01
+        robot._mechanics.advance(4000)
+    shortened_mm = rigid.markers_mm()[:, Y] - compliant.markers_mm()[:, Y]
+    by_segment_mm = 4 * 5.0 / 10_000 * 1e3, 2 * 5.0 / 5_000 * 1e3
+    assert -np.diff(shortened_mm) == pytest.approx(by_segment_mm, rel=1e-3)
+
+
+def test_a_hanging_robot_stretches_by_its_weight(tip):
+    hanging = {"gravity_m_s2": (0.0, -9.81, 0.0), "slack_mm": 50.0, "payload_g": 50.0}
+    stretched_mm = tip(**hanging)[Y] - tip(axial_stiffness_n_m=200.0, **hanging)[Y]
+    # Each flexure carries the disks from its own on; on average half those of its segment.
+    carried_g = 50 + 3 + (5 + 1) / 2 * 0.8, 50 + 6 + ((6 + 1) / 2 + 5) * 0.8
+    assert stretched_mm == pytest.approx(sum(carried_g) * 1e-3 * 9.81 / 200.0 * 1e3, rel=0.01)
+
+
+def test_a_backbone_that_collapses_is_refused_in_one_line():
+    with pytest.raises(ConfigError, match="half the length") as error:
+        TwinRobot(Twin(gravity_m_s2=(0.0, 9.81, 0.0), axial_stiffness_n_m=1.0))
+    assert "twin.axial_stiffness_n_m" in error.value.cure
+
+
+def test_the_tendons_load_the_pulley_that_winds_them_by_force_times_radius(posed):
+    robot = posed(0, 25, gravity_m_s2=0.0)
+    first, second = robot._mechanics.pulley_moments_nm()
+    assert first == pytest.approx(0.0, abs=1e-6)
+    wound_by_rad = robot.servo_angles_rad()[1] - 1.2 / 12.5
+    assert -4000.0 * (12.5e-3) ** 2 * wound_by_rad < second < -0.01
+    # The moment of the tendon about the bent flexures is that of their springs.
+    bent_rad = robot._mechanics._joints[-5:].sum()
+    lever_mm = 4.5 + 4.35 * bent_rad / 10  # see test_tendon_force_is_limited
+    assert second == pytest.approx(-12.5 / lever_mm * 0.02 * bent_rad, rel=0.01)
+    assert posed(0, -25, gravity_m_s2=0.0)._mechanics.pulley_moments_nm()[1] == pytest.approx(
+        -second
+    )
+
+
+def test_the_work_of_a_servo_is_what_the_structure_and_its_tendons_store(posed):
+    """The moment on the pulley is the slope of the energy: no effect loses any of it."""
+    keys = {"gravity_m_s2": 0.0, "slack_mm": 0.0, "axial_stiffness_n_m": 8000.0}
+    mechanics = posed(**keys)._mechanics
+    angles_rad = np.linspace(0.0, 0.5, 26)
+    moments_nm, energies_j = [], []
+    for angle_rad in angles_rad:
+        mechanics.pull(0.0, angle_rad)
+        mechanics.advance(2000)
+        moments_nm.append(mechanics.pulley_moments_nm()[1])
+        springs_j = 0.5 * mechanics._model.jnt_stiffness @ mechanics._joints**2
+        stretches_m = mechanics._forces_n / 4000.0
+        energies_j.append(springs_j + 0.5 * 4000.0 * stretches_m @ stretches_m)
+    work_j = -np.trapezoid(moments_nm, angles_rad)
+    assert work_j == pytest.approx(energies_j[-1], rel=0.01)
 
 
 def test_droop_of_a_stiff_slack_robot_is_inverse_to_its_stiffness(tip):
