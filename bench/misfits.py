@@ -87,6 +87,7 @@ MISFITS: dict[str, tuple[str, tuple[str, ...]]] = {
         "camera",
         ("tracker.rotation_deg=[5,0,0]", *REGISTERED),
     ),
+    "mounted upside down": ("gravity along [0, 0, 1]", ("twin.gravity_m_s2=-9.81",)),
     "segment 1 of 80 mm": ("lengths", ("twin.segment_lengths_mm=[80,43.5]",)),
     "segment 2 of 60 mm": ("lengths", ("twin.segment_lengths_mm=[58.5,60]",)),
     "segments exchanged": ("lengths", ("twin.segment_lengths_mm=[43.5,58.5]",)),

@@ -9,6 +9,7 @@ positions (``identified``). Every key has a unit in its name and a range; unknow
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -38,7 +39,7 @@ from ccr_host.description.section import (
     followed_key,
     within,
 )
-from ccr_host.description.simulation import PolarisFaults, Tracker, Twin
+from ccr_host.description.simulation import GRAVITY_M_S2, PolarisFaults, Tracker, Twin
 from ccr_host.description.source import text_of, tree_of, tree_with
 
 Pair = tuple[float, float]
@@ -48,6 +49,8 @@ LONGEST_BOARD_NAME = 16
 """Characters that the board can store."""
 
 _Angle = Annotated[float, within(-135, 135)]
+_Share = Annotated[float, within(-1e6, 1e6)]
+_LEAST_LENGTH = 1e-6
 _LEAST_RANGE_DEG = 1.0
 _LEAST_PULSE_RANGE_US = 1.0
 """The board counts in steps of 0.5 us."""
@@ -70,6 +73,15 @@ def checked_board_name(name: str) -> str:
     return name
 
 
+def _unit(vector: Vector3) -> Vector3:
+    """The vector with length 1; zeros lose their sign, so that equal directions look equal."""
+    length = math.hypot(*vector)
+    if length < _LEAST_LENGTH:
+        raise ValueError(f"{list(vector)} has no direction")
+    x, y, z = (part / length + 0.0 for part in vector)
+    return x, y, z
+
+
 class Robot(Section):
     """Geometry in the controller's model (the paper's Table I)."""
 
@@ -81,6 +93,13 @@ class Robot(Section):
     """d_m, from the centre of the disk to the marker."""
     pulley_radius_mm: PulleyRadius = 12.5
     """r_p, radius of the pulley on the servo."""
+    gravity_direction: Annotated[tuple[_Share, _Share, _Share], AfterValidator(_unit)] = (
+        0.0,
+        0.0,
+        -1.0,
+    )
+    """Direction of gravity in the frame of (10): [0, 0, 1] for a robot mounted upside
+    down, [1, 0, 0] or [-1, 0, 0] on its side, [0, -1, 0] hanging straight down."""
     board_name: Annotated[str, AfterValidator(checked_board_name)] = ""
     """Name that the board must have, unless empty; see `ccr-host calibrate --board-name`."""
 
@@ -280,6 +299,8 @@ class Description(Section):
             described = info.data.get(source)
             if described is not None and name not in section.model_fields_set:
                 followed[name] = getattr(described, key)
+        if "gravity_m_s2" in followed:
+            followed["gravity_m_s2"] = [GRAVITY_M_S2 * share for share in followed["gravity_m_s2"]]
         expanded = type(section).model_validate(followed)
         return section.model_copy(update={name: getattr(expanded, name) for name in followed})
 

@@ -28,6 +28,7 @@ _Force = Annotated[float, within(-100, 100)]
 _Flexures = Annotated[int, within(1, 40)]
 _Slack = Annotated[float, within(0, 100)]
 _Offset = Annotated[float, within(-500, 500)]
+GRAVITY_M_S2 = 9.81
 _Acceleration = Annotated[float, within(-100, 100)]
 
 
@@ -140,9 +141,8 @@ class Twin(Section):
     """True pulse change for +90 deg; negative for a servo mounted the other way round."""
     gravity_m_s2: Annotated[
         tuple[_Acceleration, _Acceleration, _Acceleration], BeforeValidator(_downwards)
-    ] = (0.0, 0.0, -9.81)
-    """Gravity along x, y and z of (10); one number is gravity along -z, negative for a robot
-    mounted upside down."""
+    ] = Field((0.0, 0.0, -GRAVITY_M_S2), json_schema_extra=as_in("robot.gravity_direction"))
+    """Gravity along x, y and z of (10), 9.81 unless it is set; one number is gravity along -z."""
     push: Push | None = None
     """A force on the tip, as a table: {force_n = [0, 0, 0.1], start_s = 10, end_s = 12}."""
     time_step_ms: Annotated[float, within(0.02, 2)] = 0.5

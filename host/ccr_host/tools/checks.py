@@ -212,7 +212,7 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
         f"{allowed_deg:.0f}",
         fine=off_deg < allowed_deg,
         remedy="ccr-host register measures the camera's orientation; check robot.* and servo.* "
-        "with ccr-host calibrate, and that gravity pulls the robot away from its markers",
+        "with ccr-host calibrate, and robot.gravity_direction",
     )
 
 

@@ -53,7 +53,7 @@ _SLOW_EVERY_US = 250_000
 _SLIDER_STEP_S = 0.1
 _IDEAL = (
     "Light blue: the backbone by the constant-curvature model at the commanded angles, as if there "
-    "were neither gravity nor slack nor friction. The real one hangs lower; nothing is wrong."
+    "were neither gravity nor slack nor friction. The real one gives way to them; nothing is wrong."
 )
 _CAMERA = (1.18, -2.0, 0.55)
 _LOOKS_AT = (-0.05, -0.52, -0.27)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema
 from ccr_host.description.schema import Description
 from ccr_host.description.section import followed_key
@@ -17,6 +18,7 @@ OWN = {
     "robot.tendon_radius_mm": "5.0",
     "robot.marker_offset_mm": "12.0",
     "robot.pulley_radius_mm": "15.0",
+    "robot.gravity_direction": "[0.0, 3.0, 4.0]",
     "servo.neutral_pulse_us": "[1540.0, 1460.0]",
     "servo.pulse_per_90_deg_us": "[-950.0, 1050.0]",
     "registration.camera_to_robot_deg": "[40.0, -100.0, 70.0]",
@@ -42,8 +44,16 @@ def test_every_key_that_is_followed_is_tried_here() -> None:
 def test_the_simulation_follows_the_description(key: str) -> None:
     description = schema.load(None, [f"{key}={OWN[key]}"])
     given = value(description, key)
-    expected = (0.0, 0.0, given) if key == "robot.marker_offset_mm" else given
+    expected = {
+        "robot.marker_offset_mm": (0.0, 0.0, given),
+        "robot.gravity_direction": pytest.approx((0.0, 0.6 * 9.81, 0.8 * 9.81)),
+    }.get(key, given)
     assert value(description, ".".join(FOLLOWERS[key])) == expected
+
+
+def test_a_direction_of_gravity_needs_a_length() -> None:
+    with pytest.raises(ConfigError, match=r"robot.gravity_direction.*has no direction"):
+        schema.load(None, ["robot.gravity_direction=[0,0,0]"])
 
 
 @pytest.mark.parametrize("key", OWN)

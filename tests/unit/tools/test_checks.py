@@ -100,7 +100,10 @@ def test_a_segment_of_another_length_than_described_is_warned_of(tmp_path, segme
 
 
 def test_a_robot_that_hangs_the_other_way_is_warned_of(tmp_path) -> None:
-    assert examined(tmp_path, "twin.gravity_m_s2=-9.81")["orientation"].severity is Severity.WARNING
+    upside_down = "twin.gravity_m_s2=-9.81"
+    assert examined(tmp_path, upside_down)["orientation"].severity is Severity.WARNING
+    described = examined(tmp_path, upside_down, "robot.gravity_direction=[0,0,1]")
+    assert described["orientation"].severity is Severity.GOOD
 
 
 @pytest.mark.parametrize(

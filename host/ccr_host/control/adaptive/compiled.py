@@ -23,7 +23,7 @@ from ccr_host.control.adaptive.arithmetic import Arc, FloatArray
 from ccr_host.control.adaptive.model import PROBE, Sensitivity
 from ccr_host.control.adaptive.motion import Pose, change_of, first_pose, slopes_of
 from ccr_host.control.adaptive.motion import moved as moved_to
-from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
+from ccr_host.control.adaptive.parameters import FIELDS, Parameters, Scaling
 from ccr_host.control.adaptive.path_plan import polished_of
 from ccr_host.control.adaptive.tip import markers_of
 from ccr_host.robot import arc
@@ -151,7 +151,7 @@ def _make_entries(fingerprint: int) -> _Entries:
 def _ready_entries() -> _Entries:
     """Compiled or loaded by first calls; they then reject arguments of other types."""
     entries = _make_entries(jit.fingerprint(*_SOURCES, jit, sys.modules[__name__]))
-    anything = np.full(COUNT, 0.1)
+    anything = np.full(FIELDS, 0.1)
     pose, pair, pairs = np.zeros(10), np.zeros(2), np.zeros((1, 2))
     entries.moved(anything, pose, pair)
     entries.changes(anything[None].copy(), pose, pair)
@@ -174,4 +174,4 @@ def _pose(flat: FloatArray) -> Pose:
 
 @jit.compiled
 def _parameters(row: FloatArray) -> Parameters:
-    return Parameters(*_to_fixed_tuple(row, COUNT))
+    return Parameters(*_to_fixed_tuple(row, FIELDS))

@@ -17,7 +17,7 @@ from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import markers_of
 from ccr_host.control.shell import Measurement
 from ccr_host.core.errors import ConfigError
-from ccr_host.description.schema import Description
+from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
@@ -256,9 +256,12 @@ def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> St
 
 def digest_of(description: Description) -> str:
     """Digest of everything in a description that its identified rests depend on."""
-    registration = description.registration
+    registration, robot = description.registration, description.robot.model_dump()
+    if description.robot.gravity_direction == Robot().gravity_direction:
+        # Files identified before the key existed stay valid.
+        del robot["gravity_direction"]
     meaning = {
-        "robot": description.robot.model_dump(),
+        "robot": robot,
         "servo": description.servo.model_dump(include=_PULSE_KEYS),
         "camera": None if registration is None else registration.camera_to_robot_deg,
     }

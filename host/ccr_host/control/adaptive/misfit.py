@@ -2,8 +2,9 @@
 
 The static model is fitted to rests under the description's prior. If the residual is too large, or
 the parameters are implausible, it is fitted again under each of several hypotheses: motors reversed
-or swapped, a wrong zero of a servo, loose tendons, other lengths, a turned camera. The hypothesis
-with the most likely rests and parameters is the cause that is reported.
+or swapped, a wrong zero of a servo, loose tendons, other lengths, gravity from another side, a
+turned camera. The hypothesis with the most likely rests and parameters is the cause that is
+reported.
 """
 
 from __future__ import annotations
@@ -32,12 +33,15 @@ _ZERO_DOUBT_RAD = math.radians(1.2)
 deg (0.9 RMS of 45 random robots), whatever their deviation."""
 _VARYING = [
     Parameters._fields.index(name)
-    for name in Parameters._fields
+    for name in Parameters._fields[:COUNT]
     if not name.startswith(("length", "marker", "middle", "gain", "slack", "turn", "zero"))
 ]
 """Parameters that vary beyond their prior from robot to robot: loads, stiffness, friction, glue."""
 _FREEDOM = 8.0
 """Factor by which a hypothesis widens the prior deviation of its parameters."""
+_MOUNTINGS = [tuple(sign * row + 0.0) for row in np.eye(3) for sign in (1.0, -1.0)]
+_SAME_DIRECTION = 0.9
+"""Cosine of the angle within which a mounting is the described one."""
 _START = 0.5
 """A freed zero starts at this fraction of its deviation, 8 deg, on either side, as slack may block
 one way."""
@@ -108,6 +112,8 @@ class _Hypothesis:
     """The reversed motors, 0 or 1."""
     swapped: bool = False
     turned: bool = False
+    gravity: tuple[float, float, float] | None = None
+    """Direction of gravity, if not the described one."""
     freed: tuple[str, ...] = ()
     """The freed fields of `Parameters`."""
 
@@ -165,6 +171,14 @@ def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
         "servo.pulse_per_90_deg_us, robot.pulley_radius_mm and robot.tendon_radius_mm",
         freed=("gain_1", "gain_ratio"),
     )
+    for gravity in _MOUNTINGS:
+        if np.dot(gravity, geometry.gravity_direction) < _SAME_DIRECTION:
+            shown = "[{:.0f}, {:.0f}, {:.0f}]".format(*gravity)
+            yield _Hypothesis(
+                f"the robot is mounted with gravity along {shown} of its own frame",
+                f"set robot.gravity_direction = {shown}, or mount it as described",
+                gravity=gravity,
+            )
     known = "otherwise than registered" if description.registration else "turned and unregistered"
     yield _Hypothesis(
         f"the camera stands {known}, or the markers are exchanged",
@@ -176,8 +190,11 @@ def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
 def _trials(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> Iterator[_Trial]:
     freed = [Parameters._fields.index(name) for name in hypothesis.freed]
     under = scaling.freed(freed, _FREEDOM)
+    if hypothesis.gravity is not None:
+        under = under.mounted(hypothesis.gravity)
     supposed = _as_supposed(hypothesis, rests, under)
     price = _PRICE * (len(hypothesis.reversed) + hypothesis.swapped + hypothesis.turned)
+    price += _PRICE * (hypothesis.gravity is not None)
     price += 2.0 * math.log(_FREEDOM) * len(freed)
     for scores in product(*((-_START, _START) if i in ZEROS else (0.0,) for i in freed)):
         start = np.zeros(COUNT)

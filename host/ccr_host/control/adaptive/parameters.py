@@ -58,7 +58,8 @@ class Parameters(NamedTuple):
     friction_ratio: Number
     """Ratio of the friction moments, segment 2 to segment 1."""
     push_x_per_mm: Number
-    """Steady force on the tip, divided by k_1, along x and y of (10); along z it is weight."""
+    """Steady force on the tip, divided by k_1, along two axes at right angles to gravity: x and y
+    of (10) in a robot mounted as usual. Along gravity it is weight."""
     push_y_per_mm: Number
     zero_1_rad: Number = 0.0
     """Setpoint at which a shaft is at 0, given by the horn's position on the spline. Half the
@@ -68,6 +69,10 @@ class Parameters(NamedTuple):
     """Offset of M2 from its nominal place: along the backbone, away from it, and along f[0]."""
     middle_up_mm: Number = 0.0
     middle_aside_mm: Number = 0.0
+    up_x: Number = 0.0
+    """Unit vector against gravity in the frame of (10). It is described, not estimated."""
+    up_y: Number = 0.0
+    up_z: Number = 1.0
 
     @property
     def gain_2(self) -> Number:
@@ -80,7 +85,9 @@ class Parameters(NamedTuple):
         return self.friction_1 * self.friction_ratio
 
 
-COUNT = len(Parameters._fields)
+FIELDS = len(Parameters._fields)
+COUNT = Parameters._fields.index("up_x")
+"""Number of the uncertain ones, which come first."""
 TURNS = [Parameters._fields.index(f"turn_{axis}_rad") for axis in "xyz"]
 ZEROS = [Parameters._fields.index(f"zero_{motor}_rad") for motor in (1, 2)]
 PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_per_mm")]
@@ -153,11 +160,11 @@ def prior_of(robot: Robot) -> Prior:
         middle_up_mm=glue,
         middle_aside_mm=glue,
     )
-    return Prior(*np.array(rows, dtype=np.float64).T)
+    return Prior(*np.array(rows[:COUNT], dtype=np.float64).T)
 
 
 def parameters_of(vector: FloatArray | Sequence[float]) -> Parameters:
-    """Convert a vector, (COUNT,), to floats."""
+    """Convert a vector, (COUNT,) or (FIELDS,), to floats."""
     return Parameters(*map(float, vector))
 
 
@@ -180,6 +187,7 @@ class Scaling:
         noise_mm: float = Tracker().noise_mm,
     ) -> None:
         prior = prior_of(robot)
+        self._known = -np.array(robot.gravity_direction)
         self._noise_mm = math.hypot(_RINGING_MM, noise_mm / math.sqrt(3.0))
         self._mean, self._deviation = prior.mean, prior.deviation
         if turn_deviation_rad is not None:
@@ -207,12 +215,19 @@ class Scaling:
 
     def parameters(self, score: FloatArray) -> Parameters:
         """The parameters of scores, as floats."""
-        return parameters_of(self._mean + self._deviation * score)
+        return parameters_of(np.append(self._mean + self._deviation * score, self._known))
 
     def perturbed(self, score: FloatArray, probe: float) -> Parameters:
         """Parameters with each score increased by ``probe`` in turn, then none: (COUNT + 1,)."""
         scores = score + probe * np.eye(COUNT + 1, COUNT)
-        return Parameters(*(self._mean + self._deviation * scores).T)
+        known = np.broadcast_to(self._known, (COUNT + 1, FIELDS - COUNT))
+        return Parameters(*np.hstack([self._mean + self._deviation * scores, known]).T)
+
+    def mounted(self, gravity: tuple[float, float, float]) -> Scaling:
+        """The same robot under gravity in another direction, a unit vector in the frame of (10)."""
+        other = copy.copy(self)
+        other._known = -np.array(gravity)
+        return other
 
     def freed(self, indices: Sequence[int], factor: float) -> Scaling:
         """Widen the deviation and the bounds of some parameters by a factor."""

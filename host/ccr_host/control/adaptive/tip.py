@@ -121,31 +121,40 @@ def tip_of(p: Parameters, theta_1: Number, theta_2: Number) -> Tip:
     )
 
 
+def up_in_sagittal_plane(p: Parameters) -> Number:
+    """A complex number u: the height of a point s of the sagittal plane is Im(s u)."""
+    return p.up_z - 1j * p.up_y
+
+
 def _bulge_mm(
     p: Parameters, theta_1: Number, theta_2: Number, arc_1: tuple[Number, ...], turn: Number
 ) -> tuple[Number, Number, Number]:
     """Uneven bending of segment 1 by gravity, strongest at the base, with slopes in both angles.
 
     Bending angle gamma (u - u^2) at the share u of the length moves the segment's end by
-    gamma L_1 D with D = E' + i E''; its energy is gamma^2 / 6 and the load's gamma load Im D.
+    gamma L_1 D with D = E' + i E''; its energy is gamma^2 / 6 and the load's gamma load Im(D u),
+    with u of ``up_in_sagittal_plane``.
     Taut tendons soften it, as they soften any bending of a chain with sag; their force is that of a
     straight robot under its loads.
     """
+    up = up_in_sagittal_plane(p)
     load = ((1.0 - 0.5 * SEGMENT_1_SHARE) * p.body_per_mm + p.tip_per_mm) * p.length_1_mm
     beyond = (0.5 * SEGMENT_2_SHARE * p.body_per_mm + p.tip_per_mm) * p.length_2_mm
     weight = 0.5 * load + beyond
-    pull_1 = theta_1 + weight * turn.real
-    pull_2 = p.stiffness_ratio * theta_2
+    turned = turn * up
+    pull_1 = theta_1 + weight * turned.real
+    pull_2 = p.stiffness_ratio * theta_2 + 0.5 * beyond * p.up_x
     margin = 1.0 - _LEAST_SOFTENED - 2.0 * p.sag_1 * (abs(pull_1) + abs(pull_2))
     softened = _LEAST_SOFTENED + positive(margin)
     softening = 2.0 * p.sag_1 * (margin > 0.0) / softened
     reach = arc_1[1] + 1j * arc_1[2]
     reach_slope = arc_1[2] + 1j * arc_1[3]
     amplitude = -3.0 * load * p.length_1_mm / softened
-    bulge = amplitude * reach.imag * reach
-    slope = amplitude * (reach_slope.imag * reach + reach.imag * reach_slope)
+    lift = (reach * up).imag
+    bulge = amplitude * lift * reach
+    slope = amplitude * ((reach_slope * up).imag * reach + lift * reach_slope)
     return (
         bulge,
-        slope + bulge * softening * sign(pull_1) * (1.0 - weight * turn.imag),
+        slope + bulge * softening * sign(pull_1) * (1.0 - weight * turned.imag),
         bulge * softening * sign(pull_2) * p.stiffness_ratio,
     )

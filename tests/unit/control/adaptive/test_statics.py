@@ -29,6 +29,10 @@ HINDERED = PRIOR._replace(
     push_y_per_mm=-0.001,
 )
 STILL = np.zeros(2)
+ASKEW = HINDERED._replace(up_x=-0.48, up_y=0.6, up_z=-0.64)
+ups = st.sampled_from(
+    [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.64, 0.48)]
+)
 bends = st.tuples(st.floats(-1.9, 1.9), st.floats(-2.2, 2.2)).map(np.array)
 senses = st.tuples(*[st.sampled_from([-1.0, 1.0])] * 2).map(np.array)
 
@@ -37,16 +41,56 @@ def _anchors(p, theta, slid=0.1):
     return tuple(route + slid for route in routes_of(p, *theta))
 
 
-@given(bends, st.sampled_from([0.1, 0.002]))
-def test_stiffness_is_the_derivative_of_the_moments_sliding_and_sticking(theta, slid):
-    held, h = ((0.3, -0.5), _anchors(HINDERED, theta, slid)), 1e-7
-    here = forces_of(HINDERED, *theta, *held)
-    by_1 = forces_of(HINDERED, *(theta + np.array([h, 0.0])), *held)
-    by_2 = forces_of(HINDERED, *(theta + np.array([0.0, h])), *held)
+@given(bends, st.sampled_from([0.1, 0.002]), st.sampled_from([HINDERED, ASKEW]))
+def test_stiffness_is_the_derivative_of_the_moments_sliding_and_sticking(theta, slid, p):
+    held, h = ((0.3, -0.5), _anchors(p, theta, slid)), 1e-7
+    here = forces_of(p, *theta, *held)
+    by_1 = forces_of(p, *(theta + np.array([h, 0.0])), *held)
+    by_2 = forces_of(p, *(theta + np.array([0.0, h])), *held)
     assert (by_1.moment_1 - here.moment_1) / h == pytest.approx(here.stiffness_11, abs=1e-2)
     assert (by_1.moment_2 - here.moment_2) / h == pytest.approx(here.stiffness_12, abs=1e-2)
     assert (by_2.moment_1 - here.moment_1) / h == pytest.approx(here.stiffness_12, abs=1e-2)
     assert (by_2.moment_2 - here.moment_2) / h == pytest.approx(here.stiffness_22, abs=1e-2)
+
+
+@given(bends, ups)
+def test_a_weight_on_the_tip_pulls_down_whichever_way_the_robot_is_mounted(theta, up):
+    """Its moments are the slopes of its height, and no push is needed to hold it up."""
+    bare = PRIOR._replace(body_per_mm=0.0, tip_per_mm=0.0, sag_1=0.0, sag_2=0.0)
+    bare = bare._replace(**dict(zip(("up_x", "up_y", "up_z"), up, strict=True)))
+    loaded, h = bare._replace(tip_per_mm=0.01), 1e-6
+    routes = routes_of(bare, *theta)
+    free, held = (forces_of(p, *theta, (0.0, 0.0), routes)[:2] for p in (bare, loaded))
+    slopes = [
+        (tip_mm(bare, *(theta + h * e)) - tip_mm(bare, *(theta - h * e))) @ up / (2.0 * h)
+        for e in np.eye(2)
+    ]
+    assert np.subtract(held, free) == pytest.approx(0.01 * np.array(slopes), abs=1e-7)
+
+
+@given(bends, ups)
+def test_the_pushes_are_level_and_at_right_angles_however_the_robot_is_mounted(theta, up):
+    """Work per bending angle of both pushes and of a pull upwards: an orthonormal frame's."""
+    bare = PRIOR._replace(
+        body_per_mm=0.0, tip_per_mm=0.0, sag_1=0.0, sag_2=0.0, marker_offset_mm=0.0
+    )
+    bare = bare._replace(**dict(zip(("up_x", "up_y", "up_z"), up, strict=True)))
+    routes, force, h = routes_of(bare, *theta), 0.01, 1e-6
+
+    def moments(**loads):
+        return np.array(forces_of(bare._replace(**loads), *theta, (0.0, 0.0), routes)[:2])
+
+    work = [
+        (moments() - moments(push_x_per_mm=force)) / force,
+        (moments() - moments(push_y_per_mm=force)) / force,
+        (moments(tip_per_mm=force) - moments()) / force,
+    ]
+    motion = [
+        (tip_mm(bare, *(theta + h * e)) - tip_mm(bare, *(theta - h * e))) / (2.0 * h)
+        for e in np.eye(2)
+    ]
+    gram = np.transpose(work) @ np.array(work)
+    assert gram == pytest.approx(np.array(motion) @ np.transpose(motion), rel=1e-4, abs=1e-3)
 
 
 @given(bends, senses)
@@ -85,16 +129,16 @@ def test_without_weight_and_sag_the_tip_is_that_of_equation_10(theta):
     assert tip_mm(ideal, *theta) == pytest.approx(expected, abs=1e-9)
 
 
-@given(bends.map(lambda theta: theta + np.copysign(1e-3, theta)))
-def test_jacobian_is_the_derivative_of_the_tip(theta):
+@given(
+    bends.map(lambda theta: theta + np.copysign(1e-3, theta)),
+    st.sampled_from([PRIOR, PRIOR._replace(up_x=0.6, up_y=0.64, up_z=-0.48)]),
+)
+def test_jacobian_is_the_derivative_of_the_tip(theta, p):
     h = 1e-6
-    tip = tip_of(PRIOR, *theta)
-    by_1 = seen_of(PRIOR, 0.0, tip.sagittal_1)
-    by_2 = seen_of(PRIOR, tip.across_2, tip.sagittal_2)
-    moved = [
-        (tip_mm(PRIOR, *(theta + h * e)) - tip_mm(PRIOR, *(theta - h * e))) / 2 / h
-        for e in np.eye(2)
-    ]
+    tip = tip_of(p, *theta)
+    by_1 = seen_of(p, 0.0, tip.sagittal_1)
+    by_2 = seen_of(p, tip.across_2, tip.sagittal_2)
+    moved = [(tip_mm(p, *(theta + h * e)) - tip_mm(p, *(theta - h * e))) / 2 / h for e in np.eye(2)]
     assert np.array([by_1, by_2]) == pytest.approx(np.array(moved), abs=1e-3)
 
 
