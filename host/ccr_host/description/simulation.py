@@ -27,6 +27,7 @@ _Share = Annotated[float, within(0, 1)]
 _Force = Annotated[float, within(-100, 100)]
 _Flexures = Annotated[int, within(1, 40)]
 _Slack = Annotated[float, within(0, 100)]
+_CreepShare = Annotated[float, within(0, 1)]
 _Offset = Annotated[float, within(-500, 500)]
 GRAVITY_M_S2 = 9.81
 _Acceleration = Annotated[float, within(-100, 100)]
@@ -39,6 +40,11 @@ def _all_tendons(value: object) -> object:
 
 def _is_number(value: object) -> TypeGuard[int | float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _one_branch(value: object) -> object:
+    """Expand one number to a share of the first branch alone."""
+    return (value, 0.0) if _is_number(value) else value
 
 
 def _along_z(value: object) -> object:
@@ -94,8 +100,19 @@ class Twin(Section):
     """Force over shortening of a whole segment; 0: its length does not change."""
     joint_damping: Annotated[float, within(0, 1)] = 2e-4
     """Damping of each flexure, N m s/rad."""
+    creep_share: Annotated[tuple[_CreepShare, _CreepShare], BeforeValidator(_one_branch)] = (
+        0.0,
+        0.0,
+    )
+    """Creep of the flexures, for up to two branches: part of the bending under a constant load that
+    is added as time goes by."""
+    creep_time_s: Both[Annotated[float, within(0.1, 1e5)]] = (5.0, 60.0)
+    """Time constant of each branch, at constant bending."""
     friction: Annotated[float, within(0, 100)] = 0.0
-    """Dry friction of each tendon, N."""
+    """Dry friction of each tendon, N, whatever its tension."""
+    capstan_friction: Annotated[float, within(0, 2)] = 0.0
+    """Coefficient of friction of the tendons in each hole, where they lose tension by the angle
+    through which they turn."""
     disk_mass_g: Annotated[float, within(0.01, 1000)] = 0.8
     """Mass of each disk; there is one per flexure."""
     marker_mass_g: Annotated[float, within(0.01, 1000)] = 3.0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.description.simulation import Twin
+from ccr_host.sim.robot.memory import Memory, memories
 from ccr_host.sim.robot.mjcf import DISKS, MARKERS, TIP, robot_mjcf
 
 Array = NDArray[np.float64]
@@ -98,9 +99,14 @@ class Mechanics:
         self._disks = [self._model.site(DISKS.format(number)).id for number in disks]
         self.step_us = self._choose_step_us()
         self._model.opt.timestep = self.step_us * 1e-6
+        self._steps_done = 0
+        self._memories: list[tuple[int, Memory]] = []
         self.set_payload(payload_g)
         self.pull(0.0, 0.0)
         self._settle()
+        for memory in memories(twin, self._model, self._data, self._slack_lengths_m):
+            memory.start()
+            self._memories.append((max(1, memory.period_us // self.step_us), memory))
 
     def pull(self, pulley_1_rad: float, pulley_2_rad: float) -> None:
         """Turn the pulleys (2): each winds up one tendon and pays out the opposite one."""
@@ -133,6 +139,21 @@ class Mechanics:
         Raises:
             CcrError: the simulation became unstable.
         """
+        if not self._memories:
+            self._step(steps)
+            return
+        last_step = self._steps_done + steps
+        while self._steps_done < last_step:
+            to_update = min(every - self._steps_done % every for every, _ in self._memories)
+            some = min(to_update, last_step - self._steps_done)
+            self._step(some)
+            self._steps_done += some
+            # At once, as reading the markers moves the positions on to the new state.
+            for every, memory in self._memories:
+                if self._steps_done % every == 0:
+                    memory.update(every * self.step_us * 1e-6)
+
+    def _step(self, steps: int) -> None:
         mujoco.mj_step(self._model, self._data, nstep=steps)
         for joint, bound in zip(self._joints.tolist(), self._bounds, strict=True):
             if not -bound < joint < bound:
@@ -186,7 +207,10 @@ class Mechanics:
     def _choose_step_us(self) -> int:
         """``time_step_ms``, or the longest stable step if that is shorter, us."""
         wanted_us = max(1, round(self._twin.time_step_ms * 1000))
+        at_rest = self._model.jnt_stiffness.copy()
+        self._model.jnt_stiffness[:] *= 1.0 + sum(self._twin.creep_share)
         limit_s = linear_step_limit_s(self._model, self._data, self._twin.tendon_stiffness_n_m)
+        self._model.jnt_stiffness[:] = at_rest
         stable_us = int(_STABLE_SHARE * limit_s * 1e6)
         step_us = min(wanted_us, max(stable_us, _SHORTEST_STEP_US))
         if step_us > stable_us:

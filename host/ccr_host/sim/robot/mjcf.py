@@ -177,8 +177,11 @@ def _add_tendons(root: ET.Element, twin: Twin) -> None:
             spatial.set("frictionloss", _numbers(twin.friction))
             spatial.set("solreffriction", _FRICTION_SOLREF)
             spatial.set("solimpfriction", _FRICTION_SOLIMP)
-        for number in range(last_disk + 1):
-            ET.SubElement(spatial, "site", site=_hole(name, number))
+        if twin.capstan_friction > 0:
+            _add_spans(spatial, name, last_disk)
+        else:
+            for number in range(last_disk + 1):
+                ET.SubElement(spatial, "site", site=_hole(name, number))
         ET.SubElement(
             actuators,
             "position",
@@ -187,6 +190,14 @@ def _add_tendons(root: ET.Element, twin: Twin) -> None:
             kp=_numbers(twin.tendon_stiffness_n_m),
             forcerange=_numbers(-twin.tendon_force_max_n, 0.0),
         )
+
+
+def _add_spans(spatial: ET.Element, tendon: str, last_disk: int) -> None:
+    """A branch for each span between two holes, whose share of the force `memory` sets."""
+    for number in range(last_disk):
+        ET.SubElement(spatial, "pulley", divisor="1")
+        ET.SubElement(spatial, "site", site=_hole(tendon, number))
+        ET.SubElement(spatial, "site", site=_hole(tendon, number + 1))
 
 
 def _hole(tendon: str, disk: int) -> str:

@@ -18,7 +18,10 @@ CHANGED = {
     "bending_stiffness_nm_rad": (0.02, 0.021),
     "axial_stiffness_n_m": (1e4, 2e4),
     "joint_damping": 3e-4,
+    "creep_share": (0.1, 0.0),
+    "creep_time_s": (0.5, 60.0),
     "friction": 0.1,
+    "capstan_friction": 0.1,
     "disk_mass_g": 0.9,
     "marker_mass_g": 3.1,
     "payload_g": 1.0,
@@ -52,7 +55,13 @@ def test_no_key_is_without_effect(pulses_half_us, key):
         robot.advance_to(100_000)
         return robot.tip_mm()
 
-    usual = Twin(payload_g=0.5, servo_drift_deg=(0.0, 1.0), servo_drift_time_s=1.0)
+    usual = Twin(
+        payload_g=0.5,
+        creep_share=(0.5, 0.0),
+        creep_time_s=0.1,
+        servo_drift_deg=(0.0, 1.0),
+        servo_drift_time_s=1.0,
+    )
     changed = usual.model_copy(update={key: CHANGED[key]})
     assert np.linalg.norm(swing_mm(changed) - swing_mm(usual)) > 1e-3
 
