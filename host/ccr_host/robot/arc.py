@@ -38,6 +38,10 @@ def arc_derivatives(
     theta = np.asarray(theta_rad, dtype=np.float64)
     small = np.abs(theta) < _SERIES_BELOW_RAD
     turn = np.exp(1j * theta)
+    if small.all():
+        return _downwards(theta, turn)
+    if not small.any():
+        return _upwards(theta, turn)
     away = _upwards(np.where(small, 1.0, theta), turn)
     near = _downwards(np.where(small, theta, 0.0), turn)
     e0, e1, e2, e3 = (np.where(small, n, a) for n, a in zip(near, away, strict=True))

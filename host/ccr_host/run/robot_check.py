@@ -12,6 +12,7 @@ from ccr_host.control.adaptive.arithmetic import FloatArray
 from ccr_host.control.adaptive.identification import RestSurvey, StaticsFit
 from ccr_host.control.adaptive.law import AdaptiveLaw
 from ccr_host.control.adaptive.misfit import MisfitError, is_misfit, misfit
+from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.motion import Pose, first_pose, moved
 from ccr_host.control.adaptive.parameters import ZEROS, Parameters, Scaling
 from ccr_host.control.adaptive.tip import tip_mm
@@ -50,10 +51,11 @@ class ProbeLaw(Law):
     def __init__(self, description: Description) -> None:
         self._scaling = Scaling.of(description).freed(ZEROS, _ZERO_FREEDOM)
         self._limits = MotorLimits.of(description.servo)
+        self._predict = make_model(description.control).predicted_mm
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
         super().start(path, history)
-        self._survey = RestSurvey(self._scaling)
+        self._survey = RestSurvey(self._scaling, self._predict)
         self.fit: StaticsFit | None = None
         """Fit of the model to the rests; None before all are known."""
 
@@ -68,7 +70,7 @@ class ProbeLaw(Law):
         stops_rad = self._limits.clip(here_rad + _REACH_RAD * np.array(_STOPS))
         yield Stage(self.name, smooth_moves(here_rad, stops_rad, _REST_S))
         waiting = Stage(self.name, stops_rad[-1:], is_motion=False)
-        self.fit = StaticsFit(self._scaling, self.rests)
+        self.fit = StaticsFit(self._scaling, self.rests, self._predict)
         yield waiting
         while self.fit.improve():
             yield waiting

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.identification import StaticsFit
+from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.parameters import COUNT, ZEROS, Scaling
 from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.core.errors import CcrError
@@ -84,7 +85,8 @@ def fit_servos(rests: Rests, description: Description, *, registered: bool) -> S
     )
     starts = np.zeros((len(_STARTS_RAD), COUNT))
     starts[:, ZEROS[0]] = _STARTS_RAD / _ZERO_DEVIATION_RAD
-    fits = [StaticsFit(scaling, as_mounted, start=start) for start in starts]
+    predict = make_model(description.control).predicted_mm
+    fits = [StaticsFit(scaling, as_mounted, predict, start) for start in starts]
     found = min((fit.finish() for fit in fits), key=lambda fit: fit.cost)
     # Residuals above the noise are model errors, by which the deviations are enlarged.
     misfit = max(1.0, math.sqrt(found.cost / rests.vectors_mm.size))

@@ -47,6 +47,7 @@ def path(tmp_path: Path) -> str:
 
 def checked(path: str, *overrides: str, controller: str = "mpc") -> tuple[RunResult, Witness]:
     witness = Witness()
+    overrides = (*overrides, "control.solver=compiled")  # Finding a cause takes 10 s otherwise.
     options = RunOptions(path=path, controller=controller, overrides=overrides, checks="motion")
     return execute(options, witness, lambda *_: None), witness
 

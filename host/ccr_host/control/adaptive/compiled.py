@@ -64,22 +64,22 @@ class CompiledModel:
     def sensitivity(
         self, scaling: Scaling, score: FloatArray, pose: Pose, rate_rad_s: FloatArray
     ) -> Sensitivity:
-        near = np.array(scaling.perturbed(score, PROBE)).T.copy()
+        near = _contiguous(np.array(scaling.perturbed(score, PROBE)).T)
         columns = self._entries.changes(near, _packed(pose), PROBE * rate_rad_s) / PROBE
         return Sensitivity(columns[:3], columns[3:])
 
     def predicted_mm(self, p: Parameters, rests: Rests) -> FloatArray:
         rows = np.array(p).T
         markers_mm = self._entries.predicted_mm(
-            np.atleast_2d(rows).copy(), np.array(rests.start_rad), np.array(rests.q_rad)
+            _contiguous(np.atleast_2d(rows)), rests.start_rad.copy(), _contiguous(rests.q_rad)
         )
         return markers_mm if rows.ndim > 1 else markers_mm[:, 0]
 
     def polished(
         self, p: Parameters, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
     ) -> FloatArray:
-        theta = np.array(theta_rad).reshape(-1, 2)
-        target = np.array(target_mm).reshape(-1, 3)
+        theta = _contiguous(theta_rad.reshape(-1, 2))
+        target = _contiguous(target_mm.reshape(-1, 3))
         found = self._entries.polished(np.array(p), theta, target, iterations)
         return found.reshape(theta_rad.shape)
 
@@ -160,6 +160,11 @@ def _ready_entries() -> _Entries:
     for entry in entries:
         entry.disable_compile()
     return entries
+
+
+def _contiguous(array: FloatArray) -> FloatArray:
+    """A writable copy in C order, the only one that the entries accept."""
+    return np.array(array, order="C")
 
 
 def _packed(pose: Pose) -> FloatArray:

@@ -17,7 +17,8 @@ from itertools import product
 import numpy as np
 import scipy
 
-from ccr_host.control.adaptive.identification import Fit, StaticsFit, predicted_mm
+from ccr_host.control.adaptive.identification import Fit, Predict, StaticsFit
+from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.parameters import COUNT, ZEROS, Parameters, Scaling
 from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.core.errors import CcrError
@@ -84,8 +85,8 @@ def misfit(rests: Rests, description: Description) -> MisfitError:
         rests: measured rests of the robot.
         description: description of the robot.
     """
-    scaling = Scaling.of(description)
-    trials = [t for h in _hypotheses(description) for t in _trials(h, rests, scaling)]
+    scaling, predict = Scaling.of(description), make_model(description.control).predicted_mm
+    trials = [t for h in _hypotheses(description) for t in _trials(h, rests, scaling, predict)]
     for trial in trials:
         for _ in range(_FIRST_STEPS):
             if not trial.fit.improve():
@@ -187,22 +188,26 @@ def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
     )
 
 
-def _trials(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> Iterator[_Trial]:
+def _trials(
+    hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, predict: Predict
+) -> Iterator[_Trial]:
     freed = [Parameters._fields.index(name) for name in hypothesis.freed]
     under = scaling.freed(freed, _FREEDOM)
     if hypothesis.gravity is not None:
         under = under.mounted(hypothesis.gravity)
-    supposed = _as_supposed(hypothesis, rests, under)
+    supposed = _as_supposed(hypothesis, rests, under, predict)
     price = _PRICE * (len(hypothesis.reversed) + hypothesis.swapped + hypothesis.turned)
     price += _PRICE * (hypothesis.gravity is not None)
     price += 2.0 * math.log(_FREEDOM) * len(freed)
     for scores in product(*((-_START, _START) if i in ZEROS else (0.0,) for i in freed)):
         start = np.zeros(COUNT)
         start[freed] = scores
-        yield _Trial(hypothesis, StaticsFit(under, supposed, start=start), price)
+        yield _Trial(hypothesis, StaticsFit(under, supposed, predict, start), price)
 
 
-def _as_supposed(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> Rests:
+def _as_supposed(
+    hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, predict: Predict
+) -> Rests:
     """The rests with the setpoints and the frame that the hypothesis implies."""
     signs = np.ones(2)
     signs[list(hypothesis.reversed)] = -1.0
@@ -214,7 +219,7 @@ def _as_supposed(hypothesis: _Hypothesis, rests: Rests, scaling: Scaling) -> Res
     )
     if not hypothesis.turned:
         return led
-    expected_mm = predicted_mm(scaling.parameters(np.zeros(COUNT)), led)
+    expected_mm = predict(scaling.parameters(np.zeros(COUNT)), led)
     seen = np.isfinite(rests.vectors_mm).all(axis=-1)
     turn, _ = scipy.spatial.transform.Rotation.align_vectors(
         expected_mm[seen], rests.vectors_mm[seen]
