@@ -96,6 +96,18 @@ class Twin(Section):
     """True r_p."""
     bending_stiffness_nm_rad: Both[Annotated[float, within(1e-4, 100)]] = (0.02, 0.02)
     """Stiffness of a whole segment: moment over total bending angle."""
+    stiffness_taper: Both[Annotated[float, within(-0.9, 0.9)]] = (0.0, 0.0)
+    """Share of its stiffness by which each segment is softer at its end than at its root."""
+    stiffening: Both[Annotated[float, within(0, 10)]] = (0.0, 0.0)
+    """Share by which a segment bent to 90 deg resists more than its stiffness says; it grows with
+    the square of the angle."""
+    bending_plane_turn_deg: Both[Annotated[float, within(-45, 45)]] = (0.0, 0.0)
+    """Turn of each segment's flexures about the backbone, against its tendon holes; positive from
+    z towards x of (10)."""
+    sideways_stiffness_nm_rad: Both[Annotated[float, within(0, 1000)]] = (0.0, 0.0)
+    """Stiffness of a whole segment across its bending plane; 0: it bends only in its plane."""
+    torsion_stiffness_nm_rad: Both[Annotated[float, within(0, 1000)]] = (0.0, 0.0)
+    """Moment over twist of a whole segment; 0: it does not twist."""
     axial_stiffness_n_m: Both[Annotated[float, within(0, 1e8)]] = (0.0, 0.0)
     """Force over shortening of a whole segment; 0: its length does not change."""
     joint_damping: Annotated[float, within(0, 1)] = 2e-4

@@ -162,7 +162,7 @@ class Mechanics:
     def _out_of_bounds(self, bound: float) -> CcrError:
         if bound < math.pi:
             return CcrError(
-                "the load took more than half the length of one of the twin's flexures",
+                "the load shortens the twin's backbone until its disks touch",
                 "raise twin.axial_stiffness_n_m, or lower the load or twin.tendon_force_max_n",
             )
         return CcrError(

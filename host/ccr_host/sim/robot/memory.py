@@ -17,6 +17,7 @@ from ccr_host.description.simulation import Twin
 
 Array = NDArray[np.float64]
 
+_ONES = np.ones(3)
 _PRESLIDING_M = 1e-4
 """Travel in which a reversed tendon gives up 63 % of its stuck state; assumed: stiff tendons in
 printed holes have between some micrometres and a tenth of a millimetre."""
@@ -92,9 +93,8 @@ class CapstanFriction:
         self._up_to_here = (same & (spans <= spans[:, None])).astype(np.float64)
         self._from_here_on = self._up_to_here.T.copy()
         self._by_tendon = (self._tendon == np.arange(model.ntendon)[:, None]).astype(np.float64)
-        self._between_sites = np.zeros((len(spans), model.nsite))
-        self._between_sites[spans, model.wrap_objid[self._pulleys + 2]] = 1.0
-        self._between_sites[spans, model.wrap_objid[self._pulleys + 1]] = -1.0
+        self._starts = model.wrap_objid[self._pulleys + 1]
+        self._ends = model.wrap_objid[self._pulleys + 2]
         self._turns = coefficient * self._turns_by_joint(model)
         self._undamped = model.dof_damping.copy()
         self._damping_by_hole = self._bound_of_damping(model, data)
@@ -116,7 +116,9 @@ class CapstanFriction:
         kept = np.exp(np.abs(travel_m) * (-1.0 / _PRESLIDING_M))
         stuck = side + kept * (self._stuck - side)
         self._stuck = stuck
-        slopes = np.hypot(*(self._turns @ self._joints))
+        turns = self._turns @ self._joints
+        turns *= turns
+        slopes = np.sqrt(turns[: len(stuck)] + turns[len(stuck) :])
         divisors = np.exp(self._up_to_here @ (slopes * stuck))
         self._divisors[self._pulleys] = divisors
         shifts_m = self._by_tendon @ (lengths_m / divisors - lengths_m)
@@ -130,12 +132,15 @@ class CapstanFriction:
         self._damping[:] = self._undamped + self._damping_by_hole @ resisting_n
 
     def _lengths_m(self) -> Array:
-        spans_m = self._between_sites @ self._sites_m
-        lengths_m: Array = np.sqrt(np.einsum("ij,ij->i", spans_m, spans_m))
+        spans_m = self._sites_m.take(self._ends, 0) - self._sites_m.take(self._starts, 0)
+        spans_m *= spans_m
+        lengths_m: Array = np.sqrt(spans_m @ _ONES)
         return lengths_m
 
     def _turns_by_joint(self, model: mujoco.MjModel) -> Array:
-        """Angle of each hole's turn by the joints about x and z of its disk, (2, spans, joints).
+        """Angle of each hole's turn by the joints, about x and then z of its disk.
+
+        (2 spans, joints).
 
         A flexure tilts the span across it by half its angle against either disk, wherever the
         tendon runs.
@@ -146,7 +151,7 @@ class CapstanFriction:
         hole = np.arange(len(self._tendon)) - first
         beside = (flexure == hole[:, None]) | (flexure == hole[:, None] + 1)
         about_x, _, about_z = 0.5 * np.where(is_hinge, model.jnt_axis.T, 0.0)
-        return np.stack([beside * about_x, beside * about_z])
+        return np.concatenate([beside * about_x, beside * about_z])
 
     def _bound_of_damping(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Damping of each joint by the force that resists in each hole, (joints, spans).
@@ -154,12 +159,12 @@ class CapstanFriction:
         With g the travel in a hole by the angles q of the m joints beyond it, (g q)^2 is at most
         m times the sum of (g_i q_i)^2: joints damped one by one dissipate at least as much.
         """
-        spans_m = self._between_sites @ self._sites_m
+        spans_m = self._sites_m[self._ends] - self._sites_m[self._starts]
         directions = spans_m / self._lengths_m()[:, None]
         by_site = np.zeros((model.nsite, 3, model.nv))
         for site, jacobian in enumerate(by_site):
             mujoco.mj_jacSite(model, data, jacobian, None, site)
-        by_span = np.einsum("si,sk,kij->sj", directions, self._between_sites, by_site)
+        by_span = np.einsum("si,sij->sj", directions, by_site[self._ends] - by_site[self._starts])
         travel = self._from_here_on @ by_span
         joints_beyond = np.count_nonzero(travel, axis=1)
         bound: Array = _DAMPED_S / _PRESLIDING_M * (travel.T**2 * joints_beyond)

@@ -7,9 +7,12 @@ and move it towards +x. MJCF uses m, kg, s, N.
 
 from __future__ import annotations
 
+import math
 from xml.etree import ElementTree as ET
 
 from ccr_host.description.simulation import Twin
+
+Vector = tuple[float, float, float]
 
 DISKS = "disk{}"
 TIP = "tip"
@@ -32,8 +35,8 @@ half a time step on, MuJoCo's implicit damping keeps them stable at any stiffnes
 _FRICTION_SOLREF = "0.001 1"
 _FRICTION_SOLIMP = "0.9999 0.9999 0.001"
 """Nearly hard: MuJoCo's dry friction creeps, here by about 1 um/s at the tip (docs/twin.md)."""
-_LONGER = "0 -1 0"
-_BENDING_AXES = ("-1 0 0", "0 0 1")
+_ALONG_BACKBONE = (0.0, -1.0, 0.0)
+_BENDING_AXES = ((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def robot_mjcf(twin: Twin) -> str:
@@ -76,7 +79,7 @@ def _add_segments(base: ET.Element, twin: Twin) -> None:
     for segment in (0, 1):
         flexures = twin.flexures[segment]
         half_pitch_mm = twin.segment_lengths_mm[segment] / flexures / 2
-        for _ in range(flexures):
+        for flexure in range(flexures):
             number += 1
             body = ET.SubElement(
                 parent,
@@ -84,7 +87,7 @@ def _add_segments(base: ET.Element, twin: Twin) -> None:
                 name=DISKS.format(number),
                 pos=_millimetres(0.0, -half_pitch_before_mm - half_pitch_mm, 0.0),
             )
-            _add_flexure(body, twin, segment)
+            _add_flexure(body, twin, segment, flexure)
             _add_disk(body, twin, y_mm=-half_pitch_mm)
             _add_disk_sites(body, twin, number, y_mm=-half_pitch_mm)
             parent, half_pitch_before_mm = body, half_pitch_mm
@@ -98,30 +101,80 @@ def _add_tip(last_disk: ET.Element, y_mm: float) -> None:
     ET.SubElement(tip, "inertial", pos="0 0 0", mass="0", diaginertia="0 0 0")
 
 
-def _add_flexure(body: ET.Element, twin: Twin, segment: int) -> None:
-    # Springs in series: n flexures of stiffness n k form a segment of stiffness k.
+def _add_flexure(body: ET.Element, twin: Twin, segment: int, number: int) -> None:
+    """Joints of flexure ``number``, from 0, of a segment; the bending one comes last.
+
+    Springs in series: n flexures of stiffness n k form a segment of stiffness k.
+    """
     flexures = twin.flexures[segment]
-    stiffness = flexures * twin.bending_stiffness_nm_rad[segment]
-    axial = flexures * twin.axial_stiffness_n_m[segment]
-    if axial > 0:
-        damping = axial * _RELAXATION_S
-        ET.SubElement(
-            body,
-            "joint",
-            type="slide",
-            axis=_LONGER,
-            stiffness=_numbers(axial),
-            damping=_numbers(damping),
-        )
-    ET.SubElement(
+    turn_rad = math.radians(twin.bending_plane_turn_deg[segment])
+    bending_axis, sideways_axis = (
+        _turned(axis, turn_rad) for axis in (_BENDING_AXES[segment], _BENDING_AXES[1 - segment])
+    )
+    share = _shares(flexures)[number] / flexures
+    if share > 0:
+        _add_joint(body, "slide", _ALONG_BACKBONE, twin.axial_stiffness_n_m[segment] / share)
+        _add_joint(body, "hinge", _ALONG_BACKBONE, twin.torsion_stiffness_nm_rad[segment] / share)
+        _add_joint(body, "hinge", sideways_axis, twin.sideways_stiffness_nm_rad[segment] / share)
+    bending = _bending_stiffness_nm_rad(twin, segment)[number]
+    per_rad2 = twin.stiffening[segment] * (flexures / (math.pi / 2)) ** 2
+    joint = ET.SubElement(
         body,
         "joint",
         type="hinge",
-        axis=_BENDING_AXES[segment],
-        stiffness=_numbers(stiffness),
+        axis=_numbers(*bending_axis),
+        stiffness=_numbers(bending),
         damping=_numbers(twin.joint_damping),
         armature=_numbers(_ARMATURE_KG_M2),
     )
+    if per_rad2 > 0:
+        joint.set("stiffness", _numbers(bending, 0.0, bending * per_rad2))
+
+
+def _add_joint(body: ET.Element, kind: str, axis: Vector, stiffness: float) -> None:
+    """A joint beside the bending one, unless its stiffness is 0."""
+    if stiffness > 0:
+        damping = stiffness * _RELAXATION_S
+        ET.SubElement(
+            body,
+            "joint",
+            type=kind,
+            axis=_numbers(*axis),
+            stiffness=_numbers(stiffness),
+            damping=_numbers(damping),
+        )
+
+
+def _shares(flexures: int) -> list[int]:
+    """Number of flexures for which the other joints of each flexure stand.
+
+    The middle one of three stands for all of them, which halves the time; the end of a segment then
+    gives way to a force by 6 % less.
+    """
+    threes = [0, 3, 0] * (flexures // 3)
+    if flexures % 3 == 1:
+        middle = 3 * (flexures // 6)
+        return [*threes[:middle], 1, *threes[middle:]]
+    return [1, *threes, 1] if flexures % 3 else threes
+
+
+def _bending_stiffness_nm_rad(twin: Twin, segment: int) -> list[float]:
+    """Stiffness of each flexure, which falls linearly along the segment."""
+    flexures = twin.flexures[segment]
+    whole = twin.bending_stiffness_nm_rad[segment]
+    shares = [
+        1.0 - twin.stiffness_taper[segment] * (number + 0.5) / flexures
+        for number in range(flexures)
+    ]
+    in_series = sum(1.0 / share for share in shares)
+    return [whole * in_series * share for share in shares]
+
+
+def _turned(axis: Vector, turn_rad: float) -> Vector:
+    """An axis across the backbone, turned about it from z towards x."""
+    x, y, z = axis
+    cosine, sine = math.cos(turn_rad), math.sin(turn_rad)
+    return x * cosine + z * sine, y, z * cosine - x * sine
 
 
 def _add_disk(body: ET.Element, twin: Twin, y_mm: float) -> None:

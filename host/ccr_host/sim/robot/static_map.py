@@ -133,6 +133,8 @@ _STATIC_KEYS = (
     "flexures", "segment_lengths_mm", "tendon_radius_mm", "marker_offset_mm", "pulley_radius_mm",
     "bending_stiffness_nm_rad", "disk_mass_g", "marker_mass_g", "payload_g", "payload_start_s",
     "slack_mm", "tendon_stiffness_n_m", "tendon_force_max_n", "gravity_m_s2", "axial_stiffness_n_m",
+    "stiffness_taper", "stiffening", "bending_plane_turn_deg", "sideways_stiffness_nm_rad",
+    "torsion_stiffness_nm_rad",
 )  # fmt: skip
 """Keys that a rest pose depends on."""
 

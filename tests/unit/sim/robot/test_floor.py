@@ -65,7 +65,22 @@ def test_the_nearest_point_is_found_wherever_the_surface_folds():
 
 
 @pytest.mark.parametrize(
-    "keys", [{}, {"axial_stiffness_n_m": (8000.0, 5000.0)}, {"gravity_m_s2": (5.0, 6.0, -6.0)}]
+    "keys",
+    [
+        {},
+        {
+            "gravity_m_s2": (5.0, 6.0, -6.0),
+            "axial_stiffness_n_m": (8000.0, 5000.0),
+            "torsion_stiffness_nm_rad": (0.05, 0.08),
+            "sideways_stiffness_nm_rad": (0.2, 0.1),
+            "stiffness_taper": (0.2, -0.1),
+            "stiffening": (0.3, 0.5),
+            "bending_plane_turn_deg": (2.0, -3.0),
+            "marker_offset_mm": (1.0, 2.0, 14.0),
+            "creep_share": 0.3,
+            "creep_time_s": 0.2,
+        },
+    ],
 )
 def test_rest_poses_are_those_reached_by_the_simulation(keys):
     twin = Twin(friction=0.0, joint_damping=2e-3, **keys)

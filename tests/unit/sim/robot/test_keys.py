@@ -5,6 +5,7 @@ import pytest
 
 from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.description.simulation import Push, Twin
+from ccr_host.sim.robot.mechanics import Mechanics
 from ccr_host.sim.robot.robot import TwinRobot
 
 X, Y, Z = 0, 1, 2
@@ -16,6 +17,11 @@ CHANGED = {
     "marker_offset_mm": (0.0, 0.0, 16.0),
     "pulley_radius_mm": 12.0,
     "bending_stiffness_nm_rad": (0.02, 0.021),
+    "stiffness_taper": (0.1, 0.2),
+    "stiffening": (0.1, 0.2),
+    "bending_plane_turn_deg": (1.0, 2.0),
+    "sideways_stiffness_nm_rad": (0.2, 0.3),
+    "torsion_stiffness_nm_rad": (0.2, 0.3),
     "axial_stiffness_n_m": (1e4, 2e4),
     "joint_damping": 3e-4,
     "creep_share": (0.1, 0.0),
@@ -107,7 +113,7 @@ def test_a_hanging_robot_stretches_by_its_weight(tip):
 
 
 def test_a_backbone_that_collapses_is_refused_in_one_line():
-    with pytest.raises(ConfigError, match="half the length") as error:
+    with pytest.raises(ConfigError, match="disks touch") as error:
         TwinRobot(Twin(gravity_m_s2=(0.0, 9.81, 0.0), axial_stiffness_n_m=1.0))
     assert "twin.axial_stiffness_n_m" in error.value.cure
 
@@ -174,6 +180,73 @@ def test_payload_droops_like_its_weight(tip):
     arms_m = (102 - flexure_y) * 1e-3
     compliance_m_n = np.sum(arms_m**2) / (6 * 2.0)
     assert added == pytest.approx(-compliance_m_n * 0.020 * 9.81 * 1e3, rel=0.01)
+
+
+STIFF = {"slack_mm": 50.0, "bending_stiffness_nm_rad": 2.0}
+
+
+def pushed_mm(axis: int, **keys) -> float:
+    """Deflection of the tip along an axis under 0.05 N at the last disk, without gravity."""
+    force_n = [0.0, 0.0, 0.0]
+    force_n[axis] = 0.05
+    mechanics = Mechanics(Twin(gravity_m_s2=0.0, joint_damping=0.05, **(STIFF | keys)), 0.0)
+    mechanics.push((force_n[X], force_n[Y], force_n[Z]))
+    mechanics.advance(round(1e6 / mechanics.step_us))
+    return float(mechanics.backbone_mm()[-1, axis])
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "axis", "from_mm", "to_mm"),
+    [((0.2, 0.0), X, 43.5, 102.0), ((0.0, 0.2), Z, 0.0, 43.5)],
+)
+def test_a_segment_gives_way_across_its_bending_plane(stiffness, axis, from_mm, to_mm):
+    """Cantilever: the moment of the force over the stiffness, along the segment, times its arm."""
+    added_mm = pushed_mm(axis, sideways_stiffness_nm_rad=stiffness) - pushed_mm(axis)
+    arms_m2 = (to_mm**3 - from_mm**3) / (3 * (to_mm - from_mm)) * 1e-6
+    assert added_mm == pytest.approx(0.05 * arms_m2 / 0.2 * 1e3, rel=0.07)
+
+
+def test_markers_off_the_backbone_twist_the_segments_by_their_weight(posed):
+    robot = posed(gravity_m_s2=(9.81, 0, 0), torsion_stiffness_nm_rad=(0.02, 0.01), **STIFF)
+    offsets_mm = robot.markers_mm() - robot.backbone_mm()[[0, 6, 11]]
+    twists_rad = np.arcsin(offsets_mm[:, X] / 15.0)
+    moment_nm = 3e-3 * 9.81 * 15e-3
+    assert twists_rad == pytest.approx(
+        [0.0, 2 * moment_nm / 0.02, 2 * moment_nm / 0.02 + moment_nm / 0.01], rel=0.01
+    )
+
+
+def test_a_softer_end_of_a_segment_bends_more_and_the_whole_as_much(posed):
+    level = {"gravity_m_s2": 0.0, "slack_mm": 0.0}
+    even, tapered = (
+        posed(0, 20, stiffness_taper=taper, **level)._mechanics._joints[-5:] for taper in (0.0, 0.4)
+    )
+    assert even[0] == pytest.approx(even[-1], rel=1e-3)
+    assert tapered[-1] / tapered[0] == pytest.approx((1 - 0.04) / (1 - 0.36), rel=0.06)
+    assert tapered.sum() == pytest.approx(even.sum(), rel=0.01)
+
+
+def test_a_segment_bent_by_90_deg_resists_more_by_its_stiffening(posed):
+    def moment_over_angle_nm_rad(angle_deg: float) -> tuple[float, float]:
+        robot = posed(0, angle_deg, stiffening=0.3, gravity_m_s2=0.0, slack_mm=0.0)
+        bent_rad = robot._mechanics._joints[-5:].sum()
+        lever_mm = 4.5 * np.cos(bent_rad / 10) + 4.35 * np.sin(bent_rad / 10)
+        moment_nm = -robot._mechanics.pulley_moments_nm()[1] * lever_mm / 12.5
+        return moment_nm / bent_rad, bent_rad
+
+    straight_nm_rad, _ = moment_over_angle_nm_rad(4)
+    bent_nm_rad, bent_rad = moment_over_angle_nm_rad(46)
+    assert np.degrees(bent_rad) == pytest.approx(90, abs=5)
+    assert straight_nm_rad == pytest.approx(0.02, rel=0.01)
+    assert bent_nm_rad == pytest.approx(0.02 * (1 + 0.3 * (bent_rad / (np.pi / 2)) ** 2), rel=0.01)
+
+
+def test_turned_flexures_bend_the_robot_out_of_its_plane(posed):
+    level = {"gravity_m_s2": 0.0, "slack_mm": 0.0}
+    x, _, z = posed(15, 0, bending_plane_turn_deg=(5.0, 0.0), **level).backbone_mm()[6]
+    assert np.degrees(np.arctan2(x, z)) == pytest.approx(5.0)
+    x, _, z = posed(0, 15, bending_plane_turn_deg=(0.0, 5.0), **level).backbone_mm()[11]
+    assert np.degrees(np.arctan2(-z, x)) == pytest.approx(5.0)
 
 
 @pytest.mark.parametrize("key", ["disk_mass_g", "marker_mass_g"])
