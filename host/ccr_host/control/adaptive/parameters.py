@@ -69,10 +69,15 @@ class Parameters(NamedTuple):
     """Offset of M2 from its nominal place: along the backbone, away from it, and along f[0]."""
     middle_up_mm: Number = 0.0
     middle_aside_mm: Number = 0.0
+    shortening: Number = 0.0
+    """Shortening of segment 1 by a tension of k_1 / r_c, divided by r_c: k_1 / (r_c^2 times its
+    axial stiffness). Segment 2 yields as much per length."""
     up_x: Number = 0.0
     """Unit vector against gravity in the frame of (10). It is described, not estimated."""
     up_y: Number = 0.0
     up_z: Number = 1.0
+    tendon_radius_mm: Number = 4.5
+    """r_c as described."""
 
     @property
     def gain_2(self) -> Number:
@@ -159,6 +164,7 @@ def prior_of(robot: Robot) -> Prior:
         middle_along_mm=glue,
         middle_up_mm=glue,
         middle_aside_mm=glue,
+        shortening=(0.0, 0.08, 0.0, 0.6),
     )
     return Prior(*np.array(rows[:COUNT], dtype=np.float64).T)
 
@@ -187,7 +193,8 @@ class Scaling:
         noise_mm: float = Tracker().noise_mm,
     ) -> None:
         prior = prior_of(robot)
-        self._known = -np.array(robot.gravity_direction)
+        up = -np.array(robot.gravity_direction)
+        self._known = np.append(up, robot.tendon_radius_mm)
         self._noise_mm = math.hypot(_RINGING_MM, noise_mm / math.sqrt(3.0))
         self._mean, self._deviation = prior.mean, prior.deviation
         if turn_deviation_rad is not None:
@@ -226,7 +233,7 @@ class Scaling:
     def mounted(self, gravity: tuple[float, float, float]) -> Scaling:
         """The same robot under gravity in another direction, a unit vector in the frame of (10)."""
         other = copy.copy(self)
-        other._known = -np.array(gravity)
+        other._known = np.append(-np.array(gravity), self._known[3])
         return other
 
     def freed(self, indices: Sequence[int], factor: float) -> Scaling:

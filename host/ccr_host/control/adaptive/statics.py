@@ -186,12 +186,6 @@ def hold_of(p: Parameters, theta_1: Number, theta_2: Number, anchors: Four, side
     pull_2 = load.moment_2 + held_21 * (1.0 + slope_2) + held_22 * (slope_2 - 1.0)
     side_2 = _side(pull_2, sides[1])
     tension_2 = positive(side_2 * pull_2) / (1.0 + side_2 * slope_2)
-    taken_2 = (
-        p.gain_2 * p.slack_2_rad
-        + p.sag_2 * theta_2 * theta_2
-        + sag_12
-        + p.compliance_2 / p.stiffness_ratio * tension_2
-    )
     pull_1 = (
         load.moment_1
         + held_11 * (1.0 + slope_1)
@@ -200,7 +194,15 @@ def hold_of(p: Parameters, theta_1: Number, theta_2: Number, anchors: Four, side
     )
     side_1 = _side(pull_1, sides[0])
     tension_1 = positive(side_1 * pull_1) / (1.0 + side_1 * slope_1)
-    taken_1 = p.gain_1 * p.slack_1_rad + sag_12 + p.compliance_1 * tension_1
+    pressed = p.shortening * (tension_1 + tension_2)
+    taken_1 = p.gain_1 * p.slack_1_rad + sag_12 + p.compliance_1 * tension_1 + pressed
+    taken_2 = (
+        p.gain_2 * p.slack_2_rad
+        + p.sag_2 * theta_2 * theta_2
+        + sag_12
+        + (_yields_2(p) - p.shortening) * tension_2
+        + pressed
+    )
     shaft_1 = (theta_1 + side_1 * taken_1) / p.gain_1
     shaft_2 = (theta_2 + side_2 * taken_2) / p.gain_2
     return Hold((shaft_1, shaft_2), (side_1, side_2))
@@ -300,8 +302,6 @@ def forces_of(
     ``anchors`` are the tendon routes, see ``routes_of``, at which friction exerts no force.
     """
     moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22 = _loads(p, theta_1, theta_2)
-    spring_1 = 1.0 / p.compliance_1
-    spring_2 = p.stiffness_ratio / p.compliance_2
     stick_1 = 0.5 * p.friction_1 / STICKING
     stick_2 = stick_1 * p.friction_ratio
     sag_1 = p.sag_1 * theta_1 * theta_1
@@ -309,27 +309,77 @@ def forces_of(
     sag_2 = p.sag_2 * theta_2 * theta_2 + sag_1
     sag_2_slope = 2.0 * p.sag_2 * theta_2
     gain_2 = p.gain_1 * p.gain_ratio
-    shaft_1, shaft_2 = p.gain_1 * shafts[0], gain_2 * shafts[1]
-    excess_1, excess_2 = p.gain_1 * p.slack_1_rad, gain_2 * p.slack_2_rad
+    # The two tendons of a pair are never both taut.
+    ahead_1, ahead_2 = p.gain_1 * shafts[0] - theta_1, gain_2 * shafts[1] - theta_2
+    lever_1, lever_2 = sign(ahead_1) + sag_1_slope, sign(ahead_2) + sag_2_slope
+    taut = _taut(
+        p,
+        abs(ahead_1) - p.gain_1 * p.slack_1_rad - sag_1,
+        abs(ahead_2) - gain_2 * p.slack_2_rad - sag_2,
+    )
+    tension_1, tension_2, spring_11, spring_12, spring_22 = taut
+    along_1 = spring_11 * lever_1 + spring_12 * sag_1_slope
+    along_2 = spring_12 * lever_1 + spring_22 * sag_1_slope
+    moment_1 = moment_1 - tension_1 * lever_1 - tension_2 * sag_1_slope
+    moment_2 = moment_2 - tension_2 * lever_2
+    pull = 2.0 * p.sag_1 * (tension_1 + tension_2)
+    stiffness_11 = stiffness_11 + along_1 * lever_1 + along_2 * sag_1_slope - pull
+    stiffness_12 = stiffness_12 + along_2 * lever_2
+    stiffness_22 = stiffness_22 + spring_22 * lever_2 * lever_2 - 2.0 * p.sag_2 * tension_2
     for side, anchor_1, anchor_2 in ((1.0, anchors[0], anchors[2]), (-1.0, anchors[1], anchors[3])):
         lever = side + sag_1_slope
-        route = side * theta_1 + sag_1
-        stretch = side * shaft_1 - excess_1 - route
-        slid = route - anchor_1
-        pull = spring_1 * positive(stretch) - stick_1 * within(slid, STICKING)
-        stiff = spring_1 * (stretch > 0.0) + stick_1 * (abs(slid) < _STILL_STICKS)
-        moment_1 = moment_1 - pull * lever
-        stiffness_11 = stiffness_11 + stiff * lever * lever - 2.0 * p.sag_1 * pull
+        slid = side * theta_1 + sag_1 - anchor_1
+        pull = stick_1 * within(slid, STICKING)
+        stiff = stick_1 * (abs(slid) < _STILL_STICKS)
+        moment_1 = moment_1 + pull * lever
+        stiffness_11 = stiffness_11 + stiff * lever * lever + 2.0 * p.sag_1 * pull
 
         lever = side + sag_2_slope
-        route = side * theta_2 + sag_2
-        stretch = side * shaft_2 - excess_2 - route
-        slid = route - anchor_2
-        pull = spring_2 * positive(stretch) - stick_2 * within(slid, STICKING)
-        stiff = spring_2 * (stretch > 0.0) + stick_2 * (abs(slid) < _STILL_STICKS)
-        moment_1 = moment_1 - pull * sag_1_slope
-        moment_2 = moment_2 - pull * lever
-        stiffness_11 = stiffness_11 + stiff * sag_1_slope * sag_1_slope - 2.0 * p.sag_1 * pull
+        slid = side * theta_2 + sag_2 - anchor_2
+        pull = stick_2 * within(slid, STICKING)
+        stiff = stick_2 * (abs(slid) < _STILL_STICKS)
+        moment_1 = moment_1 + pull * sag_1_slope
+        moment_2 = moment_2 + pull * lever
+        stiffness_11 = stiffness_11 + stiff * sag_1_slope * sag_1_slope + 2.0 * p.sag_1 * pull
         stiffness_12 = stiffness_12 + stiff * sag_1_slope * lever
-        stiffness_22 = stiffness_22 + stiff * lever * lever - 2.0 * p.sag_2 * pull
+        stiffness_22 = stiffness_22 + stiff * lever * lever + 2.0 * p.sag_2 * pull
     return Forces(moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22)
+
+
+class _Taut(NamedTuple):
+    """Tensions of the two pairs, and their derivatives in both excesses."""
+
+    tension_1: Number
+    tension_2: Number
+    spring_11: Number
+    spring_12: Number
+    spring_22: Number
+
+
+def _taut(p: Parameters, excess_1: Number, excess_2: Number) -> _Taut:
+    """Tensions at lengths by which the tendons of motors 1 and 2 are wound too short; at least 0.
+
+    Each stretches its tendon and shortens the segments that it passes, which slackens both.
+    """
+    yields_1 = p.compliance_1 + p.shortening
+    yields_2 = _yields_2(p)
+    both = p.shortening
+    alone = 1.0 / yields_1
+    first_2 = (excess_2 - both * alone * positive(excess_1)) / (yields_2 - both * both * alone)
+    tension_1 = positive(excess_1 - both * positive(first_2)) * alone
+    tension_2 = positive(excess_2 - both * tension_1) / yields_2
+    pulls_1, pulls_2 = 1.0 * (tension_1 > 0.0), 1.0 * (tension_2 > 0.0)
+    share = 1.0 / (yields_1 * yields_2 - pulls_1 * pulls_2 * both * both)
+    return _Taut(
+        tension_1,
+        tension_2,
+        pulls_1 * yields_2 * share,
+        -pulls_1 * pulls_2 * both * share,
+        pulls_2 * yields_1 * share,
+    )
+
+
+def _yields_2(p: Parameters) -> Number:
+    """Length by which a unit tension stretches a tendon of motor 2 and shortens its segments."""
+    shortening_2 = p.shortening * p.length_2_mm / p.length_1_mm
+    return p.compliance_2 / p.stiffness_ratio + p.shortening + shortening_2

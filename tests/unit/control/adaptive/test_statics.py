@@ -27,6 +27,7 @@ HINDERED = PRIOR._replace(
     turn_x_rad=0.03,
     push_x_per_mm=0.002,
     push_y_per_mm=-0.001,
+    shortening=0.15,
 )
 STILL = np.zeros(2)
 ASKEW = HINDERED._replace(up_x=-0.48, up_y=0.6, up_z=-0.64)
@@ -131,7 +132,7 @@ def test_without_weight_and_sag_the_tip_is_that_of_equation_10(theta):
 
 @given(
     bends.map(lambda theta: theta + np.copysign(1e-3, theta)),
-    st.sampled_from([PRIOR, PRIOR._replace(up_x=0.6, up_y=0.64, up_z=-0.48)]),
+    st.sampled_from([PRIOR, PRIOR._replace(up_x=0.6, up_y=0.64, up_z=-0.48, shortening=0.1)]),
 )
 def test_jacobian_is_the_derivative_of_the_tip(theta, p):
     h = 1e-6
@@ -168,6 +169,24 @@ def test_known_parameters_predict_a_weightless_twin_within_a_tenth_of_a_millimet
     for q in np.radians([[20.0, 30.0], [-30.0, 50.0], [10.0, -45.0], [3.0, 60.0]]):
         rest = settled(known, *likely_of(known, *q), tuple(q), _anchors(known, STILL))
         assert tip_mm(known, *rest) == pytest.approx(equilibrium.tip_mm(*q), abs=0.1)
+
+
+def test_a_backbone_that_its_tendons_shorten_is_predicted_as_well():
+    """At 8 kN/m by 1 mm and more, which slackens the tendons of both motors."""
+    axial_n_m = 8000.0, 8000.0 * 58.5 / 43.5
+    rigid, soft = Twin(gravity_m_s2=0.0), Twin(gravity_m_s2=0.0, axial_stiffness_n_m=axial_n_m)
+    compliance = 20.0 / (4.0 * 4.5**2)
+    sags = [length / (8 * n**2 * 4.5) for length, n in zip((58.5, 43.5), (6, 5), strict=True)]
+    known = PRIOR._replace(
+        compliance_1=compliance, compliance_2=compliance, slack_1_rad=0.096, slack_2_rad=0.096,
+        sag_1=sags[0], sag_2=sags[1], body_per_mm=0.0, tip_per_mm=0.0,
+        shortening=20.0 / (8.0 * 4.5**2),
+    )  # fmt: skip
+    for q in np.radians([[20.0, 30.0], [-30.0, 50.0], [10.0, -45.0]]):
+        there = Equilibrium(soft).tip_mm(*q)
+        assert np.linalg.norm(there - Equilibrium(rigid).tip_mm(*q)) > 1.0
+        rest = settled(known, *likely_of(known, *q), tuple(q), _anchors(known, STILL))
+        assert tip_mm(known, *rest) == pytest.approx(there, abs=0.25)
 
 
 def test_unequal_slack_of_a_pair_is_an_offset_of_its_servo():
