@@ -33,6 +33,18 @@ class Outcome(enum.Enum):
 
 
 @dataclass(frozen=True)
+class Picture:
+    """A measurement of the tip that is older than the newest one."""
+
+    tip_mm: FloatArray
+    """Measured tip f_m, (3,)."""
+    age_us: int
+    """Time from the exposure to ``Observation.time_us``."""
+    middle_mm: FloatArray
+    """M2 - M1, (3,); NaN where not seen."""
+
+
+@dataclass(frozen=True)
 class Observation:
     """The inputs of a controller at a control step."""
 
@@ -48,6 +60,9 @@ class Observation:
     """Motor angles commanded last, as the board accepted them, (2,)."""
     middle_mm: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     """M2 - M1, the end of segment 1, in the picture of ``tip_mm``, (3,); NaN where not seen."""
+    earlier: tuple[Picture, ...] = ()
+    """The other pictures since the last call, oldest first, without those that cannot show this
+    robot: 19 of a camera of 20 Hz at 1 Hz. There may be some when ``tip_mm`` is None."""
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ import math
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome, Phase
+from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome, Phase, Picture
 from ccr_host.description.schema import Description
 from ccr_host.link.messages import TICK_PHASE_US, TICK_US
 from ccr_host.robot.reference import Reference
@@ -246,19 +246,24 @@ class Shell:
         self._is_first = False
 
     def _look(self, observation: Observation, period_s: float, step: float | None) -> bool:
-        """Pass a new measurement to the law; return whether there is one, new or not."""
+        """Pass what is new to the law as one measurement; return whether the newest is fresh."""
+        pictures = [one for one in observation.earlier if self._can_be(one.tip_mm)]
         tip_mm = observation.tip_mm
-        if tip_mm is None or not np.all(np.abs(tip_mm) < self._farthest_mm):
-            return False
-        exposed_us = observation.time_us - observation.tip_age_us
-        if self._seen_us is None or exposed_us > self._seen_us:
+        seen = tip_mm is not None and self._can_be(tip_mm)
+        if tip_mm is not None and seen:
+            pictures.append(Picture(tip_mm, observation.tip_age_us, observation.middle_mm))
+        news = []
+        for picture in pictures:
+            exposed_us = observation.time_us - picture.age_us
+            if self._seen_us is not None and exposed_us <= self._seen_us:
+                continue
             before_us, self._seen_us = self._seen_us, exposed_us
-            exposed_s, age_s = _seconds(exposed_us), _seconds(observation.tip_age_us)
+            exposed_s, age_s = _seconds(exposed_us), _seconds(picture.age_us)
             time_s = exposed_s - self.law.delay_s
-            self.law.observe(
+            news.append(
                 Measurement(
-                    tip_mm,
-                    observation.middle_mm,
+                    picture.tip_mm,
+                    picture.middle_mm,
                     exposed_s,
                     time_s,
                     self._history.at(time_s),
@@ -267,7 +272,12 @@ class Shell:
                     period_s if before_us is None else _seconds(exposed_us - before_us),
                 )
             )
-        return True
+        if news:
+            self.law.observe(news[0] if len(news) == 1 else _at_rest(news))
+        return seen
+
+    def _can_be(self, tip_mm: FloatArray) -> bool:
+        return bool(np.all(np.abs(tip_mm) < self._farthest_mm))
 
     def _phase(self) -> Phase | None:
         stage = self._stage
@@ -321,6 +331,21 @@ def smooth_moves(
         setpoints.append(np.repeat(stop[None], int(np.ceil(rest_s / tick_s)), axis=0))
         here = stop
     return np.concatenate(setpoints)
+
+
+def _at_rest(news: list[Measurement]) -> Measurement:
+    """The median of the measurements at the newest one's setpoint, at the middle of their times.
+
+    Noise, vibration and single outliers average out. On the move it is the newest measurement.
+    """
+    rest = [one for one in news if np.array_equal(one.setpoint_rad, news[-1].setpoint_rad)]
+    middles_mm = [one.middle_mm for one in rest if np.isfinite(one.middle_mm).all()]
+    return replace(
+        rest[len(rest) // 2],
+        tip_mm=np.median([one.tip_mm for one in rest], axis=0),
+        middle_mm=np.median(middles_mm, axis=0) if middles_mm else np.full(3, np.nan),
+        elapsed_s=sum(one.elapsed_s for one in news),
+    )
 
 
 def _ramp_s(period_s: float) -> float:

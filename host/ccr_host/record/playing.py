@@ -9,6 +9,7 @@ from typing import NoReturn, TypeVar
 
 from ccr_host.core.clock import Steppable
 from ccr_host.core.errors import CcrError, DeviceError, TrackerError
+from ccr_host.run.rig import RunTracker
 from ccr_host.run.tape import (
     TOKENS_WITH_ERROR,
     TOKENS_WITH_TIME,
@@ -213,7 +214,7 @@ class PlayedTransport:
             raise DeviceError(error.cause, error.cure)
 
 
-class PlayedTracker:
+class PlayedTracker(RunTracker):
     """Delivers the recorded samples.
 
     Args:
@@ -223,8 +224,8 @@ class PlayedTracker:
     name = "replay"
 
     def __init__(self, samples: dict[int, Sample]) -> None:
+        super().__init__()
         self._samples = samples
-        self._newest: Sample | None = None
 
     def arrive(self, exposed_us: int) -> None:
         """Let a sample arrive."""
@@ -232,12 +233,9 @@ class PlayedTracker:
             first_us = next(iter(self._samples))
             sample = self._samples.pop(first_us)
             if first_us == exposed_us:
-                self._newest = sample
+                self._take(sample)
                 return
         raise Diverged("the tape tells of a sample that is not in the log")
-
-    def newest(self) -> Sample | None:
-        return self._newest
 
     def trouble(self) -> str:
         """The recorded error has told it."""

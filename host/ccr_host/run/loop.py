@@ -20,6 +20,7 @@ from ccr_host.control.base import (
     Observation,
     Outcome,
     Phase,
+    Picture,
     checked,
 )
 from ccr_host.core.clock import Stopwatch
@@ -308,10 +309,15 @@ class _PathRun:
 
     def _observation(self, step: int, time_us: int, sample: Sample | None) -> Observation:
         q_rad = self._rig.client.accepted_rad
+        earlier = tuple(
+            Picture(one.tip_mm, time_us - one.exposed_us, one.middle_mm)
+            for one in self._watch.take()
+            if one is not sample
+        )
         if sample is None:
-            return Observation(step, time_us, None, 0, q_rad)
+            return Observation(step, time_us, None, 0, q_rad, earlier=earlier)
         age_us = time_us - sample.exposed_us
-        return Observation(step, time_us, sample.tip_mm, age_us, q_rad, sample.middle_mm)
+        return Observation(step, time_us, sample.tip_mm, age_us, q_rad, sample.middle_mm, earlier)
 
     def _feed(self, command: Command) -> None:
         """Resend the last command, with the remainder of its ramp."""

@@ -1,10 +1,12 @@
-"""Handles the lack of fresh samples of the markers during a run."""
+"""Collects the samples of the markers during a run, and handles the lack of fresh ones."""
 
 from __future__ import annotations
 
+from collections import deque
+
 from ccr_host.core.errors import TrackerError
 from ccr_host.description.schema import Description
-from ccr_host.run.rig import Rig
+from ccr_host.run.rig import MOST_ARRIVED, Rig
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample
 
@@ -27,14 +29,13 @@ class MarkerWatch:
         control = description.control
         self._rig = rig
         self._check = check
-        self._fits = False
         self._stale_us = control.stale_after_ms * 1000
         self._coast_us = control.coast_s * 1e6
         self._hold_us = control.hold_s * 1e6
         self._longest_look_away_us = 2 * max(period_us, _LOOK_PERIOD_US)
-        self._last_exposed_us: int | None = None
         self._last_seen_us = self._looked_us = 0
-        self._fresh: Sample | None = None
+        self._newest: Sample | None = None
+        self._untaken: deque[Sample] = deque(maxlen=MOST_ARRIVED)
         self._fresh_us = -1
 
     def wait_for_markers(self) -> None:
@@ -51,36 +52,43 @@ class MarkerWatch:
         raise self._lost(_FIRST_SAMPLE_TIMEOUT_US)
 
     def start(self) -> None:
-        """Note that the robot moves, and count lost markers from now on."""
+        """Note that the robot moves, and count lost markers and collect samples from now on."""
         if self._check is not None:
             self._check.robot_moves()
-        self._last_seen_us = self._looked_us = self._rig.clock.now_us()
-        self._fresh_us = -1
+        self._fresh_us = now_us = self._rig.clock.now_us()
+        self._look(now_us)
+        self._last_seen_us = now_us
+        self._untaken.clear()
 
     def fresh_sample(self, now_us: int) -> Sample | None:
-        """Newest measurement; None if it is stale or cannot be the robot's.
+        """Newest measurement that can be the robot's; None if it is stale.
 
         Looks once per instant of the clock.
 
         Raises:
             TrackerError: the markers are swapped, or belong to another robot.
         """
-        if now_us == self._fresh_us:
-            return self._fresh
-        self._fresh_us, self._fresh = now_us, None
-        sample = self._rig.tracker.newest()
+        if now_us != self._fresh_us:
+            self._fresh_us = now_us
+            self._look(now_us)
+        newest = self._newest
+        return None if newest is None or now_us - newest.exposed_us > self._stale_us else newest
+
+    def take(self) -> list[Sample]:
+        """The measurements since the last call that can be the robot's, oldest first."""
+        taken = list(self._untaken)
+        self._untaken.clear()
+        return taken
+
+    def _look(self, now_us: int) -> None:
         away_us, self._looked_us = now_us - self._looked_us, now_us
         if away_us > self._longest_look_away_us:
             self._last_seen_us += away_us
-        if sample is None or now_us - sample.exposed_us > self._stale_us:
-            return None
-        if sample.exposed_us != self._last_exposed_us:
-            self._last_exposed_us = sample.exposed_us
-            self._fits = self._check is None or self._check.accepts(sample)
-            if self._fits:
-                self._last_seen_us = sample.exposed_us
-        self._fresh = sample if self._fits else None
-        return self._fresh
+        for sample in self._rig.tracker.arrived():
+            if self._check is None or self._check.accepts(sample):
+                self._newest = sample
+                self._last_seen_us = max(self._last_seen_us, sample.exposed_us)
+                self._untaken.append(sample)
 
     def look(self, now_us: int) -> tuple[Sample | None, bool]:
         """Newest measurement or None, and whether the pose must be held.

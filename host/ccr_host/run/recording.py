@@ -14,8 +14,9 @@ from ccr_host.core.errors import DeviceError
 from ccr_host.link.exchange import FrameObserver, Transport
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.operator import Operator
+from ccr_host.run.rig import RunTracker
 from ccr_host.run.tape import Tape, Token
-from ccr_host.tracking.tracker import MarkerFrame, Sample, Tracker
+from ccr_host.tracking.tracker import MarkerFrame, Tracker
 
 T = TypeVar("T")
 
@@ -158,13 +159,14 @@ class _ForeseesArrivals(Protocol):
     def next_arrival_us(self) -> int: ...
 
 
-class RecordedTracker:
+class RecordedTracker(RunTracker):
     """The tracker as the host sees it; attach it to the run's clock after the tracker.
 
     The observer receives every sample and every frame of markers, used or not.
     """
 
     def __init__(self, tracker: Tracker, tape: Tape, observer: RunObserver) -> None:
+        super().__init__()
         self.name = tracker.name
         self._tracker = tracker
         self._frames = tracker if isinstance(tracker, _ShowsFrames) else None
@@ -172,7 +174,6 @@ class RecordedTracker:
         self._tape = tape
         self._observer = observer
         self._frame: MarkerFrame | None = None
-        self._newest: Sample | None = None
 
     def advance_to(self, time_us: int) -> None:
         """Look for a new frame and a new sample."""
@@ -181,20 +182,17 @@ class RecordedTracker:
             if frame is not None and frame is not self._frame:
                 self._frame = frame
                 self._observer.marker_frame(time_us, frame)
-        before, self._newest = self._newest, self._tracker.newest()
-        if self._newest is None:
+        sample, before = self._tracker.newest(), self.newest()
+        if sample is None or (before is not None and before.exposed_us == sample.exposed_us):
             return
-        if before is None or before.exposed_us != self._newest.exposed_us:
-            self._tape.at(Token.SAMPLE, self._newest.exposed_us)
-            self._observer.tracker_sample(time_us, self._newest)
+        self._take(sample)
+        self._tape.at(Token.SAMPLE, sample.exposed_us)
+        self._observer.tracker_sample(time_us, sample)
 
     @property
     def next_turn_us(self) -> int:
         """Time of the next possible arrival; 0, which is past, if the tracker cannot tell."""
         return 0 if self._arrivals is None else self._arrivals.next_arrival_us
-
-    def newest(self) -> Sample | None:
-        return self._newest
 
     def trouble(self) -> str:
         return self._tracker.trouble()

@@ -65,9 +65,9 @@ class LostAfter:
         self.rig = rig
         self.last_us = last_us
 
-    def newest(self) -> Sample | None:
-        exposed_us = min(self.rig.clock.now_us(), self.last_us)
-        return Sample(exposed_us, STRAIGHT_MM)
+    def arrived(self) -> list[Sample]:
+        now_us = self.rig.clock.now_us()
+        return [Sample(now_us, STRAIGHT_MM)] if now_us <= self.last_us else []
 
     def trouble(self) -> str:
         return ""
@@ -103,6 +103,36 @@ def test_a_controller_sees_the_measurement_made_at_the_end_of_the_step_before(ri
         assert np.array_equal(observation.tip_mm, before.measured_mm)
         assert 40_000 <= observation.tip_age_us <= 90_000, "latency plus at most a camera period"
         assert observation.q_rad == pytest.approx(before.q_rad, abs=1e-4)
+
+
+def test_a_controller_sees_every_picture_of_the_camera_once(rig: Rig) -> None:
+    controller = Counting()
+    follow(rig, controller, reference())
+    seen_us = []
+    for observation in controller.observations:
+        ages_us = [*(picture.age_us for picture in observation.earlier), observation.tip_age_us]
+        assert len(ages_us) == 20
+        seen_us += [observation.time_us - age_us for age_us in ages_us]
+    assert set(np.diff(seen_us)) == {50_000}
+    newest_mm = controller.observations[-1].tip_mm
+    assert not np.array_equal(controller.observations[-1].earlier[-1].tip_mm, newest_mm)
+
+
+def test_a_picture_that_cannot_be_the_robots_is_kept_from_the_controller(rig: Rig) -> None:
+    class Flickering(LostAfter):
+        def arrived(self) -> list[Sample]:
+            return [
+                Sample(one.exposed_us, one.markers_mm * (3.0 if one.exposed_us % 7 == 0 else 1.0))
+                for one in rig.tracker.arrived()
+            ]
+
+    controller = Counting()
+    follow(replace(rig, tracker=Flickering(rig, 0)), controller, reference())
+    tips_mm = [
+        picture.tip_mm for seen in controller.observations for picture in [*seen.earlier, seen]
+    ]
+    assert 90 < len(tips_mm) < 20 * (STEPS - 1)
+    assert np.abs(np.array(tips_mm) - tips_mm[0]).max() < 40
 
 
 def test_a_late_command_is_replaced_by_the_last_one_and_counted(rig: Rig) -> None:
@@ -146,11 +176,13 @@ class Exchanged:
     def __init__(self, rig: Rig, order: tuple[int, ...], from_us: int) -> None:
         self.rig, self.order, self.from_us = rig, list(order), from_us
 
-    def newest(self) -> Sample | None:
-        sample = self.rig.tracker.newest()
-        if sample is None or sample.exposed_us < self.from_us:
-            return sample
-        return Sample(sample.exposed_us, sample.markers_mm[self.order])
+    def arrived(self) -> list[Sample]:
+        return [
+            Sample(sample.exposed_us, sample.markers_mm[self.order])
+            if sample.exposed_us >= self.from_us
+            else sample
+            for sample in self.rig.tracker.arrived()
+        ]
 
     def trouble(self) -> str:
         return ""
@@ -188,8 +220,8 @@ def test_a_robot_whose_markers_were_never_seen_is_not_armed(rig: Rig) -> None:
     class Blind:
         name = "blind:"
 
-        def newest(self) -> Sample | None:
-            return None
+        def arrived(self) -> list[Sample]:
+            return []
 
         def trouble(self) -> str:
             return ""
