@@ -55,6 +55,7 @@ _KG_PER_G = 1e-3
 _STABLE_SHARE = 0.3
 """Fraction of the linear limit of the time step: with tendons going taut and slack, nearly undamped
 structures became unstable from about 0.5 on."""
+_NEVER = 1 << 62
 _SHORTEST_STEP_US = 5
 """Below this, a run of 80 s would take minutes."""
 
@@ -93,6 +94,7 @@ class Mechanics:
         self._forces_n = self._data.actuator_force  # negative: a tendon only pulls
         self._joints = self._data.qpos
         self._bounds = _bounds(self._model, twin)
+        self._per_bound = 1.0 / np.array(self._bounds)
         self._tip = self._model.body(TIP).id
         self._markers = [self._model.site(name).id for name in MARKERS]
         disks = range(sum(twin.flexures) + 1)
@@ -100,6 +102,7 @@ class Mechanics:
         self.step_us = self._choose_step_us()
         self._model.opt.timestep = self.step_us * 1e-6
         self._steps_done = 0
+        self._next_update = _NEVER
         self._memories: list[tuple[int, Memory]] = []
         self.set_payload(payload_g)
         self.pull(0.0, 0.0)
@@ -107,6 +110,7 @@ class Mechanics:
         for memory in memories(twin, self._model, self._data, self._slack_lengths_m):
             memory.start()
             self._memories.append((max(1, memory.period_us // self.step_us), memory))
+        self._find_next_update()
 
     def pull(self, pulley_1_rad: float, pulley_2_rad: float) -> None:
         """Turn the pulleys (2): each winds up one tendon and pays out the opposite one."""
@@ -139,22 +143,30 @@ class Mechanics:
         Raises:
             CcrError: the simulation became unstable.
         """
-        if not self._memories:
-            self._step(steps)
-            return
         last_step = self._steps_done + steps
-        while self._steps_done < last_step:
-            to_update = min(every - self._steps_done % every for every, _ in self._memories)
-            some = min(to_update, last_step - self._steps_done)
-            self._step(some)
-            self._steps_done += some
+        while self._next_update <= last_step:
+            self._step(self._next_update - self._steps_done)
             # At once, as reading the markers moves the positions on to the new state.
             for every, memory in self._memories:
                 if self._steps_done % every == 0:
                     memory.update(every * self.step_us * 1e-6)
+            self._find_next_update()
+        if self._steps_done < last_step:
+            self._step(last_step - self._steps_done)
+
+    def _find_next_update(self) -> None:
+        done = self._steps_done
+        due = (done - done % every + every for every, _ in self._memories)
+        self._next_update = min(due, default=_NEVER)
 
     def _step(self, steps: int) -> None:
         mujoco.mj_step(self._model, self._data, nstep=steps)
+        self._steps_done += steps
+        parts = self._joints * self._per_bound
+        if not parts.dot(parts) < 1.0:
+            self._check_bounds()
+
+    def _check_bounds(self) -> None:
         for joint, bound in zip(self._joints.tolist(), self._bounds, strict=True):
             if not -bound < joint < bound:
                 raise self._out_of_bounds(bound)

@@ -17,6 +17,8 @@ from ccr_host.description.simulation import Twin
 
 Array = NDArray[np.float64]
 
+_PART_OF_TIME = 0.02
+"""Period of creep over its shortest time constant: the creep comes late by half of that."""
 _ONES = np.ones(3)
 _PRESLIDING_M = 1e-4
 """Travel in which a reversed tendon gives up 63 % of its stuck state; assumed: stiff tendons in
@@ -29,8 +31,9 @@ travel with about one period's delay, which alone would feed fast vibrations."""
 class Memory(Protocol):
     """A state that the mechanics brings up to date at regular times."""
 
-    period_us: int
-    """Longest time between two updates."""
+    @property
+    def period_us(self) -> int:
+        """Longest time between two updates."""
 
     def start(self) -> None:
         """Begin at the present pose, at rest."""
@@ -184,8 +187,6 @@ class Creep:
         data: current pose; the forces are applied here.
     """
 
-    period_us = 10_000
-
     def __init__(
         self,
         shares: Sequence[float],
@@ -195,6 +196,7 @@ class Creep:
     ) -> None:
         self._shares = np.array(shares)
         self._times_s = np.array(times_s)
+        self.period_us = round(_PART_OF_TIME * min(times_s) * 1e6)
         self._model = model
         self._joints = data.qpos
         self._forces_nm = data.qfrc_applied
