@@ -99,9 +99,13 @@ def ccr_host(tmp_path: Path) -> CcrHost:
     return CcrHost(tmp_path)
 
 
-@pytest.fixture
-def short_path(tmp_path: Path) -> str:
+def write_short_path(folder: Path) -> str:
     """Five seconds well inside the workspace."""
-    file = tmp_path / "short.csv"
+    file = folder / "short.csv"
     file.write_text("t_s,y_mm,z_mm\n0,0,30\n5,10,35\n")
     return str(file)
+
+
+@pytest.fixture
+def short_path(tmp_path: Path) -> str:
+    return write_short_path(tmp_path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,19 @@ import pytest
 from tests.system.conftest import PAPERS, CcrHost
 
 
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run."""
+    folder = tmp_path_factory.mktemp("recorded") / "kept"
+    words = ("track", "8shape", *PAPERS, "--no-open", "--out", folder.name)
+    assert CcrHost(folder.parent)(*words).status == 0
+    return folder
+
+
 @pytest.fixture
-def with_run(ccr_host: CcrHost) -> CcrHost:
-    assert ccr_host("track", "8shape", *PAPERS, "--no-open", "--out", "kept").status == 0
+def with_run(ccr_host: CcrHost, recorded: Path) -> CcrHost:
+    """With the run in the folder "kept"."""
+    shutil.copytree(recorded, ccr_host.folder / "kept")
     return ccr_host
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from ccr_host.record.log import topics
-from tests.system.conftest import PAPERS, CcrHost, logged
+from tests.system.conftest import PAPERS, CcrHost, Ended, logged, write_short_path
 
 SUMMARY_KEYS = {
     "path", "controller", "rate_hz", "steps", "planned_steps", "seed", "device", "tracker",
@@ -18,37 +18,46 @@ SUMMARY_KEYS = {
 
 
 @pytest.mark.parametrize(
-    ("path", "steps", "limit_mm", "paper_mm"),
-    [("ellipse", 80, 4.0, 7.5), ("8shape", 80, 4.0, 7.5), ("star", 100, 5.5, 7.0)],
+    ("path", "steps", "limit_mm", "paper_mm", "open_of_paper_mm"),
+    [
+        ("ellipse", 80, 4.0, 7.5, 22.4),
+        ("8shape", 80, 4.0, 7.5, 21.3),
+        ("star", 100, 5.5, 7.0, 18.5),
+    ],
 )
-def test_the_papers_controller_follows_the_papers_paths_better_than_in_the_paper(
-    ccr_host: CcrHost, path: str, steps: int, limit_mm: float, paper_mm: float
+def test_the_open_loop_comes_out_as_in_the_paper_and_the_papers_controller_better(
+    ccr_host: CcrHost,
+    path: str,
+    steps: int,
+    limit_mm: float,
+    paper_mm: float,
+    open_of_paper_mm: float,
 ) -> None:
     ended = ccr_host("track", path, "--controller", "mpc", "--json")
     assert ended.status == 0, ended.err
     summary = ended.summary
     assert summary["steps"] == steps
     assert summary["mean_error_mm"] <= limit_mm < paper_mm
+    assert summary["open"]["mean_error_mm"] == pytest.approx(open_of_paper_mm, rel=0.05)
     assert summary["mean_error_mm"] < summary["open"]["mean_error_mm"] / 3
     assert summary["link"]["crc_errors"] == 0
     assert summary["missed_deadlines"] == summary["tracker_lost_steps"] == 0
     assert summary["faults"] == []
 
 
-@pytest.mark.parametrize(
-    ("path", "paper_mm"), [("ellipse", 22.4), ("8shape", 21.3), ("star", 18.5)]
-)
-def test_the_open_loop_comes_out_as_in_the_paper(
-    ccr_host: CcrHost, path: str, paper_mm: float
-) -> None:
-    summary = ccr_host("track", path, "--controller", "open-loop", "--json").summary
-    assert summary["mean_error_mm"] == pytest.approx(paper_mm, rel=0.05)
+@pytest.fixture(scope="module")
+def tracked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Ended, Path]:
+    """The output of a short run, and its folder."""
+    ccr_host = CcrHost(tmp_path_factory.mktemp("tracked"))
+    path = write_short_path(ccr_host.folder)
+    ended = ccr_host("track", path, *PAPERS, "--json", "--set", "twin.payload_g=2")
+    assert ended.status == 0, ended.err
+    (folder,) = (ccr_host.folder / "runs").iterdir()
+    return ended, folder
 
 
-def test_the_summary_has_the_keys_that_others_script_against(
-    ccr_host: CcrHost, short_path: str
-) -> None:
-    summary = ccr_host("track", short_path, *PAPERS, "--json").summary
+def test_the_summary_has_the_keys_that_others_script_against(tracked: tuple[Ended, Path]) -> None:
+    summary = tracked[0].summary
     assert set(summary) == SUMMARY_KEYS
     assert set(summary["solve_us"]) == {"median", "p99", "max"}
     assert set(summary["link"]) == {
@@ -74,11 +83,9 @@ def test_equal_seeds_give_equal_results_and_logs(ccr_host: CcrHost, short_path: 
     assert first[0]["mean_error_mm"] != other[0]["mean_error_mm"]
 
 
-def test_a_run_leaves_configuration_log_and_figure(ccr_host: CcrHost, short_path: str) -> None:
-    ended = ccr_host("track", short_path, *PAPERS, "--out", "kept", "--set", "twin.payload_g=2")
-    assert ended.status == 0
-    assert "saved in kept/" in ended.out
-    folder = ccr_host.folder / "kept"
+def test_a_run_leaves_configuration_log_and_figure(tracked: tuple[Ended, Path]) -> None:
+    ended, folder = tracked
+    assert f"saved in runs/{folder.name}/" in ended.err
     run = json.loads((folder / "run.json").read_text())
     assert run["description"]["twin"]["payload_g"] == 2
     assert run["versions"]["ccr_host"]
@@ -87,15 +94,14 @@ def test_a_run_leaves_configuration_log_and_figure(ccr_host: CcrHost, short_path
     assert (folder / "figure.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_json_is_alone_on_standard_output(ccr_host: CcrHost, short_path: str) -> None:
-    ended = ccr_host("track", short_path, *PAPERS, "--json")
+def test_json_is_alone_on_standard_output(tracked: tuple[Ended, Path]) -> None:
+    ended, _ = tracked
     assert json.loads(ended.out)
     assert "tip error" in ended.err, "the table goes to standard error"
 
 
-def test_every_step_records_what_the_board_was_sent(ccr_host: CcrHost, short_path: str) -> None:
-    ccr_host("track", short_path, *PAPERS, "--out", "kept")
-    steps = logged(ccr_host.folder / "kept", topics.STEP)
+def test_every_step_records_what_the_board_was_sent(tracked: tuple[Ended, Path]) -> None:
+    steps = logged(tracked[1], topics.STEP)
     assert all(step["outcome"] == "solved" for step in steps)
     assert all(len(step["q_rad"]) == 2 for step in steps)
 
@@ -106,11 +112,8 @@ def test_a_weaker_camera_shows_in_the_summary(ccr_host: CcrHost, short_path: str
     assert summary["tracker_lost_steps"] > 0
 
 
-def test_runs_folder_is_named_for_the_run(ccr_host: CcrHost, short_path: str) -> None:
-    ccr_host("track", short_path, *PAPERS)
-    (folder,) = (ccr_host.folder / "runs").iterdir()
-    assert folder.name.endswith("-short-mpc")
-    assert (Path(folder) / "run.json").exists()
+def test_a_runs_folder_is_named_for_path_and_controller(tracked: tuple[Ended, Path]) -> None:
+    assert tracked[1].name.endswith("-short-mpc")
 
 
 def test_a_tracker_too_slow_to_be_fresh_is_a_fault_before_anything_is_armed(

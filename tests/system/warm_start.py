@@ -24,6 +24,7 @@ _SERVER.set_forkserver_preload(
         "ccr_host.commands.app",
         "ccr_host.run.campaign",
         "ccr_host.record.keep",
+        "ccr_host.tools.doctor",
         "matplotlib.backends.backend_agg",
         "matplotlib.backends.backend_pdf",
         "matplotlib.backends.backend_svg",
