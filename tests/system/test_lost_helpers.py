@@ -79,7 +79,7 @@ def test_a_comparison_names_the_run_that_is_missing_and_keeps_the_others(
 def test_ctrl_c_ends_a_comparison_with_what_is_there(ccr_host: CcrHost, short_path: str) -> None:
     words = ("--path", short_path, "--path", "8shape", "--controller", "mpc", "--out", "kept")
     process = ccr_host.start("compare", *words, "--controller", "adaptive", "--rate", "20")
-    time.sleep(8)
+    time.sleep(5)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130

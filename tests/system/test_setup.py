@@ -13,6 +13,7 @@ ROBOT = (
     "tracker.rotation_deg=[40,-100,70]",
     "twin.servo_neutral_us=[1589,1411]",
     "twin.servo_us_per_90_deg=[-1000,-1000]",
+    "control.solver=compiled",
 )
 OVERRIDES = [word for key in ROBOT for word in ("--set", key)]
 EIGHT = ("track", "8shape", "--no-open", "--robot", "mine.toml", *OVERRIDES, "--json")

@@ -124,11 +124,11 @@ def running(ccr_host: CcrHost, *words: str) -> Iterator[subprocess.Popen[str]]:
 @pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
 @pytest.mark.parametrize("command", ["track", "view"])
 def test_the_page_is_the_only_socket_and_opens_to_its_token_alone(
-    ccr_host: CcrHost, command: str, host: str
+    ccr_host: CcrHost, short_path: str, command: str, host: str
 ) -> None:
     words = ["track", "8shape", *PAPERS, "--no-open", "--realtime", "--view", f"{host}:0"]
     if command == "view":
-        run = ccr_host("track", "8shape", *PAPERS, "--no-open", "--out", "kept")
+        run = ccr_host("track", short_path, *PAPERS, "--no-open", "--out", "kept")
         assert run.status == 0
         words = ["view", "kept", "--address", f"{host}:0"]
     with running(ccr_host, *words) as process:
