@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +102,23 @@ def _write(file: Path, content: bytes) -> None:
         ) from None
 
 
+def _set_in(table: MutableMapping[str, Any], values: Mapping[str, Any]) -> None:
+    """Set keys of a table; tables in a list of the same length are changed and not replaced."""
+    for key, value in values.items():
+        if key not in table or not _are_tables(table[key], value):
+            table[key] = value
+            continue
+        for there, new in zip(table[key], value, strict=True):
+            _set_in(there, new)
+
+
+def _are_tables(there: object, value: object) -> bool:
+    """Whether both are lists of tables, of the same length."""
+    if not (isinstance(there, list) and isinstance(value, list) and len(there) == len(value)):
+        return False
+    return all(isinstance(member, Mapping) for member in (*there, *value))
+
+
 def updated(text: str, sections: Sections) -> str:
     """Text of a description with new values; comments, order, line endings and other keys stay.
 
@@ -112,8 +129,7 @@ def updated(text: str, sections: Sections) -> str:
         document = tomlkit.parse(text)
         for name, values in sections.items():
             table = document.setdefault(name, tomlkit.table())
-            for key, value in values.items():
-                table[key] = value
+            _set_in(table, values)
         new = tomlkit.dumps(document)
     except (TOMLKitError, TypeError, ValueError, RecursionError) as error:
         raise ConfigError(f"robot description: {error}", "correct the TOML") from None

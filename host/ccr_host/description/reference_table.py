@@ -11,6 +11,7 @@ from typing import Any
 
 from ccr_host.description.schema import Description
 from ccr_host.description.section import bounds, section_model
+from ccr_host.description.segments import Segment, Tendon
 from ccr_host.description.simulation import Push
 from ccr_host.description.source import shipped_descriptions
 
@@ -70,10 +71,11 @@ def reference() -> str:
         for name, field in Description.model_fields.items()
         if name != "name"
     ]
+    segments = _section("robot.segments", Segment), _section("robot.segments.tendons", Tendon)
     push = _section("twin.push", Push)
     shipped = ", ".join(f"`{name}`" for name in shipped_descriptions())
     names = f"\nShipped with the package, by name instead of a file: {shipped}.\n"
-    return "\n".join([_INTRODUCTION + names, *sections, push])
+    return "\n".join([_INTRODUCTION + names, *sections, *segments, push])
 
 
 def _section(name: str, model: Any) -> str:  # noqa: ANN401 - pydantic's annotations

@@ -39,6 +39,7 @@ from ccr_host.description.section import (
     followed_key,
     within,
 )
+from ccr_host.description.segments import Segment
 from ccr_host.description.simulation import GRAVITY_M_S2, PolarisFaults, Tracker, Twin
 from ccr_host.description.source import text_of, tree_of, tree_with
 
@@ -102,6 +103,18 @@ class Robot(Section):
     down, [1, 0, 0] or [-1, 0, 0] on its side, [0, -1, 0] hanging straight down."""
     board_name: Annotated[str, AfterValidator(checked_board_name)] = ""
     """Name that the board must have, unless empty; see `ccr-host calibrate --board-name`."""
+    segments: Annotated[tuple[Segment, ...], Field(max_length=12)] = ()
+    """A robot of another kind, from the base to the tip, instead of the lengths and the radius
+    above. So far only `ccr-host identify` reads such robots."""
+
+    @model_validator(mode="after")
+    def _motors_are_counted_from_1(self) -> Robot:
+        used = {tendon.motor for segment in self.segments for tendon in segment.tendons}
+        if missing := set(range(1, max(used, default=0) + 1)) - used:
+            raise ValueError(
+                f"robot.segments: no tendon is wound by motor {min(missing)} of {max(used)}"
+            )
+        return self
 
 
 class Servo(Section):
@@ -306,7 +319,25 @@ class Description(Section):
 
 
 def load(source: str | None = None, overrides: Iterable[str] = ()) -> Description:
-    """Read a description and apply overrides.
+    """Read the description of a robot with two planar segments and apply overrides.
+
+    Args and errors as those of :func:`load_any`.
+
+    Raises:
+        ConfigError: also if it describes a robot of another kind.
+    """
+    description = load_any(source, overrides)
+    if description.robot.segments:
+        raise ConfigError(
+            f"robot.segments in {source}: so far only ccr-host identify reads robots of any number "
+            "of segments",
+            "describe two planar segments with robot.segment_lengths_mm and tendon_radius_mm",
+        )
+    return description
+
+
+def load_any(source: str | None = None, overrides: Iterable[str] = ()) -> Description:
+    """Read a description of a robot of any kind and apply overrides.
 
     Args:
         source: a TOML file, or the name of a shipped description; None for the default.

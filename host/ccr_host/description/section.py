@@ -182,7 +182,8 @@ def _known_instead(location: Location, whole: Model) -> str:
     *_, last = location
     model: Any = whole
     for part in location[:-1]:
-        model = section_model(model.model_fields[part].annotation)
+        if isinstance(part, str):
+            model = section_model(model.model_fields[part].annotation)
     known = sorted(model.model_fields)
     meant = [
         f"{name}.{last}"

@@ -256,7 +256,8 @@ def fit_to(scaling: Scaling, rests: Rests, predict: Predict | None = None) -> St
 
 def digest_of(description: Description) -> str:
     """Digest of everything in a description that its identified rests depend on."""
-    registration, robot = description.registration, description.robot.model_dump()
+    registration = description.registration
+    robot = description.robot.model_dump(exclude={"segments"})
     if description.robot.gravity_direction == Robot().gravity_direction:
         # Files identified before the key existed stay valid.
         del robot["gravity_direction"]
