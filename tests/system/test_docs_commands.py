@@ -13,12 +13,15 @@ import sys
 import textwrap
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomlkit
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 from ccr_host.commands.app import app
+from ccr_host.description.schema import Robot
+from ccr_host.robot.kinematics import ConstantCurvature
 from tests.conformance.firmware_build import firmware_elf
 from tests.system.conftest import COMMAND, PATIENCE_S, CcrHost
 from tests.system.driven_terminal import DrivenTerminal
@@ -109,12 +112,22 @@ def at_work(ccr_host: CcrHost, recorded_run: Path) -> CcrHost:
     """A folder with the files that the docs describe."""
     (ccr_host.folder / "my-robot.toml").write_text('name = "my robot"\n')
     write_short_path(ccr_host.folder)
+    write_rests(ccr_host.folder / "rests.csv")
     shutil.copytree(recorded_run, ccr_host.folder / "kept")
     return ccr_host
 
 
 def write_short_path(folder: Path) -> None:
     (folder / "short.csv").write_text("t_s,y_mm,z_mm\n0,0,30\n3,6,33\n")
+
+
+def write_rests(file: Path) -> None:
+    """Rests of a robot as described, bent to and fro by both motors."""
+    q_deg = 35.0 * np.sin(np.linspace(0.0, 12.0, 30)[:, None] * [1.0, 1.7])
+    tip_mm = ConstantCurvature(Robot()).tip_mm(np.radians(0.8 * q_deg))
+    rows = np.column_stack([np.arange(30.0), q_deg, tip_mm])
+    header = "t_s,q1_deg,q2_deg,tip_x_mm,tip_y_mm,tip_z_mm"
+    np.savetxt(file, rows, delimiter=",", header=header, comments="")
 
 
 @pytest.mark.parametrize("line", to_be_run())

@@ -13,6 +13,7 @@ from ccr_host.commands.doctor import doctor
 from ccr_host.commands.emulate import emulate
 from ccr_host.commands.export import export
 from ccr_host.commands.flash import flash
+from ccr_host.commands.identify import identify
 from ccr_host.commands.jog import jog
 from ccr_host.commands.monitor import monitor
 from ccr_host.commands.register import register
@@ -34,7 +35,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     *(track, compare, workspace, sweep),
-    *(setup, doctor, flash, calibrate, register, jog, monitor, emulate),
+    *(setup, doctor, flash, calibrate, register, identify, jog, monitor, emulate),
     *(view, replay, report, export),
 )
 for command in _COMMANDS:

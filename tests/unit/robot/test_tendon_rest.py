@@ -1,0 +1,141 @@
+"""Rest of any robot on tendons, by its physical consequences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ccr_host.description.schema import Robot
+from ccr_host.description.segments import Segment, Tendon
+from ccr_host.robot.chain import PAPER_FRAME, point_mm, tip_weights
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.tendon_rest import TendonRobot
+from ccr_host.tools.chain_fit import ChainModel
+
+STIFF = 1e-4
+"""Compliance of tendons that hardly stretch."""
+
+
+def three_tendons(segment: int, compliance: float = 0.1, **keys: float) -> Segment:
+    """A spatial segment whose tendons are turned against those of the earlier ones."""
+    tendons = tuple(
+        Tendon(angle_deg=30.0 * segment + 120.0 * number, motor=3 * segment + number + 1)
+        for number in range(3)
+    )
+    return Segment(
+        length_mm=60.0, tendon_radius_mm=4.5, compliance=compliance, tendons=tendons, **keys
+    )
+
+
+def robot_of(*segments: Segment) -> TendonRobot:
+    motors = max(tendon.motor for s in segments for tendon in s.tendons)
+    model = ChainModel(segments, np.zeros((1, motors)))
+    score = model.nothing
+    for number, unknown in enumerate(model.unknowns):
+        if unknown.kind == "dead_travel":
+            score[number] = -unknown.mean / unknown.deviation
+    return model.robot(score)
+
+
+def random_travel(motors: int, rows: int = 40) -> np.ndarray:
+    return np.random.default_rng(3).uniform(-2.0, 4.0, (rows, motors))
+
+
+def test_at_rest_no_moment_is_left():
+    robot = robot_of(three_tendons(0, sag=0.03), three_tendons(1, sag=0.02), three_tendons(2))
+    travel = random_travel(9)
+    y = robot.rest(travel)
+    assert np.abs(robot.moments(y, travel)).max() < 1e-7
+
+
+def test_stiffness_is_the_slope_of_the_moments_and_moments_that_of_the_energy():
+    robot = robot_of(three_tendons(0, sag=0.03), three_tendons(1))
+    robot.load_mm[:] = 1e-3, -5e-4, 2e-3
+    travel = random_travel(6)
+    y = np.random.default_rng(4).standard_normal((len(travel), 4))
+    stiffness, moments = robot.stiffness_matrix(y, travel), robot.moments(y, travel)
+    for way, step in enumerate(1e-6 * np.eye(4)):
+        slope = (robot.moments(y + step, travel) - robot.moments(y - step, travel)) / 2e-6
+        assert stiffness[:, way] == pytest.approx(slope, abs=1e-4)
+        slope = (robot.energy(y + step, travel) - robot.energy(y - step, travel)) / 2e-6
+        assert moments[:, way] == pytest.approx(slope, abs=1e-6)
+
+
+def test_what_is_common_to_the_tendons_of_a_segment_is_pretension_and_bends_nothing():
+    robot = robot_of(three_tendons(0), three_tendons(1))
+    travel = 2.0 + 0.3 * random_travel(6)
+    more = travel + np.repeat([1.0, 2.5], 3)
+    assert robot.rest(more) == pytest.approx(robot.rest(travel), abs=1e-6)
+
+
+def test_taut_tendons_without_load_are_linear_least_squares():
+    robot = robot_of(three_tendons(0), three_tendons(1))
+    travel = 5.0 + 0.3 * random_travel(6)
+    routes = np.tensordot(robot.lever_mm, robot.freedom, axes=((1, 2), (1, 2)))
+    weighted = routes.T * robot.tendon_stiffness_mm2
+    stiffness = np.diag(np.repeat(robot.stiffness, 2))
+    linear = np.linalg.solve(weighted @ routes + stiffness, weighted @ travel.T).T
+    assert robot.rest(travel) == pytest.approx(linear, abs=1e-9)
+
+
+def test_slack_tendons_never_push():
+    robot = robot_of(three_tendons(0))
+    pulled = np.array([[3.0, -2.0, -2.0], [3.0, -10.0, -10.0]])
+    y = robot.rest(pulled)
+    assert y[0] == pytest.approx(y[1])
+    assert y[1, 0] > 0.3
+    assert robot.rest(np.full((1, 3), -2.0)) == pytest.approx(np.zeros((1, 2)), abs=1e-9)
+
+
+def test_a_tendon_of_the_second_segment_alone_bends_both_alike():
+    robot = robot_of(three_tendons(0), three_tendons(1))
+    bend = robot.bend_rad(robot.rest(np.array([[-9.0, -9.0, -9.0, 4.0, -9.0, -9.0]])))[0]
+    assert bend[0] == pytest.approx(bend[1])
+    assert np.degrees(np.arctan2(bend[0, 1], bend[0, 0])) == pytest.approx(30.0)
+
+
+def test_a_soft_segment_bends_more_under_the_same_tendon():
+    robot = robot_of(three_tendons(0), three_tendons(1, stiffness=0.5))
+    bend = robot.bend_rad(robot.rest(np.array([[-9.0, -9.0, -9.0, 4.0, -9.0, -9.0]])))[0]
+    assert np.linalg.norm(bend[1]) == pytest.approx(2.0 * np.linalg.norm(bend[0]))
+
+
+def test_the_papers_robot_is_one_description_of_it():
+    paper = Robot()
+    # Each motor winds a pair; the tendons of segment 2 pass segment 1 on its neutral axis.
+    segments = tuple(
+        Segment(
+            length_mm=length,
+            tendon_radius_mm=paper.tendon_radius_mm,
+            bends="plane",
+            direction_deg=direction,
+            compliance=STIFF,
+            tendons=(
+                Tendon(angle_deg=direction, motor=motor),
+                Tendon(angle_deg=direction + 180.0, motor=motor, winding=-1),
+            ),
+        )
+        for motor, direction, length in zip(
+            (1, 2), (90.0, 0.0), paper.segment_lengths_mm, strict=True
+        )
+    )
+    q = np.random.default_rng(5).uniform(-1.0, 1.0, (50, 2))
+    model = ChainModel(segments, paper.pulley_radius_mm * q)
+    score = model.nothing
+    for number, unknown in enumerate(model.unknowns):
+        if unknown.kind == "dead_travel":
+            score[number] = -unknown.mean / unknown.deviation
+    bend = model.bend_rad(score, np.arange(len(q)))
+    offset = np.array([0.0, paper.marker_offset_mm, 0.0])
+    tip, _ = point_mm(paper.segment_lengths_mm, bend, tip_weights(2, offset))
+    expected = ConstantCurvature(paper).tip_mm(q)
+    assert (tip - offset) @ PAPER_FRAME.T == pytest.approx(expected, abs=0.02)
+
+
+def test_weight_to_one_side_bends_the_robot_that_way():
+    robot = robot_of(three_tendons(0), three_tendons(1))
+    robot.load_mm[0] = -1e-3
+    loose = np.full((1, 6), -9.0)
+    bend = robot.bend_rad(robot.rest(loose))[0]
+    assert bend[0, 0] > bend[1, 0] > 0.0
+    assert bend[:, 1] == pytest.approx([0.0, 0.0], abs=1e-9)
