@@ -105,6 +105,9 @@ residual, as its errors are correlated in neighbouring rests."""
 _USUAL_TURN_DEG = 0.5
 """Standard deviation of a registration that does not state it."""
 _LEAST_TURN_DEG = 0.1
+_ROBOT_TURN_DEG = 1.0
+"""Standard deviation of a turn that is the robot's own: bending planes that are off by a degree and
+other errors of the model look like a turned camera."""
 _FREE_ZERO_RAD = 0.8
 """Range of the zeros: the horn of a servo fits on its spline every 14.4 deg."""
 
@@ -197,8 +200,12 @@ class Scaling:
         self._known = np.append(up, robot.tendon_radius_mm)
         self._noise_mm = math.hypot(_RINGING_MM, noise_mm / math.sqrt(3.0))
         self._mean, self._deviation = prior.mean, prior.deviation
+        self.camera_share = 1.0
+        """Share of an estimated turn that is the camera's; all of it if it was not registered."""
         if turn_deviation_rad is not None:
             self._deviation[TURNS] = turn_deviation_rad
+            variance = float(np.mean(np.square(turn_deviation_rad)))
+            self.camera_share = variance / (variance + math.radians(_ROBOT_TURN_DEG) ** 2)
         if zero_deviation_rad is not None:
             self._deviation[ZEROS] = zero_deviation_rad
             prior.lower[ZEROS], prior.upper[ZEROS] = -_FREE_ZERO_RAD, _FREE_ZERO_RAD

@@ -44,6 +44,22 @@ def test_under_a_camera_that_was_never_registered_too(path: str) -> None:
     assert error_mm(path, OFF) < 1.15 * error_mm(path)
 
 
+@pytest.mark.long
+def test_bending_planes_that_are_off_are_not_taken_for_a_registered_camera_that_is_turned() -> None:
+    registered = REGISTERED[0], "control.solver=compiled"
+    wrong = "twin.bending_plane_turn_deg=[1.5,1.5]", "twin.stiffness_taper=[0.13,0.13]"
+    assert error_mm("8shape", *registered, *wrong) < 2.0 * error_mm("8shape", *registered)
+
+
+def test_the_better_a_registration_is_known_the_less_of_a_turn_is_the_cameras() -> None:
+    robot = schema.load().robot
+    shares = [Scaling(robot, np.radians(deg)).camera_share for deg in (0.1, 0.5, 1.0, 3.0)]
+    assert Scaling(robot).camera_share == 1.0
+    assert shares == sorted(shares)
+    assert shares[0] < 0.02
+    assert shares[-1] > 0.8
+
+
 def test_the_end_of_segment_1_tells_a_zero_from_a_turned_camera() -> None:
     scaling = Scaling.of(schema.load())
     truth = scaling.parameters(np.zeros(COUNT))._replace(zero_1_rad=0.06, turn_x_rad=-0.05)
