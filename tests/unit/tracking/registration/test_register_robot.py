@@ -43,8 +43,12 @@ class InRobotFrame:
 
     def newest(self):
         sample = self.tracker.newest()
-        if sample is None:
-            return None
+        return None if sample is None else self.turned(sample)
+
+    def arrived(self):
+        return [self.turned(sample) for sample in self.tracker.arrived()]
+
+    def turned(self, sample):
         return Sample(sample.exposed_us, sample.markers_mm @ self.camera_to_robot.T)
 
     def trouble(self) -> str:
