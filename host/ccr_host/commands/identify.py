@@ -54,6 +54,7 @@ def identify(
 
     Example: ccr-host identify rests.csv --robot my-robot.toml
     """
+    import datetime
     import re
 
     import numpy as np
@@ -77,7 +78,13 @@ def identify(
     if unwanted is not None:
         stays = [unwanted.search(name) is None for name in measured.pattern.tolist()]
         measured = measured.kept(np.array(stays, dtype=np.bool_))
-    found = identify_robot(description, measured, train_share=train, one_plane=one_plane)
+    found = identify_robot(
+        description,
+        measured,
+        date=datetime.date.today(),
+        train_share=train,
+        one_plane=one_plane,
+    )
     sweeps, home = sweeps_of(measured), home_of(measured)
     screen = console(on_stderr=as_json)
     screen.print(_residuals(found))

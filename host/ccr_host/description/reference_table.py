@@ -9,9 +9,8 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from ccr_host.description.schema import Description
+from ccr_host.description.schema import Description, Segment, Tendon
 from ccr_host.description.section import bounds, section_model
-from ccr_host.description.segments import Segment, Tendon
 from ccr_host.description.simulation import Push
 from ccr_host.description.source import shipped_descriptions
 

@@ -9,7 +9,6 @@ positions (``identified``). Every key has a unit in its name and a range; unknow
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -27,6 +26,7 @@ from ccr_host.core.errors import ConfigError
 from ccr_host.description.section import (
     LEAST_SPAN_US,
     Both,
+    Direction,
     MarkerOffset,
     PulleyRadius,
     Pulse,
@@ -39,19 +39,15 @@ from ccr_host.description.section import (
     followed_key,
     within,
 )
-from ccr_host.description.segments import Segment
 from ccr_host.description.simulation import GRAVITY_M_S2, PolarisFaults, Tracker, Twin
 from ccr_host.description.source import text_of, tree_of, tree_with
 
 Pair = tuple[float, float]
-Vector3 = tuple[float, float, float]
 T = TypeVar("T")
 LONGEST_BOARD_NAME = 16
 """Characters that the board can store."""
 
 _Angle = Annotated[float, within(-135, 135)]
-_Share = Annotated[float, within(-1e6, 1e6)]
-_LEAST_LENGTH = 1e-6
 _LEAST_RANGE_DEG = 1.0
 _LEAST_PULSE_RANGE_US = 1.0
 """The board counts in steps of 0.5 us."""
@@ -74,13 +70,49 @@ def checked_board_name(name: str) -> str:
     return name
 
 
-def _unit(vector: Vector3) -> Vector3:
-    """The vector with length 1; zeros lose their sign, so that equal directions look equal."""
-    length = math.hypot(*vector)
-    if length < _LEAST_LENGTH:
-        raise ValueError(f"{list(vector)} has no direction")
-    x, y, z = (part / length + 0.0 for part in vector)
-    return x, y, z
+class Tendon(Section):
+    """A tendon of a robot of any number of segments, `[[robot.segments.tendons]]`."""
+
+    angle_deg: Turn
+    """Place of its holes about the backbone, from x towards y of the base."""
+    motor: Annotated[int, within(1, 12)]
+    """The motor that winds it."""
+    winding: Annotated[int, within(-1, 1)] = 1
+    """1 if the motor pulls it in the positive direction, -1 in the other."""
+    slack_mm: Annotated[float, within(-100, 100)] = 0.0
+    """Travel that takes up its slack; negative for a tendon that is taut at rest."""
+
+    @model_validator(mode="after")
+    def _is_wound(self) -> Tendon:
+        if self.winding == 0:
+            raise ValueError("robot.segments.tendons.winding = 0 is neither 1 nor -1")
+        return self
+
+
+class Segment(Section):
+    """A segment of a robot of any number of segments, from the base, `[[robot.segments]]`.
+
+    The last four keys are what `ccr-host identify` finds besides the geometry.
+    """
+
+    length_mm: SegmentLength
+    """Length of its backbone."""
+    tendon_radius_mm: TendonRadius
+    """From the tendon holes to the backbone."""
+    bends: Literal["plane", "space"] = "space"
+    """In one plane, or in any direction."""
+    direction_deg: Turn = 0.0
+    """Direction in which a segment bends that bends in a plane, measured as tendons' angles."""
+    stiffness: Annotated[float, within(0.01, 100)] = 1.0
+    """Its bending stiffness over that of the first segment."""
+    compliance: Annotated[float, within(1e-4, 100)] = 0.05
+    """Additional motor angle due to the stretch of its tendons, over the bending angle."""
+    sag: Annotated[float, within(-1, 1)] = 0.0
+    """Slack in tendon radii that bending adds to every tendon, per rad^2."""
+    dead_travel_mm: Annotated[float, within(0, 100)] = 0.0
+    """Travel that its tendons lose after each reversal, half on either side."""
+    tendons: Annotated[tuple[Tendon, ...], Field(min_length=1, max_length=12)]
+    """The tendons that end at its last disk; they run through all earlier segments."""
 
 
 class Robot(Section):
@@ -94,11 +126,7 @@ class Robot(Section):
     """d_m, from the centre of the disk to the marker."""
     pulley_radius_mm: PulleyRadius = 12.5
     """r_p, radius of the pulley on the servo."""
-    gravity_direction: Annotated[tuple[_Share, _Share, _Share], AfterValidator(_unit)] = (
-        0.0,
-        0.0,
-        -1.0,
-    )
+    gravity_direction: Direction = (0.0, 0.0, -1.0)
     """Direction of gravity in the frame of (10): [0, 0, 1] for a robot mounted upside
     down, [1, 0, 0] or [-1, 0, 0] on its side, [0, -1, 0] hanging straight down."""
     board_name: Annotated[str, AfterValidator(checked_board_name)] = ""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 from collections.abc import Iterable
 from functools import cache
 from types import NoneType
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
 T = TypeVar("T")
@@ -71,6 +72,21 @@ PulseSpan = Annotated[float, within(-2000, 2000)]
 LEAST_SPAN_US = 50.0
 FULL_TURN_DEG = 360
 Turn = Annotated[float, within(-FULL_TURN_DEG, FULL_TURN_DEG)]
+_Share = Annotated[float, within(-1e6, 1e6)]
+_LEAST_LENGTH = 1e-6
+
+
+def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The vector with length 1; zeros lose their sign, so that equal directions look equal."""
+    length = math.hypot(*vector)
+    if length < _LEAST_LENGTH:
+        raise ValueError(f"{list(vector)} has no direction")
+    x, y, z = (part / length + 0.0 for part in vector)
+    return x, y, z
+
+
+Direction = Annotated[tuple[_Share, _Share, _Share], AfterValidator(_unit)]
+"""A vector of any length, which becomes 1."""
 
 
 def as_in(key: str) -> dict[str, Any]:

@@ -309,11 +309,15 @@ class _PathRun:
 
     def _observation(self, step: int, time_us: int, sample: Sample | None) -> Observation:
         q_rad = self._rig.client.accepted_rad
-        earlier = tuple(
-            Picture(one.tip_mm, time_us - one.exposed_us, one.middle_mm)
-            for one in self._watch.take()
-            if one is not sample
-        )
+        untaken = self._watch.untaken
+        earlier: tuple[Picture, ...] = ()
+        if untaken and untaken[-1] is sample:
+            untaken.pop()
+        if untaken:
+            earlier = tuple(
+                Picture(one.tip_mm, time_us - one.exposed_us, one.middle_mm) for one in untaken
+            )
+            untaken.clear()
         if sample is None:
             return Observation(step, time_us, None, 0, q_rad, earlier=earlier)
         age_us = time_us - sample.exposed_us

@@ -35,7 +35,8 @@ class MarkerWatch:
         self._longest_look_away_us = 2 * max(period_us, _LOOK_PERIOD_US)
         self._last_seen_us = self._looked_us = 0
         self._newest: Sample | None = None
-        self._untaken: deque[Sample] = deque(maxlen=MOST_ARRIVED)
+        self.untaken: deque[Sample] = deque(maxlen=MOST_ARRIVED)
+        """Measurements that can be the robot's, oldest first; the loop empties it."""
         self._fresh_us = -1
 
     def wait_for_markers(self) -> None:
@@ -55,10 +56,10 @@ class MarkerWatch:
         """Note that the robot moves, and count lost markers and collect samples from now on."""
         if self._check is not None:
             self._check.robot_moves()
-        self._fresh_us = now_us = self._rig.clock.now_us()
-        self._look(now_us)
-        self._last_seen_us = now_us
-        self._untaken.clear()
+        now_us = self._rig.clock.now_us()
+        self.fresh_sample(now_us)
+        self._last_seen_us = self._looked_us = now_us
+        self.untaken.clear()
 
     def fresh_sample(self, now_us: int) -> Sample | None:
         """Newest measurement that can be the robot's; None if it is stale.
@@ -70,25 +71,16 @@ class MarkerWatch:
         """
         if now_us != self._fresh_us:
             self._fresh_us = now_us
-            self._look(now_us)
+            away_us, self._looked_us = now_us - self._looked_us, now_us
+            if away_us > self._longest_look_away_us:
+                self._last_seen_us += away_us
+            for sample in self._rig.tracker.arrived():
+                if self._check is None or self._check.accepts(sample):
+                    self._newest = sample
+                    self._last_seen_us = max(self._last_seen_us, sample.exposed_us)
+                    self.untaken.append(sample)
         newest = self._newest
         return None if newest is None or now_us - newest.exposed_us > self._stale_us else newest
-
-    def take(self) -> list[Sample]:
-        """The measurements since the last call that can be the robot's, oldest first."""
-        taken = list(self._untaken)
-        self._untaken.clear()
-        return taken
-
-    def _look(self, now_us: int) -> None:
-        away_us, self._looked_us = now_us - self._looked_us, now_us
-        if away_us > self._longest_look_away_us:
-            self._last_seen_us += away_us
-        for sample in self._rig.tracker.arrived():
-            if self._check is None or self._check.accepts(sample):
-                self._newest = sample
-                self._last_seen_us = max(self._last_seen_us, sample.exposed_us)
-                self._untaken.append(sample)
 
     def look(self, now_us: int) -> tuple[Sample | None, bool]:
         """Newest measurement or None, and whether the pose must be held.

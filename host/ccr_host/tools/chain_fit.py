@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from ccr_host.description.segments import Segment
+from ccr_host.description.schema import Segment
 from ccr_host.robot.chain import Weights, point_mm, tip_weights
 from ccr_host.robot.tendon_rest import TendonRobot
 

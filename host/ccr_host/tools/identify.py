@@ -21,8 +21,7 @@ from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.parameters import COUNT, PUSHES, Parameters, Scaling
 from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.description.file import Sections
-from ccr_host.description.schema import Description
-from ccr_host.description.segments import Segment
+from ccr_host.description.schema import Description, Segment
 from ccr_host.robot.rests import Rests
 from ccr_host.tools.chain_fit import ChainFit, ChainModel, fit_chain
 from ccr_host.tools.measured import FEWEST_ROWS, Measured
@@ -103,6 +102,7 @@ def identify(
     description: Description,
     measured: Measured,
     *,
+    date: datetime.date,
     train_share: float = 0.5,
     one_plane: bool = False,
 ) -> Identification:
@@ -111,6 +111,7 @@ def identify(
     Args:
         description: the robot.
         measured: the measurements.
+        date: the day noted in the description.
         train_share: share of the time for the fit.
         one_plane: only rows in which the description bends all segments within one plane.
 
@@ -138,7 +139,7 @@ def identify(
         raise ConfigError(
             "--one-plane is for robots described by robot.segments", "omit --one-plane"
         )
-    return _identify_two_motors(description, measured, train_share)
+    return _identify_two_motors(description, measured, train_share, date)
 
 
 def _motors_of(segments: Sequence[Segment]) -> int:
@@ -159,7 +160,7 @@ def _split(time_s: FloatArray, rows: Rows, train_share: float) -> tuple[Rows, Ro
 
 
 def _identify_two_motors(
-    description: Description, measured: Measured, train_share: float
+    description: Description, measured: Measured, train_share: float, date: datetime.date
 ) -> Identification:
     pulley_mm = description.robot.pulley_radius_mm
     q_rad = measured.command / (pulley_mm if measured.unit == "mm" else 1.0)
@@ -184,7 +185,7 @@ def _identify_two_motors(
     off_mm = measured.tip_mm - model_mm
     score, covariance = fitted(everything)
     kept = rests_at(_rests_to_keep(q_rad))
-    section = identified_section(kept, description, datetime.date.today())
+    section = identified_section(kept, description, date)
     if not np.isfinite(kept.vectors_mm).all():
         del section["middle_mm"]
     mean, ahead = (np.array(scaling.parameters(np.full(COUNT, s))) for s in (0.0, 1.0))

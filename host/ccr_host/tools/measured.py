@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NoReturn
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.core.user_file import lines_of, printable, read_text
+from ccr_host.core.text_table import UNIT, TextTable, in_ascii, is_number, shown
 
 FloatArray = NDArray[np.float64]
 
@@ -21,9 +20,12 @@ COLUMNS = "t_s,pattern,q1_deg,q2_deg,...,tip_x_mm,tip_y_mm,tip_z_mm"
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3}
 _COMMANDS = {"deg": math.radians(1.0), "rad": 1.0, **_MILLIMETRES}
-_NUMBERS = re.compile(r"(t|q[1-9]\d*|(?:tip|middle)_[xyz])(?:_(\w+))?")
+_COLUMN = re.compile(rf"(t|q[1-9]\d*|(?:tip|middle)_[xyz]){UNIT}")
+_NOT_SEEN = ("", "nan")
+"""In place of a coordinate of M2."""
 _UNITS = {"t": _SECONDS, "q": _COMMANDS, "tip": _MILLIMETRES, "middle": _MILLIMETRES}
 _WORDS = ("pattern", "count")
+_TIP = ("tip_x", "tip_y", "tip_z")
 _MOST_BYTES = 100_000_000
 FEWEST_ROWS = 20
 _CONSTANT = 1e-9
@@ -57,138 +59,101 @@ class Measured:
         )
 
 
+@dataclass(frozen=True)
+class _Columns:
+    names: list[str]
+    """``t``, ``q1``, ``tip_x`` and so on, or a word, for each column."""
+    factors: list[float]
+    """From each column's unit to s, rad or mm; 0 for words."""
+    unit: Literal["rad", "mm"]
+    """Unit of the commands."""
+
+
 def read_measured(file: Path) -> Measured:
     """Read and check a file of measurements; the format is that of docs/identify.md.
 
     Raises:
         ConfigError: states the file, the line or column, what is wrong with it and the cure.
     """
-    text, _ = read_text(
-        file, "measurements", f"give a CSV file with the columns {COLUMNS}", _MOST_BYTES
-    )
-    lines = [(n, line) for n, line in enumerate(lines_of(text), 1) if line.strip()]
-    lines = [(n, line) for n, line in lines if not line.startswith("#")]
-    if not lines:
-        raise ConfigError(f"measurements {file}: empty", f"give the columns {COLUMNS}")
-    names = [cell.strip() for cell in next(csv.reader([lines[0][1]]))]
-    units = _units_of(file, names)
-    rows = lines[1:]
-    if len(rows) < FEWEST_ROWS:
+    table = TextTable("measurements", file, COLUMNS, _MOST_BYTES, _columns)
+    rows = len(table.lines)
+    if rows < FEWEST_ROWS:
         raise ConfigError(
-            f"measurements {file}: {len(rows)} row{'s' * (len(rows) != 1)}, which identify nothing",
+            f"{table.name}: {rows} row{'s' * (rows != 1)}, which identify nothing",
             f"give {FEWEST_ROWS} rows or more: rests over the whole workspace",
         )
-    numbers = np.empty((len(rows), len(units)))
-    patterns = []
-    for place, (line, row) in enumerate(rows):
-        cells = next(csv.reader([row]))
-        if len(cells) != len(names):
-            _refuse(file, line, f"{len(cells)} values for {len(names)} columns", "complete the row")
-        of = dict(zip(names, cells, strict=True))
-        numbers[place] = [_number(file, line, name, of[name]) * units[name] for name in units]
-        patterns.append(of.get("pattern", "").strip())
-    table = dict(zip(units, numbers.T, strict=True))
-    return _measured(file, [line for line, _ in rows], table, patterns)
-
-
-def _units_of(file: Path, names: list[str]) -> dict[str, float]:
-    """The factor of each column of numbers, by its name in the file."""
-    units: dict[str, float] = {}
-    found: dict[str, str] = {}
-    for name in names:
-        column = _NUMBERS.fullmatch(name)
-        if name in _WORDS:
-            continue
-        if column is None:
-            raise ConfigError(
-                f"measurements {file}: unknown column {printable(name, 30)!r}",
-                f"known: {COLUMNS}, middle_x_mm, middle_y_mm, middle_z_mm, count",
-            )
-        known = _UNITS[re.sub(r"_.*|\d+", "", column[1])]
-        if column[2] not in known:
-            what = "no unit" if column[2] is None else f"the unit {printable(column[2], 20)!r}"
-            raise ConfigError(
-                f"measurements {file}: column {name!r} has {what}",
-                f"name the column {column[1]}_{' or _'.join(known)}",
-            )
-        if column[1] in found:
-            raise ConfigError(f"measurements {file}: {column[1]} is there twice", "remove one")
-        found[column[1]] = name
-        units[name] = known[column[2]]
-    motors = [name for name in found if name.startswith("q")]
-    if not motors:
-        _missing(file, "q1_deg or q1_mm")
-    for needed in ("t_s", *(f"q{n + 1}" for n in range(len(motors))), *_axes("tip")):
-        if re.sub(r"_(s|mm)$", "", needed) not in found:
-            _missing(file, needed)
-    lengths = [m for m in motors if found[m].rpartition("_")[2] in _MILLIMETRES]
-    if lengths and len(lengths) < len(motors):
-        raise ConfigError(
-            f"measurements {file}: {found[lengths[0]]} is tendon travel, but others are angles",
-            "give all commands as travel or all as angles",
-        )
-    return units
-
-
-def _axes(of: str) -> tuple[str, ...]:
-    return tuple(f"{of}_{axis}_mm" for axis in "xyz")
-
-
-def _missing(file: Path, column: str) -> NoReturn:
-    raise ConfigError(
-        f"measurements {file}: no column {column}", f"give the columns {COLUMNS}; q are the motors"
-    )
-
-
-def _number(file: Path, line: int, name: str, cell: str) -> float:
-    text = cell.strip()
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value) and not (name.startswith("middle") and text.lower() in ("", "nan")):
-        _refuse(
-            file,
-            line,
-            f"{name} = {printable(text, 20)!r} is not a finite number",
-            "leave out rows in which something was not measured",
-        )
-    return value
-
-
-def _measured(
-    file: Path, lines: list[int], table: dict[str, FloatArray], patterns: list[str]
-) -> Measured:
-    by_name = {_base(name): column for name, column in table.items()}
-    time_s = by_name["t"]
-    for line, later in zip(lines[1:], np.diff(time_s) > 0.0, strict=True):
+    columns = table.columns
+    values: dict[str, FloatArray] = {name: np.full(rows, math.nan) for name in columns.names}
+    patterns = [""] * rows
+    for row, (line, cells) in enumerate(table.rows()):
+        described = zip(columns.names, columns.factors, table.written, cells, strict=True)
+        for name, factor, written, cell in described:
+            if name == "pattern":
+                patterns[row] = cell
+            elif name not in _WORDS and not (
+                name.startswith("middle") and cell.lower() in _NOT_SEEN
+            ):
+                values[name][row] = factor * table.number(line, written, cell)
+    for (line, _), later in zip(table.lines[1:], np.diff(values["t"]) > 0.0, strict=True):
         if not later:
-            _refuse(file, line, "the time does not increase", "sort the rows by time, once each")
-    motors = sorted((n for n in by_name if n.startswith("q")), key=lambda name: int(name[1:]))
-    command = np.stack([by_name[name] for name in motors], axis=-1)
-    for name, range_of in zip(motors, np.ptp(command, axis=0), strict=True):
+            table.refuse(line, "the time does not increase", "sort the rows by time, once each")
+    command = np.stack([values[name] for name in _motors(columns.names)], axis=-1)
+    for number, range_of in enumerate(np.ptp(command, axis=0), 1):
         if range_of < _CONSTANT:
             raise ConfigError(
-                f"measurements {file}: {name} never changes, so nothing of that motor shows",
+                f"{table.name}: q{number} never changes, so nothing of that motor shows",
                 "record motions of every motor",
             )
-    lengths = any(
-        name.startswith("q") and name.rpartition("_")[2] in _MILLIMETRES for name in table
-    )
-    nothing = np.full(len(time_s), math.nan)
+    nothing = np.full(rows, math.nan)
     return Measured(
-        time_s,
+        values["t"],
         command,
-        "mm" if lengths else "rad",
-        np.stack([by_name[f"tip_{axis}"] for axis in "xyz"], axis=-1),
-        np.stack([by_name.get(f"middle_{axis}", nothing) for axis in "xyz"], axis=-1),
+        columns.unit,
+        np.stack([values[f"tip_{axis}"] for axis in "xyz"], axis=-1),
+        np.stack([values.get(f"middle_{axis}", nothing) for axis in "xyz"], axis=-1),
         np.array(patterns, dtype=np.str_),
     )
 
 
-def _base(name: str) -> str:
-    return name.rpartition("_")[0]
+def _columns(cells: list[str]) -> _Columns | str:
+    """The columns, or why they are not clear."""
+    if all(map(is_number, cells)):
+        return f"numbers without a header {COLUMNS}"
+    names: list[str] = []
+    factors: list[float] = []
+    units: dict[str, str] = {}
+    for cell in cells:
+        name = in_ascii(cell)
+        column = _COLUMN.fullmatch(name)
+        if column is not None:
+            name, unit = column[1], column[2] or column[3]
+            known = _UNITS[re.sub(r"_.*|\d+", "", name)]
+            if unit not in known:
+                what = "no unit" if unit is None else f"the unit {shown(unit)}"
+                return f"column {shown(cell)} has {what}, not one of {', '.join(known)}"
+            units[name] = unit
+        elif name not in _WORDS:
+            return f"unknown column {shown(cell)}"
+        if name in names:
+            return f"{name} is there twice"
+        names.append(name)
+        factors.append(0.0 if column is None else known[unit])
+    return _incomplete(names, units) or _Columns(
+        names, factors, "mm" if units["q1"] in _MILLIMETRES else "rad"
+    )
 
 
-def _refuse(file: Path, line: int, cause: str, cure: str) -> NoReturn:
-    raise ConfigError(f"measurements {file}, line {line}: {cause}", cure)
+def _incomplete(names: list[str], units: dict[str, str]) -> str:
+    """What is missing, or does not belong together; empty if all is there."""
+    motors = _motors(names)
+    for needed in ("t", "q1", *(f"q{n + 1}" for n in range(len(motors))), *_TIP):
+        if needed not in names:
+            return f"no column {needed}, with its unit"
+    lengths = [name for name in motors if units[name] in _MILLIMETRES]
+    if lengths and len(lengths) < len(motors):
+        return f"{lengths[0]} is tendon travel, but others are angles"
+    return ""
+
+
+def _motors(names: list[str]) -> list[str]:
+    return sorted((n for n in names if n.startswith("q")), key=lambda name: int(name[1:]))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccr_host.description.schema import Robot
-from ccr_host.description.segments import Segment, Tendon
+from ccr_host.description.schema import Robot, Segment, Tendon
 from ccr_host.robot.chain import PAPER_FRAME, point_mm, tip_weights
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.tendon_rest import TendonRobot

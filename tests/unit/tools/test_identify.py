@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import datetime
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -9,14 +12,15 @@ from ccr_host.control.adaptive.identification import predicted_mm, tour_bending_
 from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import file as description_file
-from ccr_host.description.schema import Description, Robot, parse
-from ccr_host.description.segments import Segment, Tendon
+from ccr_host.description.schema import Description, Robot, Segment, Tendon, parse
 from ccr_host.robot.rests import Rests
 from ccr_host.tools.chain_fit import ChainModel
-from ccr_host.tools.identify import Identification, WrongRobotError, identify
+from ccr_host.tools.identify import Identification, WrongRobotError
+from ccr_host.tools.identify import identify as identify_on
 from ccr_host.tools.measured import Measured
 
 NOISE_MM = 0.3
+identify = partial(identify_on, date=datetime.date(2026, 11, 27))
 
 
 def described(*, motors_of_first: tuple[int, ...] = (1, 2, 3)) -> Description:

@@ -44,6 +44,24 @@ def test_pattern_and_middle_are_read_and_may_be_missing(tmp_path):
     assert np.isnan(plain.middle_mm).all()
 
 
+@pytest.mark.parametrize(
+    ("change", "comment"),
+    [
+        (lambda line: line.replace(",", ";").replace(".", ","), ""),
+        (lambda line: line.replace(",", "\t"), "sep=\t\n"),
+        (lambda line: line.replace(",", " ").replace("_deg", "_DEG"), "# of Monday\n"),
+        (lambda line: line.replace("_mm", " (mm)"), "\n"),
+    ],
+)
+def test_tables_of_spreadsheets_and_scripts_are_read_as_paths_are(tmp_path, change, comment):
+    plain = read_measured(written(tmp_path))
+    changed = read_measured(written(tmp_path, comment + change(HEADER), [*map(change, ROWS)]))
+    assert changed.unit == "rad"
+    assert np.array_equal(changed.time_s, plain.time_s)
+    assert np.array_equal(changed.command, plain.command)
+    assert np.array_equal(changed.tip_mm, plain.tip_mm)
+
+
 BROKEN_ROW = [*ROWS[:5], "2.5,nan,1,1,2,3", *ROWS[6:]]
 
 
@@ -51,17 +69,17 @@ BROKEN_ROW = [*ROWS[:5], "2.5,nan,1,1,2,3", *ROWS[6:]]
     ("header", "rows", "cause"),
     [
         (HEADER.replace("tip_z_mm", "pattern"), ROWS, "no column tip_z"),
-        (HEADER.replace("t_s", "pattern"), ROWS, "no column t_s"),
+        (HEADER.replace("t_s", "pattern"), ROWS, "no column t,"),
         (HEADER.replace("q2_deg", "q3_deg"), ROWS, "no column q2"),
         (HEADER.replace("q", "motor"), ROWS, "unknown column 'motor1_deg'"),
         (HEADER.replace("q1_deg", "q1"), ROWS, "column 'q1' has no unit"),
         (HEADER.replace("q1_deg", "q1_turns"), ROWS, "the unit 'turns'"),
         (HEADER.replace("tip_x_mm", "tip_x"), ROWS, "column 'tip_x' has no unit"),
-        (HEADER.replace("q1_deg", "q1_mm"), ROWS, "q1_mm is tendon travel, but others are angles"),
+        (HEADER.replace("q1_deg", "q1_mm"), ROWS, "q1 is tendon travel, but others are angles"),
         (HEADER.replace("q2_deg", "q1_rad"), ROWS, "q1 is there twice"),
         (HEADER, ROWS[:7], "7 rows"),
         (HEADER, [], "0 rows"),
-        (HEADER, BROKEN_ROW, "line 7: q1_deg = 'nan' is not a finite number"),
+        (HEADER, BROKEN_ROW, "line 7: q1_deg = 'nan'"),
         (HEADER, [*ROWS, "99,1,2,3,4"], "line 26: 5 values for 6 columns"),
         (HEADER, [*ROWS, ROWS[-1]], "line 26: the time does not increase"),
         (HEADER, [f"{n},{n},7,1,2,3" for n in range(30)], "q2 never changes"),

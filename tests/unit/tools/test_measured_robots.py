@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccr_host.description.segments import Segment, Tendon
+from ccr_host.description.schema import Segment, Tendon
 from ccr_host.tools.chain_fit import ChainModel, fit_chain
 from ccr_host.tools.hysteresis import home_of, sweeps_of
 from ccr_host.tools.identify import Residual

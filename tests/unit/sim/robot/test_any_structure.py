@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccr_host.core.errors import CcrError
 from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.mechanics import Mechanics
 
@@ -44,8 +43,14 @@ def kinetic_j(mechanics: Mechanics) -> float:
     return float(0.5 * speeds @ inertia @ speeds)
 
 
-def kinetic_energies_j(keys, angles_rad) -> list[float]:
-    """Energies during 0.6 s of rest after moves to some pulley angles."""
+@pytest.mark.long
+@given(
+    st.fixed_dictionaries({}, optional=KEYS),
+    st.lists(st.tuples(*[st.floats(-1.2, 1.2)] * 2), min_size=3, max_size=3),
+)
+@settings(max_examples=15)
+def test_any_structure_is_moved_for_a_second_and_then_comes_to_rest(keys, angles_rad):
+    """No energy comes from nowhere: the motion dies away once the pulleys stand still."""
     mechanics = Mechanics(Twin(**({"joint_damping": 1.2e-3} | keys)), 0.0)
     steps = round(10_000 / mechanics.step_us)
     here = np.zeros(2)
@@ -54,29 +59,12 @@ def kinetic_energies_j(keys, angles_rad) -> list[float]:
             mechanics.pull(*(here + part * (np.array(there) - here)))
             mechanics.advance(steps)
         here = np.array(there)
-    energies_j = []
-    for _ in range(60):
-        mechanics.advance(steps)
-        energies_j.append(kinetic_j(mechanics))
+    peaks_j = []
+    for _ in range(3):
+        energies_j = []
+        for _ in range(20):
+            mechanics.advance(steps)
+            energies_j.append(kinetic_j(mechanics))
+        peaks_j.append(max(energies_j))
     assert np.isfinite(mechanics.markers_mm()).all()
-    return energies_j
-
-
-@pytest.mark.long
-@given(
-    st.fixed_dictionaries({}, optional=KEYS),
-    st.lists(st.tuples(*[st.floats(-1.2, 1.2)] * 2), min_size=3, max_size=3),
-)
-@settings(max_examples=15)
-def test_any_structure_is_moved_for_a_second_and_then_comes_to_rest(keys, angles_rad):
-    """No energy comes from nowhere: the motion dies away once the pulleys stand still.
-
-    A backbone that its tendons press together is refused, which is no instability.
-    """
-    try:
-        energies_j = np.array(kinetic_energies_j(keys, angles_rad))
-    except CcrError as refusal:
-        assert "until its disks touch" in refusal.cause
-        return
-    peaks_j = energies_j.reshape(3, -1).max(axis=1)
     assert peaks_j[-1] < 0.5 * peaks_j[0] + 1e-7

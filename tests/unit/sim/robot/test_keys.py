@@ -113,9 +113,19 @@ def test_a_hanging_robot_stretches_by_its_weight(tip):
 
 
 def test_a_backbone_that_collapses_is_refused_in_one_line():
-    with pytest.raises(ConfigError, match="disks touch") as error:
+    with pytest.raises(ConfigError, match="backbone by half") as error:
         TwinRobot(Twin(gravity_m_s2=(0.0, 9.81, 0.0), axial_stiffness_n_m=1.0))
     assert "twin.axial_stiffness_n_m" in error.value.cure
+
+
+@pytest.mark.parametrize("flexures", [(3, 7), (6, 5), (10, 10)])
+def test_a_soft_backbone_may_give_way_by_a_tenth_however_many_flexures_it_has(flexures):
+    robot = TwinRobot(Twin(flexures=flexures, axial_stiffness_n_m=2000.0, gravity_m_s2=0.0))
+    for _ in range(20):
+        robot._mechanics._tendon_lengths_m[:] -= 0.0005
+        robot._mechanics.advance(100)
+    shortened_mm = np.diff(robot.markers_mm()[:, Y])[0] + 58.5
+    assert 0.1 * 58.5 < shortened_mm < 0.3 * 58.5
 
 
 def test_the_tendons_load_the_pulley_that_winds_them_by_force_times_radius(posed):
