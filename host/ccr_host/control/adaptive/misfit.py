@@ -19,7 +19,13 @@ import scipy
 
 from ccr_host.control.adaptive.identification import Fit, Predict, StaticsFit
 from ccr_host.control.adaptive.model import make_model
-from ccr_host.control.adaptive.parameters import COUNT, ZEROS, Parameters, Scaling
+from ccr_host.control.adaptive.parameters import (
+    COUNT,
+    ZEROS,
+    FloatArray,
+    Parameters,
+    Scaling,
+)
 from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
@@ -107,7 +113,7 @@ class _Hypothesis:
     """A way in which the robot may differ from its description."""
 
     name: str
-    """Text for the user, with fields of `Parameters` in braces; angles are in degrees."""
+    """Text for the user, with fields of `Parameters` in braces, and `zeros`."""
     cure: str
     reversed: tuple[int, ...] = ()
     """The reversed motors, 0 or 1."""
@@ -134,9 +140,21 @@ class _Trial:
     def cause(self) -> str:
         """The hypothesis in words, with the parameters found."""
         p = self.fit.scaling.parameters(self.fit.result().score)
-        found = p._asdict() | {"gain_2": p.gain_2}
-        shown = {k: math.degrees(v) if k.endswith("_rad") else v for k, v in found.items()}
-        return self.hypothesis.name.format(**shown)
+        found = p._asdict() | {"gain_2": p.gain_2, "zeros": zeros_off(zeros_rad(p))}
+        return self.hypothesis.name.format(**found)
+
+
+def zeros_off(zero_rad: FloatArray) -> str:
+    """Which motors' zeros are off and by how much: not always those that the hypothesis freed.
+
+    Args:
+        zero_rad: (2,) zeros found; the prior allows some error of each, freed or not.
+    """
+    off = np.abs(zero_rad) > min(_ZERO_DOUBT_RAD, np.abs(zero_rad).max() / 2.0)
+    return " and ".join(
+        f"of motor {motor + 1} is off by {math.degrees(zero_rad[motor]):.0f} deg"
+        for motor in np.flatnonzero(off)
+    )
 
 
 def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
@@ -151,10 +169,9 @@ def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
             name = ", ".join(filter(None, (exchanged, wrong)))
             if name:
                 yield _Hypothesis(name, cure, turned, swapped)
-    for off in ((1,), (2,), (1, 2)):
-        zeros = tuple(f"zero_{motor}_rad" for motor in off)
-        offs = " and ".join(f"of motor {m} is off by {{zero_{m}_rad:.0f}} deg" for m in off)
-        yield _Hypothesis(f"the zero {offs}", "ccr-host calibrate", freed=zeros)
+    zeros = ("zero_1_rad", "zero_2_rad")
+    for freed in (zeros[:1], zeros[1:], zeros):
+        yield _Hypothesis("the zero {zeros}", "ccr-host calibrate", freed=freed)
     for motor in (1, 2):
         yield _Hypothesis(
             f"a tendon of motor {motor} is loose, crossed or off its pulley",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ccr_host.control.adaptive.identification import StaticsFit, predicted_mm, tour_bending_rad
+from ccr_host.control.adaptive.misfit import zeros_off
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for, zeros_rad
 from ccr_host.description import schema
@@ -82,3 +83,16 @@ def test_a_registered_rotation_is_believed_as_precisely_as_it_was_stated() -> No
     assert found_deg == pytest.approx((0.28, 0.1, 0.14))
     unknown = Scaling.of(schema.load(None, [])).parameters(np.ones(COUNT))
     assert np.degrees(unknown.turn_x_rad) > 3.0
+
+
+@pytest.mark.parametrize(
+    ("zeros_deg", "told"),
+    [
+        ((-7.9, -0.03), "of motor 1 is off by -8 deg"),
+        ((0.4, 14.2), "of motor 2 is off by 14 deg"),
+        ((-8.0, 8.0), "of motor 1 is off by -8 deg and of motor 2 is off by 8 deg"),
+        ((0.9, 0.2), "of motor 1 is off by 1 deg"),
+    ],
+)
+def test_only_a_zero_that_is_off_is_named(zeros_deg: tuple[float, float], told: str) -> None:
+    assert zeros_off(np.radians(zeros_deg)) == told
