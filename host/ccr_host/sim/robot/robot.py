@@ -16,7 +16,7 @@ from ccr_host.sim.robot.servo import ServoModel, ServoProperties
 
 Array = NDArray[np.float64]
 
-_LOAD_US = 2000
+_LOAD_US = 10_000
 """Time between two looks of resting servos at their loads; turning ones look at every step."""
 
 
@@ -39,7 +39,9 @@ class TwinRobot(Plant):
         step_us = self._mechanics.step_us
         self._lag_steps = round(twin.servo_lag_ms * 1000 / step_us)
         self._load_steps = max(1, _LOAD_US // step_us)
-        self._feels_load = any(servo.feels_load for servo in self._servos)
+        properties = [servo.properties for servo in self._servos]
+        self._feels_load = any(servo.feels_load for servo in properties)
+        self._gives_way = any(servo.gives_way for servo in properties)
         self._steps_done = 0
         self._felt_at_step = 0
         self._pulses: deque[tuple[int, tuple[int, int]]] = deque()
@@ -106,7 +108,8 @@ class TwinRobot(Plant):
         """Turn the servos by one step; return the number of steps with these angles."""
         first, second = self._servos
         moving = first.moving or second.moving
-        if self._feels_load and (moving or self._steps_done % self._load_steps == 0):
+        is_due = self._gives_way and self._steps_done % self._load_steps == 0
+        if self._feels_load and (moving or is_due):
             self._feel_loads()
             moving = first.moving or second.moving
         if not moving:
@@ -133,7 +136,7 @@ class TwinRobot(Plant):
             turns.append(self._events[0][0] - self._steps_done)
         if self._pulses:
             turns.append(self._pulses[0][0] - self._steps_done)
-        if self._feels_load:
+        if self._gives_way:
             turns.append(self._load_steps - self._steps_done % self._load_steps)
         return min(turns)
 

@@ -39,9 +39,12 @@ class ServoProperties:
     @property
     def feels_load(self) -> bool:
         """Whether `ServoModel.feel` has any effect."""
-        return bool(
-            self.stall_torque_nm < math.inf or self.droop_rad_nm or self.play_rad or self.drift_rad
-        )
+        return self.stall_torque_nm < math.inf or self.gives_way
+
+    @property
+    def gives_way(self) -> bool:
+        """Whether it has an effect on a servo at rest too."""
+        return bool(self.droop_rad_nm or self.play_rad or self.drift_rad)
 
 
 class ServoModel:
@@ -54,9 +57,7 @@ class ServoModel:
     """
 
     def __init__(self, properties: ServoProperties) -> None:
-        self._is = properties
-        self.feels_load = properties.feels_load
-        """Whether `feel` has any effect."""
+        self.properties = properties
         self._rate_rad_s = properties.rate_rad_s
         self._half_play_rad = properties.play_rad / 2
         self._pulse_us = 0.0
@@ -83,7 +84,7 @@ class ServoModel:
             time_s: time since power-up.
             duration_s: time since the last call.
         """
-        servo = self._is
+        servo = self.properties
         self._load_nm = load_nm
         # Both implicit: the load gives way as the shaft does.
         follows = 1 + servo.droop_rad_nm * servo.load_stiffness_nm_rad
@@ -104,12 +105,14 @@ class ServoModel:
         if not self.moving:
             return
         error_rad = self._goal_rad - self._motor_rad
-        left_rad = abs(error_rad) - self._is.deadband_rad
+        left_rad = abs(error_rad) - self.properties.deadband_rad
         travel_rad = self._rate_rad_s * duration_s
         if travel_rad < left_rad:
             self._motor_rad += math.copysign(travel_rad, error_rad)
         else:
-            self._motor_rad = self._goal_rad - math.copysign(self._is.deadband_rad, error_rad)
+            self._motor_rad = self._goal_rad - math.copysign(
+                self.properties.deadband_rad, error_rad
+            )
             self.moving = False
         self._place_output(self.angle_rad)
 
@@ -120,7 +123,7 @@ class ServoModel:
 
     def _aim(self) -> None:
         """Set goal and speed from pulse, droop, drift and load."""
-        servo = self._is
+        servo = self.properties
         if self._pulse_us <= 0:
             self.moving = False
             return
