@@ -1,7 +1,8 @@
 """Open loop on the twin, without board and camera, compared with the paper's results.
 
-``python bench/twin_open_loop.py`` prints the results of the default description;
-``--sensitivity`` adds one row for each changed parameter (about four minutes).
+``python bench/twin_open_loop.py`` prints the results of the shipped description `paper`, or of
+another one with ``--robot``; ``--sensitivity`` adds one row for each changed parameter (about four
+minutes).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from ccr_host.control.base import Observation
 from ccr_host.control.open_loop import OpenLoop
-from ccr_host.description.schema import Description
+from ccr_host.description.schema import Description, load
 from ccr_host.description.simulation import Twin
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
@@ -76,10 +77,11 @@ class Result:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--robot", default="paper", help="a description, or a shipped one")
     parser.add_argument("--sensitivity", action="store_true", help="vary each parameter")
-    references = paper_paths()
-    results = [open_loop(Twin(), reference) for reference in references]
-    sensitivity = parser.parse_args().sensitivity
+    arguments = parser.parse_args()
+    twin, references = load(arguments.robot).twin, paper_paths()
+    results = [open_loop(twin, reference) for reference in references]
     print("| path | paper | twin | off by | shift x, y, z of (10) | paper's z shift |")
     print("|---|---|---|---|---|---|")
     for reference, result in zip(references, results, strict=True):
@@ -90,16 +92,17 @@ def main() -> None:
             f"| {reference.name} | {paper.mean_error_mm} | {result.mean_error_mm:.2f} "
             f"| {off:+.1%} | {shift} | {paper.shift_z_mm:.0f} |"
         )
-    if sensitivity:
-        print_sensitivity(references, results)
+    if arguments.sensitivity:
+        print_sensitivity(twin, references, results)
 
 
-def print_sensitivity(references: list[Reference], results: list[Result]) -> None:
+def print_sensitivity(twin: Twin, references: list[Reference], results: list[Result]) -> None:
     """Print the change of the mean errors for each changed parameter, mm."""
     print("\n| changed | " + " | ".join(reference.name for reference in references) + " |")
     print("|---|" + "---|" * len(references))
     for change in CHANGES:
-        changed = [open_loop(Twin.model_validate(change), reference) for reference in references]
+        other = Twin.model_validate(twin.model_dump() | change)
+        changed = [open_loop(other, reference) for reference in references]
         moved_mm = (
             after.mean_error_mm - before.mean_error_mm
             for before, after in zip(results, changed, strict=True)

@@ -160,7 +160,7 @@ def test_a_start_that_fails_leaves_the_earlier_run_in_its_folder(
 
 
 def test_a_run_that_ended_early_says_how_far_it_came(ccr_host: CcrHost, short_path: str) -> None:
-    sets = ("polaris_faults.unplugged_s=[[2, 99]]", "control.coast_s=0.2", "control.hold_s=0.2")
+    sets = ("polaris_faults.unplugged_s=[[2, 99]]", "control.coast_s=1", "control.hold_s=0.5")
     lost = ("--tracker", "ndi-emulator:", *(word for key in sets for word in ("--set", key)))
     words = ("track", short_path, *PAPERS, "--no-open", "--rate", "2", *lost)
     ended = ccr_host(*words, "--json", "--out", "kept")

@@ -76,7 +76,8 @@ def test_the_papers_figures_stand_beside_its_own_experiment_alone(
     ccr_host: CcrHost, short_path: str
 ) -> None:
     both = ("--path", "8shape", "--path", short_path)
-    lines = ccr_host("compare", "--controller", "mpc", *both).out.splitlines()
+    words = ("compare", "--robot", "paper", "--controller", "mpc", *both)
+    lines = ccr_host(*words).out.splitlines()
     row = {words[0]: words for line in lines if (words := line.split())}
     assert "7.50" in row["8shape"]
     assert len(row["short"]) == len(row["8shape"]) - 1

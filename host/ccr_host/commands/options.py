@@ -108,7 +108,8 @@ RobotOption = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Robot description, or the name of a shipped one.",
+        help="Robot description, or a shipped one: default, dirty, hard, ideal, loose-tendons, "
+        "paper, soft, tool-tip.",
         autocompletion=complete_robots,
     ),
 ]

@@ -304,7 +304,7 @@ class Identified(Section):
 class Description(Section):
     """A whole robot description."""
 
-    name: str = "paper"
+    name: str = "robot"
     """Name of the robot in run folders, free text."""
     robot: Robot = Robot()
     servo: Servo = Servo()

@@ -9,6 +9,8 @@ from ccr_host.run.options import RunOptions
 from ccr_host.sim.robot.plant import TWIN
 from ccr_host.tracking.uri import parse_tracker_uri
 
+PAPERS_ROBOT = "paper"
+"""Shipped description of the robot that the paper measured."""
 _PAPER_RATE_HZ = 1.0
 _OF_THE_ROBOT = {"robot", "control"}
 _OF_THE_TWIN = {"servo", "twin", "tracker", "polaris_faults"}
@@ -48,7 +50,7 @@ def _is_papers_robot(options: RunOptions) -> bool:
         return False
     is_simulated = parse_tracker_uri(options.tracker).is_simulated
     sections = _OF_THE_ROBOT | (_OF_THE_TWIN if is_simulated else set())
-    given, papers = options.description(), load()
+    given, papers = options.description(), load(PAPERS_ROBOT)
     return _kept(given, sections) == _kept(papers, sections)
 
 

@@ -4,9 +4,11 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
+from ccr_host.commands.options import RobotOption
 from ccr_host.control.registry import baseline_names, controller_names
 from ccr_host.description.source import shipped_descriptions
 from ccr_host.robot.paths import path_names
@@ -69,3 +71,9 @@ def test_command_names_are_offered_without_loading_what_controllers_need() -> No
     assert "ccr_host.commands.options" in modules
     slow = {"ccr_host.control.registry", "mujoco", "matplotlib", "daqp", "scipy", "viser", "mcap"}
     assert not slow & set(modules)
+
+
+def test_the_help_names_every_shipped_robot() -> None:
+    (_, option) = get_args(RobotOption)
+    named = option.help.rpartition(": ")[2].removesuffix(".").split(", ")
+    assert named == shipped_descriptions()

@@ -42,7 +42,7 @@ def test_every_key_that_is_followed_is_tried_here() -> None:
 
 @pytest.mark.parametrize("key", OWN)
 def test_the_simulation_follows_the_description(key: str) -> None:
-    description = schema.load(None, [f"{key}={OWN[key]}"])
+    description = schema.load("ideal", [f"{key}={OWN[key]}"])
     given = value(description, key)
     expected = {
         "robot.marker_offset_mm": (0.0, 0.0, given),
@@ -61,7 +61,7 @@ def test_what_is_set_wins_even_if_it_is_the_default(key: str) -> None:
     section, name = FOLLOWERS[key]
     usual = value(Description(), f"{section}.{name}")
     text = str(list(usual) if isinstance(usual, tuple) else usual)
-    description = schema.load(None, [f"{key}={OWN[key]}", f"{section}.{name}={text}"])
+    description = schema.load("ideal", [f"{key}={OWN[key]}", f"{section}.{name}={text}"])
     assert value(description, f"{section}.{name}") == usual
 
 

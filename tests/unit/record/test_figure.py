@@ -138,7 +138,7 @@ def test_spans_without_markers_are_shaded(run: PlottedRun) -> None:
 
 
 def test_the_papers_means_stand_beside_its_own_experiment_alone(run: PlottedRun) -> None:
-    of_paper = RunOptions(path="8shape", controller="mpc")
+    of_paper = RunOptions(path="8shape", controller="mpc", robot="paper")
     assert "paper's robot, mean of mpc" in legend_of(replace(run, options=of_paper))
     for other in (
         replace(of_paper, controller="adaptive"),

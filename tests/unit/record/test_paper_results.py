@@ -10,13 +10,13 @@ import pytest
 from ccr_host.record.paper_results import paper_mean_mm
 from ccr_host.run.options import RunOptions
 
-PAPERS = RunOptions(path="8shape", controller="mpc")
+PAPERS = RunOptions(path="8shape", controller="mpc", robot="paper")
 
 
 def test_the_papers_own_experiment_has_its_mean() -> None:
     assert paper_mean_mm(PAPERS) == 7.5
     assert paper_mean_mm(replace(PAPERS, controller="open-loop")) == 21.3
-    assert paper_mean_mm(replace(PAPERS, robot="default", seed=7)) == 7.5
+    assert paper_mean_mm(replace(PAPERS, seed=7)) == 7.5
     assert paper_mean_mm(replace(PAPERS, overrides=("control.solver=compiled",))) == 7.5
 
 
@@ -29,6 +29,8 @@ def test_the_papers_own_experiment_has_its_mean() -> None:
         {"rate_hz": 20.0},
         {"laps": 3},
         {"robot": "hard"},
+        {"robot": "default"},
+        {"robot": None},
         {"overrides": ("twin.payload_g=5",)},
         {"overrides": ("robot.segment_lengths_mm=[60, 40]",)},
         {"overrides": ("control.horizon=10",)},

@@ -25,7 +25,7 @@ def narrow():
 
 
 def _shaft_limits_deg(*overrides):
-    static_map = static_map_of(schema.load(None, overrides), None)
+    static_map = static_map_of(schema.load("ideal", overrides), None)
     axes = static_map.axis_1_rad, static_map.axis_2_rad
     return [(round(np.degrees(a[0]), 6), round(np.degrees(a[-1]), 6)) for a in axes]
 

@@ -90,10 +90,11 @@ def draw_twin(rng: np.random.Generator, base: Description, duration_s: float) ->
     }
     more_mm = 0.5 * rng.uniform(-UNEQUAL_SLACK_MM, UNEQUAL_SLACK_MM, 2)
     zeros = rng.uniform(-ZERO_DEG, ZERO_DEG, 2) / 90.0
+    servo = base.servo
     settings |= {
         "twin.slack_mm": np.clip(slack_mm + np.append(more_mm, -more_mm), 0.0, SLACK_MM).tolist(),
         "twin.servo_neutral_us": (
-            np.array(twin.servo_neutral_us) + zeros * twin.servo_us_per_90_deg
+            np.array(servo.neutral_pulse_us) + zeros * servo.pulse_per_90_deg_us
         ).tolist(),
     }
     return {key: _readable(value) for key, value in settings.items()}
