@@ -1,6 +1,7 @@
 """The docs are complete and consistent with the code."""
 
 import ast
+import importlib
 import json
 import re
 import textwrap
@@ -49,6 +50,20 @@ def test_links_between_pages_lead_somewhere() -> None:
         if not (page.parent / target).exists()
     ]
     assert not broken
+
+
+def test_the_script_of_the_pictures_imports_what_exists() -> None:
+    """It is run by hand and has no ending for the type checker to see."""
+    tree = ast.parse((ROOT / "scripts" / "pictures").read_text())
+    ours = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("ccr_host")
+    ]
+    assert ours
+    for node in ours:
+        module = importlib.import_module(str(node.module))
+        assert {alias.name for alias in node.names} <= set(dir(module))
 
 
 def test_safety_names_requirements_that_exist() -> None:
