@@ -54,6 +54,11 @@ def test_the_plant_is_the_model(tmp_path: Path) -> None:
     assert numbers(run("own_plant.py", tmp_path))[0] < 0.5
 
 
+def test_the_pid_policy_reaches_and_the_random_one_does_not(tmp_path: Path) -> None:
+    random_mm, pid_mm = numbers(run("gym_policies.py", tmp_path))
+    assert pid_mm < 10 < random_mm
+
+
 def test_the_command_takes_all_three(ccr_host: CcrHost, short_path: str) -> None:
     for option, name in (
         ("--controller", "own_controller.py:IntegralFeedback"),
