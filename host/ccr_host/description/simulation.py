@@ -110,7 +110,7 @@ class Twin(Section):
     """Moment over twist of a whole segment; 0: it does not twist."""
     axial_stiffness_n_m: Both[Annotated[float, within(0, 1e8)]] = (0.0, 0.0)
     """Force over shortening of a whole segment; 0: its length does not change."""
-    joint_damping: Annotated[float, within(0, 1)] = 2e-4
+    joint_damping: Annotated[float, within(0, 1)] = 1.2e-3
     """Damping of each flexure, N m s/rad."""
     creep_share: Annotated[tuple[_CreepShare, _CreepShare], BeforeValidator(_one_branch)] = (
         0.0,
