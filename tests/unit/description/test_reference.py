@@ -42,8 +42,8 @@ def test_shipped_description_loads_and_carries_its_name(name):
 
 def test_what_a_description_leaves_out_is_the_ideal_robot():
     """One truth for theory, the defaults of the keys, except for the damping of real robots."""
-    ideal = schema.load("ideal")
-    damped = ideal.twin.model_copy(update={"joint_damping": schema.Description().twin.joint_damping})
+    ideal, usual = schema.load("ideal"), schema.Description().twin
+    damped = ideal.twin.model_copy(update={"joint_damping": usual.joint_damping})
     assert ideal.model_copy(update={"twin": damped}) == schema.Description(name="ideal")
 
 
