@@ -56,7 +56,8 @@ positions (`identified`, written by `ccr-host calibrate --identify`).
 `--robot FILE.toml` reads it, `--set section.key=value` overrides one key. Keys that are left out
 have the default below, that of the shipped robot `ideal` except for its damping; unknown keys and
 values out of range are rejected. Ranges are wide: from catheters of 2 mm to trunks of a metre, and
-servos as far as the board's protocol can drive them; a value outside is a wrong unit. Where a default reads "as ...", the twin and its camera follow the
+servos as far as the board's protocol can drive them; a value outside is a wrong unit.
+Where a default reads "as ...", the twin and its camera follow the
 description, so that without hardware your robot is simulated. Set both keys to simulate a robot
 that differs from the controller's model. A key with two values has one per segment or servo; a
 single number stands for both, except for lengths and flexures.
