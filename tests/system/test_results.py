@@ -79,7 +79,7 @@ def test_tables_are_printed_though_their_files_do_not_fit(
 def test_an_export_that_does_not_fit_leaves_no_half_tables(tmp_path: Path, short_path: str) -> None:
     host = CcrHost(tmp_path)
     assert host("track", short_path, *PAPERS, "--no-open", "--out", "kept").status == 0
-    for form in ("csv", "jsonl", "parquet", "mcap"):
+    for form in ("csv", "jsonl", "parquet", "mat", "rosbag2", "mcap"):
         ended = with_small_files(tmp_path, 8, "export", "kept", "--format", form)
         assert ended.status == 2, (form, ended.err)
         assert len(lines_of(ended)) == 1

@@ -10,7 +10,8 @@ from ccr_host.commands.options import JsonOption, OutOption, console, print_json
 from ccr_host.commands.replay import RunArgument
 from ccr_host.core.errors import ConfigError
 
-_FINISHED_LOG = "mcap"
+_WHOLE = {"mat": "rows", "rosbag2": "messages", "mcap": "messages"}
+"""Formats that are no table a file, and what is counted in them."""
 
 
 def export(
@@ -20,7 +21,8 @@ def export(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="csv, parquet or jsonl; mcap: repairs the log of a run that was killed.",
+            help="csv, parquet or jsonl; mat: for MATLAB and Octave; rosbag2: for ROS 2; "
+            "mcap: repairs the log of a run that was killed.",
         ),
     ] = "csv",
     out: OutOption = None,
@@ -35,23 +37,31 @@ def export(
     from ccr_host.record.export import export as export_tables
     from ccr_host.record.folder import ResultFolder
     from ccr_host.record.log.reader import RunRecording
+    from ccr_host.record.mat import write_mat
+    from ccr_host.record.ros_bag import write_bag
 
-    if form not in (*Format, _FINISHED_LOG):
-        known = ", ".join((*Format, _FINISHED_LOG))
+    if form not in (*Format, *_WHOLE):
+        known = ", ".join((*Format, *_WHOLE))
         raise ConfigError(f"--format {form}: unknown", f"one of {known}")
     recording = RunRecording(run)
     beside = run if is_folder(run) else run.parent
-    title = "finished" if form == _FINISHED_LOG else "tables"
+    title = {"mcap": "finished", "rosbag2": "rosbag2"}.get(form, "tables")
     with ResultFolder(out or beside / title, title) as folder:
-        if form == _FINISHED_LOG:
-            counts = {str(folder.path): finish_log(recording, folder.path)}
-        else:
-            written = export_tables(recording, Format(form), folder.path)
-            counts = {str(path): count for path, count in written}
+        match form:
+            case "mcap":
+                counts = {str(folder.path): finish_log(recording, folder.path)}
+            case "mat":
+                counts = write_mat(recording, folder.path)
+            case "rosbag2":
+                counts = write_bag(recording, folder.path)
+            case _:
+                written = export_tables(recording, Format(form), folder.path)
+                counts = {str(path): count for path, count in written}
     screen = console(on_stderr=as_json)
-    for path, count in counts.items():
-        what = "messages" if form == _FINISHED_LOG else "rows"
-        screen.print(f"{path}: {count} {what}")
+    for what, count in counts.items():
+        screen.print(f"{what}: {count} {_WHOLE.get(form, 'rows')}")
+    if form in ("mat", "rosbag2"):
+        screen.print(f"saved in {folder.path}", soft_wrap=True)
     if recording.end.trouble:
         screen.print(f"{recording.end.trouble}; exported up to there", soft_wrap=True)
     if as_json:

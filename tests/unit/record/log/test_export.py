@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import scipy
 
 from ccr_host.link.messages import SetTarget
 from ccr_host.record.export import Format, export
 from ccr_host.record.log import topics
-from ccr_host.record.log.tables import TABLES, dictionary
+from ccr_host.record.log.tables import TABLES, arrays, dictionary
+from ccr_host.record.mat import write_mat
 from ccr_host.robot.path_file import read_path_file
 
 COUNTED = {table.name: table.topics for table in TABLES}
@@ -84,3 +86,14 @@ def test_frames_are_told_in_words(recording, tmp_path):
     assert targets
     assert all(row["direction"] == "sent" for row in targets)
     assert all(row["message"].startswith("SetTarget(session=") for row in targets)
+
+
+def test_a_mat_file_holds_the_tables_as_structs_of_columns(recording, tmp_path):
+    assert write_mat(recording, tmp_path) == {
+        table.name: len(list(recording.messages(*table.topics))) for table in TABLES
+    }
+    read = scipy.io.loadmat(tmp_path / "run.mat", simplify_cells=True)
+    for table in TABLES:
+        assert list(read[table.name]) == list(table.columns)
+        for name, column in arrays(recording, table).items():
+            np.testing.assert_array_equal(read[table.name][name], column)
