@@ -1,4 +1,4 @@
-"""Draws a twin, its camera, the controller's wrong model of it, and a disturbance.
+"""Draws a twin with all of its effects, its camera, a wrong model of it, and a disturbance.
 
 Ranges are those of the project's robustness goal; factors apply to the values of the description.
 """
@@ -33,6 +33,33 @@ DROPOUT = 0.1
 PAYLOAD_G = 5.0
 PUSH_N = 0.05
 PUSH_S = 5.0
+DAMPING = (0.5, 2.0)
+"""Factors of the damping: 0.05 to 0.2 of critical on `default`."""
+CAPSTAN = 0.25
+"""Coefficient of friction in the holes; 0.23 to 0.26 was measured on a two-disk robot."""
+CREEP = (0.06, 0.05)
+CREEP_S = ((2.0, 20.0), (20.0, 200.0))
+TAPER = 0.15
+STIFFENING = 0.2
+PLANE_DEG = 2.0
+LEAF = (5.0, 12.0)
+"""Width over thickness of the flexures, the square of which is sideways over bending stiffness."""
+TORSION = (2.5, 8.0)
+"""Torsional over bending stiffness: flexures as long as wide, to 0.4 times that (docs/twin.md)."""
+AXIAL_MM_N = 1 / 16
+"""Greatest shortening of a segment per force: 16 kN/m."""
+MARKER_MM = 1.0
+STALL_NM = (0.6, 1.1)
+"""From clones of the MG996R to the data sheet of a stronger one."""
+DROOP_DEG_NM = 13.0
+BACKLASH_DEG = 1.0
+LAG_MS = 40.0
+DRIFT_DEG = 1.0
+DRIFT_S = (60.0, 1800.0)
+OUTLIERS = 0.01
+OUTLIER_MM = (1.0, 10.0)
+JITTER_MS = 3.0
+EXPOSURE_MS = 10.0
 
 _GEOMETRY = (
     "segment_lengths_mm",
@@ -46,13 +73,17 @@ Settings = dict[str, Any]
 """Values of the robot description by their dotted keys."""
 
 
-def draw_twin(rng: np.random.Generator, base: Description, duration_s: float) -> Settings:
+def draw_twin(
+    rng: np.random.Generator, base: Description, duration_s: float, *, faults: bool = True
+) -> Settings:
     """Draw one twin; the same generator state gives the same twin.
 
     Args:
-        rng: always called the same number of times.
+        rng: called the same number of times for the same ``faults``.
         base: description that the factors apply to.
         duration_s: duration of the path, in which the push falls.
+        faults: draw those effects too that no controller models: they come last and leave the
+            rest as it is.
     """
     twin, robot = base.twin, base.robot
     stiffness = [_spread(rng, k, SPREAD) for k in twin.bending_stiffness_nm_rad]
@@ -96,8 +127,40 @@ def draw_twin(rng: np.random.Generator, base: Description, duration_s: float) ->
         "twin.servo_neutral_us": (
             np.array(servo.neutral_pulse_us) + zeros * servo.pulse_per_90_deg_us
         ).tolist(),
+        **(_faults(rng, base) if faults else {}),
     }
     return {key: _readable(value) for key, value in settings.items()}
+
+
+def _faults(rng: np.random.Generator, base: Description) -> Settings:
+    """Draw what `ideal` lacks and no controller models."""
+    twin = base.twin
+    stiffness = np.array(twin.bending_stiffness_nm_rad)
+    return {
+        "twin.joint_damping": twin.joint_damping * rng.uniform(*DAMPING),
+        "twin.capstan_friction": rng.uniform(0.0, CAPSTAN),
+        "twin.creep_share": rng.uniform(0.0, CREEP).tolist(),
+        "twin.creep_time_s": [rng.uniform(*span) for span in CREEP_S],
+        "twin.stiffness_taper": rng.uniform(-TAPER, TAPER, 2).tolist(),
+        "twin.stiffening": rng.uniform(0.0, STIFFENING, 2).tolist(),
+        "twin.bending_plane_turn_deg": rng.uniform(-PLANE_DEG, PLANE_DEG, 2).tolist(),
+        "twin.sideways_stiffness_nm_rad": (stiffness * rng.uniform(*LEAF, 2) ** 2).tolist(),
+        "twin.torsion_stiffness_nm_rad": (stiffness * rng.uniform(*TORSION, 2)).tolist(),
+        "twin.axial_stiffness_n_m": (1e3 / rng.uniform(1e-3, AXIAL_MM_N, 2)).tolist(),
+        "twin.servo_stall_torque_nm": rng.uniform(*STALL_NM),
+        "twin.servo_droop_deg_per_nm": rng.uniform(0.0, DROOP_DEG_NM),
+        "twin.servo_backlash_deg": rng.uniform(0.0, BACKLASH_DEG),
+        "twin.servo_lag_ms": rng.uniform(0.0, LAG_MS),
+        "twin.servo_drift_deg": rng.uniform(-DRIFT_DEG, DRIFT_DEG, 2).tolist(),
+        "twin.servo_drift_time_s": rng.uniform(*DRIFT_S),
+        "tracker.outliers": rng.uniform(0.0, OUTLIERS),
+        "tracker.outlier_mm": rng.uniform(*OUTLIER_MM),
+        "tracker.frame_jitter_ms": rng.uniform(0.0, JITTER_MS),
+        "tracker.exposure_ms": rng.uniform(0.0, EXPOSURE_MS),
+        "twin.marker_offset_mm": (
+            np.array(twin.marker_offset_mm) + rng.uniform(-MARKER_MM, MARKER_MM, 3)
+        ).tolist(),
+    }
 
 
 def friction_n(base: Description, dead_zone_deg: float) -> float:

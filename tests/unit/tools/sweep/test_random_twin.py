@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ccr_host.description import schema
+from ccr_host.description.simulation import Tracker, Twin
 from ccr_host.sim.robot.mechanics import Mechanics
 from ccr_host.tools.sweep.random_twin import as_overrides, draw_twin, friction_n
 
@@ -37,6 +38,18 @@ def _column(drawn, key):
         ("twin.payload_g", 0.0, 5.0),
         ("twin.servo_deadband_deg", 0.0, 1.0),
         ("twin.friction", 0.0, 0.437),
+        ("twin.joint_damping", 0.6e-3, 2.4e-3),
+        ("twin.capstan_friction", 0.0, 0.25),
+        ("twin.stiffness_taper", -0.15, 0.15),
+        ("twin.bending_plane_turn_deg", -2.0, 2.0),
+        ("twin.servo_stall_torque_nm", 0.6, 1.1),
+        ("twin.servo_droop_deg_per_nm", 0.0, 13.0),
+        ("twin.servo_backlash_deg", 0.0, 1.0),
+        ("twin.servo_lag_ms", 0.0, 40.0),
+        ("twin.servo_drift_deg", -1.0, 1.0),
+        ("tracker.outliers", 0.0, 0.01),
+        ("tracker.frame_jitter_ms", 0.0, 3.0),
+        ("tracker.exposure_ms", 0.0, 10.0),
         ("tracker.latency_ms", 0.0, 100.0),
         ("tracker.noise_mm", 0.0, 0.5),
         ("twin.servo_neutral_us", 1444.0, 1556.0),
@@ -50,6 +63,34 @@ def test_each_range_is_filled_and_never_left(drawn, key, low, high):
     assert low <= values.min() <= low + 0.03 * (high - low)
     assert high >= values.max() >= high - 0.03 * (high - low)
     assert values.mean() == pytest.approx((low + high) / 2, abs=0.06 * (high - low))
+
+
+def test_without_faults_the_rest_of_a_twin_is_the_same(drawn):
+    plain = draw_twin(np.random.default_rng(0), schema.load(), DURATION_S, faults=False)
+    kept = {key: value for key, value in drawn[0].items() if key in plain}
+    changed = {key for key in plain if kept[key] != plain[key]}
+    assert changed == {"twin.marker_offset_mm"}
+    assert "twin.creep_share" not in plain
+
+
+def test_every_effect_of_robot_and_camera_is_drawn(drawn):
+    """A key that is added is drawn too, or said here to be none that differs between robots."""
+    sections = {"twin": Twin, "tracker": Tracker}
+    keys = {f"{name}.{key}" for name, model in sections.items() for key in model.model_fields}
+    assert keys - drawn[0].keys() == {
+        "twin.flexures",
+        "twin.payload_start_s",
+        "twin.tendon_stiffness_n_m",
+        "twin.tendon_force_max_n",
+        "twin.servo_rate_deg_s",
+        "twin.servo_us_per_90_deg",
+        "twin.gravity_m_s2",
+        "twin.time_step_ms",
+        "tracker.rate_hz",
+        "tracker.tool_files",
+        "tracker.camera_file",
+        "tracker.tag_size_mm",
+    }
 
 
 def test_the_camera_is_turned_by_at_most_five_degrees_about_any_axis(drawn):
