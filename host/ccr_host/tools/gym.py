@@ -68,8 +68,6 @@ class RobotEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         ConfigError: unusable description or rate.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 - as in Gymnasium's own class
-
     def __init__(
         self,
         *,
@@ -200,7 +198,8 @@ class RobotEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         low, high = self._limits.lower_rad, self._limits.upper_rad
         accepted = 2.0 * (self._rig.client.accepted_rad - low) / (high - low) - 1.0
         flat = np.concatenate([positions_mm / self._length_mm, accepted, [age_s]])
-        return np.clip(flat, -_BOUND, _BOUND).astype(np.float32)
+        shown: NDArray[np.float32] = np.clip(flat, -_BOUND, _BOUND).astype(np.float32)
+        return shown
 
     def _info(self) -> dict[str, Any]:
         target_mm = self._target_mm(self._step)
