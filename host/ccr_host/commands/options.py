@@ -152,6 +152,13 @@ UncheckedOption = Annotated[
 ]
 RealtimeOption = Annotated[bool, typer.Option("--realtime", help="Run in real time.")]
 OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")]
+PublishOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="URI",
+        help="Serve the run to 3D Slicer and others: igtl://[HOST]:PORT, this computer by default.",
+    ),
+]
 KeepInOption = Annotated[
     Path | None,
     typer.Option(

@@ -14,6 +14,7 @@ from ccr_host.commands.options import (
     OutOption,
     PathArgument,
     PlantOption,
+    PublishOption,
     RateOption,
     RealtimeOption,
     RobotOption,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from ccr_host.run.observer import RunObserver
     from ccr_host.run.summary import RunResult
 
 
@@ -63,6 +65,7 @@ def track(
         ),
     ] = None,
     view: ViewOption = None,
+    publish: PublishOption = None,
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -75,6 +78,7 @@ def track(
     from ccr_host.record.keep import execute_logged, keep_result
     from ccr_host.run.campaign import in_background
     from ccr_host.run.execute import reference_of
+    from ccr_host.run.igtl_server import published
     from ccr_host.run.open_rig import is_simulated
     from ccr_host.view.live import live_page, parse_view_address
 
@@ -102,6 +106,11 @@ def track(
             address, realtime = parse_view_address(view), not is_simulated(options)
             page = stack.enter_context(live_page(address, realtime=realtime))
             console(on_stderr=True).print(f"live page: {page.url}", soft_wrap=True)
+        watchers: list[RunObserver] = [page.feed] if page else []
+        if publish is not None:
+            server = stack.enter_context(published(publish))
+            console(on_stderr=True).print(f"OpenIGTLink server: igtl://{server.address}")
+            watchers.append(server.observer)
         wanted = is_simulated(options) if with_open is None else with_open
         wanted = wanted and controller != "open-loop"
         twin_open_loop = options.with_controller("open-loop").on_the_twin()
@@ -112,7 +121,7 @@ def track(
                     options,
                     folder.path,
                     progress.on_step,
-                    [progress, page.feed] if page else [progress],
+                    [progress, *watchers],
                     page.operator if page else None,
                 )
             kept = keep_result(folder, result, open_loop_result)

@@ -26,6 +26,7 @@ from ccr_host.record.log.tables import TABLES, Arrays, arrays
 from ccr_host.record.report import read_run
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import execute_quietly, reference_of
+from ccr_host.run.igtl_server import published
 from ccr_host.run.observer import Observers, RunObserver
 from ccr_host.run.open_rig import is_simulated, open_rig
 from ccr_host.run.options import RigOptions, RunOptions
@@ -202,6 +203,7 @@ class Robot:
         unchecked: bool = False,
         with_open: bool | None = None,
         out: str | Path | None = None,
+        publish: str | None = None,
         observers: Sequence[RunObserver] = (),
     ) -> Run:
         """Follow a path as ``ccr-host track`` does: it arms, tracks and disarms.
@@ -216,6 +218,7 @@ class Robot:
             unchecked: skip the checks of markers and motion.
             with_open: also run the open loop for comparison; by default if simulated.
             out: folder for the results; ``runs/<date>-...`` by default.
+            publish: ``igtl://[HOST]:PORT``: serve the run by OpenIGTLink.
             observers: notified of all events of the run.
 
         Raises:
@@ -238,7 +241,10 @@ class Robot:
         wanted = is_simulated(options) if with_open is None else with_open
         open_loop = options.with_controller("open-loop").on_the_twin()
         title = f"{reference.name}-{name}"
-        with ResultFolder(None if out is None else Path(out), title) as folder:
+        with ExitStack() as stack:
+            folder = stack.enter_context(ResultFolder(None if out is None else Path(out), title))
+            if publish is not None:
+                observers = (*observers, stack.enter_context(published(publish)).observer)
             result = execute_logged(options, folder.path, lambda *_: None, observers)
             compared = wanted and name != open_loop.controller
             kept = keep_result(

@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 from viser import BatchedMeshHandle, IcosphereHandle, LineSegmentsHandle, SceneApi
 
 from ccr_host.description.schema import Description
-from ccr_host.robot.kinematics import ConstantCurvature
-from ccr_host.robot.reference import Reference
-from ccr_host.run.observer import RunSetup
-from ccr_host.view import palette
-from ccr_host.view.backbone import (
+from ccr_host.robot.backbone import (
     fitted_bending_rad,
     marker_feet_mm,
     measured_backbone_mm,
     turns_to,
 )
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.reference import Reference
+from ccr_host.run.observer import RunSetup
+from ccr_host.view import palette
 from ccr_host.view.history import Moment
 
 FloatArray = NDArray[np.float64]

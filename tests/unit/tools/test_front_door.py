@@ -273,3 +273,11 @@ def test_the_import_is_quick_and_names_what_it_has():
     assert all(getattr(ccr_host, name) for name in ccr_host.__all__)
     with pytest.raises(AttributeError, match="opne_robot"):
         _ = ccr_host.opne_robot
+
+
+def test_a_run_that_cannot_be_published_is_refused_and_leaves_no_folder(short_path, tmp_path):
+    out = tmp_path / "run"
+    refused = pytest.raises(ccr_host.ConfigError, match="igtl://:18944")
+    with ccr_host.open_robot(overrides=QUICK) as robot, refused:
+        robot.track(short_path, "mpc", publish="tcp://:1", out=out)
+    assert not out.exists()

@@ -4,13 +4,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ccr_host.description.schema import Robot
-from ccr_host.robot.kinematics import ConstantCurvature
-from ccr_host.view.backbone import (
+from ccr_host.robot.backbone import (
     fitted_bending_rad,
     marker_feet_mm,
     measured_backbone_mm,
     turns_to,
 )
+from ccr_host.robot.kinematics import ConstantCurvature
 
 MODEL = ConstantCurvature(Robot())
 ANGLE = st.floats(-0.8, 0.8)

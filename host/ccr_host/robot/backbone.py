@@ -76,6 +76,19 @@ def marker_feet_mm(
     return feet_mm
 
 
+def disk_turns(bending_rad: FloatArray) -> FloatArray:
+    """Orientation of the base and of each segment's last disk in the frame of (10), (3, 3, 3).
+
+    The columns of each matrix are the disk's axes: z along the backbone, y towards its marker.
+    """
+    theta_1, theta_2 = bending_rad
+    turns = []
+    for first, second in ((0.0, 0.0), (theta_1, 0.0), (theta_1, theta_2)):
+        along, up = _tangent(first, second), _marker_direction(first)
+        turns.append(np.stack([np.cross(up, along), up, along], axis=1))
+    return np.array(turns)
+
+
 def turns_to(directions: FloatArray) -> FloatArray:
     """Quaternions (w, x, y, z) that turn the z axis along unit ``directions`` (N, 3) -> (N, 4)."""
     x, y, z = directions.T
