@@ -12,7 +12,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from ccr_protocol import cpp, markdown, python, vectors
+from ccr_protocol import cpp, markdown, matlab, python, vectors
 from ccr_protocol.load import SpecError, load
 from ccr_protocol.spec import Spec
 
@@ -25,6 +25,7 @@ def derived_files(spec: Spec) -> dict[str, str]:
     return {
         "firmware/lib/protocol/ccr_messages.h": cpp.generate(spec),
         "host/ccr_host/link/messages.py": python.generate(spec),
+        "matlab/+ccr/spec.m": matlab.generate(spec),
         "protocol/reference.md": markdown.generate(spec),
         "protocol/vectors.json": vectors.generate(spec),
     }

@@ -1,0 +1,35 @@
+function [reading, values, first_out_of_range] = unpack(id, payload)
+%UNPACK Name and values of a message; the name is unknown_id, bad_length or undefined_value where
+%   the bytes are no message. first_out_of_range counts fields from 0 as nack does, or is empty.
+s = ccr.spec();
+values = struct();
+first_out_of_range = [];
+reading = 'unknown_id';
+if id < 1 || id > numel(s.names) || isempty(s.names{id})
+  return
+end
+fields = s.messages.(s.names{id}).fields;
+bytes = uint8(payload(:)');
+sizes = zeros(1, size(fields, 1));
+for row = 1:size(fields, 1)
+  sizes(row) = fields{row, 3} * numel(typecast(cast(0, fields{row, 2}), 'uint8'));
+end
+if sum(sizes) ~= numel(bytes)
+  reading = 'bad_length';
+  return
+end
+reading = s.names{id};
+at = 0;
+for row = 1:size(fields, 1)
+  [field, type, ~, least, greatest, ~, enum] = fields{row, :};
+  found = double(typecast(bytes(at + 1:at + sizes(row)), type));
+  at = at + sizes(row);
+  values.(field) = found;
+  if isempty(first_out_of_range) && any(found < least | found > greatest)
+    first_out_of_range = row - 1;
+  end
+  if isfield(s.enums, enum) && ~all(ismember(found, cell2mat(struct2cell(s.enums.(enum)))))
+    reading = 'undefined_value';
+  end
+end
+end
