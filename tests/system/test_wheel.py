@@ -35,6 +35,9 @@ def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert ended.returncode == 0, ended.stderr
 
     run(CHECKOUT / "scripts/release", "--build-only", built)
+    notes = (built / "notes.md").read_text(encoding="utf-8")
+    assert notes.strip().splitlines()[0] in (CHECKOUT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert "\n## " not in notes, "of this release alone"
     run("uv", "pip", "install", "--no-deps", "--target", unpacked, *built.glob("*.whl"))
     return unpacked
 

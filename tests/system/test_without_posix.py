@@ -23,8 +23,13 @@ def ccr_host(*words: str) -> subprocess.CompletedProcess[str]:
 def test_a_run_on_the_emulator_and_the_twin_needs_no_posix_and_can_be_read(tmp_path: Path) -> None:
     path = tmp_path / "short.csv"
     path.write_text("t_s,y_mm,z_mm\n0,0,30\n5,10,35\n")
-    run = ccr_host("track", str(path), "--controller", "mpc", "--out", str(tmp_path / "run"))
+    kept = str(tmp_path / "run")
+    words = ("--controller", "mpc", "--publish", "igtl://:0", "--out", kept)
+    run = ccr_host("track", str(path), *words)
     assert run.returncode == 0, run.stderr
+    for form in ("mat", "rosbag2"):
+        exported = ccr_host("export", kept, "--format", form)
+        assert exported.returncode == 0, exported.stderr
     report = ccr_host("report", str(tmp_path / "run"))
     assert report.returncode == 0, report.stderr
 

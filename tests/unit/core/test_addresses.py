@@ -25,6 +25,8 @@ def refusal_of(parse, text):
         ("/dev/ttyACM0", "the scheme is missing; write serial:/dev/ttyACM0"),
         ("/dev/serial/by-id/usb-Arduino", "write serial:/dev/serial/by-id/usb-Arduino"),
         ("COM3", "write serial:COM3"),
+        ("/dev/cu.usbmodem14101", "write serial:/dev/cu.usbmodem14101"),
+        ("cu.usbmodem14101", "write serial:cu.usbmodem14101"),
         ("ttyACM0", "write serial:ttyACM0"),
         ("localhost:5025", "write tcp://localhost:5025"),
         ("[::1]:5025", "write tcp://[::1]:5025"),

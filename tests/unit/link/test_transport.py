@@ -11,6 +11,8 @@ from ccr_host.link.transport import DeviceKind, open_transport, parse_device_uri
         ("emulator+pty:", DeviceKind.EMULATOR_PTY, ""),
         ("serial:/dev/ttyACM0", DeviceKind.SERIAL, "/dev/ttyACM0"),
         ("serial:COM3", DeviceKind.SERIAL, "COM3"),
+        ("serial:\\\\.\\COM12", DeviceKind.SERIAL, "\\\\.\\COM12"),
+        ("serial:/dev/cu.usbmodem14101", DeviceKind.SERIAL, "/dev/cu.usbmodem14101"),
         ("tcp://localhost:5025", DeviceKind.TCP, "localhost:5025"),
         ("tcp://[::1]:5025", DeviceKind.TCP, "[::1]:5025"),
     ],

@@ -18,6 +18,7 @@ from ccr_host.tracking.uri import TrackerKind, TrackerUri, parse_tracker_uri
         ("ndi-emulator:", TrackerKind.NDI_EMULATOR, ""),
         ("ndi:/dev/ttyUSB0", TrackerKind.NDI_SERIAL, "/dev/ttyUSB0"),
         ("ndi:COM3", TrackerKind.NDI_SERIAL, "COM3"),
+        ("ndi:/dev/cu.usbserial-1420", TrackerKind.NDI_SERIAL, "/dev/cu.usbserial-1420"),
         ("ndi+tcp://camera.lab:8765", TrackerKind.NDI_TCP, "camera.lab:8765"),
         ("igtl://localhost:18944", TrackerKind.IGTL, "localhost:18944"),
         ("aruco:0", TrackerKind.ARUCO, "0"),
