@@ -36,6 +36,8 @@ SIMULATED = {
     r"ndi:/dev/ttyUSB0": "ndi-emulator:",
     r"runs/\S+": "kept",
     r"127\.0\.0\.1:\d+": "127.0.0.1:0",
+    r"igtl://:\d+": "igtl://:0",
+    r"examples/": f"{ROOT}/examples/",
     r"--device emulator:": "",
     r"--realtime": "",
     r"--view$": "--view 127.0.0.1:0",

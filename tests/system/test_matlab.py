@@ -58,6 +58,18 @@ def test_algorithm_1_follows_a_path_over_a_serial_port(ccr_host: CcrHost) -> Non
     assert mean_mm < 1, "the error of the motor's zero is fed back"
 
 
+def test_the_first_steps_end_where_the_board_says(ccr_host: CcrHost) -> None:
+    with running(ccr_host, "emulate", "--boot-ms", "100", "--tcp", "127.0.0.1:0") as process:
+        assert process.stdout is not None
+        uri = process.stdout.readline().split()[3].rstrip(";")
+        told = octave("--eval", f"uri = '{uri}'; first_steps")
+    state, *numbers = re.findall(r"^\w+|-?\d+\.\d", told)
+    q_deg, tip_mm = np.split(np.array(numbers, dtype=float), [2])
+    assert state in ("active", "hold")
+    expected = ConstantCurvature(schema.load(None).robot).tip_mm(np.radians(q_deg))
+    assert tip_mm == pytest.approx(expected, abs=0.3)
+
+
 def on_emulator(ccr_host: CcrHost, script: str, *words: str) -> str:
     """What a script prints that is given the address of an emulated board."""
     with running(ccr_host, "emulate", "--boot-ms", "100", *words) as process:
