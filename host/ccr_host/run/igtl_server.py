@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from ccr_host.control.base import Command, Observation, Phase
 from ccr_host.core.addresses import host_and_port, joined, listening_socket
-from ccr_host.core.errors import ConfigError
+from ccr_host.core.errors import ConfigError, full_text
 from ccr_host.core.plugins import import_optional
+from ccr_host.core.standard_streams import warn
 from ccr_host.link.messages import StateReport
 from ccr_host.robot.backbone import (
     disk_turns,
@@ -207,6 +208,12 @@ class IgtlServer:
         self._thread.join()
 
     def _serve(self) -> None:
+        try:
+            self._serve_until_closed()
+        except Exception as error:
+            warn(f"the OpenIGTLink server has ended: {full_text(error)}; the run goes on")
+
+    def _serve_until_closed(self) -> None:
         shown = -1
         with selectors.DefaultSelector() as selector, self._listening:
             selector.register(self._listening, selectors.EVENT_READ)

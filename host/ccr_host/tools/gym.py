@@ -12,11 +12,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import ConfigError, DeviceError, TrackerError
+from ccr_host.core.plugins import import_optional
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import reference_of, workspace_of
 from ccr_host.run.marker_watch import MarkerWatch
@@ -28,6 +28,8 @@ from ccr_host.run.summary import LATERAL
 from ccr_host.sim.robot.mechanics import UnfitTwinError
 from ccr_host.sim.robot.plant import TWIN
 from ccr_host.tools.sweep.random_twin import as_overrides, draw_twin
+
+gymnasium: Any = import_optional("gymnasium", "gym", "ccr_host.tools.gym")
 
 Array = NDArray[np.float64]
 
@@ -42,7 +44,7 @@ _VALIDITY_MS = 2000
 _ATTEMPTS_TO_DRAW = 20
 
 
-class RobotEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+class RobotEnv(gymnasium.Env):
     """Common part of both tasks.
 
     - Action, (motors,), -1 .. 1: motor angles, from the lower to the upper limit of each servo.

@@ -164,3 +164,19 @@ def test_an_address_that_cannot_be_is_refused_with_an_example(uri: str) -> None:
 def test_a_port_that_is_taken_is_refused(server: IgtlServer) -> None:
     with pytest.raises(ConfigError, match="already in use"), published(f"igtl://{server.address}"):
         pass
+
+
+def test_an_error_while_packing_ends_the_server_in_one_line_and_nothing_else(
+    server: IgtlServer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(*_: object) -> None:
+        raise ValueError("odd markers")
+
+    monkeypatch.setattr(igtl_server, "fitted_bending_rad", fails)
+    show(server)
+    with connected(server):
+        server._thread.join(PATIENCE_S)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("ccr-host: the OpenIGTLink server has ended")
+    assert "odd markers" in line
+    show(server)
