@@ -4,6 +4,8 @@ import json
 import re
 import shutil
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -41,8 +43,23 @@ def test_octave_reads_and_writes_every_golden_vector() -> None:
     assert frames > 500
 
 
-def test_octave_arms_moves_and_stops_an_emulated_board_over_tcp(ccr_host: CcrHost) -> None:
-    lines = on_emulator(ccr_host, "drive.m", "--tcp", "127.0.0.1:0").splitlines()
+@pytest.fixture(scope="module")
+def board(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """URI of an emulated board over TCP."""
+    host = CcrHost(tmp_path_factory.mktemp("board"))
+    with emulated(host, "--tcp", "127.0.0.1:0") as uri:
+        yield uri
+
+
+@contextmanager
+def emulated(ccr_host: CcrHost, *words: str) -> Iterator[str]:
+    with running(ccr_host, "emulate", "--boot-ms", "100", *words) as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().split()[3].rstrip(";")
+
+
+def test_octave_arms_moves_and_stops_an_emulated_board_over_tcp(board: str) -> None:
+    lines = octave(str(SCRIPTS / "drive.m"), board).splitlines()
     assert lines[1:] == [
         "before arming: the board refuses: bad_state",
         "setpoint 10 -20, pulses 1611 1278, active",
@@ -52,17 +69,8 @@ def test_octave_arms_moves_and_stops_an_emulated_board_over_tcp(ccr_host: CcrHos
     ]
 
 
-def test_algorithm_1_follows_a_path_over_a_serial_port(ccr_host: CcrHost) -> None:
-    first_mm, mean_mm = map(float, on_emulator(ccr_host, "follow.m").split())
-    assert first_mm > 10
-    assert mean_mm < 1, "the error of the motor's zero is fed back"
-
-
-def test_the_first_steps_end_where_the_board_says(ccr_host: CcrHost) -> None:
-    with running(ccr_host, "emulate", "--boot-ms", "100", "--tcp", "127.0.0.1:0") as process:
-        assert process.stdout is not None
-        uri = process.stdout.readline().split()[3].rstrip(";")
-        told = octave("--eval", f"uri = '{uri}'; first_steps")
+def test_the_first_steps_end_where_the_board_says(board: str) -> None:
+    told = octave("--eval", f"uri = '{board}'; first_steps")
     state, *numbers = re.findall(r"^\w+|-?\d+\.\d", told)
     q_deg, tip_mm = np.split(np.array(numbers, dtype=float), [2])
     assert state in ("active", "hold")
@@ -70,12 +78,11 @@ def test_the_first_steps_end_where_the_board_says(ccr_host: CcrHost) -> None:
     assert tip_mm == pytest.approx(expected, abs=0.3)
 
 
-def on_emulator(ccr_host: CcrHost, script: str, *words: str) -> str:
-    """What a script prints that is given the address of an emulated board."""
-    with running(ccr_host, "emulate", "--boot-ms", "100", *words) as process:
-        assert process.stdout is not None
-        uri = process.stdout.readline().split()[3].rstrip(";")
-        return octave(str(SCRIPTS / script), uri)
+def test_algorithm_1_follows_a_path_over_a_serial_port(ccr_host: CcrHost) -> None:
+    with emulated(ccr_host) as uri:
+        first_mm, mean_mm = map(float, octave(str(SCRIPTS / "follow.m"), uri).split())
+    assert first_mm > 10
+    assert mean_mm < 1, "the error of the motor's zero is fed back"
 
 
 def test_the_clients_kinematics_are_those_of_the_host() -> None:
