@@ -80,7 +80,7 @@ def wait_until_following(folder: Path, process: subprocess.Popen[str]) -> None:
         with suppress(ConfigError):  # a file that has only just been made
             if log_files(folder, LOG_PREFIX) and "following the path" in events(folder):
                 return
-        time.sleep(0.05)
+        time.sleep(0.25)  # The log is read each time.
     pytest.fail(f"the run did not start: {process.communicate()}")
 
 

@@ -18,7 +18,7 @@ SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 TOOLS = {"g++": "g++", "clang++": "clang libclang-rt-14-dev"}
 """Compilers and the apt packages they come in."""
 
-Build = Callable[[str, Sequence[str], Sequence[Path]], Path]
+Build = Callable[..., Path]
 
 
 def run(*command: str | Path) -> str:
@@ -39,18 +39,24 @@ def core_sources() -> list[Path]:
 def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
     """Compiles each source separately and links them into a program."""
 
-    def _build(compiler: str, flags: Sequence[str], sources: Sequence[Path]) -> Path:
+    def _build(
+        compiler: str,
+        flags: Sequence[str],
+        sources: Sequence[Path],
+        unoptimised: Sequence[Path] = (),
+    ) -> Path:
         if shutil.which(compiler) is None:
             pytest.fail(f"there is no {compiler}: apt-get install -y {TOOLS[compiler]}")
         folder = tmp_path_factory.mktemp("native_core")
 
         def compile_one(source: Path) -> Path:
             target = folder / f"{source.stem}.o"
-            run(compiler, *STRICT, *flags, *INCLUDES, "-c", source, "-o", target)
+            level = ["-O0"] if source in unoptimised else []
+            run(compiler, *STRICT, *flags, *level, *INCLUDES, "-c", source, "-o", target)
             return target
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            objects = list(pool.map(compile_one, sources))
+            objects = list(pool.map(compile_one, [*sources, *unoptimised]))
         program = folder / "program"
         run(compiler, *flags, *objects, "-o", program)
         return program

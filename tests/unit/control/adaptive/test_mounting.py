@@ -39,7 +39,8 @@ def test_the_model_explains_the_twin_whichever_way_gravity_pulls(direction: str)
 
 @cache
 def _error_mm(direction: str) -> float:
-    result = execute_quietly(RunOptions(path="8shape", overrides=(_gravity(direction),)))
+    overrides = (_gravity(direction), "control.solver=compiled")
+    result = execute_quietly(RunOptions(path="8shape", overrides=overrides))
     errors_mm = true_errors_mm(result.records)
     assert errors_mm is not None
     return float(np.linalg.norm(errors_mm, axis=1).mean())
