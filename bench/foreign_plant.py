@@ -2,13 +2,13 @@
 
 ccr-host track 8shape --robot dirty --plant bench/foreign_plant.py:StrainRobot
 
-It reads the keys of ``[twin]``, but it is no chain of hinges in MuJoCo: each segment is one elastic
+It reads the keys of ``[twin]``, but is not a chain of hinges in MuJoCo: each segment is one elastic
 rod whose strains are polynomials of the arc length (assumed strains: bending in both planes, twist,
 stretch), and each tendon is a row of elastic bays between the holes that slips through a hole when
-the tensions on both sides differ by more than the capstan law allows. So friction has a memory hole
-by hole, and a segment need not bend uniformly. There is no inertia: nothing vibrates, and nothing
-shakes friction loose. Damping is a relaxation time. A push (``twin.push``) is ignored. Needs numba (extra ``fast``); a
-minute of the robot takes one to two of a computer.
+the tensions on both sides differ by more than the capstan law allows. So friction has a memory at
+each hole, and a segment need not bend uniformly. There is no inertia: nothing vibrates, and nothing
+shakes friction loose. Damping is a relaxation time. A push (``twin.push``) is ignored. It needs
+numba (extra ``fast``); a minute of robot time takes one to two minutes to compute.
 """
 
 from __future__ import annotations

@@ -40,12 +40,12 @@ Bench saved_twice() {
 
 }  // namespace
 
-TEST_CASE("the CRC of EEPROM is the one of zip") {
+TEST_CASE("the CRC in EEPROM is that of zip files") {
   const uint8_t digits[] = {'1', '2', '3', '4', '5', '6', '7', '8', '9'};
   CHECK(crc32_of(digits, sizeof(digits)) == 0xCBF43926UL);
 }
 
-TEST_CASE("CFG-1: a group that is refused leaves the one before") {
+TEST_CASE("CFG-1: refusing a group keeps the previous one") {
   Bench bench;
   bench.make_ready();
   Calibration half_good = some_calibration();
@@ -102,7 +102,7 @@ TEST_CASE("CFG-2: saves alternate between the slots, and the newest is loaded") 
   }
 }
 
-TEST_CASE("CFG-2: the newer generation is loaded also across its wrap") {
+TEST_CASE("CFG-2: the newer generation is loaded even after the counter wraps") {
   Bench bench = saved_twice();
   write_generation(bench.hardware.eeprom, kEepromSlotA, 0);
   write_generation(bench.hardware.eeprom, kEepromSlotB, 0xFFFF);
@@ -126,7 +126,7 @@ TEST_CASE("CFG-3: a reset at any byte of a save leaves the configuration saved b
   }
 }
 
-TEST_CASE("CFG-3: what was loaded is not saved over, whichever slot it is in") {
+TEST_CASE("CFG-3: the loaded slot is not overwritten, whichever it is") {
   for (uint16_t saves = 2; saves <= 5; ++saves) {
     Bench bench = saved_twice();
     for (uint16_t save = 3; save <= saves; ++save) {
@@ -151,7 +151,7 @@ TEST_CASE("CFG-4: a slot of another layout is corrupt") {
   CHECK(status(bench) == EepromStatus::kOneSlotBad);
 }
 
-TEST_CASE("CFG-4: with one corrupt slot the other one is loaded, at any byte") {
+TEST_CASE("CFG-4: with any byte of one slot corrupt, the other slot is loaded") {
   for (const uint16_t slot : kSlots) {
     for (unsigned at = 0; at < kEepromSlotSize; ++at) {
       Bench bench = saved_twice();
@@ -163,7 +163,7 @@ TEST_CASE("CFG-4: with one corrupt slot the other one is loaded, at any byte") {
   }
 }
 
-TEST_CASE("CFG-4: with both corrupt the board is not configured and says so") {
+TEST_CASE("CFG-4: with both slots corrupt the board is unconfigured and reports it") {
   Bench bench = saved_twice();
   for (const uint16_t slot : kSlots) {
     bench.hardware.eeprom[slot + 20U] ^= 1;
@@ -175,7 +175,7 @@ TEST_CASE("CFG-4: with both corrupt the board is not configured and says so") {
   CHECK(bench.refused(Arm{kSession}).code == NackCode::kNotConfigured);
 }
 
-TEST_CASE("CFG-4: a whole slot with values that may not be used is corrupt") {
+TEST_CASE("CFG-4: an intact slot with invalid values is corrupt") {
   Bench bench = saved_twice();
   put_u16(&bench.hardware.eeprom[kEepromSlotB + kSlotConfigurationAt + kSlewAt], 0);
   write_generation(bench.hardware.eeprom, kEepromSlotB, 1);
@@ -184,7 +184,7 @@ TEST_CASE("CFG-4: a whole slot with values that may not be used is corrupt") {
   CHECK(slew(bench) == 11);
 }
 
-TEST_CASE("CFG-4: a save repairs the slot that is not the newest") {
+TEST_CASE("CFG-4: a save repairs the older slot") {
   Bench bench = saved_twice();
   bench.hardware.eeprom[kEepromSlotB] ^= 1;
   bench.reset();
@@ -195,7 +195,7 @@ TEST_CASE("CFG-4: a save repairs the slot that is not the newest") {
   CHECK(status(bench) == EepromStatus::kLoaded);
 }
 
-TEST_CASE("CFG-5: during a save arm, save_config and setting a group get busy") {
+TEST_CASE("CFG-5: during a save, arm, save_config and setting a group get busy") {
   Bench bench;
   bench.make_ready();
   bench.acknowledged(SaveConfig{kSession});
@@ -239,7 +239,7 @@ TEST_CASE("CFG-6: a save is finished one tick after its last byte") {
   CHECK(bench.counters().saves == 1);
 }
 
-TEST_CASE("CFG-6: a byte that does not read back is a fault, and the configuration before stays") {
+TEST_CASE("CFG-6: a byte that does not read back is a fault, and the old configuration stays") {
   for (const unsigned at : {0U, 20U, kEepromSlotSize - 1U}) {
     Bench bench = saved_twice();
     bench.hardware.worn_out_address = static_cast<int>(kEepromSlotA + at);

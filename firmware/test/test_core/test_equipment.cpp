@@ -29,7 +29,7 @@ void make_former(EepromImage& eeprom) {
 
 }  // namespace
 
-TEST_CASE("EST-1: an open emergency stop is a fault in the next tick, in every state but boot") {
+TEST_CASE("EST-1: an open emergency stop is a fault at the next tick, in every state but boot") {
   Bench bench;
   bench.hardware.is_stop_open = true;
   bench.make_ready();
@@ -54,14 +54,14 @@ TEST_CASE("EST-1: an open emergency stop is a fault in the next tick, in every s
   CHECK(bench.fault() == Fault::kEmergencyStop);
 }
 
-TEST_CASE("EST-1: where none is fitted the input means nothing") {
+TEST_CASE("EST-1: the input is ignored if no emergency stop is fitted") {
   Bench bench;
   bench.hardware.is_stop_open = true;
   bench.make_armed();
   CHECK(bench.fault() == Fault::kNone);
 }
 
-TEST_CASE("EST-2: nothing is cleared while the emergency stop is open") {
+TEST_CASE("EST-2: no latch is cleared while the emergency stop is open") {
   Bench bench;
   bench.make_ready();
   bench.acknowledged(SetEquipment{kSession, kFitted});
@@ -74,7 +74,7 @@ TEST_CASE("EST-2: nothing is cleared while the emergency stop is open") {
   CHECK((bench.acknowledged(ClearFault{kSession}) == State::kDisarmed));
 }
 
-TEST_CASE("SUP-2: the report tells the servo supply, rounded") {
+TEST_CASE("SUP-2: the report contains the servo supply voltage, rounded") {
   Bench bench;
   bench.make_ready();
   for (const unsigned full : {0U, 1U, 60U, 100U, 254U, 255U}) {
@@ -87,7 +87,7 @@ TEST_CASE("SUP-2: the report tells the servo supply, rounded") {
   }
 }
 
-TEST_CASE("SUP-3: a supply that stays too low while armed is a fault") {
+TEST_CASE("SUP-3: a servo supply that stays too low while armed is a fault") {
   Bench bench;
   bench.make_ready();
   bench.acknowledged(SetEquipment{kSession, {{}, 0, 100, 50}});
@@ -113,7 +113,7 @@ TEST_CASE("SUP-3: a supply that stays too low while armed is a fault") {
   CHECK(bench.state() == State::kDisarmed);
 }
 
-TEST_CASE("CFG-7: a slot of layout 1 is loaded, and its equipment is zeros") {
+TEST_CASE("CFG-7: a slot of layout 1 is loaded with zeros for its equipment") {
   Bench bench;
   bench.make_ready();
   bench.save();
@@ -134,7 +134,7 @@ TEST_CASE("CFG-7: a slot of layout 1 is loaded, and its equipment is zeros") {
   CHECK(equipment(bench).board_name[2] == 'm');
 }
 
-TEST_CASE("CFG-7: a damaged slot of layout 1 is corrupt, at any byte") {
+TEST_CASE("CFG-7: a slot of layout 1 with any byte damaged is corrupt") {
   for (uint8_t at = 0; at < kFirstSlotCrcAt + 4; ++at) {
     Bench bench;
     bench.make_ready();

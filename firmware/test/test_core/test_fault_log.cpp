@@ -43,7 +43,7 @@ TEST_CASE("LOG-1: each fault is written once, one byte a tick") {
   }
 }
 
-TEST_CASE("LOG-1: a second fault that comes before the first is written is written after it") {
+TEST_CASE("LOG-1: a second fault raised before the first is written is written after it") {
   Bench bench;
   bench.make_ready();
   make_fault(bench, Fault::kStackLow);
@@ -56,7 +56,7 @@ TEST_CASE("LOG-1: a second fault that comes before the first is written is writt
   CHECK(bench.refused(GetFaultRecord{1}).code == NackCode::kBusy);
 }
 
-TEST_CASE("LOG-2: a reset at any byte of a record leaves those before, and the next takes its place") {
+TEST_CASE("LOG-2: a reset at any byte of a record keeps earlier ones, and the next overwrites it") {
   for (unsigned ticks = 0; ticks < FaultRecord::kSize; ++ticks) {
     Bench bench;
     bench.make_ready();

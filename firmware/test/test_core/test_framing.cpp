@@ -12,7 +12,7 @@ Bytes spoilt(Bytes frame) {
 
 }  // namespace
 
-TEST_CASE("FRM-1: what is no frame is counted by its kind, not answered and changes nothing") {
+TEST_CASE("FRM-1: an invalid frame is counted by kind, not answered, and changes nothing") {
   Bench bench;
   bench.make_ready();
   const StateReport before = bench.report();
@@ -32,7 +32,7 @@ TEST_CASE("FRM-1: what is no frame is counted by its kind, not answered and chan
   CHECK(after.link_errors == before.link_errors + 3);
 }
 
-TEST_CASE("FRM-2: after any bytes and a zero the next frame is understood") {
+TEST_CASE("FRM-2: after arbitrary bytes and a zero the next frame is decoded") {
   Bench bench;
   for (const Bytes& noise : {Bytes{0x01}, Bytes{0xFF, 0xFF}, Bytes(300, 0x07), Bytes{5, 4, 3}}) {
     bench.feed(noise);
@@ -48,21 +48,21 @@ TEST_CASE("FRM-3: zeros between frames are ignored and not counted") {
   CHECK(counters.bad_size + counters.bad_encoding + counters.bad_crc == 0);
 }
 
-TEST_CASE("FRM-4: a frame that grows too long is counted once, as bad_size") {
+TEST_CASE("FRM-4: an oversized frame is counted once, as bad_size") {
   Bench bench;
   bench.feed(Bytes(1000, 0x01));
   bench.feed({0});
   CHECK(bench.counters().bad_size == 1);
 }
 
-TEST_CASE("bytes lost before they came here are counted as overruns and link errors") {
+TEST_CASE("bytes lost before reaching the core are counted as overruns and link errors") {
   Bench bench;
   bench.board().count_overruns(300);
   CHECK(bench.counters().overruns == 300);
   CHECK(bench.report().link_errors == 300);
 }
 
-TEST_CASE("an answer that finds no room is dropped whole and counted") {
+TEST_CASE("a reply that does not fit the buffer is dropped whole and counted") {
   Bench bench;
   bench.hardware.room = 0;
   bench.feed(wire(1, GetState{}));
@@ -71,7 +71,7 @@ TEST_CASE("an answer that finds no room is dropped whole and counted") {
   CHECK(bench.counters().replies_dropped == 1);
 }
 
-TEST_CASE("REQ-5: only the answer to stop takes the room that is left for it") {
+TEST_CASE("REQ-5: only the reply to stop uses the space reserved for it") {
   constexpr uint8_t kAckSize = wire_size(Ack::kSize);
   Bench bench;
   bench.hardware.room = wire_size(ClockReply::kSize) + kAckSize - 1;
@@ -85,7 +85,7 @@ TEST_CASE("REQ-5: only the answer to stop takes the room that is left for it") {
   CHECK(bench.take_sent().size() == 1);
 }
 
-TEST_CASE("REQ-5: a request is obeyed that finds no room for its answer") {
+TEST_CASE("REQ-5: a request is executed even if its reply does not fit") {
   Bench bench;
   bench.make_armed();
   bench.hardware.room = 0;

@@ -52,7 +52,7 @@ TEST_CASE("LED-1: the LED shows the state") {
   CHECK(shown(bench) == "##..##..");
 }
 
-TEST_CASE("LED-2: the LED blinks for as long as it was asked to") {
+TEST_CASE("LED-2: the LED blinks for the requested time") {
   Bench bench;
   bench.make_ready();
   CHECK((bench.acknowledged(Blink{1}) == State::kDisarmed));

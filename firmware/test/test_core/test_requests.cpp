@@ -22,7 +22,7 @@ TEST_CASE("REQ-1: each request is answered once, in order, with its sequence num
   CHECK(bench.counters().frames_accepted == 11);
 }
 
-TEST_CASE("REQ-2: the first check that fails is reported") {
+TEST_CASE("REQ-2: the first failing check is reported") {
   Bench bench;
   const SetLimits wrong_in_all = {7, {{0, -20000}, {0, 0}, {0, 0}}};
   const SetLimits out_of_range = {kSession, {{0, 0}, {0, 20000}, {0, 0}}};
@@ -58,7 +58,7 @@ TEST_CASE("REQ-2: a refused request changes nothing") {
   CHECK(bench.counters().nacks == 1);
 }
 
-TEST_CASE("REQ-3: a repeated once request is answered with the same frame and not executed") {
+TEST_CASE("REQ-3: a repeated once-only request gets the same reply and is not executed again") {
   Bench bench;
   bench.make_ready();
   const Bytes request = wire(200, Arm{kSession});
@@ -71,7 +71,7 @@ TEST_CASE("REQ-3: a repeated once request is answered with the same frame and no
   CHECK(bench.counters().repeats_answered == 1);
 }
 
-TEST_CASE("REQ-3: the memory lasts for the retry window and no longer") {
+TEST_CASE("REQ-3: the stored reply lasts exactly for the retry window") {
   for (const unsigned age : {kRetryWindowTicks + 0U, kRetryWindowTicks + 1U}) {
     Bench bench;
     bench.make_ready();
@@ -83,7 +83,7 @@ TEST_CASE("REQ-3: the memory lasts for the retry window and no longer") {
   }
 }
 
-TEST_CASE("REQ-3: the memory does not come back however long it takes") {
+TEST_CASE("REQ-3: an expired reply does not come back however long it takes") {
   Bench bench;
   bench.make_ready();
   const Bytes request = wire(200, Disarm{kSession});
@@ -93,7 +93,7 @@ TEST_CASE("REQ-3: the memory does not come back however long it takes") {
   CHECK(bench.counters().repeats_answered == 0);
 }
 
-TEST_CASE("REQ-3: another sequence number, payload or a refusal is no repetition") {
+TEST_CASE("REQ-3: another sequence number or payload, or a refusal, is not a repetition") {
   Bench bench;
   bench.make_ready();
   bench.feed(wire(200, SetSlew{kSession, {{50, 50}}}));
@@ -106,7 +106,7 @@ TEST_CASE("REQ-3: another sequence number, payload or a refusal is no repetition
   CHECK(bench.counters().repeats_answered == 1);
 }
 
-TEST_CASE("REQ-3: open_session clears the memory") {
+TEST_CASE("REQ-3: open_session clears the stored reply") {
   Bench bench;
   bench.make_ready();
   const Bytes request = wire(200, Disarm{kSession});
@@ -116,7 +116,7 @@ TEST_CASE("REQ-3: open_session clears the memory") {
   CHECK(bench.counters().repeats_answered == 0);
 }
 
-TEST_CASE("REQ-4: ids that are not requests, replies among them, get unknown_id") {
+TEST_CASE("REQ-4: ids that are not requests, including replies, get unknown_id") {
   Bench bench;
   for (unsigned id = 0; id <= 255; ++id) {
     if (find_request(static_cast<uint8_t>(id)) == nullptr) {
@@ -127,7 +127,7 @@ TEST_CASE("REQ-4: ids that are not requests, replies among them, get unknown_id"
   }
 }
 
-TEST_CASE("every request that the spec knows is dispatched") {
+TEST_CASE("every request in the spec is dispatched") {
   Bench bench;
   for (const RequestRule& rule : kRequestRules) {
     const Frame answer = bench.ask_raw(wire(rule.id, 1, Bytes(rule.size)));
@@ -153,7 +153,7 @@ TEST_CASE("a request is only admitted in the states that the spec lists") {
   }
 }
 
-TEST_CASE("hello tells who the board is") {
+TEST_CASE("hello identifies the board") {
   Bench bench(ResetCause::kBrownOut);
   const HelloReply reply = read<HelloReply>(bench.ask(Hello{9, 1}));
   CHECK(reply.protocol_version == kProtocolVersion);
@@ -168,7 +168,7 @@ TEST_CASE("hello tells who the board is") {
   CHECK(reply.tick_us == kTickUs);
 }
 
-TEST_CASE("clock_sync gives the host's time back with the board's") {
+TEST_CASE("clock_sync returns the host's time and the board's") {
   Bench bench;
   bench.hardware.now_us = 0xFFFFFFFFUL;
   const ClockReply reply = read<ClockReply>(bench.ask(ClockSync{0x12345678UL}));
@@ -176,7 +176,7 @@ TEST_CASE("clock_sync gives the host's time back with the board's") {
   CHECK(reply.board_time_us == 0xFFFFFFFFUL);
 }
 
-TEST_CASE("SES-1: what needs a session is refused without one and with another one") {
+TEST_CASE("SES-1: requests that need a session are refused without one and with another one") {
   Bench bench;
   bench.tick(kBootTicks + 1);
   CHECK(bench.refused(Disarm{kSession}).code == NackCode::kBadSession);
@@ -187,7 +187,7 @@ TEST_CASE("SES-1: what needs a session is refused without one and with another o
   CHECK(bench.refused(Disarm{kSession}).code == NackCode::kBadSession);
 }
 
-TEST_CASE("SES-2: another spec opens no session and leaves the open one") {
+TEST_CASE("SES-2: another spec hash opens no session and keeps the open one") {
   Bench bench;
   bench.tick(kBootTicks + 1);
   bench.open_session();
@@ -195,7 +195,7 @@ TEST_CASE("SES-2: another spec opens no session and leaves the open one") {
   CHECK(bench.acknowledged(Disarm{kSession}) == State::kDisarmed);
 }
 
-TEST_CASE("SES-3: a reset closes the session, ends the telemetry and counts the boot") {
+TEST_CASE("SES-3: a reset closes the session, ends telemetry and increments the boot counter") {
   Bench bench;
   bench.make_ready();
   bench.acknowledged(SetTelemetry{kSession, 1});
@@ -217,7 +217,7 @@ TEST_CASE("SES-3: the boot counter carries from byte to byte and wraps") {
   }
 }
 
-TEST_CASE("SES-3: over all values no two resets count alike, and no cell is written at each") {
+TEST_CASE("SES-3: boot counts do not repeat, and no cell is written at every reset") {
   Bench bench;
   unsigned boot_id = 1;
   for (unsigned reset = 0; reset < 70000; ++reset) {
@@ -260,7 +260,7 @@ TEST_CASE("TEL-1: open_session ends the stream") {
   CHECK(bench.take_sent().empty());
 }
 
-TEST_CASE("TEL-1: a stream that is started again is numbered from 0 again") {
+TEST_CASE("TEL-1: a restarted stream is numbered from 0 again") {
   Bench bench;
   bench.make_ready();
   for (unsigned round = 0; round < 2; ++round) {

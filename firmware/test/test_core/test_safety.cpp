@@ -68,7 +68,7 @@ TEST_CASE("TIM-1: the report counts the ticks") {
   CHECK(bench.report().tick == 7);
 }
 
-TEST_CASE("TIM-3: boot is left at the tick after boot_ticks and not before") {
+TEST_CASE("TIM-3: boot ends at the tick after boot_ticks, not earlier") {
   Bench bench;
   bench.tick(kBootTicks);
   CHECK(bench.state() == State::kBoot);
@@ -76,7 +76,7 @@ TEST_CASE("TIM-3: boot is left at the tick after boot_ticks and not before") {
   CHECK(bench.state() == State::kDisarmed);
 }
 
-TEST_CASE("TIM-3: the validity of a target runs out after the ticks it takes") {
+TEST_CASE("TIM-3: a target expires after the number of ticks in its validity") {
   for (uint16_t validity_ms = 20; validity_ms <= 121; ++validity_ms) {
     Bench bench;
     bench.make_armed();
@@ -89,7 +89,7 @@ TEST_CASE("TIM-3: the validity of a target runs out after the ticks it takes") {
   }
 }
 
-TEST_CASE("TIM-3: the ticks of a duration") {
+TEST_CASE("TIM-3: conversion of a duration to ticks") {
   CHECK(ticks_of_ms(0) == 0);
   CHECK(ticks_of_ms(1) == 1);
   CHECK(ticks_of_ms(20) == 1);
@@ -97,7 +97,7 @@ TEST_CASE("TIM-3: the ticks of a duration") {
   CHECK(ticks_of_ms(65535) == 3277);
 }
 
-TEST_CASE("TIM-4: one transition a tick, then the setpoint, then the pulses, then the report") {
+TEST_CASE("TIM-4: each tick makes one transition, then updates setpoint, pulses and report") {
   Bench bench;
   bench.make_armed();
   bench.target(3000, 1000, 0, 20);
@@ -119,7 +119,7 @@ TEST_CASE("TIM-5: requests are answered during boot") {
   CHECK(bench.state() == State::kBoot);
 }
 
-TEST_CASE("ARM-1: axis after axis gets pulses where it was left, then goes to rest") {
+TEST_CASE("ARM-1: the axes get pulses one after another at their last setpoint, then go to rest") {
   Bench bench;
   bench.make_ready();
   const Limits elsewhere = {{2000, 2000}, {6000, 9000}, {2500, 2100}};
@@ -144,7 +144,7 @@ TEST_CASE("ARM-1: axis after axis gets pulses where it was left, then goes to re
   CHECK(bench.state() == State::kHold);
 }
 
-TEST_CASE("ARM-1: at rest already, hold begins when both axes have waited") {
+TEST_CASE("ARM-1: if already at rest, hold begins once both axes have waited") {
   Bench bench;
   bench.make_ready();
   bench.acknowledged(SetLimits{kSession, {{-1, -1}, {1, 1}, {0, 0}}});
@@ -168,7 +168,7 @@ TEST_CASE("ARM-2: arm and save_config name the missing groups") {
   CHECK(nack.detail == (config_groups::kWatchdog | config_groups::kCalibration));
 }
 
-TEST_CASE("ARM-3: the setpoint survives stop and fault, a reset makes it the rest pose") {
+TEST_CASE("ARM-3: the setpoint survives stop and fault; a reset sets it to the rest pose") {
   Bench bench;
   bench.make_armed();
   bench.target(3000, 3000);
@@ -184,7 +184,7 @@ TEST_CASE("ARM-3: the setpoint survives stop and fault, a reset makes it the res
   CHECK(bench.report().setpoint_cdeg[1] == some_limits().rest_cdeg[1]);
 }
 
-TEST_CASE("ARM-4: after a reset nothing but arm brings pulses") {
+TEST_CASE("ARM-4: after a reset only arm enables pulses") {
   Bench bench;
   bench.make_armed();
   bench.acknowledged(Stop{});
@@ -199,7 +199,7 @@ TEST_CASE("ARM-4: after a reset nothing but arm brings pulses") {
   CHECK(bench.state() == State::kDisarmed);
 }
 
-TEST_CASE("disarming from arming gives no pulses to an axis that had none") {
+TEST_CASE("disarming while arming enables no pulses on an axis that had none") {
   Bench bench;
   bench.make_ready();
   bench.arm();
@@ -212,7 +212,7 @@ TEST_CASE("disarming from arming gives no pulses to an axis that had none") {
   CHECK(bench.state() == State::kDisarmed);
 }
 
-TEST_CASE("disarm leads to rest with pulses, then takes them away") {
+TEST_CASE("disarm moves to rest with pulses, then stops them") {
   Bench bench;
   bring_to(bench, State::kDisarming);
   bool was_seen = false;
@@ -227,7 +227,7 @@ TEST_CASE("disarm leads to rest with pulses, then takes them away") {
   CHECK(bench.report().setpoint_cdeg[0] == some_limits().rest_cdeg[0]);
 }
 
-TEST_CASE("PUL-2: pulses are only present in the states that have them") {
+TEST_CASE("PUL-2: pulses are only present in the states that allow them") {
   for (const State state : kAllStates) {
     Bench bench;
     bring_to(bench, state);
@@ -240,7 +240,7 @@ TEST_CASE("PUL-2: pulses are only present in the states that have them") {
   }
 }
 
-TEST_CASE("WDG-1: when the validity has run out the setpoint stands still in hold") {
+TEST_CASE("WDG-1: when the target expires the setpoint stops, in hold") {
   Bench bench;
   bench.make_armed();
   bench.target(5000, 5000, 1000, 200);
@@ -269,7 +269,7 @@ TEST_CASE("WDG-2: nothing but set_target feeds the link watchdog") {
   CHECK(bench.state() == State::kHold);
 }
 
-TEST_CASE("WDG-3: after hold the setpoint goes to rest at the lesser of both slews") {
+TEST_CASE("WDG-3: after hold the setpoint goes to rest at the lower of the two slew limits") {
   Bench bench;
   bench.make_armed();
   bench.target(3000, 3000, 0, 400);
@@ -289,7 +289,7 @@ TEST_CASE("WDG-4: a fresh target ends hold and relaxing") {
   }
 }
 
-TEST_CASE("WDG-5: at rest after relaxing comes the fault link_loss, without pulses") {
+TEST_CASE("WDG-5: reaching rest after relaxing raises the fault link_loss, without pulses") {
   Bench bench;
   bring_to(bench, State::kRelaxing);
   CHECK(bench.has_pulses());
@@ -299,7 +299,7 @@ TEST_CASE("WDG-5: at rest after relaxing comes the fault link_loss, without puls
   CHECK(bench.report().setpoint_cdeg[0] == some_limits().rest_cdeg[0]);
 }
 
-TEST_CASE("STP-1: stop takes the pulses at the next tick, from every state, without a session") {
+TEST_CASE("STP-1: stop ends the pulses at the next tick, in every state, without a session") {
   for (const State state : kAllStates) {
     Bench bench;
     bring_to(bench, state);
@@ -323,7 +323,7 @@ TEST_CASE("FLT-1: the first fault is kept until it is cleared") {
   CHECK(bench.fault() == Fault::kNone);
 }
 
-TEST_CASE("FLT-1: a fault in stopped is recorded, the state stays") {
+TEST_CASE("FLT-1: a fault in stopped is recorded and does not change the state") {
   Bench bench;
   bench.make_ready();
   bench.acknowledged(Stop{});
@@ -332,7 +332,7 @@ TEST_CASE("FLT-1: a fault in stopped is recorded, the state stays") {
   CHECK(bench.state() == State::kStopped);
 }
 
-TEST_CASE("FLT-2: from fault and stopped only clear_fault leads on, to disarmed") {
+TEST_CASE("FLT-2: fault and stopped are left only by clear_fault, to disarmed") {
   for (const State state : {State::kFault, State::kStopped}) {
     Bench bench;
     bring_to(bench, state);
@@ -374,7 +374,7 @@ TEST_CASE("FLT-3: boot ends in a fault after the watchdog or a brown-out") {
   }
 }
 
-TEST_CASE("FLT-3: boot ends in a fault after an unknown reset that has cut pulses") {
+TEST_CASE("FLT-3: boot ends in a fault after an unknown reset that interrupted pulses") {
   Bench bench;
   bench.make_armed();
   bench.reset(ResetCause::kUnknown);
@@ -388,7 +388,7 @@ TEST_CASE("FLT-3: boot ends in a fault after an unknown reset that has cut pulse
   CHECK(bench.state() == State::kDisarmed);
 }
 
-TEST_CASE("WDG-6: steps so small that the way to rest would take too long are refused") {
+TEST_CASE("WDG-6: slew limits too low to reach rest in time are refused") {
   Bench bench;
   bench.make_ready();
   CHECK(bench.refused(SetSlew{kSession, {{9, 10}}}).code == NackCode::kOutOfRange);
@@ -396,7 +396,7 @@ TEST_CASE("WDG-6: steps so small that the way to rest would take too long are re
   CHECK(bench.acknowledged(SetSlew{kSession, {{10, 10}}}) == State::kDisarmed);
 }
 
-TEST_CASE("FLT-3: stop during boot comes before the fault of the reset") {
+TEST_CASE("FLT-3: stop during boot takes precedence over the fault of the reset") {
   Bench bench(ResetCause::kWatchdog);
   bench.acknowledged(Stop{});
   bench.tick(kBootTicks + 1);
@@ -404,7 +404,7 @@ TEST_CASE("FLT-3: stop during boot comes before the fault of the reset") {
   CHECK(bench.fault() == Fault::kNone);
 }
 
-TEST_CASE("a state that is none, as after a bit flip in memory, is a fault without pulses") {
+TEST_CASE("an invalid state, as after a bit flip in memory, is a fault without pulses") {
   Safety safety({ResetCause::kPowerOn, false});
   // A state that the class itself cannot reach.
   *reinterpret_cast<uint8_t*>(&safety) = 0x7F;

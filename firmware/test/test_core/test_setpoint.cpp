@@ -31,7 +31,7 @@ TEST_CASE("TGT-1: a target whose pulse is clamped is reported and counted as cla
   CHECK(bench.counters().targets_clamped == 1);
 }
 
-TEST_CASE("TGT-2: the ramp is a straight line, its quotient rounded toward zero") {
+TEST_CASE("TGT-2: the ramp is linear, its quotient rounded toward zero") {
   for (const int16_t target : {int16_t{1000}, int16_t{-1000}, int16_t{7}, int16_t{-13500}}) {
     Setpoint setpoint(300);
     setpoint.aim_at(target, 7);
@@ -43,7 +43,7 @@ TEST_CASE("TGT-2: the ramp is a straight line, its quotient rounded toward zero"
   }
 }
 
-TEST_CASE("TGT-2: the longest way over the longest ramp does not overflow") {
+TEST_CASE("TGT-2: the largest move over the longest ramp does not overflow") {
   Setpoint setpoint(-13500);
   setpoint.aim_at(13500, 500);
   int16_t before = -13500;
@@ -55,14 +55,14 @@ TEST_CASE("TGT-2: the longest way over the longest ramp does not overflow") {
   CHECK(setpoint.cdeg() == 13500);
 }
 
-TEST_CASE("TGT-2: without a ramp the setpoint aims at the target at once") {
+TEST_CASE("TGT-2: without a ramp the setpoint heads for the target at once") {
   Setpoint setpoint(0);
   setpoint.aim_at(1500, 0);
   setpoint.follow_ramp(2000, 0);
   CHECK(setpoint.cdeg() == 1500);
 }
 
-TEST_CASE("TGT-3: no tick moves the setpoint by more than the slew") {
+TEST_CASE("TGT-3: no tick moves the setpoint by more than the slew limit") {
   Setpoint setpoint(-13500);
   setpoint.aim_at(13500, 3);
   for (int tick = 0; tick < 30; ++tick) {
@@ -73,7 +73,7 @@ TEST_CASE("TGT-3: no tick moves the setpoint by more than the slew") {
   CHECK(setpoint.cdeg() == 13500);
 }
 
-TEST_CASE("TGT-4: the latest target replaces the one before, from where the setpoint is") {
+TEST_CASE("TGT-4: the latest target replaces the previous one, starting at the current setpoint") {
   Bench bench;
   bench.make_armed();
   bench.target(5000, 1000, 400);
@@ -88,7 +88,7 @@ TEST_CASE("TGT-4: the latest target replaces the one before, from where the setp
   CHECK(bench.report().target_age_ms == 20);
 }
 
-TEST_CASE("the age of a target stops at 65535") {
+TEST_CASE("the age of a target saturates at 65535") {
   Bench bench;
   CHECK(bench.report().target_age_ms == 65535);
   bench.make_armed();
@@ -120,13 +120,13 @@ TEST_CASE("PUL-1: pulses are rounded halves away from zero and clamped") {
   }
 }
 
-TEST_CASE("PUL-1: floor and ceiling hold whatever the calibration says") {
+TEST_CASE("PUL-1: floor and ceiling apply whatever the calibration") {
   const Calibration absurd = {{3000, 3000}, {4000, 4000}, {0, 0}, {65535, 65535}};
   CHECK(pulse_half_us(absurd, 0, 13500) == kPulseCeilingHalfUs);
   CHECK(pulse_half_us(absurd, 0, -13500) == kPulseFloorHalfUs);
 }
 
-TEST_CASE("PUL-1: the calibration's limits are within floor and ceiling and hold for themselves") {
+TEST_CASE("PUL-1: the calibration's own limits apply within floor and ceiling") {
   const Calibration narrow = {{3000, 3000}, {4000, -4000}, {2900, 2800}, {3100, 3200}};
   CHECK(pulse_half_us(narrow, 0, -13500) == 2900);
   CHECK(pulse_half_us(narrow, 0, 13500) == 3100);
@@ -154,7 +154,7 @@ TEST_CASE("the setpoint is moving until it has reached its goal") {
   CHECK(bench.has_flag(status_flags::kMoving));
 }
 
-TEST_CASE("ACC-1, ACC-2: with an acceleration limit it stops at its goal without passing it") {
+TEST_CASE("ACC-1, ACC-2: with an acceleration limit it stops at its goal without overshoot") {
   const uint16_t accelerations[] = {1, 2, 7, 60, 500, 2000};
   const uint16_t slews[] = {10, 333, 2000};
   const int16_t goals[] = {1, -1, 59, -1234, 13500, -13500};
@@ -181,7 +181,7 @@ TEST_CASE("ACC-1, ACC-2: with an acceleration limit it stops at its goal without
   }
 }
 
-TEST_CASE("ACC-1, ACC-3: it brakes to a stand, and is at rest only then") {
+TEST_CASE("ACC-1, ACC-3: the setpoint brakes to a standstill, and is at rest only then") {
   Setpoint setpoint(0);
   for (int tick = 0; tick < 20; ++tick) {
     setpoint.step_towards(9000, 500, 9);
@@ -198,7 +198,7 @@ TEST_CASE("ACC-1, ACC-3: it brakes to a stand, and is at rest only then") {
   CHECK_FALSE(setpoint.is_moving());
 }
 
-TEST_CASE("ACC-2: whatever the goals, it stays inside of them, and comes to the last") {
+TEST_CASE("ACC-2: for any goals the setpoint stays within their range and reaches the last") {
   unsigned random = 1;
   const auto draw = [&random](int below) {
     random = random * 1103515245U + 12345U;

@@ -60,7 +60,7 @@ def tree_of(text: str, source: str | None = None) -> dict[str, Any]:
     """The tables of a TOML text.
 
     Raises:
-        ConfigError: it is no TOML.
+        ConfigError: the text is not valid TOML.
     """
     try:
         return tomllib.loads(text)
@@ -73,7 +73,7 @@ def tree_with(tree: dict[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
     """The same tables with overrides, ``section.key=value``, applied.
 
     Raises:
-        ConfigError: an override is none, or names no key.
+        ConfigError: an override is malformed, or its key does not exist.
     """
     for override in overrides:
         _apply(tree, override)

@@ -18,14 +18,14 @@ from ccr_host.link.messages import (
 )
 
 _FAULTS: Final = {
-    Fault.NONE: ("the board is in fault without a reason", "report this as a defect"),
+    Fault.NONE: ("the board is in fault without a reason", "report this as a bug"),
     Fault.LINK_LOSS: (
         "link loss: the board got no target in time and has led the robot to rest",
         "find out why the host stalled or the cable failed",
     ),
     Fault.WATCHDOG_RESET: (
         "watchdog reset: the firmware was stuck",
-        "report this as a defect",
+        "report this as a bug",
     ),
     Fault.BROWN_OUT_RESET: (
         "brown-out: the board's supply was too low",
@@ -33,19 +33,19 @@ _FAULTS: Final = {
     ),
     Fault.TICK_OVERRUN: (
         "tick overrun: a control tick took too long",
-        "report this as a defect",
+        "report this as a bug",
     ),
-    Fault.STACK_LOW: ("stack low: the firmware is short of memory", "report this as a defect"),
+    Fault.STACK_LOW: ("stack low: the firmware is short of memory", "report this as a bug"),
     Fault.EEPROM_FAILED: (
         "EEPROM failed: a byte did not keep its value",
         "do not save; replace the board if it comes again",
     ),
     Fault.INTERNAL: (
-        "internal: the firmware found itself in a state that must not be",
-        "report this as a defect",
+        "internal: the firmware reached a state that should be impossible",
+        "report this as a bug",
     ),
     Fault.RESET_WHILE_ARMED: (
-        "reset while armed: the board has restarted while it held the robot, nobody knows why",
+        "reset while armed: the board restarted for an unknown reason while it held the robot",
         "look at its supply and its cable, and at the robot",
     ),
     Fault.EMERGENCY_STOP: (
@@ -97,13 +97,13 @@ _RESETS: Final = {
     ResetCause.POWER_ON: ("because its supply failed", "look at its supply"),
     ResetCause.EXTERNAL: (
         "through its reset pin",
-        "let no other program open the port, nobody press the button",
+        "keep other programs off the port and do not press the reset button",
     ),
     ResetCause.BROWN_OUT: (
         "because its supply fell too low",
         "give the servos a supply of their own",
     ),
-    ResetCause.WATCHDOG: ("by its watchdog", "report this as a defect of the firmware"),
+    ResetCause.WATCHDOG: ("by its watchdog", "report this as a bug of the firmware"),
 }
 
 
@@ -226,7 +226,7 @@ class WrongStateError(DeviceError):
     def __init__(self, wanted: State, actual: State) -> None:
         super().__init__(
             f"the board is {actual.name.lower()} instead of {wanted.name.lower()}",
-            "reset the board; report this as a defect if it comes again",
+            "reset the board; report this as a bug if it comes again",
         )
 
 

@@ -17,10 +17,10 @@ _FEWEST_STEPS = 5
 
 
 def why_measured_differs(records: Sequence[StepRecord]) -> str | None:
-    """The main reason why the means of measured and true error differ by much.
+    """The main reason why the mean measured and true errors differ substantially.
 
     Returns:
-        None where they agree, or where nobody knows the truth.
+        None if they agree, or if the true error is unknown.
     """
     measured, truth = measured_errors_mm(records), true_errors_mm(records)
     seen = np.isfinite(measured).all(axis=1)

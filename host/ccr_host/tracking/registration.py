@@ -1,16 +1,16 @@
 """Registration: the rotation from the camera's frame to that of (10), from poses at rest.
 
 The robot at rest is 20 mm and more away from (10), so fitting (10) to its poses would turn the
-frame by several degrees. What is used instead holds whatever slack and gravity do:
+frame by several degrees. Instead, properties are used that hold regardless of slack and gravity:
 
-- M2 moves in a plane, whose normal is the x of (10). M3 does not if segment 2 is bent, as by a
-  servo's zero: its weight bends it more or less as segment 1 swings.
+- M2 moves in a plane, whose normal is the x of (10). M3 does not if segment 2 is bent, for
+  example by a servo's zero offset: its sag then varies as segment 1 swings.
 - The part of M3 - M2 in that plane points along the tangent at the end of segment 1.
 - Between its two end tangents, segment 1 is an arc that sags by one unknown load
   (``chord``): this gives the tangent at the base, -y of (10).
 - The markers stand on the +z side.
 
-Motor angles only serve to tell which motors turn the wrong way.
+Motor angles are only used to find out which motors turn the wrong way.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ _MIN_MIRROR_RATIO = 3.0
 
 
 class RegistrationError(CcrError):
-    """The poses give no rotation that could be trusted (exit status 3)."""
+    """The poses do not determine a trustworthy rotation (exit status 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,14 +73,14 @@ class Registration:
     residual_mm: float
     """RMS distance of the markers from the fitted shapes."""
     scale: float
-    """Measured over believed length of segment 2, whose markers' distance slack and gravity do
-    not change while its motor rests."""
+    """Measured length of segment 2 divided by its configured length. Slack and gravity do not
+    change the distance between its markers while its motor rests."""
     segment_1_mm: float
     """L_1 as measured."""
     load: float
     """See ``chord``."""
     base_marker_aside_mm: float
-    """M1 beside the plane in which segment 1 bends."""
+    """Distance of M1 from the plane in which segment 1 bends."""
     reversed_motors: tuple[int, ...]
     """Numbers of the motors that turn against their description, 1 or 2."""
 
@@ -100,8 +100,8 @@ def register(rests: Rests, geometry: Robot) -> Registration:
         geometry: the robot as the controller believes it.
 
     Raises:
-        RegistrationError: coverage, residual, scale or uncertainty is poor; tells which, why, and
-            what to do.
+        RegistrationError: coverage, residual, scale or uncertainty is poor; the message says which,
+            why, and what to do.
     """
     seen = _Vectors.of(rests)
     _require_coverage(seen)
@@ -178,7 +178,7 @@ def _require_resting_base(base_mm: Array) -> None:
     if moved_mm > MAX_BASE_MOTION_MM:
         raise RegistrationError(
             f"M1 moved by {moved_mm:.1f} mm between poses",
-            "fix base and camera, and let nobody touch them meanwhile",
+            "fix base and camera, and keep clear of them during the measurement",
         )
 
 
@@ -202,7 +202,7 @@ def _require_coverage(seen: _Vectors) -> None:
 
 
 def _fit_plane(seen: _Vectors) -> _Plane:
-    """Fit the normal to the places of M2; it may stand aside by a constant, as glued by hand."""
+    """Fit the normal to the positions of M2; a constant offset allows for markers glued by hand."""
     places = seen.along_1
     prior_weight = (_SHAPE_ERROR_MM / _LENGTH_TOLERANCE_MM) ** 2
     total = places.sum(axis=0)
@@ -213,7 +213,7 @@ def _fit_plane(seen: _Vectors) -> _Plane:
 
 
 def _tilt_sigma_rad(plane: _Plane, fit: _Shape) -> tuple[float, float]:
-    """Standard deviations about y and z of (10), which tilt x out of its place."""
+    """Standard deviations about y and z of (10), which tilt x."""
     sigma_mm = max(_SHAPE_ERROR_MM, plane.residual_mm)
     axes = fit.camera_to_robot[1:]
     # Turning about y moves x along z, and the other way round.
@@ -222,7 +222,7 @@ def _tilt_sigma_rad(plane: _Plane, fit: _Shape) -> tuple[float, float]:
 
 
 def _fit_shape(seen: _Vectors, plane: _Plane, geometry: Robot) -> _Shape:
-    """Fit the base tangent with either side of the plane as +x; the markers' side decides."""
+    """Fit the base tangent for both choices of +x; the side on which the markers stand decides."""
     one, other = (_fit_sided(seen, side * plane.normal, geometry) for side in (1.0, -1.0))
     better, worse = sorted((one, other), key=lambda fit: fit.residual_mm)
     if worse.residual_mm < _MIN_MIRROR_RATIO * better.residual_mm:
@@ -333,12 +333,12 @@ def _require_quality(result: Registration, geometry: Robot) -> None:
 def chord(bending_rad: Array, load: float) -> ComplexArray:
     """Vectors from start to end of segments of unit length that bend by ``bending_rad``, (K,).
 
-    (10) bends a segment evenly. At rest the moment of its tendons is indeed even along it, but that
-    of the weight it carries falls off towards its end: theta'(s) = c + w X(s) along the segment,
-    where s and X (the distance from the base along the straight robot) count in segment lengths. c
-    holds the tendons, their slack and the lever of the load, whatever they are; with the bending
-    angle measured in each pose it is no unknown. Left is one number for all poses, the load
-    w = weight beyond the segment x length / bending stiffness.
+    (10) assumes uniform curvature. At rest the moment of the tendons is indeed uniform along the
+    segment, but that of the weight it carries decreases towards its end:
+    theta'(s) = c + w X(s), where s and X (the distance from the base along the straight robot) are
+    in segment lengths. c comprises the tendons, their slack and the lever of the load; it is not an
+    unknown, as the bending angle is measured in each pose. One unknown is left for all poses, the
+    load w = weight beyond the segment x length / bending stiffness.
 
     Returns:
         Complex numbers in the bending plane: the real axis is the direction of the straight

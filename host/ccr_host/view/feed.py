@@ -43,7 +43,7 @@ _REAL_TIME_US = 40_000
 _VIRTUAL_TIME_US = 1_000_000
 """The same where a second passes in a few hundredths."""
 _STEP_EVERY_US = 5_000
-"""Steps of faster controllers are thinned out: nobody sees more than this."""
+"""Steps of faster controllers are thinned out: a viewer would not see more."""
 
 
 class ViewFeed(RunObserver):

@@ -1,8 +1,8 @@
 """The process that draws: viser's server, on a socket of ours, for visitors who know the token.
 
-viser itself asks nobody for anything, listens on a port that it chooses, and sets whatever property
-of a control a message names. All of it reaches the world through the one function of `websockets`
-that is replaced here while viser starts.
+viser itself requires no authentication, listens on a port that it chooses, and sets any property of
+a control that a message names. All of this passes through one function of `websockets`, which is
+replaced here while viser starts.
 """
 
 from __future__ import annotations
@@ -83,10 +83,10 @@ class _Visitor(ServerConnection):
 
 
 class _Guarded:
-    """`serve`, but on the socket that listens already, and for those who are admitted."""
+    """`serve`, but on the socket that is already listening, and only for admitted visitors."""
 
     server: Server | None = None
-    """Serves nobody yet: those who come while viser starts wait at the door."""
+    """Not serving yet: connections that arrive while viser starts are held by the door."""
 
     def __init__(self, door: Door) -> None:
         self._door = door

@@ -69,11 +69,11 @@ class LogEnd:
 class RunRecording:
     """The log of a run: its folder, or one of its files.
 
-    Of a damaged file everything is read but the records and chunks in which the damage stands;
-    `end` tells what is lost.
+    A damaged file is read except for the records and chunks that are damaged themselves; `end`
+    tells what is lost.
 
     Raises:
-        ConfigError: there is no log, or it is no log of a run.
+        ConfigError: there is no log, or it is not the log of a run.
     """
 
     def __init__(self, source: Path) -> None:

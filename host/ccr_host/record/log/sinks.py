@@ -85,7 +85,7 @@ class _Packer:
 
 
 class DirectSink:
-    """Writes in the caller's thread: in virtual time nobody waits for a disk."""
+    """Writes in the caller's thread: in virtual time a slow disk delays nothing."""
 
     def __init__(self, files: LogFiles, topics: Sequence[Topic]) -> None:
         self._files = files
@@ -111,14 +111,14 @@ class DirectSink:
 class BackgroundSink:
     """Packs in the caller's thread; another one compresses and writes within a second.
 
-    If the disk stands still until the queue is full, chunks are skipped: the log says where as soon
-    as it can be written again. Once the disk is full nothing more is written. Either way the loss
-    is counted, the closing record says how much, and ``trouble`` says so to whoever runs.
+    If the disk stalls until the queue is full, chunks are skipped; the log says where as soon as it
+    can be written again. Once the disk is full nothing more is written. Either way the loss is
+    counted, recorded in the closing record, and reported to the user through ``trouble``.
 
     Args:
-        files: written by nobody else.
+        files: this sink is their only writer.
         topics: as the files know them.
-        queue_chunks: most that waits.
+        queue_chunks: largest number of chunks that may wait.
     """
 
     def __init__(

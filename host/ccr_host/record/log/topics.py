@@ -51,8 +51,8 @@ def described(schema: Schema, description: str) -> Schema:
 def validator(schema: Schema) -> SchemaValidator:
     """Checks that what there is of a message has the right types; fields may be missing.
 
-    Numbers are finite and integers are exact as floating-point numbers, so that whoever reads them
-    may compute with them.
+    Numbers are finite, and integers are exactly representable as floating-point numbers, so readers
+    can compute with them.
     """
     return SchemaValidator(_core(schema))
 

@@ -1,8 +1,8 @@
-"""How the markers of a tendon robot can be placed and can move: priors for labelling.
+"""Priors for labelling: where the markers of a tendon-driven robot can be and how they can move.
 
-Two models answer the same questions. `ChainModel` needs the camera's rotation and knows the whole
-robot; `FreeModel` does without and knows distances only. Both take what the motors do only as a
-hint that something moves: by how much the tip then moves, slack and gravity decide.
+Two models share one interface. `ChainModel` needs the camera's rotation and models the whole robot;
+`FreeModel` needs no rotation and models distances only. Both treat motor motion only as a hint that
+something moves, because slack and gravity determine how far the tip moves.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ Array = NDArray[np.float64]
 FRAME_S = 0.05
 """Process noise is stated for the 20 Hz of a Polaris and scaled to other intervals."""
 _CALMING = 0.7
-"""Agitation decays so a frame: ringing of a few frames ago still widens the gates."""
+"""Decay of the agitation per frame: ringing a few frames ago still widens the gates."""
 _MOTOR_SHARE = 0.5
-"""Standard deviation of the motion that a motor's motion causes, as a share of (4), (5)."""
+"""Standard deviation of the motion caused by a motor, as a fraction of (4), (5)."""
 _BELIEVED_BENDING_SIGMA_RAD = 0.7
 """Slack, sag and servo lag between believed and true bending; 0.3 to 0.5 were seen on the twin."""
 
 _MODEL_MM = 2.5
 """Deviation of M2 from constant curvature: sag, rotation error, glue."""
 _SEGMENT_2_MM = 1.0
-"""The same for M3 as seen from M2."""
+"""The same for M3 relative to M2."""
 _LIMIT = 3.5
 """Standard deviations beyond which a pose cannot be this robot's."""
 _SPHERE_MM = 11.5
-"""Two of NDI's passive spheres cannot be nearer to each other."""
+"""Two of NDI's passive spheres cannot be closer to each other."""
 _ROOM_MM2 = 280.0 * 120.0
 """About the area that M2 and M3 sweep together along their two degrees of freedom, mm x mm."""
 
@@ -55,7 +55,7 @@ class Belief:
     covariance: Array
     """(n, n)."""
     agitation: Array
-    """(2,): how far the pose has lately been from what was expected, decaying; model's units."""
+    """(2,): decaying maximum of recent deviations from the expected pose; units of the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,27 +65,27 @@ class Expectation:
     mean_mm: Array
     """(6,): M2, M3."""
     covariance_mm2: Array
-    """(6, 6), without the camera's noise."""
+    """(6, 6), excluding the camera's noise."""
     jacobian: Array
-    """(6, n): of the expectation over the state."""
+    """(6, n): derivative of the expectation with respect to the state."""
 
 
 def expectation(belief: Belief, mean_mm: Array, jacobian: Array) -> Expectation:
-    """Carry the covariance of the state over to the markers."""
+    """Propagate the covariance of the state to the markers."""
     return Expectation(mean_mm, jacobian @ belief.covariance @ jacobian.T, jacobian)
 
 
 def corrected(
     belief: Belief, expected: Expectation, rows: Array, seen_mm: Array, noise_mm: float
 ) -> tuple[Array, Array]:
-    """Kalman's correction by some of the six coordinates; new mean and covariance.
+    """Kalman update with some of the six coordinates; returns the new mean and covariance.
 
     Args:
-        belief: before.
-        expected: of that belief.
-        rows: which coordinates were seen.
-        seen_mm: these coordinates.
-        noise_mm: of the camera, per coordinate.
+        belief: prior belief.
+        expected: expectation of that belief.
+        rows: indices of the measured coordinates.
+        seen_mm: the measured coordinates.
+        noise_mm: the camera's noise per coordinate.
     """
     jacobian = expected.jacobian[rows]
     innovation_covariance = expected.covariance_mm2[np.ix_(rows, rows)] + noise_mm**2 * np.eye(
@@ -98,7 +98,7 @@ def corrected(
 
 
 class Bounds(NamedTuple):
-    """Intervals of the markers' distances, whatever the pose and the camera, mm."""
+    """Bounds of the distances between markers for every pose and camera, mm."""
 
     between_1_and_2: tuple[float, float]
     between_2_and_3: tuple[float, float]
@@ -116,11 +116,11 @@ class Bounds(NamedTuple):
 
 
 class Seed(NamedTuple):
-    """A pose read off one pair of points."""
+    """A pose derived from one pair of points."""
 
     belief: Belief
     log_density: float
-    """Logarithm of the prior density of that pair, per mm^6."""
+    """Logarithm of the prior density of that pair, in 1/mm^6."""
 
 
 class MotionModel(Protocol):
@@ -132,24 +132,25 @@ class MotionModel(Protocol):
         """Poses that put M2 and M3 at two points, without any history."""
 
     def moved(self, belief: Belief, duration_s: float, motor_motion_rad: Array) -> Belief:
-        """The belief after some time in which the motors were told to move so much, (2,)."""
+        """The belief after `duration_s`, during which the motors were commanded to move, (2,)."""
 
     def expect(self, belief: Belief) -> Expectation:
-        """Expected markers of a belief."""
+        """Expected marker positions of a belief."""
 
     def settled(self, before: Belief, mean: Array, covariance: Array) -> Belief:
-        """The belief corrected to a mean and a covariance; learns how agitated the robot is."""
+        """The belief with a corrected mean and covariance; updates the agitation."""
 
     def holds(self, belief: Belief) -> bool:
-        """Whether a robot can be so at all, whatever its history."""
+        """Whether the pose is possible at all, regardless of its history."""
 
 
 class ChainModel:
     """Constant curvature with free bending angles and slowly varying offsets.
 
-    State: theta_1, theta_2; offset of M2 from its curve; offset of M3 from its place as seen from
-    M2. What makes it sharp: whatever the tendons do, M2 moves on a curve and M3 - M2 on a small
-    surface, so a pair of points is held to four constraints and each marker tells of the other.
+    State: theta_1, theta_2; offset of M2 from its curve; offset of M3 from its modelled position
+    relative to M2. It discriminates well because, whatever the tendons do, M2 moves on a curve and
+    M3 - M2 on a small surface: a pair of points has to satisfy four constraints, and each marker
+    gives information on the other.
     Vectors are in the robot's frame.
     """
 
@@ -157,10 +158,10 @@ class ChainModel:
     _OFFSET_WALK_MM = 0.12
     _OFFSET_WALK_2_MM = 0.06
     _OFFSET_PER_RAD = np.array([2.5, 2.0])
-    """Change of the offsets with the bending, mm/rad."""
+    """Change of the offsets with the bending angles, mm/rad."""
     _START_RAD = 0.03
     _NOISE_RAD = np.array([0.004, 0.006])
-    """Corrections that the camera's noise alone makes."""
+    """Size of the corrections caused by the camera's noise alone."""
 
     def __init__(self, geometry: Robot) -> None:
         self.bounds = Bounds.of(geometry)
@@ -186,7 +187,7 @@ class ChainModel:
         place_2, place_3, _ = self._places(theta_1, theta_2)
         offset_2 = marker_2 - place_2
         offset_3 = marker_3 - marker_2 - (place_3 - place_2)
-        # Of M2's offset two components count, of M3's one: the rest went into the angles.
+        # Two components of M2's offset count, and one of M3's: the others determined the angles.
         misfits = np.array([offset_2[0], np.hypot(*offset_2[1:])]) / _MODEL_MM
         misfit_3 = float(np.linalg.norm(offset_3)) / _SEGMENT_2_MM
         beyond = (np.array([theta_1, theta_2]) - self._gain * q_rad) / _BELIEVED_BENDING_SIGMA_RAD
@@ -230,7 +231,7 @@ class ChainModel:
         )
 
     def _places(self, theta_1: float, theta_2: float) -> tuple[Array, Array, Array]:
-        """M2 and M3 of the model, (3,) each, and the Jacobian of both over the state, (6, 8)."""
+        """Modelled M2 and M3, (3,) each, and their Jacobian with respect to the state, (6, 8)."""
         arc_1, slope_1 = arc_derivatives_at(theta_1)[:2]
         arc_2, slope_2 = arc_derivatives_at(theta_2)[:2]
         turn = cmath.exp(1j * theta_1)
@@ -253,24 +254,24 @@ class ChainModel:
 
 
 class FreeModel:
-    """Two points with velocities, started where the three distances fit a pose of the robot.
+    """Two points with velocities, initialised where the three distances fit a pose of the robot.
 
-    State: places of M2 and M3, and what they move in one frame. Needs no rotation: distances do
-    not depend on it.
+    State: positions of M2 and M3, and their displacement per frame. It needs no rotation because
+    distances do not depend on one.
     """
 
     _FLOOR_MM = np.array([0.1, 0.15])
     _START_MM = 1.5
     _NOISE_MM = 0.2
-    """Corrections that the camera's noise alone makes."""
+    """Size of the corrections caused by the camera's noise alone."""
     _PUSH = 0.5
-    """Change of the motion a frame, as a share of the change of place."""
+    """Change of the displacement per frame, as a fraction of the change of position."""
     _SURFACE_MM = 3.0
-    """|M3 - M1| of (10) at given |M2 - M1| and |M3 - M2|, against that of a sagging robot."""
+    """Deviation of |M3 - M1| in (10) from a sagging robot's, given |M2 - M1| and |M3 - M2|."""
     _SHELL_MM2 = 4.0 * math.pi * 50.0**2
     """Area on which M2 can lie about M1 when nothing is known about the camera's rotation."""
     _RING_MM = 2.0 * math.pi * 30.0
-    """Length of the ring on which M3 can lie then, at given distances."""
+    """Length of the ring on which M3 can then lie at given distances."""
     _RANGES_MM2 = 50.0 * 20.0
     """Ranges of |M2 - M1| and |M3 - M2|."""
 
@@ -346,7 +347,7 @@ class FreeModel:
         return self._length_1 * arc + 1j * self._offset * (cmath.exp(1j * theta_1) - 1.0)
 
     def _bending_1(self, distance_mm: float, believed_rad: float) -> float | None:
-        """The bending nearest to the believed one among those that fit |M2 - M1|."""
+        """The bending angle closest to the believed one among those that fit |M2 - M1|."""
         fits = np.abs(self._distance_12 - distance_mm) < _MODEL_MM
         if not np.any(fits):
             return None
@@ -354,7 +355,7 @@ class FreeModel:
         return float(candidates[np.argmin(np.abs(candidates - believed_rad))])
 
     def _bending_2(self, distance_mm: float) -> float | None:
-        """Size of the bending: |M3 - M2| = L_2 sinc(theta_2 / 2), never more than L_2."""
+        """Magnitude of the bending: |M3 - M2| = L_2 sinc(theta_2 / 2), never more than L_2."""
         share = distance_mm / self._length_2
         if share > 1.0 + 2.0 * _SEGMENT_2_MM / self._length_2:
             return None
