@@ -39,6 +39,7 @@ def register(
     --tracker ndi:/dev/ttyUSB0
     """
     import datetime
+    import math
 
     from ccr_host.commands import terminal
     from ccr_host.commands.tracker_screen import registration_table
@@ -85,6 +86,10 @@ def register(
                 **section,
                 "date": section["date"].isoformat(),
                 "segment_1_mm": found.segment_1_mm,
+                "hysteresis_mm": [
+                    None if math.isnan(half_mm) else round(float(half_mm), 2)
+                    for half_mm in found.hysteresis_mm
+                ],
                 "reversed_motors": list(found.reversed_motors),
                 "device": device,
                 "tracker": tracker,

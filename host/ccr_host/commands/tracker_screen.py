@@ -23,6 +23,7 @@ def registration_table(found: Registration) -> Table:
     table.add_row("camera to robot, rotation vector (deg)", _numbers(turned, 2))
     table.add_row("uncertainty about x, y, z (deg)", _numbers(uncertain, 2))
     table.add_row("residual (mm)", f"{found.residual_mm:.2f}")
+    table.add_row("hysteresis of M3 by motor 1, 2 (+- mm)", _numbers(found.hysteresis_mm, 2))
     table.add_row("scale, by segment 2", f"{found.scale:.4f}")
     table.add_row("segment 1 as measured (mm)", f"{found.segment_1_mm:.1f}")
     if found.reversed_motors:

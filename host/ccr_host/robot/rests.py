@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+_SAME_RAD = np.radians(0.5)
+"""Setpoints nearer than this are the same pose."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rests:
@@ -42,6 +45,31 @@ class Rests:
     def tip_mm(self) -> FloatArray:
         """M3 relative to M1, (N, 3)."""
         return self.vectors_mm[:, 1]
+
+    def ways(self) -> FloatArray:
+        """Sign of each motor's last motion before each rest, (N, 2); 0 before it moved."""
+        ways = np.sign(np.diff(self.q_rad, axis=0, prepend=self.start_rad[None]))
+        for number in range(1, len(ways)):
+            ways[number] += (ways[number] == 0.0) * ways[number - 1]
+        return ways
+
+    def hysteresis_mm(self) -> FloatArray:
+        """Half the distance between the tips of a pose that a motor approached from both sides.
+
+        (2,), one mean per motor, while the other motor came from the same side both times; NaN if
+        there was no such pose.
+        """
+        ways, tip_mm = self.ways(), self.tip_mm
+        first, second = np.triu_indices(len(ways), k=1)
+        same = np.abs(self.q_rad[first] - self.q_rad[second]).max(axis=1) < _SAME_RAD
+        found = np.full(2, np.nan)
+        for motor, other in ((0, 1), (1, 0)):
+            opposite = ways[first, motor] * ways[second, motor] < 0.0
+            pairs = same & opposite & (ways[first, other] == ways[second, other])
+            if pairs.any():
+                apart_mm = tip_mm[first[pairs]] - tip_mm[second[pairs]]
+                found[motor] = 0.5 * np.linalg.norm(apart_mm, axis=1).mean()
+        return found
 
     def turned(self, rotation: FloatArray) -> Rests:
         """The rests in another frame; ``rotation`` (3, 3) maps vectors of this frame to it."""

@@ -25,15 +25,17 @@ Array = NDArray[np.float64]
 REGISTRATION = "registration"
 """Section of the robot description."""
 
-_SWING_DEG = 40.0
-"""Amplitude of motor 1, within the +-43 deg that the paper's paths need."""
+_SWING_DEG = 50.0
+"""Amplitude of motor 1, as far as the tour of controller `adaptive` goes."""
 _SIDEWAYS_DEG = 20.0
 """Amplitude of motor 2."""
 _SHARE_OF_LIMITS = 0.6
 """Each motor uses at most this fraction of its range."""
-_SWINGS = (0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0)
-"""Poses of motor 1, each approached from both sides so that friction cancels."""
-_SIDES = (1.0, -1.0)
+_SWINGS = tuple(third / 3 for third in (0, 1, 2, 3, 2, 1, 0, -1, -2, -3, -2, -1, 0))
+"""Poses of motor 1, all but the extremes approached from both sides, as friction bends the robot
+otherwise on each."""
+_SIDES = (1.0, 0.0, -1.0, 0.0)
+"""Poses of motor 2."""
 
 
 def safe_poses_rad(limits: MotorLimits) -> Array:

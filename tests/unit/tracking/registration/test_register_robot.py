@@ -81,6 +81,17 @@ def test_the_shipped_robots_are_registered_to_a_degree(robot):
 
 
 @pytest.mark.long
+def test_a_robot_with_every_effect_is_registered_as_precisely_as_stated():
+    """Without its turned bending plane, which defines the frame (docs/registration.md)."""
+    options = turned(TURNS["askew"], "dirty")
+    flat = "twin.bending_plane_turn_deg=[0.0,0.0]"
+    found = registered(replace(options, overrides=(*options.overrides, flat)))
+    error = Rotation.from_matrix(found.camera_to_robot) * Rotation.from_rotvec(TURNS["askew"]).inv()
+    assert np.all(np.abs(error.as_rotvec(degrees=True)) < 2.0 * found.uncertainty_deg)
+    assert found.hysteresis_mm[0] > 1.0
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("turn", [pytest.param("half turn", marks=pytest.mark.slow), "askew"])
 def test_the_closed_loop_is_as_good_as_with_an_aligned_camera(turn):
     aligned = mean_errors_mm(turned(TURNS["aligned"]), np.eye(3))

@@ -7,8 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Robot
+from ccr_host.robot.rests import Rests
 from ccr_host.tracking.registration import RegistrationError, register
-from tests.unit.tracking.registration.conftest import TURNS
+from tests.unit.tracking.registration.conftest import TURNS, poses_rad
+from tests.unit.tracking.registration.hinged_chain import HingedChain
 
 NOISE_MM = 0.03
 """0.25 mm RMS averaged over 25 frames."""
@@ -36,10 +38,10 @@ def picked(rests, which):
 
 @pytest.mark.long
 @pytest.mark.parametrize("turn", TURNS.values(), ids=TURNS)
-def test_any_turn_of_the_camera_is_found_to_half_a_degree(seen, turn):
+def test_any_turn_of_the_camera_is_found_to_a_degree(seen, turn):
     found = register(seen(turn, NOISE_MM), Robot())
     about_x, *others = np.abs(error_deg(found, turn))
-    assert about_x < 0.5
+    assert about_x < min(1.0, 2.0 * found.uncertainty_deg[0])
     assert max(others) < 0.2
     assert found.scale == pytest.approx(1.0, abs=0.005)
     assert found.segment_1_mm == pytest.approx(58.5, abs=0.3)
@@ -69,6 +71,78 @@ def test_slack_and_sag_bias_the_rotation_by_no_more_than_stated(seen, twin):
     assert error[0] < 0.6
 
 
+def chain_rests(chain: HingedChain, turn=(0.0, 0.0, 0.0)) -> Rests:
+    """The safe poses of a chain, as a camera turned by a rotation vector sees them."""
+    rests = Rests(np.zeros(2), poses_rad(), np.zeros((len(poses_rad()), 3, 3)), np.ones(17))
+    bending = 2.2 * rests.q_rad[:, 0]
+    markers = [chain.markers_mm(*at) for at in zip(bending, rests.ways()[:, 0], strict=True)]
+    aside = np.sin(2.6 * rests.q_rad[:, 1])
+    for pose, sine in zip(markers, aside, strict=True):
+        pose[2] = (
+            pose[1] + 43.5 * np.array([sine, -np.sqrt(1.0 - sine**2), 0.0]) if sine else pose[2]
+        )
+    return replace(rests, markers_mm=np.array(markers) @ Rotation.from_rotvec(turn).as_matrix())
+
+
+@pytest.mark.parametrize(
+    "gravity", [-1j, 1j, 1.0 + 0j, 0j], ids=["below", "above", "along", "none"]
+)
+@pytest.mark.parametrize(("friction", "taper"), [(0.0, 0.3), (0.0, -0.3), (0.22, 0.13), (0.4, 0.0)])
+def test_friction_of_the_tendons_and_taper_turn_the_frame_by_no_more_than_stated(
+    friction, taper, gravity
+):
+    """A fit of the even arc is off by 6 deg, or takes them for markers on the other side."""
+    found = register(
+        chain_rests(HingedChain(friction, taper, 6, gravity), TURNS["askew"]),
+        Robot(gravity_direction=(0.0, -gravity.real, gravity.imag) if gravity else (1.0, 0.0, 0.0)),
+    )
+    assert np.all(np.abs(error_deg(found, TURNS["askew"])) < 2.0 * found.uncertainty_deg)
+    assert found.residual_mm < 0.1
+    assert found.uncertainty_deg[0] < 0.8
+
+
+def test_the_hysteresis_of_each_motor_is_told(seen):
+    free = register(seen(TURNS["askew"]), Robot()).hysteresis_mm
+    rubbing = register(seen(TURNS["askew"], friction=0.3), Robot()).hysteresis_mm
+    assert np.all(free < 0.1)
+    assert np.all(rubbing > 0.5)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "twin",
+    [
+        {"friction": 0.3},
+        {"axial_stiffness_n_m": 8000.0},
+        {"servo_droop_deg_per_nm": 10.0, "servo_backlash_deg": 0.65, "servo_deadband_deg": 0.6},
+        {"slack_mm": (1.8, 0.4, 0.6, 1.5)},
+    ],
+    ids=str,
+)
+def test_tendons_and_servos_as_they_are_turn_the_frame_by_no_more_than_stated(seen, twin):
+    found = register(seen(TURNS["askew"], **twin), Robot())
+    assert np.all(np.abs(error_deg(found, TURNS["askew"])) < 2.0 * found.uncertainty_deg)
+    assert found.uncertainty_deg[0] < 1.0
+
+
+def test_markers_on_the_backbone_do_not_tell_up_from_down(seen):
+    flat = changed(seen(marker_offset_mm=0.0, gravity_m_s2=0.0))
+    with pytest.raises(RegistrationError, match="do not tell up from down"):
+        register(flat, Robot(marker_offset_mm=0.0))
+
+
+def test_poses_that_do_not_repeat_are_refused_with_their_hysteresis(seen):
+    def slipping(markers):
+        slipped = markers.copy()
+        slipped[3:9, 1] += (0.0, 0.0, 3.0)
+        slipped[3:9, 2] += (0.0, 0.0, 3.0)
+        return slipped
+
+    poses = changed(seen(), markers=slipping)
+    with pytest.raises(RegistrationError, match=r"does not repeat its shape.*approached from both"):
+        register(poses, Robot())
+
+
 def test_a_robot_that_hangs_upside_down_is_found_to_a_degree(seen):
     found = register(seen(TURNS["askew"], gravity_m_s2=-9.81), Robot())
     assert found.load < 0.0
@@ -76,6 +150,7 @@ def test_a_robot_that_hangs_upside_down_is_found_to_a_degree(seen):
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("error")
 def test_the_stated_uncertainty_covers_the_errors_made(seen):
     shares = []
     for seed in range(20):
@@ -127,14 +202,14 @@ def test_a_swing_too_small_is_refused(seen):
 
 def test_a_segment_2_that_stays_is_refused(seen):
     poses = changed(seen(), markers=np.copy)
-    poses.markers_mm[-2:] = poses.markers_mm[0]
+    poses.markers_mm[-4:] = poses.markers_mm[0]
     with pytest.raises(RegistrationError, match="segment 2 moved M3"):
         register(poses, Robot())
 
 
 def test_a_motor_2_that_was_never_turned_is_refused(seen):
     with pytest.raises(RegistrationError, match="never turned"):
-        register(picked(seen(), np.s_[:-2]), Robot())
+        register(picked(seen(), np.s_[:-4]), Robot())
 
 
 def test_a_camera_out_of_scale_is_refused(seen):
