@@ -99,14 +99,16 @@ def test_a_shipped_description_is_not_written_to(ccr_host: CcrHost) -> None:
     assert "no description of yours" in ended.err
 
 
-def test_an_identified_robot_is_followed_without_a_tour(ccr_host: CcrHost, robot: Path) -> None:
+def test_an_identified_robot_is_followed_without_a_tour(
+    ccr_host: CcrHost, robot: Path, short_path: str
+) -> None:
     ended = ccr_host("calibrate", "--identify", "--robot", robot.name)
     assert ended.status == 0, ended.err
     assert "# keep this" in robot.read_text()
 
-    def track(out: str, *words: str) -> tuple[float, float]:
+    def track(out: str, path: str, *words: str) -> tuple[float, float]:
         common = ("--controller", "adaptive", "--no-open", "--json", "--out", out)
-        summary = ccr_host("track", "8shape", *common, *words).summary
+        summary = ccr_host("track", path, *common, *words).summary
         noted_s = {
             content["message"]: content["timestamp"]["sec"] + content["timestamp"]["nsec"] * 1e-9
             for content in logged(ccr_host.folder / out, topics.EVENT)
@@ -114,9 +116,9 @@ def test_an_identified_robot_is_followed_without_a_tour(ccr_host: CcrHost, robot
         approach_s = noted_s["following the path"] - noted_s["arming"]
         return approach_s, summary["true_mean_error_mm"]
 
-    tour_s, toured_mm = track("toured")
-    _, identified_mm = track("identified", "--robot", robot.name)
-    approach_s, _ = track("unchecked", "--robot", robot.name, "--unchecked")
+    tour_s, toured_mm = track("toured", "8shape")
+    _, identified_mm = track("identified", "8shape", "--robot", robot.name)
+    approach_s, _ = track("unchecked", short_path, "--robot", robot.name, "--unchecked")
     assert approach_s < 5.0
     assert tour_s > 20.0
     assert identified_mm < 1.05 * toured_mm
