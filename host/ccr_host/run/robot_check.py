@@ -157,7 +157,7 @@ class RobotCheck:
         found = fit.result()
         self._model, self._pose = fit.scaling.parameters(found.score), None
         self._told = f"the robot was seen at {len(rests.count)} rests; {found.residual}"
-        return rests if is_misfit(found, fit.scaling) else None
+        return rests if is_misfit(found, rests, fit.scaling) else None
 
 
 def motion_check(

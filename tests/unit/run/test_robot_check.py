@@ -131,6 +131,13 @@ def test_random_robots_that_match_raise_no_alarm(path: str, index: int, controll
     assert result.failure is None
 
 
+def test_a_robot_of_cheap_parts_is_not_refused(path: str) -> None:
+    options = RunOptions(
+        path=path, robot="dirty", overrides=("control.solver=compiled",), checks="motion"
+    )
+    assert execute(options, Witness(), lambda *_: None).failure is None
+
+
 @pytest.mark.parametrize("controller", ["mpc", "adaptive"])
 def test_noise_that_the_description_tells_of_raises_no_alarm(path: str, controller: str) -> None:
     result, _ = checked(path, "tracker.noise_mm=4", controller=controller)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ccr_host.control.adaptive.arithmetic import FloatArray
+from ccr_host.control.adaptive.change_over import ChangeOver
 from ccr_host.control.adaptive.estimator import Estimator, Tuning
 from ccr_host.control.adaptive.identification import (
     SETTLED_AFTER_S,
@@ -22,7 +23,7 @@ from ccr_host.control.adaptive.model import PoseFollower, make_model
 from ccr_host.control.adaptive.motion import Pose, setpoint_for
 from ccr_host.control.adaptive.parameters import Parameters, Scaling
 from ccr_host.control.adaptive.path_plan import PathPlan, plan_path
-from ccr_host.control.adaptive.statics import hold_of, unhindered_setpoints_for
+from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
 from ccr_host.control.shell import Law, Measurement, PathView, Plan, Stage, smooth_moves
 from ccr_host.description.schema import Description
@@ -92,7 +93,8 @@ class AdaptiveLaw(Law):
         self._newest_s: float | None = None
         self._plan = self._plan_path()
         self._shift_rad = np.zeros(2)
-        self._sides = 0.0, 0.0
+        self.change_over = ChangeOver()
+        """Which tendons pull, and how often that changed."""
 
     def stages(self) -> Iterator[Stage]:
         """Tour the rests unless they are known, fit the model, move to the first point."""
@@ -148,8 +150,7 @@ class AdaptiveLaw(Law):
         self._shift_rad = shift_rad
         theta_1, theta_2 = (planned_rad + shift_rad).tolist()
         pose = follower.ahead(estimator.parameters)
-        hold = hold_of(p, theta_1, theta_2, pose.anchors, self._sides)
-        self._sides = hold.sides
+        hold = self.change_over.hold(p, theta_1, theta_2, pose.anchors, time_s)
         setpoint_rad = self._limits.clip(setpoint_for(p, pose, hold.shafts))
         return Plan(setpoint_rad, (tip_mm(p, theta_1, theta_2) + expected_mm)[None])
 

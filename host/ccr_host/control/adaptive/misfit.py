@@ -38,6 +38,9 @@ _MOST_ZERO_RAD = math.radians(5.6)
 _ZERO_DOUBT_RAD = math.radians(1.2)
 """Minimum uncertainty of a zero: if lengths and radii are 10 % off, zeros have errors of up to 1.8
 deg (0.9 RMS of 45 random robots), whatever their deviation."""
+_MOST_LEFT = 0.05
+"""Fraction of the robot's motion that the model may leave unexplained, whatever the camera's noise:
+a robot of cheap parts leaves 0.02, which feedback corrects, one mounted upside down 0.07."""
 _VARYING = [
     Parameters._fields.index(name)
     for name in Parameters._fields[:COUNT]
@@ -65,11 +68,12 @@ class MisfitError(CcrError):
     """The robot is not the described one (exit status 3)."""
 
 
-def is_misfit(fit: Fit, scaling: Scaling) -> bool:
-    """Whether the fitted model does not explain the rests, or only with implausible parameters.
+def is_misfit(fit: Fit, rests: Rests, scaling: Scaling) -> bool:
+    """Whether the fitted model is far from the rests, or near only with implausible parameters.
 
     Args:
         fit: the fit to the rests.
+        rests: the rests.
         scaling: the prior of that fit.
     """
     deviation = np.sqrt(np.diag(fit.covariance))
@@ -77,8 +81,10 @@ def is_misfit(fit: Fit, scaling: Scaling) -> bool:
     certain[_VARYING] = 0.0
     zero_rad, doubt_rad = (zeros_rad(scaling.parameters(s)) for s in (fit.score, deviation))
     certain_rad = np.abs(zero_rad) - np.maximum(doubt_rad, _ZERO_DOUBT_RAD)
+    tips_mm = rests.vectors_mm[:, -1]
+    motion_mm = math.sqrt(3.0 * float(np.nanmean((tips_mm - np.nanmean(tips_mm, axis=0)) ** 2)))
     return (
-        not fit.explains
+        (not fit.explains and fit.rms_mm > _MOST_LEFT * motion_mm)
         or bool(certain.max() > _MOST_DEVIATIONS)
         or bool((certain_rad > _MOST_ZERO_RAD).any())
     )

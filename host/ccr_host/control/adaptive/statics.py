@@ -42,10 +42,11 @@ _LEFT_SHARE = 0.3
 _LEAST_STIFFNESS = 0.2
 """Fraction of k_1 that keeps Newton's steps downhill if gravity nearly buckles the robot."""
 
-_CHANGE_OVER = 0.006
+LEAST_CHANGE_OVER = 0.006
 """A tendon pair changes over when the other tendon would have to pull this much, in k_1 per radian
-(0.3 deg of bending). Below that, the segment stays on the tendon that held it, so that noise does
-not drive the servo to and fro through the slack, where no tendon damps the segment."""
+(0.3 deg of bending), or more, see ``ChangeOver``. Below that, the segment stays on the tendon that
+held it, so that noise does not drive the servo to and fro through the slack, where no tendon damps
+the segment."""
 
 STICKING = 0.005
 """Yield of dry friction before a tendon slides, in units of r_c: 0.3 deg of bending, or a few
@@ -164,7 +165,14 @@ class Hold(NamedTuple):
     sides: Two
 
 
-def hold_of(p: Parameters, theta_1: Number, theta_2: Number, anchors: Four, sides: Two) -> Hold:
+def hold_of(
+    p: Parameters,
+    theta_1: Number,
+    theta_2: Number,
+    anchors: Four,
+    sides: Two,
+    change_over: Two = (LEAST_CHANGE_OVER, LEAST_CHANGE_OVER),
+) -> Hold:
     """The shaft angles that hold the robot at given bending angles, the exact inverse of rest.
 
     Args:
@@ -173,6 +181,7 @@ def hold_of(p: Parameters, theta_1: Number, theta_2: Number, anchors: Four, side
         theta_2: bending angle of segment 2.
         anchors: routes at which friction exerts no force.
         sides: which tendon of each pair has pulled so far; 0 for none.
+        change_over: moment that the other tendon must have to supply before the pair changes over.
     """
     load = _loads(p, theta_1, theta_2)
     routes = routes_of(p, theta_1, theta_2)
@@ -184,7 +193,7 @@ def hold_of(p: Parameters, theta_1: Number, theta_2: Number, anchors: Four, side
     slope_1, slope_2 = 2.0 * p.sag_1 * theta_1, 2.0 * p.sag_2 * theta_2
     sag_12 = p.sag_1 * theta_1 * theta_1
     pull_2 = load.moment_2 + held_21 * (1.0 + slope_2) + held_22 * (slope_2 - 1.0)
-    side_2 = _side(pull_2, sides[1])
+    side_2 = _side(pull_2, sides[1], change_over[1])
     tension_2 = positive(side_2 * pull_2) / (1.0 + side_2 * slope_2)
     pull_1 = (
         load.moment_1
@@ -192,7 +201,7 @@ def hold_of(p: Parameters, theta_1: Number, theta_2: Number, anchors: Four, side
         + held_12 * (slope_1 - 1.0)
         + (held_21 + held_22 - tension_2) * slope_1
     )
-    side_1 = _side(pull_1, sides[0])
+    side_1 = _side(pull_1, sides[0], change_over[0])
     tension_1 = positive(side_1 * pull_1) / (1.0 + side_1 * slope_1)
     pressed = p.shortening * (tension_1 + tension_2)
     taken_1 = p.gain_1 * p.slack_1_rad + sag_12 + p.compliance_1 * tension_1 + pressed
@@ -208,8 +217,8 @@ def hold_of(p: Parameters, theta_1: Number, theta_2: Number, anchors: Four, side
     return Hold((shaft_1, shaft_2), (side_1, side_2))
 
 
-def _side(pull: Number, before: Number) -> Number:
-    stays = (before != 0.0) & (before * pull > -_CHANGE_OVER)
+def _side(pull: Number, before: Number, change_over: Number) -> Number:
+    stays = (before != 0.0) & (before * pull > -change_over)
     return stays * before + (1 - stays) * (1.0 - 2.0 * (pull < 0.0))
 
 
