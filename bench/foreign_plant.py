@@ -64,20 +64,25 @@ def _holes(
         bays = int(disks[segment])
         step_mm = lengths[segment] / bays / 2
         if segment == 0:
-            _place(centres, axes, holes, 0, centre, frame, radius_mm, turn[0])
+            _place(centres, axes, holes, 0, centre, frame, radius_mm)
         for bay in range(bays):
             for sub in range(2):
                 x = 2 * (bay + (sub + 0.5) / 2) / bays - 1
                 inside = own[0] + own[1] * x + own[2] * 0.5 * (3 * x * x - 1)
                 across = own[3] + own[4] * x
                 share = step_mm / lengths[segment]
-                # Angles by which this piece bends up (z), across (x), and twists.
-                up = (inside if segment == 0 else across) * share
-                side = (across if segment == 0 else inside) * share
+                # Angles by which this piece bends up (z), across (x), and twists. The bending plane
+                # may be turned from z towards x.
+                cosine, sine = math.cos(turn[segment]), math.sin(turn[segment])
+                if segment == 0:
+                    up, side = cosine * inside - sine * across, sine * inside + cosine * across
+                else:
+                    up, side = cosine * across - sine * inside, sine * across + cosine * inside
+                up, side = up * share, side * share
                 frame, along = _advanced(frame, up, side, own[5] * share)
                 centre = centre + along * (step_mm * (1 + own[6]))
             disk += 1
-            _place(centres, axes, holes, disk, centre, frame, radius_mm, turn[segment])
+            _place(centres, axes, holes, disk, centre, frame, radius_mm)
     return centres, axes, holes
 
 
@@ -105,19 +110,15 @@ def _place(
     centre: Array,
     frame: Array,
     radius_mm: float,
-    turn_rad: float,
 ) -> None:
     """Fill in a disk and its holes."""
     centres[disk] = centre
     axes[disk] = frame
-    cosine, sine = math.cos(turn_rad), math.sin(turn_rad)
     # Tendons 1, 2 bend segment 1 up and down, 3, 4 bend segment 2 to x and back.
-    up = cosine * frame[:, 2] - sine * frame[:, 0]
-    across = cosine * frame[:, 0] + sine * frame[:, 2]
-    holes[disk, 0] = centre + radius_mm * up
-    holes[disk, 1] = centre - radius_mm * up
-    holes[disk, 2] = centre + radius_mm * across
-    holes[disk, 3] = centre - radius_mm * across
+    holes[disk, 0] = centre + radius_mm * frame[:, 2]
+    holes[disk, 1] = centre - radius_mm * frame[:, 2]
+    holes[disk, 2] = centre + radius_mm * frame[:, 0]
+    holes[disk, 3] = centre - radius_mm * frame[:, 0]
 
 
 @numba.njit

@@ -49,7 +49,7 @@ class ProbeLaw(Law):
     feedback_s = 0.0
 
     def __init__(self, description: Description) -> None:
-        self._scaling = Scaling.of(description).freed(ZEROS, _ZERO_FREEDOM)
+        self._scaling = Scaling.of(description).strict().freed(ZEROS, _ZERO_FREEDOM)
         self._limits = MotorLimits.of(description.servo)
         self._predict = make_model(description.control).predicted_mm
 

@@ -177,7 +177,7 @@ def _identify_two_motors(
         if fit is None:
             raise misfit(rests_at(rows[:: -(-len(rows) // _RESTS_FOR_CAUSE)]), description)
         found = fit.finish()
-        return found.score, found.covariance * max(1.0, found.rms_mm / found.expected_rms_mm) ** 2
+        return found.score, found.covariance * max(1.0, found.surprise) ** 2
 
     score, _ = fitted(train)
     everything = np.arange(len(q_rad))

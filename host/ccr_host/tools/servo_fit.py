@@ -89,7 +89,7 @@ def fit_servos(rests: Rests, description: Description, *, registered: bool) -> S
     fits = [StaticsFit(scaling, as_mounted, predict, start) for start in starts]
     found = min((fit.finish() for fit in fits), key=lambda fit: fit.cost)
     # Residuals above the noise are model errors, by which the deviations are enlarged.
-    misfit = max(1.0, math.sqrt(found.cost / rests.vectors_mm.size))
+    misfit = max(1.0, found.surprise)
     zero_deviations = np.sqrt(np.diag(found.covariance)[ZEROS])
     deviation_rad = misfit * _ZERO_DEVIATION_RAD * zero_deviations
     if not found.explains or deviation_rad.max() > _TRUSTED_DEVIATION_RAD:

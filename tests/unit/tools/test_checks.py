@@ -180,7 +180,7 @@ def _robot_with_rests(folder: Path, off_mm: float) -> str:
 def test_identified_rests_are_compared_with_the_noise(tmp_path) -> None:
     usual = examined(tmp_path, robot=_robot_with_rests(tmp_path, 0.25))["identification"]
     assert usual.severity is Severity.GOOD
-    assert "the model leaves 0.3" in usual.text
+    assert "times what noise and usual errors make" in usual.text
     odd = examined(tmp_path, robot=_robot_with_rests(tmp_path, 2.0))["identification"]
     assert odd.severity is Severity.WARNING
     assert "does not explain the robot" in odd.text

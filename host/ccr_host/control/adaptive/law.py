@@ -21,7 +21,7 @@ from ccr_host.control.adaptive.identification import (
 from ccr_host.control.adaptive.lap_memory import LapMemory
 from ccr_host.control.adaptive.model import PoseFollower, make_model
 from ccr_host.control.adaptive.motion import Pose, setpoint_for
-from ccr_host.control.adaptive.parameters import Parameters, Scaling
+from ccr_host.control.adaptive.parameters import Scaling
 from ccr_host.control.adaptive.path_plan import PathPlan, plan_path
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
@@ -142,8 +142,7 @@ class AdaptiveLaw(Law):
         follower.advance_to(estimator.parameters, oldest_s)
         p = estimator.believed
         expected_mm = estimator.offset_mm + self._memory.at(index)
-        wanted_mm = self._wanted_mm(p, self.path.target_mm(index))
-        aim_mm = wanted_mm - turned_back_mm(p, expected_mm)
+        aim_mm = self.path.target_mm(index) - turned_back_mm(p, expected_mm)
         planned_rad = self._plan.bending_rad(index)
         theta_rad = self._model.polished(p, planned_rad + self._shift_rad, aim_mm, _REFINEMENTS)
         shift_rad = np.clip(theta_rad - planned_rad, -_LONGEST_SHIFT_RAD, _LONGEST_SHIFT_RAD)
@@ -191,13 +190,4 @@ class AdaptiveLaw(Law):
         stride = max(1, round(_KNOT_PERIOD_S / self.path.period_s))
         knots = np.unique(np.append(np.arange(0.0, len(targets_mm), stride), self.path.last))
         p, near, polish = self._estimator.parameters, np.zeros(2), self._model.polished
-        wanted_mm = np.array([self._wanted_mm(p, targets_mm[knot]) for knot in knots.astype(int)])
-        return plan_path(p, self._limits, wanted_mm, knots, near, polish)
-
-    def _wanted_mm(self, p: Parameters, target_mm: FloatArray) -> FloatArray:
-        """A point of the path in the frame of the model's tip, (3,).
-
-        The share of the turn that is not the camera's is the robot's, which then is led back.
-        """
-        straightened_mm = turned_back_mm(p, target_mm)
-        return straightened_mm + self._scaling.camera_share * (target_mm - straightened_mm)
+        return plan_path(p, self._limits, targets_mm[knots.astype(int)], knots, near, polish)

@@ -97,7 +97,10 @@ def misfit(rests: Rests, description: Description) -> MisfitError:
         rests: measured rests of the robot.
         description: description of the robot.
     """
-    scaling, predict = Scaling.of(description), make_model(description.control).predicted_mm
+    scaling, predict = (
+        Scaling.of(description).strict(),
+        make_model(description.control).predicted_mm,
+    )
     trials = [t for h in _hypotheses(description) for t in _trials(h, rests, scaling, predict)]
     for trial in trials:
         for _ in range(_FIRST_STEPS):

@@ -145,7 +145,7 @@ def slopes_of(p: Parameters, pose: Pose) -> Slopes:
     return Slopes(
         forces_of(p, pose.theta_1, pose.theta_2, shafts, pose.anchors),
         seen_of(p, tip.across, tip.sagittal),
-        seen_of(p, 0.0, tip.sagittal_1),
+        seen_of(p, tip.across_1, tip.sagittal_1),
         seen_of(p, tip.across_2, tip.sagittal_2),
     )
 

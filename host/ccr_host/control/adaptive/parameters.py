@@ -72,6 +72,21 @@ class Parameters(NamedTuple):
     shortening: Number = 0.0
     """Shortening of segment 1 by a tension of k_1 / r_c, divided by r_c: k_1 / (r_c^2 times its
     axial stiffness). Segment 2 yields as much per length."""
+    taper_1: Number = 0.0
+    """Share by which segment 1 is bent more at its end than at its start."""
+    taper_2: Number = 0.0
+    stiffening: Number = 0.0
+    """Share by which a segment resists more than linearly at 1 rad; it grows as the square."""
+    plane_1_rad: Number = 0.0
+    """Turn of a segment's bending plane about the backbone, from z towards x of (10)."""
+    plane_2_rad: Number = 0.0
+    marker_along_mm: Number = 0.0
+    """Offset of all markers along the backbone and along f[0], beside that away from it."""
+    marker_aside_mm: Number = 0.0
+    sideways: Number = 0.0
+    """k_1 over the stiffness of segment 1 across its bending plane."""
+    twisting: Number = 0.0
+    """k_1 over the torsional stiffness of segment 1."""
     up_x: Number = 0.0
     """Unit vector against gravity in the frame of (10). It is described, not estimated."""
     up_y: Number = 0.0
@@ -105,9 +120,22 @@ residual, as its errors are correlated in neighbouring rests."""
 _USUAL_TURN_DEG = 0.5
 """Standard deviation of a registration that does not state it."""
 _LEAST_TURN_DEG = 0.1
-_ROBOT_TURN_DEG = 1.0
-"""Standard deviation of a turn that is the robot's own: bending planes that are off by a degree and
-other errors of the model look like a turned camera."""
+_SHAFT_RAD = math.radians(0.5)
+"""Deadband, backlash, droop, creep and friction of cheap parts make some tenths of a degree."""
+_USUALLY_SMALL = (
+    "plane_1_rad",
+    "plane_2_rad",
+    "taper_1",
+    "taper_2",
+    "stiffening",
+    "sideways",
+    "twisting",
+    "marker_along_mm",
+    "marker_aside_mm",
+)
+_STRICT = 0.05
+"""Factor of their deviations where a few small moves show whether a robot is the described one:
+with all of their freedom most robots would be."""
 _FREE_ZERO_RAD = 0.8
 """Range of the zeros: the horn of a servo fits on its spline every 14.4 deg."""
 
@@ -139,6 +167,8 @@ def prior_of(robot: Robot) -> Prior:
     push = (0.0, 0.0015, -0.01, 0.01)
     zero = (0.0, turn[1], -0.3, 0.3)
     glue = (0.0, 0.5, -3.0, 3.0)
+    plane = (0.0, 0.02, -0.1, 0.1)
+    taper = (0.0, 0.15, -0.5, 0.5)
     rows = Parameters(
         length_1_mm=(length_1, *(length_1 * share for share in length)),
         length_2_mm=(length_2, *(length_2 * share for share in length)),
@@ -168,6 +198,15 @@ def prior_of(robot: Robot) -> Prior:
         middle_up_mm=glue,
         middle_aside_mm=glue,
         shortening=(0.0, 0.08, 0.0, 0.6),
+        plane_1_rad=plane,
+        plane_2_rad=plane,
+        sideways=(0.0, 0.02, 0.0, 0.3),
+        twisting=(0.0, 0.3, 0.0, 2.0),
+        marker_along_mm=glue,
+        marker_aside_mm=glue,
+        taper_1=taper,
+        taper_2=taper,
+        stiffening=(0.0, 0.05, -0.1, 0.4),
     )
     return Prior(*np.array(rows[:COUNT], dtype=np.float64).T)
 
@@ -199,18 +238,16 @@ class Scaling:
         up = -np.array(robot.gravity_direction)
         self._known = np.append(up, robot.tendon_radius_mm)
         self._noise_mm = math.hypot(_RINGING_MM, noise_mm / math.sqrt(3.0))
-        self._mean, self._deviation = prior.mean, prior.deviation
-        self.camera_share = 1.0
-        """Share of an estimated turn that is the camera's; all of it if it was not registered."""
+        self._mean, self.deviation = prior.mean, prior.deviation
+        self.shaft_rad = _SHAFT_RAD
+        """Unexplained shaft angle of a rest."""
         if turn_deviation_rad is not None:
-            self._deviation[TURNS] = turn_deviation_rad
-            variance = float(np.mean(np.square(turn_deviation_rad)))
-            self.camera_share = variance / (variance + math.radians(_ROBOT_TURN_DEG) ** 2)
+            self.deviation[TURNS] = turn_deviation_rad
         if zero_deviation_rad is not None:
-            self._deviation[ZEROS] = zero_deviation_rad
+            self.deviation[ZEROS] = zero_deviation_rad
             prior.lower[ZEROS], prior.upper[ZEROS] = -_FREE_ZERO_RAD, _FREE_ZERO_RAD
-        self._lower = (prior.lower - prior.mean) / self._deviation
-        self._upper = (prior.upper - prior.mean) / self._deviation
+        self._lower = (prior.lower - prior.mean) / self.deviation
+        self._upper = (prior.upper - prior.mean) / self.deviation
 
     @classmethod
     def of(cls, description: Description) -> Scaling:
@@ -229,13 +266,13 @@ class Scaling:
 
     def parameters(self, score: FloatArray) -> Parameters:
         """The parameters of scores, as floats."""
-        return parameters_of(np.append(self._mean + self._deviation * score, self._known))
+        return parameters_of(np.append(self._mean + self.deviation * score, self._known))
 
     def perturbed(self, score: FloatArray, probe: float) -> Parameters:
         """Parameters with each score increased by ``probe`` in turn, then none: (COUNT + 1,)."""
         scores = score + probe * np.eye(COUNT + 1, COUNT)
         known = np.broadcast_to(self._known, (COUNT + 1, FIELDS - COUNT))
-        return Parameters(*np.hstack([self._mean + self._deviation * scores, known]).T)
+        return Parameters(*np.hstack([self._mean + self.deviation * scores, known]).T)
 
     def mounted(self, gravity: tuple[float, float, float]) -> Scaling:
         """The same robot under gravity in another direction, a unit vector in the frame of (10)."""
@@ -243,18 +280,24 @@ class Scaling:
         other._known = np.append(-np.array(gravity), self._known[3])
         return other
 
+    def strict(self) -> Scaling:
+        """For a robot that is the described one, but for what every robot leaves open."""
+        other = self.freed([Parameters._fields.index(name) for name in _USUALLY_SMALL], _STRICT)
+        other.shaft_rad = 0.0
+        return other
+
     def freed(self, indices: Sequence[int], factor: float) -> Scaling:
         """Widen the deviation and the bounds of some parameters by a factor."""
         other = copy.copy(self)
-        lower, upper = (self._mean + self._deviation * end for end in (self._lower, self._upper))
-        other._deviation = self._deviation.copy()
+        lower, upper = (self._mean + self.deviation * end for end in (self._lower, self._upper))
+        other.deviation = self.deviation.copy()
         for index in indices:
             mean = self._mean[index]
-            other._deviation[index] *= factor
+            other.deviation[index] *= factor
             upper[index] = mean + factor * (upper[index] - mean)
             lower[index] *= factor if mean == 0.0 else 0.5
-        other._lower = (lower - other._mean) / other._deviation
-        other._upper = (upper - other._mean) / other._deviation
+        other._lower = (lower - other._mean) / other.deviation
+        other._upper = (upper - other._mean) / other.deviation
         return other
 
     def bounded(self, score: FloatArray) -> FloatArray:

@@ -135,10 +135,11 @@ def polished_of(
         tip = tip_of(p, theta_1, theta_2)
         by_1, by_2 = tip.sagittal_1.conjugate(), tip.sagittal_2.conjugate()
         off = tip.sagittal - wanted
-        slope_1 = (by_1 * off).real
-        slope_2 = (by_2 * off).real + tip.across_2 * (tip.across - x_mm)
-        gram_11 = (by_1 * tip.sagittal_1).real + _DAMPING_MM2
-        gram_12 = (by_1 * tip.sagittal_2).real
+        off_x = tip.across - x_mm
+        slope_1 = (by_1 * off).real + tip.across_1 * off_x
+        slope_2 = (by_2 * off).real + tip.across_2 * off_x
+        gram_11 = (by_1 * tip.sagittal_1).real + tip.across_1 * tip.across_1 + _DAMPING_MM2
+        gram_12 = (by_1 * tip.sagittal_2).real + tip.across_1 * tip.across_2
         gram_22 = (by_2 * tip.sagittal_2).real + tip.across_2 * tip.across_2 + _DAMPING_MM2
         determinant = gram_11 * gram_22 - gram_12 * gram_12
         step_1 = (gram_12 * slope_2 - gram_22 * slope_1) / determinant

@@ -73,7 +73,8 @@ def routes_of(p: Parameters, theta_1: Number, theta_2: Number) -> Four:
     """
     sag_1 = p.sag_1 * theta_1 * theta_1
     sag_2 = p.sag_2 * theta_2 * theta_2 + sag_1
-    return theta_1 + sag_1, sag_1 - theta_1, theta_2 + sag_2, sag_2 - theta_2
+    led_2 = theta_2 + p.plane_1_rad * theta_1
+    return theta_1 + sag_1, sag_1 - theta_1, led_2 + sag_2, sag_2 - led_2
 
 
 def settled(p: Parameters, theta_1: Number, theta_2: Number, shafts: Two, anchors: Four) -> Two:
@@ -200,6 +201,7 @@ def hold_of(
         + held_11 * (1.0 + slope_1)
         + held_12 * (slope_1 - 1.0)
         + (held_21 + held_22 - tension_2) * slope_1
+        + (held_21 - held_22 - side_2 * tension_2) * p.plane_1_rad
     )
     side_1 = _side(pull_1, sides[0], change_over[0])
     tension_1 = positive(side_1 * pull_1) / (1.0 + side_1 * slope_1)
@@ -213,7 +215,7 @@ def hold_of(
         + pressed
     )
     shaft_1 = (theta_1 + side_1 * taken_1) / p.gain_1
-    shaft_2 = (theta_2 + side_2 * taken_2) / p.gain_2
+    shaft_2 = (theta_2 + p.plane_1_rad * theta_1 + side_2 * taken_2) / p.gain_2
     return Hold((shaft_1, shaft_2), (side_1, side_2))
 
 
@@ -263,16 +265,17 @@ def _loads(p: Parameters, theta_1: Number, theta_2: Number) -> Forces:
     pushing, push_1, push_2 = pushed * arc_2[0].real, push * p.length_1_mm, push_x * p.length_2_mm
     height_1 = (weight_1 * (half_1[1] + arc_1[1]) / 6.0 + carried * arc_1[1]) * up + 1j * turning
     height_11 = (weight_1 * (0.5 * half_1[2] + arc_1[2]) / 6.0 + carried * arc_1[2]) * up - turning
+    harder_1, harder_2 = p.stiffening * theta_1 * theta_1, p.stiffening * theta_2 * theta_2
     return Forces(
-        theta_1 + (height_1 - push_1 * arc_1[1] - 1j * pushing).imag,
-        p.stiffness_ratio * theta_2
+        theta_1 * (1.0 + harder_1) + (height_1 - push_1 * arc_1[1] - 1j * pushing).imag,
+        p.stiffness_ratio * theta_2 * (1.0 + harder_2)
         + along_2 * raised.imag
         + p.up_x * aside_2
         - push_2 * arc_2[1].imag
         - pushed.imag * arc_2[1].real,
-        1.0 + (height_11 - push_1 * arc_1[2] + pushing).imag,
+        1.0 + 3.0 * harder_1 + (height_11 - push_1 * arc_1[2] + pushing).imag,
         along_2 * raised.real - pushed.real * arc_2[1].real,
-        p.stiffness_ratio
+        p.stiffness_ratio * (1.0 + 3.0 * harder_2)
         + along_22 * raised.imag
         + p.up_x * aside_22
         - push_2 * arc_2[2].imag
@@ -319,7 +322,8 @@ def forces_of(
     sag_2_slope = 2.0 * p.sag_2 * theta_2
     gain_2 = p.gain_1 * p.gain_ratio
     # The two tendons of a pair are never both taut.
-    ahead_1, ahead_2 = p.gain_1 * shafts[0] - theta_1, gain_2 * shafts[1] - theta_2
+    led_2 = theta_2 + p.plane_1_rad * theta_1
+    ahead_1, ahead_2 = p.gain_1 * shafts[0] - theta_1, gain_2 * shafts[1] - led_2
     lever_1, lever_2 = sign(ahead_1) + sag_1_slope, sign(ahead_2) + sag_2_slope
     taut = _taut(
         p,
@@ -327,12 +331,13 @@ def forces_of(
         abs(ahead_2) - gain_2 * p.slack_2_rad - sag_2,
     )
     tension_1, tension_2, spring_11, spring_12, spring_22 = taut
-    along_1 = spring_11 * lever_1 + spring_12 * sag_1_slope
-    along_2 = spring_12 * lever_1 + spring_22 * sag_1_slope
-    moment_1 = moment_1 - tension_1 * lever_1 - tension_2 * sag_1_slope
+    lever_21 = sag_1_slope + sign(ahead_2) * p.plane_1_rad
+    along_1 = spring_11 * lever_1 + spring_12 * lever_21
+    along_2 = spring_12 * lever_1 + spring_22 * lever_21
+    moment_1 = moment_1 - tension_1 * lever_1 - tension_2 * lever_21
     moment_2 = moment_2 - tension_2 * lever_2
     pull = 2.0 * p.sag_1 * (tension_1 + tension_2)
-    stiffness_11 = stiffness_11 + along_1 * lever_1 + along_2 * sag_1_slope - pull
+    stiffness_11 = stiffness_11 + along_1 * lever_1 + along_2 * lever_21 - pull
     stiffness_12 = stiffness_12 + along_2 * lever_2
     stiffness_22 = stiffness_22 + spring_22 * lever_2 * lever_2 - 2.0 * p.sag_2 * tension_2
     for side, anchor_1, anchor_2 in ((1.0, anchors[0], anchors[2]), (-1.0, anchors[1], anchors[3])):
@@ -344,13 +349,14 @@ def forces_of(
         stiffness_11 = stiffness_11 + stiff * lever * lever + 2.0 * p.sag_1 * pull
 
         lever = side + sag_2_slope
-        slid = side * theta_2 + sag_2 - anchor_2
+        lever_21 = sag_1_slope + side * p.plane_1_rad
+        slid = side * led_2 + sag_2 - anchor_2
         pull = stick_2 * within(slid, STICKING)
         stiff = stick_2 * (abs(slid) < _STILL_STICKS)
-        moment_1 = moment_1 + pull * sag_1_slope
+        moment_1 = moment_1 + pull * lever_21
         moment_2 = moment_2 + pull * lever
-        stiffness_11 = stiffness_11 + stiff * sag_1_slope * sag_1_slope + 2.0 * p.sag_1 * pull
-        stiffness_12 = stiffness_12 + stiff * sag_1_slope * lever
+        stiffness_11 = stiffness_11 + stiff * lever_21 * lever_21 + 2.0 * p.sag_1 * pull
+        stiffness_12 = stiffness_12 + stiff * lever_21 * lever
         stiffness_22 = stiffness_22 + stiff * lever * lever + 2.0 * p.sag_2 * pull
     return Forces(moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22)
 

@@ -32,14 +32,16 @@ L / (8 n^2 r_c): the former is 2/3 r_c / L of the latter."""
 class Tip(NamedTuple):
     """f before the camera's rotation, f[0] and -f[1] + i f[2], with derivatives in theta.
 
-    ``middle`` is M2 - M1 in the sagittal plane, in which it moves.
+    ``middle_across`` and ``middle`` are M2 - M1.
     """
 
     across: Number
+    across_1: Number
     across_2: Number
     sagittal: Number
     sagittal_1: Number
     sagittal_2: Number
+    middle_across: Number
     middle: Number
 
 
@@ -58,7 +60,7 @@ def straight_tip_mm(p: Parameters, theta_1: Number, theta_2: Number) -> FloatArr
 def markers_of(p: Parameters, theta_1: Number, theta_2: Number) -> tuple[Three, Three]:
     """M2 - M1 and M3 - M1 in the camera's frame."""
     tip = tip_of(p, theta_1, theta_2)
-    return seen_of(p, p.middle_aside_mm, tip.middle), seen_of(p, tip.across, tip.sagittal)
+    return seen_of(p, tip.middle_across, tip.middle), seen_of(p, tip.across, tip.sagittal)
 
 
 def seen_of(p: Parameters, across: Number, sagittal: Number) -> Three:
@@ -99,10 +101,11 @@ def _cross(a: Three, b: Three) -> Three:
 def tip_of(p: Parameters, theta_1: Number, theta_2: Number) -> Tip:
     """The tip at bending angles."""
     arc_1, turn = arc_at(theta_1)
-    arc_2 = arc_at(theta_2).derivatives
+    arc_2, turn_2 = arc_at(theta_2)
+    arc_2 = _tapered(arc_2, theta_2, p.taper_2)
     pulls = _pulls_of(p, theta_1, theta_2, turn * up_in_sagittal_plane(p))
     pull_1_slope = sign(pulls.pull_1) * pulls.pull_1_slope
-    pull_2_slope = sign(pulls.pull_2) * p.stiffness_ratio
+    pull_2_slope = sign(pulls.pull_2) * pulls.pull_2_slope
     short_1 = _SHORTER_BY_SAG * p.tendon_radius_mm * p.sag_1
     short_2 = _SHORTER_BY_SAG * p.tendon_radius_mm * p.sag_2
     pressed_1 = p.tendon_radius_mm * p.shortening
@@ -115,19 +118,86 @@ def tip_of(p: Parameters, theta_1: Number, theta_2: Number) -> Tip:
     reach_2 = p.length_2_mm - short_2 * theta_2 * theta_2 - pressed_2 * abs(pulls.pull_2)
     reach_1_slope = -2.0 * short_1 * theta_1 - pressed_1 * pull_1_slope
     reach_2_slope = -2.0 * short_2 * theta_2 - pressed_2 * pull_2_slope
-    turning = (reach_2 * arc_2[0].real + 1j * p.marker_offset_mm) * turn
-    bulge, bulge_1, bulge_2 = _bulge_mm(p, pulls, arc_1)
-    end_1 = reach_1 * arc_1[0] + bulge - 1j * p.marker_offset_mm
-    height_2 = p.marker_offset_mm + p.middle_up_mm
-    return Tip(
-        reach_2 * arc_2[0].imag,
-        reach_2 * arc_2[1].imag + reach_2_slope * arc_2[0].imag,
-        end_1 + turning,
-        reach_1 * arc_1[1] + reach_1_slope * arc_1[0] + 1j * turning + bulge_1,
-        (reach_2 * arc_2[1].real + reach_2_slope * arc_2[0].real) * turn
+    # Real part along the tangent at the end of segment 1, imaginary part across it.
+    marker = (p.marker_along_mm + 1j * p.marker_aside_mm) * turn_2
+    end_2 = reach_2 * arc_2[0] + marker
+    end_2_slope = reach_2 * arc_2[1] + reach_2_slope * arc_2[0] + 1j * marker
+    aside, aside_2 = end_2.imag, end_2_slope.imag
+    # Turned bending planes, to first order.
+    tilt_1, tilt_2 = -p.plane_1_rad, p.plane_1_rad - p.plane_2_rad
+    turning = (end_2.real + 1j * (p.marker_offset_mm + tilt_2 * aside)) * turn
+    turning_2 = (end_2_slope.real + 1j * tilt_2 * aside_2) * turn
+    bulge, bulge_1, bulge_2 = _bulge_mm(p, pulls, theta_1, arc_1)
+    even_1 = arc_1
+    arc_1 = _tapered(arc_1, theta_1, p.taper_1)
+    end_1 = reach_1 * arc_1[0] + bulge - p.marker_along_mm - 1j * p.marker_offset_mm
+    end_1_slope = reach_1 * arc_1[1] + reach_1_slope * arc_1[0] + bulge_1
+    glued = p.marker_along_mm + p.middle_along_mm + 1j * (p.marker_offset_mm + p.middle_up_mm)
+    middle = glued * turn
+    # A tendon of motor 2 pulls beside segment 1 and bends it to its side.
+    bent, bent_2 = p.sideways * pulls.pull_2, p.sideways * pulls.pull_2_slope
+    back = even_1[0].conjugate()
+    own, own_1 = p.length_1_mm * abs(back) ** 2 / 2.0, p.length_1_mm * (even_1[1] * back).real
+    lever, lever_2 = own + (turning * back).real, (turning_2 * back).real
+    lever_1 = own_1 + (1j * turning * back + turning * even_1[1].conjugate()).real
+    # What hangs beside segment 1 twists it.
+    up = up_in_sagittal_plane(p)
+    twist = p.twisting * (SEGMENT_2_SHARE * p.body_per_mm / 3.0 + p.tip_per_mm)
+    along, half = arc_at(2.0 * theta_1).derivatives, turn**0.5
+    lowers = 0.5j * (along[0] * up + up.conjugate())
+    upright, chord = (half * up).real, p.length_1_mm * even_1[0] / (1.0 + half)
+    chord_1 = (p.length_1_mm * even_1[1] - 0.5j * half * chord) / (1.0 + half)
+    swings = upright * (chord + turning / half).imag
+    swings_1 = (
+        upright * (chord_1 + 0.5j * turning / half).imag
+        - 0.5 * (half * up).imag * (chord + turning / half).imag
+    )
+    swings_2 = upright * (turning_2 / half).imag
+    sagittal = end_1 + turning - bent * aside * even_1[0] - twist * aside * aside * lowers
+    sagittal_1 = (
+        end_1_slope
+        + 1j * turning
+        - bent * aside * even_1[1]
+        - twist * aside * aside * 1j * along[1] * up
+    )
+    sagittal_2 = (
+        turning_2
         - pressed_1 * pull_2_slope * arc_1[0]
-        + bulge_2,
-        end_1 + (p.middle_along_mm + 1j * height_2) * turn,
+        + bulge_2
+        - (bent_2 * aside + bent * aside_2) * even_1[0]
+        - 2.0 * twist * aside * aside_2 * lowers
+    )
+    across = aside - p.marker_aside_mm + bent * lever + twist * aside * swings
+    across_1 = bent * lever_1 + twist * aside * swings_1
+    across_2 = (
+        aside_2 + bent_2 * lever + bent * lever_2 + twist * (aside_2 * swings + aside * swings_2)
+    )
+    middle_across = (
+        p.middle_aside_mm
+        + bent * (own + (middle * back).real)
+        + twist * aside * upright * (chord + middle / half).imag
+    )
+    return Tip(
+        across - tilt_1 * sagittal.imag,
+        across_1 - tilt_1 * sagittal_1.imag,
+        across_2 - tilt_1 * sagittal_2.imag,
+        sagittal + 1j * tilt_1 * across,
+        sagittal_1 + 1j * tilt_1 * across_1,
+        sagittal_2 + 1j * tilt_1 * across_2,
+        middle_across - tilt_1 * (end_1 + middle).imag,
+        end_1 + middle,
+    )
+
+
+def _tapered(arc: tuple[Number, ...], theta: Number, taper: Number) -> tuple[Number, Number]:
+    """End of a unit arc whose curvature grows along it by a share, and its derivative.
+
+    The bending angle theta (u - taper (u - u^2) / 2) at the share u of the length.
+    """
+    uneven, uneven_slope = arc[1] + 1j * arc[2], arc[2] + 1j * arc[3]
+    return (
+        arc[0] - 0.5 * taper * theta * uneven,
+        arc[1] - 0.5 * taper * (uneven + theta * uneven_slope),
     )
 
 
@@ -143,6 +213,8 @@ class _Pulls(NamedTuple):
     pull_1_slope: Number
     """By theta_1."""
     pull_2: Number
+    pull_2_slope: Number
+    """By theta_2."""
     load: Number
     """Weight that bends segment 1 unevenly, times its length."""
 
@@ -152,27 +224,33 @@ def _pulls_of(p: Parameters, theta_1: Number, theta_2: Number, raised: Number) -
     beyond = (0.5 * SEGMENT_2_SHARE * p.body_per_mm + p.tip_per_mm) * p.length_2_mm
     weight = 0.5 * load + beyond
     return _Pulls(
-        theta_1 + weight * raised.real,
-        1.0 - weight * raised.imag,
-        p.stiffness_ratio * theta_2 + 0.5 * beyond * p.up_x,
+        theta_1 * (1.0 + p.stiffening * theta_1 * theta_1) + weight * raised.real,
+        1.0 + 3.0 * p.stiffening * theta_1 * theta_1 - weight * raised.imag,
+        p.stiffness_ratio * theta_2 * (1.0 + p.stiffening * theta_2 * theta_2)
+        + 0.5 * beyond * p.up_x,
+        p.stiffness_ratio * (1.0 + 3.0 * p.stiffening * theta_2 * theta_2),
         load,
     )
 
 
 def _bulge_mm(
-    p: Parameters, pulls: _Pulls, arc_1: tuple[Number, ...]
+    p: Parameters, pulls: _Pulls, theta_1: Number, arc_1: tuple[Number, ...]
 ) -> tuple[Number, Number, Number]:
     """Uneven bending of segment 1 by gravity, strongest at the base, with slopes in both angles.
 
     Bending angle gamma (u - u^2) at the share u of the length moves the segment's end by
     gamma L_1 D with D = E' + i E''; its energy is gamma^2 / 6 and the load's gamma load Im(D u),
     with u of ``up_in_sagittal_plane``.
-    Taut tendons soften it, as they soften any bending of a chain with sag.
+    Taut tendons soften it, as they soften any bending of a chain with sag, and a segment that
+    stiffens as it bends resists it more.
     """
     up = up_in_sagittal_plane(p)
-    margin = 1.0 - _LEAST_SOFTENED - 2.0 * p.sag_1 * (abs(pulls.pull_1) + abs(pulls.pull_2))
+    hardened = 3.0 * p.stiffening * theta_1
+    softer = 2.0 * p.sag_1 * (abs(pulls.pull_1) + abs(pulls.pull_2))
+    margin = 1.0 - _LEAST_SOFTENED + hardened * theta_1 - softer
     softened = _LEAST_SOFTENED + positive(margin)
-    softening = 2.0 * p.sag_1 * (margin > 0.0) / softened
+    by_margin = (margin > 0.0) / softened
+    softening = 2.0 * p.sag_1 * by_margin
     reach = arc_1[1] + 1j * arc_1[2]
     reach_slope = arc_1[2] + 1j * arc_1[3]
     amplitude = -3.0 * pulls.load * p.length_1_mm / softened
@@ -181,6 +259,8 @@ def _bulge_mm(
     slope = amplitude * ((reach_slope * up).imag * reach + lift * reach_slope)
     return (
         bulge,
-        slope + bulge * softening * sign(pulls.pull_1) * pulls.pull_1_slope,
-        bulge * softening * sign(pulls.pull_2) * p.stiffness_ratio,
+        slope
+        + bulge * softening * sign(pulls.pull_1) * pulls.pull_1_slope
+        - bulge * 2.0 * hardened * by_margin,
+        bulge * softening * sign(pulls.pull_2) * pulls.pull_2_slope,
     )

@@ -109,26 +109,22 @@ def _add_tip(last_disk: ET.Element, y_mm: float) -> None:
 
 
 def _add_flexure(body: ET.Element, twin: Twin, segment: int, number: int) -> None:
-    """Joints of flexure ``number``, from 0, of a segment; the bending one comes last.
+    """Joints of flexure ``number``, from 0, of a segment.
 
-    Springs in series: n flexures of stiffness n k form a segment of stiffness k.
+    Springs in series: n flexures of stiffness n k form a segment of stiffness k. It twists by
+    halves before and after it bends: a taut tendon beside it would twist a hinge on one side only.
     """
     flexures = twin.flexures[segment]
     turn_rad = math.radians(twin.bending_plane_turn_deg[segment])
     bending_axis, sideways_axis = (
         _turned(axis, turn_rad) for axis in (_BENDING_AXES[segment], _BENDING_AXES[1 - segment])
     )
-    share = _shares(flexures)[number] / flexures
+    share, torsion = _shares(flexures)[number] / flexures, 0.0
     if share > 0:
         stands_for_mm = share * twin.segment_lengths_mm[segment]
-        axial, torsion, sideways = (
-            stiffness[segment] / share
-            for stiffness in (
-                twin.axial_stiffness_n_m,
-                twin.torsion_stiffness_nm_rad,
-                twin.sideways_stiffness_nm_rad,
-            )
-        )
+        axial = twin.axial_stiffness_n_m[segment] / share
+        torsion = 2.0 * twin.torsion_stiffness_nm_rad[segment] / share
+        sideways = twin.sideways_stiffness_nm_rad[segment] / share
         _add_joint(body, "slide", _ALONG_BACKBONE, axial, _millimetres(0.0, stands_for_mm / 2))
         _add_joint(body, "hinge", _ALONG_BACKBONE, torsion, _HALF_A_TURN)
         _add_joint(body, "hinge", sideways_axis, sideways, _HALF_A_TURN)
@@ -147,6 +143,7 @@ def _add_flexure(body: ET.Element, twin: Twin, segment: int, number: int) -> Non
     )
     if per_rad2 > 0:
         joint.set("stiffness", _numbers(bending, 0.0, bending * per_rad2))
+    _add_joint(body, "hinge", _ALONG_BACKBONE, torsion, _HALF_A_TURN)
 
 
 def _add_joint(

@@ -7,7 +7,7 @@ import pytest
 
 from ccr_host.control.adaptive.identification import StaticsFit, predicted_mm, tour_bending_rad
 from ccr_host.control.adaptive.misfit import zeros_off
-from ccr_host.control.adaptive.parameters import COUNT, Scaling
+from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for, zeros_rad
 from ccr_host.description import schema
 from ccr_host.robot.rests import Rests
@@ -54,21 +54,37 @@ def test_bending_planes_that_are_off_are_not_taken_for_a_registered_camera_that_
     assert error_mm("8shape", *registered, *wrong) < 2.0 * error_mm("8shape", *registered)
 
 
-def test_the_better_a_registration_is_known_the_less_of_a_turn_is_the_cameras() -> None:
-    robot = schema.load().robot
-    shares = [Scaling(robot, np.radians(deg)).camera_share for deg in (0.1, 0.5, 1.0, 3.0)]
-    assert Scaling(robot).camera_share == 1.0
-    assert shares == sorted(shares)
-    assert shares[0] < 0.02
-    assert shares[-1] > 0.8
+def rests_of(truth: Parameters) -> Rests:
+    """The tour of a robot of the model's form, without noise."""
+    stops_rad = unhindered_setpoints_for(truth, tour_bending_rad())
+    rests = Rests(np.zeros(2), stops_rad, np.zeros((len(stops_rad), 3, 3)), np.full(20, 6.0))
+    rests.markers_mm[:, 1:] = predicted_mm(truth, rests)
+    return rests
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        {"plane_1_rad": 0.03, "plane_2_rad": -0.02},
+        {"taper_1": 0.2, "taper_2": -0.1, "stiffening": 0.06},
+        {"sideways": 0.03, "twisting": 0.5},
+        {"marker_aside_mm": -0.7},
+    ],
+)
+def test_what_is_the_robots_is_not_blamed_on_the_camera(robot: dict[str, float]) -> None:
+    scaling = Scaling.of(schema.load())
+    truth = scaling.parameters(np.zeros(COUNT))._replace(**robot)
+    found = scaling.parameters(StaticsFit(scaling, rests_of(truth)).finish().score)
+    turn_rad = np.array([found.turn_x_rad, found.turn_y_rad, found.turn_z_rad])
+    assert np.degrees(np.abs(turn_rad)).max() < 0.5
+    for name, value in robot.items():
+        assert getattr(found, name) == pytest.approx(value, rel=0.5)
 
 
 def test_the_end_of_segment_1_tells_a_zero_from_a_turned_camera() -> None:
     scaling = Scaling.of(schema.load())
     truth = scaling.parameters(np.zeros(COUNT))._replace(zero_1_rad=0.06, turn_x_rad=-0.05)
-    stops_rad = unhindered_setpoints_for(truth, tour_bending_rad())
-    empty = np.zeros((len(stops_rad), 3, 3))
-    rests = Rests(np.zeros(2), stops_rad, empty, np.full(len(stops_rad), 6.0))
+    rests = rests_of(truth)
     seen_mm = predicted_mm(truth, rests)
     off_rad = []
     for first in (0, 1):  # with M2, and without
