@@ -226,6 +226,15 @@ def test_markers_off_the_backbone_twist_the_segments_by_their_weight(posed):
     )
 
 
+def test_a_taut_tendon_beside_a_bent_segment_does_not_twist_it(posed):
+    """The moment of a tendon is at right angles to the backbone at every point of a bent rod."""
+    stiff, soft = (
+        posed(35, 35, gravity_m_s2=0.0, torsion_stiffness_nm_rad=torsion).markers_mm()
+        for torsion in ((0.0, 0.0), (0.05, 0.05))
+    )
+    np.testing.assert_allclose(soft, stiff, atol=0.3)
+
+
 def test_a_softer_end_of_a_segment_bends_more_and_the_whole_as_much(posed):
     level = {"gravity_m_s2": 0.0, "slack_mm": 0.0}
     even, tapered = (
