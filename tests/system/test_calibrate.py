@@ -102,6 +102,9 @@ def test_a_shipped_description_is_not_written_to(ccr_host: CcrHost) -> None:
 def test_an_identified_robot_is_followed_without_a_tour(
     ccr_host: CcrHost, robot: Path, short_path: str
 ) -> None:
+    registered = {"camera_to_robot_deg": [0, 0, 0], "uncertainty_deg": [0.28, 0.07, 0.14]}
+    lines = ["[registration]", *(f"{key} = {value}" for key, value in registered.items())]
+    robot.write_text(robot.read_text() + "\n".join(lines) + "\n")
     ended = ccr_host("calibrate", "--identify", "--robot", robot.name)
     assert ended.status == 0, ended.err
     assert "# keep this" in robot.read_text()
@@ -116,7 +119,9 @@ def test_an_identified_robot_is_followed_without_a_tour(
         approach_s = noted_s["following the path"] - noted_s["arming"]
         return approach_s, summary["true_mean_error_mm"]
 
-    tour_s, toured_mm = track("toured", "8shape")
+    keys = [f"registration.{key}={value}" for key, value in registered.items()]
+    words = [word for key in keys for word in ("--set", key)]
+    tour_s, toured_mm = track("toured", "8shape", *words)
     _, identified_mm = track("identified", "8shape", "--robot", robot.name)
     approach_s, _ = track("unchecked", short_path, "--robot", robot.name, "--unchecked")
     assert approach_s < 5.0

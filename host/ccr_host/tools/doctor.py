@@ -38,6 +38,8 @@ EXTRAS = {
     "fast": "numba",
     "igtl": "pyigtl",
     "aruco": "cv2",
+    "gym": "gymnasium",
+    "ros": "mcap_ros2",
     "firmware": "platformio",
 }
 """One package of each extra, to see whether it is installed."""

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 GRID_STEP_DEG = 1.0
 """Floors on this grid are 0.4 to 3 % above the limit of finer grids (docs/twin.md)."""
 
-_MAP_VERSION = 2
+_MAP_VERSION = 3
 """Part of the cache key; increment it when the map of the same twin changes."""
 
 _MOST_MAPS_KEPT = 100
