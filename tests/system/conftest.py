@@ -75,10 +75,11 @@ def messages_in(folder: Path, topic: Topic) -> list[Message]:
 
 
 def wait_until_following(folder: Path, process: subprocess.Popen[str]) -> None:
+    """Wait until the first step of the path is in the log."""
     deadline = time.monotonic() + PATIENCE_S
     while process.poll() is None and time.monotonic() < deadline:
         with suppress(ConfigError):  # a file that has only just been made
-            if log_files(folder, LOG_PREFIX) and "following the path" in events(folder):
+            if log_files(folder, LOG_PREFIX) and logged(folder, topics.STEP):
                 return
         time.sleep(0.25)  # The log is read each time.
     pytest.fail(f"the run did not start: {process.communicate()}")

@@ -214,7 +214,9 @@ class _Replay:
         if direction != "sent":
             return
         recorded = self._feed.next_sent()
-        if recorded is None:
+        if (
+            recorded is None or self._tape.head is None
+        ):  # a killed run's tape may end before its frames
             self._require_cut(f"now {told_frame(data)}, recorded nothing more")
             raise TapeEnd
         expected = bytes.fromhex(recorded.content["hex"])

@@ -14,12 +14,13 @@ Change = Callable[[LogMessage], dict[str, Any] | None]
 """Gives the content to write, None to leave the message out."""
 
 
-def rewritten(source: Path, target: Path, change: Change) -> RunRecording:
+def rewritten(source: Path, target: Path, change: Change, trouble: str = "") -> RunRecording:
+    """A log with a trouble counts as cut short."""
     by_name = {topic.name: topic for topic in LOG_TOPICS}
     sink = DirectSink(LogFiles(target, LOG_PREFIX, LOG_TOPICS), LOG_TOPICS)
     for message in RunRecording(source).messages():
         content = change(message)
         if content is not None:
             sink.write(by_name[message.topic], message.time_us, json.dumps(content).encode())
-    sink.close()
+    sink.close(trouble=trouble)
     return RunRecording(target)

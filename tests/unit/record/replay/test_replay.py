@@ -1,6 +1,7 @@
 """Runs of many kinds, executed again on their own logs."""
 
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 import pytest
@@ -290,6 +291,20 @@ def test_a_log_cut_short_is_compared_as_far_as_it_goes(recorded, tmp_path):
     assert not cut.end.is_complete
     assert result.difference is None
     assert 0 < result.frames < len(sent_frames(RunRecording(recorded)))
+
+
+def test_frames_beyond_the_end_of_a_killed_runs_tape_are_not_compared(recorded, tmp_path):
+    pieces = len(list(RunRecording(recorded).messages(topics.INPUTS)))
+    kept = count()
+
+    def without_the_last_pieces(message):
+        beyond = message.topic == topics.INPUTS.name and next(kept) >= pieces // 2
+        return None if beyond else message.content
+
+    cut = rewritten(recorded, tmp_path, without_the_last_pieces, trouble="killed")
+    result = replay(cut)
+    assert result.difference is None
+    assert 0 < result.frames < len(sent_frames(cut))
 
 
 def test_a_damaged_log_is_refused_as_such(recorded, tmp_path):
