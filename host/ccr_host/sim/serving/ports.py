@@ -149,6 +149,7 @@ class TcpPort:
         except OSError:
             return  # the client left before it was accepted
         client.setblocking(False)
+        self._hear_all()
         if self._client is not None:
             _refuse(client)
             return
@@ -170,6 +171,11 @@ class TcpPort:
             self._listener.received(data)
         else:
             self._drop_client()
+
+    def _hear_all(self) -> None:
+        """Read what has arrived: the client may have left before the next one came."""
+        while self._client is not None and select.select([self._client], [], [], 0)[0]:
+            self._read()
 
     def _drop_client(self) -> None:
         if self._client is not None:
