@@ -78,9 +78,7 @@ def track(
     from ccr_host.record.keep import execute_logged, keep_result
     from ccr_host.run.campaign import in_background
     from ccr_host.run.execute import reference_of
-    from ccr_host.run.igtl_server import published
     from ccr_host.run.open_rig import is_simulated
-    from ccr_host.view.live import live_page, parse_view_address
 
     with ExitStack() as stack:
         options = RunOptions(
@@ -103,11 +101,15 @@ def track(
         screen = console(on_stderr=as_json)
         page = None
         if view is not None:
+            from ccr_host.view.live import live_page, parse_view_address
+
             address, realtime = parse_view_address(view), not is_simulated(options)
             page = stack.enter_context(live_page(address, realtime=realtime))
             console(on_stderr=True).print(f"live page: {page.url}", soft_wrap=True)
         watchers: list[RunObserver] = [page.feed] if page else []
         if publish is not None:
+            from ccr_host.run.igtl_server import published
+
             server = stack.enter_context(published(publish))
             console(on_stderr=True).print(f"OpenIGTLink server: igtl://{server.address}")
             watchers.append(server.observer)
