@@ -16,8 +16,14 @@ from tests.requirement_coverage import REQUIREMENTS, Coverage
 DEFAULT_DEVICES = ("emulator:", "simavr:")
 
 
-# However long an example takes on a busy machine is no fault of it.
-hypothesis.settings.register_profile("ccr", deadline=None)
+# However long an example takes on a busy machine is no fault of it. What passes once passes always;
+# `--hypothesis-profile=default` draws other examples.
+hypothesis.settings.register_profile(
+    "ccr",
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+)
 hypothesis.settings.load_profile("ccr")
 
 

@@ -12,7 +12,8 @@ import zstandard
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-PATIENCE_S = 60
+from tests.patience import PATIENCE_S
+
 CAMERA: Mapping[str, Any] = {
     "type": "ViewerCameraMessage",
     "wxyz": (1.0, 0.0, 0.0, 0.0),

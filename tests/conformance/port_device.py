@@ -12,8 +12,9 @@ from ccr_host.link.device_errors import BoardSilentError
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
 from ccr_host.link.transport import DeviceUri, open_transport
 
-_NOTICE_CLOSED_US = 100_000
-"""Five times the time in which `ccr-host emulate` detects that its client has left."""
+_NOTICE_CLOSED_US = (100_000, 500_000, 2_500_000)
+"""How long the port stays closed until its opening resets the board. `ccr-host emulate` looks every
+20 ms whether its client has left, on a busy machine less often."""
 _PING_PERIOD_US = 25_000
 """Longer than the slowest USB adapter takes (16 ms latency timer): one answer at a time is due."""
 _LOOK_PERIOD_US = 1_000
@@ -52,9 +53,13 @@ class PortDevice:
     def reset(self, cause: m.ResetCause) -> None:
         if cause is not m.ResetCause.EXTERNAL:
             pytest.skip(f"a port cannot cause a {cause.name.lower()} reset")
-        self._port.close()
-        self._clock.sleep_until_us(self._clock.now_us() + _NOTICE_CLOSED_US)
-        self._open()
+        before_us = self._clock.now_us()
+        for closed_us in _NOTICE_CLOSED_US:
+            self._port.close()
+            self._clock.sleep_until_us(self._clock.now_us() + closed_us)
+            self._open()
+            if self._reset_us > before_us:
+                return
 
     def close(self) -> None:
         self._port.close()

@@ -20,12 +20,15 @@ from ccr_host.record.log import topics
 from ccr_host.record.log.files import LOG_PREFIX, log_files
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.record.log.topics import Topic
+from tests.patience import PATIENCE_S
 from tests.system.warm_start import run_program
 
 PAPERS = ("--controller", "mpc")
 """The fastest closed loop: it starts the path at once."""
-PATIENCE_S = 120
-"""Time-out for commands that hang if they are wrong; long enough for any busy machine."""
+PATIENT_BOARD = ("--set", "link.relax_after_ms=60000")
+"""For what is not about the watchdog: a busy machine may stop any host for seconds."""
+IN_REAL_TIME = (*PATIENT_BOARD, "--unchecked", "--set", "control.settle_s=0.5")
+"""For runs in real time that are about other things than how a path begins, which takes 10 s."""
 COMMAND = str(Path(sys.executable).with_name("ccr-host"))
 
 
@@ -46,7 +49,7 @@ class CcrHost:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def __call__(self, *words: str, timeout_s: float = 120) -> Ended:
+    def __call__(self, *words: str, timeout_s: float = PATIENCE_S) -> Ended:
         return Ended(*run_program(words, self.folder, timeout_s))
 
     def start(self, *words: str) -> subprocess.Popen[str]:
@@ -72,6 +75,24 @@ def messages_in(folder: Path, topic: Topic) -> list[Message]:
     """Every message on the link in one direction, in order."""
     frames = [decode_single_frame(bytes.fromhex(c["hex"])) for c in logged(folder, topic)]
     return [MESSAGES[frame.id].unpack(frame.payload) for frame in frames if frame]
+
+
+_ACTING = """
+import os, pathlib, shutil, signal, time
+from ccr_host.control.mpc.controller import ModelPredictive
+
+class Acting(ModelPredictive):
+    def step(self, observation):
+        if observation.step == {step}:
+            {deed}
+        return super().step(observation)
+"""
+
+
+def acting(folder: Path, deed: str, step: int) -> tuple[str, str]:
+    """Options for `mpc` that does something at one step, however fast the machine is."""
+    (folder / "acting.py").write_text(_ACTING.format(step=step, deed=deed))
+    return "--controller", "acting.py:Acting"
 
 
 def wait_until_following(folder: Path, process: subprocess.Popen[str]) -> None:

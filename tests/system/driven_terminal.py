@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pexpect
 
-from tests.system.conftest import COMMAND, PATIENCE_S
+from tests.patience import PATIENCE_S
+from tests.system.conftest import COMMAND
 
 UP, DOWN, RIGHT, LEFT = "\x1b[A", "\x1b[B", "\x1b[C", "\x1b[D"
 _STYLING = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")

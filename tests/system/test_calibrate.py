@@ -9,7 +9,7 @@ import pytest
 
 from ccr_host.description import schema
 from ccr_host.record.log import topics
-from tests.system.conftest import CcrHost, logged
+from tests.system.conftest import PATIENT_BOARD, CcrHost, logged
 from tests.system.driven_terminal import DOWN, LEFT, RIGHT, UP, DrivenTerminal
 
 NEUTRAL_US = (1540.0, 1475.0)
@@ -36,7 +36,7 @@ def calibrated(tmp_path: Path) -> Path:
 def terminal(tmp_path: Path, robot: Path, calibrated: Path) -> Iterator[DrivenTerminal]:
     files = ("--robot", robot.name, "--out", calibrated.name)
     overrides = [word for key in TWIN for word in ("--set", key)]
-    terminal = DrivenTerminal(tmp_path, "calibrate", "--by-eye", *files, *overrides)
+    terminal = DrivenTerminal(tmp_path, "calibrate", "--by-eye", *files, *overrides, *PATIENT_BOARD)
     yield terminal
     terminal.process.close(force=True)
 

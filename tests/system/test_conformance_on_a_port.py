@@ -12,7 +12,8 @@ from ccr_host.link import messages as m
 from ccr_host.sim.board.eeprom import EepromImage
 from tests.conformance.device import EmulatedDevice
 from tests.conformance.host import Host
-from tests.system.conftest import PATIENCE_S, CcrHost
+from tests.patience import PATIENCE_S
+from tests.system.conftest import CcrHost
 from tests.system.test_emulate import served_uri
 
 ROOT = Path(__file__).parents[2]
@@ -33,7 +34,7 @@ def conformance(uri: str, *words: str) -> subprocess.CompletedProcess[str]:
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=2 * PATIENCE_S,
         check=False,
     )
 

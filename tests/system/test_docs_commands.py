@@ -23,7 +23,8 @@ from ccr_host.commands.app import app
 from ccr_host.description.schema import Robot
 from ccr_host.robot.kinematics import ConstantCurvature
 from tests.conformance.firmware_build import firmware_elf
-from tests.system.conftest import COMMAND, PATIENCE_S, CcrHost
+from tests.patience import PATIENCE_S
+from tests.system.conftest import COMMAND, CcrHost
 from tests.system.driven_terminal import DrivenTerminal
 
 ROOT = Path(__file__).parents[2]

@@ -4,9 +4,10 @@ import pytest
 
 from ccr_host.link.messages import Disarm, SetTarget, State, Stop, Telemetry
 from ccr_host.record.log import topics
+from tests.patience import PATIENCE_S
 from tests.system.conftest import (
+    IN_REAL_TIME,
     PAPERS,
-    PATIENCE_S,
     CcrHost,
     events,
     messages_in,
@@ -19,7 +20,7 @@ def test_an_interrupted_run_disarms_the_robot_first_and_keeps_its_log(
     ccr_host: CcrHost, number: signal.Signals
 ) -> None:
     process = ccr_host.start(
-        "track", "8shape", *PAPERS, "--realtime", "--rate", "5", "--out", "kept"
+        "track", "8shape", *PAPERS, *IN_REAL_TIME, "--realtime", "--rate", "5", "--out", "kept"
     )
     folder = ccr_host.folder / "kept"
     wait_until_following(folder, process)

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import CcrHost
+from tests.system.conftest import PATIENT_BOARD, CcrHost
 from tests.system.driven_terminal import LEFT, UP, DrivenTerminal
 
 
 @pytest.fixture
 def terminal(tmp_path: Path) -> Iterator[DrivenTerminal]:
-    terminal = DrivenTerminal(tmp_path, "jog")
+    terminal = DrivenTerminal(tmp_path, "jog", *PATIENT_BOARD)
     yield terminal
     terminal.process.close(force=True)
 

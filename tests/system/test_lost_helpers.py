@@ -7,29 +7,18 @@ import os
 import signal
 import subprocess
 import time
-from contextlib import suppress
-from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import PAPERS, CcrHost, children
-
-AT_WORK_S = 2.2
-"""Processor time after which a worker of a sweep is certainly computing its twin."""
-
-
-def cpu_s(process: int) -> float:
-    """Processor time so far; 0 once it has ended."""
-    with suppress(OSError):
-        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    return 0.0
+from tests.patience import PATIENCE_S, becomes_true
+from tests.system.conftest import PAPERS, CcrHost, acting, children
+from tests.system.test_sweep import NARROW
 
 
 def kill_helpers(process: subprocess.Popen[str], times: int) -> set[int]:
     """Kill the given number of processes that it starts, each as soon as it exists."""
     killed: set[int] = set()
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + PATIENCE_S
     while len(killed) < times and process.poll() is None and time.monotonic() < deadline:
         for child in children(process.pid):
             if child not in killed:
@@ -44,7 +33,7 @@ def test_a_run_without_its_open_loop_says_why_and_is_done(
 ) -> None:
     process = ccr_host.start("track", short_path, *PAPERS, "--out", "kept", "--json")
     assert kill_helpers(process, 1)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, err
     assert json.loads(out)["open"] is None
     (line,) = [line for line in err.splitlines() if line.startswith("ccr-host: ")]
@@ -57,7 +46,7 @@ def test_a_comparison_repeats_what_was_killed(ccr_host: CcrHost, short_path: str
     words = ("--path", short_path, "--controller", "mpc", "--controller", "open-loop", "--json")
     process = ccr_host.start("compare", *words)
     kill_helpers(process, 2)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, err
     assert [run["controller"] for run in json.loads(out)["runs"]] == ["mpc", "open-loop"]
 
@@ -68,7 +57,7 @@ def test_a_comparison_names_the_run_that_is_missing_and_keeps_the_others(
     words = ("--path", short_path, "--controller", "mpc")
     process = ccr_host.start("compare", *words)
     kill_helpers(process, 100)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 3
     assert err.strip().splitlines()[-1].startswith("ccr-host: error: ")
     assert "with mpc" in err
@@ -77,11 +66,13 @@ def test_a_comparison_names_the_run_that_is_missing_and_keeps_the_others(
 
 
 def test_ctrl_c_ends_a_comparison_with_what_is_there(ccr_host: CcrHost, short_path: str) -> None:
-    words = ("--path", short_path, "--path", "8shape", "--controller", "mpc", "--out", "kept")
-    process = ccr_host.start("compare", *words, "--controller", "adaptive", "--rate", "20")
-    time.sleep(5)
+    reached = ccr_host.folder / "reached"
+    waits = acting(ccr_host.folder, f"pathlib.Path({str(reached)!r}).touch(); time.sleep(600)", 20)
+    paths = ("--path", short_path, "--path", "8shape")
+    process = ccr_host.start("compare", *paths, *waits, "--out", "kept")
+    assert becomes_true(reached.exists)
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert err.endswith("ccr-host: interrupted\n")
     if (ccr_host.folder / "kept").exists():
@@ -89,23 +80,21 @@ def test_ctrl_c_ends_a_comparison_with_what_is_there(ccr_host: CcrHost, short_pa
 
 
 def test_twins_whose_workers_are_killed_are_missing_until_the_command_is_repeated(
-    ccr_host: CcrHost, monkeypatch: pytest.MonkeyPatch
+    ccr_host: CcrHost, short_path: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")
-    words = ("--path", "8shape", "--controller", "mpc", "--rate", "1", "--runs", "1")
-    words = ("sweep", *words, "--workers", "1", "--out", "kept")
-    process = ccr_host.start(*words)
-    deadline = time.monotonic() + 90
-    while process.poll() is None and time.monotonic() < deadline:
-        for worker in children(process.pid):
-            if cpu_s(worker) > AT_WORK_S:
-                os.kill(worker, signal.SIGKILL)
-        time.sleep(0.05)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 3, err
-    assert "missing" in err.strip().splitlines()[-1]
-    assert "Traceback" not in err
+    short_of_memory = ccr_host.folder / "short of memory"
+    short_of_memory.touch()
+    killed = f"pathlib.Path({str(short_of_memory)!r}).exists() and os.kill(os.getpid(), 9)"
+    controller = acting(ccr_host.folder, killed, 3)
+    words = ("sweep", "--path", short_path, *controller, "--rate", "2", "--runs", "1", *NARROW)
+    words = (*words, "--workers", "1", "--out", "kept", "--json")
+    ended = ccr_host(*words)
+    assert ended.status == 3, ended.err
+    assert "missing" in ended.err.strip().splitlines()[-1]
+    assert "Traceback" not in ended.err
     assert not (ccr_host.folder / "kept").exists()
-    again = ccr_host(*words, "--json")
+    short_of_memory.unlink()
+    again = ccr_host(*words)
     assert again.status == 0, again.err
     assert again.summary["runs"] == 1

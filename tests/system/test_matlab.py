@@ -16,6 +16,7 @@ from ccr_host.link.board_config import board_config
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.record.log.tables import TABLES, arrays
 from ccr_host.robot.kinematics import ConstantCurvature
+from tests.patience import PATIENCE_S
 from tests.system.conftest import PAPERS, CcrHost
 from tests.system.test_sockets import running
 
@@ -30,7 +31,7 @@ def octave(*words: str) -> str:
         pytest.fail("there is no Octave: apt-get install octave octave-instrument-control")
     ended = subprocess.run(
         [program, "--no-init-file", "--path", str(ROOT / "matlab"), *words],
-        capture_output=True, text=True, check=False, timeout=120,
+        capture_output=True, text=True, check=False, timeout=PATIENCE_S,
     )  # fmt: skip
     assert ended.returncode == 0, ended.stdout + ended.stderr
     return ended.stdout

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import signal
 import subprocess
 from pathlib import Path
@@ -13,18 +12,22 @@ import pytest
 from ccr_host.link.messages import Disarm, Stop
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
+from tests.patience import PATIENCE_S
 from tests.system.conftest import (
     COMMAND,
+    IN_REAL_TIME,
     PAPERS,
     CcrHost,
     Ended,
+    acting,
     events,
     logged,
     messages_in,
     wait_until_following,
 )
 
-REALTIME = (*PAPERS, "--no-open", "--realtime", "--rate", "5", "--out", "kept")
+REALTIME = (*PAPERS, *IN_REAL_TIME, "--no-open", "--realtime", "--rate", "5", "--out", "kept")
+REMOVE = "shutil.rmtree('kept')"
 
 
 def with_small_files(folder: Path, kilobytes: int, *words: str) -> Ended:
@@ -34,7 +37,7 @@ def with_small_files(folder: Path, kilobytes: int, *words: str) -> Ended:
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
         check=False,
     )
     return Ended(ended.returncode, ended.stdout, ended.stderr)
@@ -92,12 +95,10 @@ def test_a_folder_that_is_removed_in_mid_run_is_made_again(
     ccr_host: CcrHost, short_path: str
 ) -> None:
     folder = ccr_host.folder / "kept"
-    process = ccr_host.start("track", short_path, *REALTIME)
-    wait_until_following(folder, process)
-    shutil.rmtree(folder)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 0, err
-    assert "mean, mpc" in out
+    removing = acting(ccr_host.folder, REMOVE, 13)
+    ended = ccr_host("track", short_path, *REALTIME, *removing)
+    assert ended.status == 0, ended.err
+    assert "mean, acting" in ended.out.lower()
     assert json.loads((folder / "run.json").read_text())["metrics"]["steps"] == 26
     assert RunRecording(folder).end.is_complete
     assert len(logged(folder, topics.STEP)) == 26
@@ -107,14 +108,11 @@ def test_a_folder_that_is_replaced_in_mid_run_costs_its_files_alone(
     ccr_host: CcrHost, short_path: str
 ) -> None:
     folder = ccr_host.folder / "kept"
-    process = ccr_host.start("track", short_path, *REALTIME, "--json")
-    wait_until_following(folder, process)
-    shutil.rmtree(folder)
-    folder.write_text("mine")
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 0, err
-    assert json.loads(out)["steps"] == 26
-    (line,) = lines_of(Ended(0, out, err))
+    replacing = acting(ccr_host.folder, f"{REMOVE}; open('kept', 'x').write('mine')", 13)
+    ended = ccr_host("track", short_path, *REALTIME, *replacing, "--json")
+    assert ended.status == 0, ended.err
+    assert ended.summary["steps"] == 26
+    (line,) = lines_of(ended)
     assert "run.json" in line
     assert "messages lost" in line
     assert folder.read_text() == "mine"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.patience import PATIENCE_S
 from tests.system.conftest import COMMAND
 
 _FAILING_DRIVER = """
@@ -60,7 +61,7 @@ def test_a_failing_driver_is_one_line(
             stdin=keys,
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=PATIENCE_S,
             check=False,
         )
     assert ended.returncode == status, ended.stderr
@@ -74,7 +75,7 @@ def test_keys_from_a_closed_standard_input_are_refused(tmp_path: Path, words: li
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert ended.returncode == 2, ended.stderr

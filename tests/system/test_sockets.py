@@ -23,7 +23,8 @@ from pathlib import Path
 import pytest
 
 from ccr_host.core.addresses import host_and_port
-from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost
+from tests.patience import PATIENCE_S
+from tests.system.conftest import IN_REAL_TIME, PAPERS, CcrHost
 from tests.viewer import Viewer
 
 Address = tuple[str, int]
@@ -137,7 +138,8 @@ def running(ccr_host: CcrHost, *words: str) -> Iterator[subprocess.Popen[str]]:
 def test_the_page_is_the_only_socket_and_opens_to_its_token_alone(
     ccr_host: CcrHost, short_path: str, command: str, host: str
 ) -> None:
-    words = ["track", "8shape", *PAPERS, "--no-open", "--realtime", "--view", f"{host}:0"]
+    words = ["track", "8shape", "--laps", "9", *PAPERS, *IN_REAL_TIME, "--no-open"]
+    words += ["--realtime", "--view", f"{host}:0"]
     if command == "view":
         run = ccr_host("track", short_path, *PAPERS, "--no-open", "--out", "kept")
         assert run.status == 0
@@ -232,7 +234,7 @@ def test_an_emulated_board_and_camera_listen_where_they_say_and_nowhere_else(
             posted = "POST / HTTP/1.1\r\nOrigin: http://evil.example\r\n\r\nINIT \r"
             assert said_by(place, posted) == "", "web pages are sent away"
         line = told[2].replace("8shape", short_path).split()[2:]
-        run = ccr_host(*line, *PAPERS, "--no-open", "--set", "control.settle_s=0.5", "--json")
+        run = ccr_host(*line, *PAPERS, *IN_REAL_TIME, "--no-open", "--json")
         assert run.status == 0, run.err
 
 

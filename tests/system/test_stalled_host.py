@@ -1,6 +1,7 @@
 """A host that is stopped in mid-run, as by Ctrl-Z or a computer that sleeps."""
 
 import json
+import os
 import signal
 import time
 
@@ -10,26 +11,28 @@ import pytest
 from ccr_host.link.messages import SetTarget, State, Telemetry
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
-from tests.system.conftest import PAPERS, CcrHost, events, logged, messages_in, wait_until_following
+from tests.patience import PATIENCE_S
+from tests.system.conftest import CcrHost, acting, events, logged, messages_in
 
 RATE_HZ = 20
+STOPS_AT_STEP = 10
 BURST = 4
 """More targets at once are a burst: one a period, one that fed the board, one late one."""
 
 
 def stopped_run(ccr_host: CcrHost, device: str, path: str, seconds: float):
     """Status, errors, summary and times of the targets of a run that was stopped for a while."""
+    stops = acting(ccr_host.folder, "os.kill(os.getpid(), signal.SIGSTOP)", STOPS_AT_STEP)
     process = ccr_host.start(
-        *("track", path, *PAPERS, "--rate", str(RATE_HZ), "--realtime"),
+        *("track", path, *stops, "--rate", str(RATE_HZ), "--realtime", "--unchecked"),
+        *("--set", "control.settle_s=0.5"),
         *("--device", device, "--no-open", "--out", "kept", "--json"),
     )
-    folder = ccr_host.folder / "kept"
-    wait_until_following(folder, process)
-    process.send_signal(signal.SIGSTOP)
+    os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
     time.sleep(seconds)
     process.send_signal(signal.SIGCONT)
-    out, err = process.communicate(timeout=60)
-    return process.returncode, err, json.loads(out), folder
+    out, err = process.communicate(timeout=PATIENCE_S)
+    return process.returncode, err, json.loads(out), ccr_host.folder / "kept"
 
 
 @pytest.mark.parametrize("device", ["emulator:", "emulator+pty:"])

@@ -6,18 +6,20 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import COMMAND, PAPERS, PATIENCE_S, CcrHost, events
+from tests.patience import PATIENCE_S, becomes_true
+from tests.system.conftest import COMMAND, IN_REAL_TIME, PAPERS, CcrHost, events
 from tests.system.driven_terminal import DrivenTerminal
 
 pytestmark = pytest.mark.usefixtures("short_path")
 
 TRACK = ("track", "short.csv", *PAPERS, "--no-open", "--out", "kept")
 RESULTS = ("run.json", "timing.json", "figure.png", "log_0000.mcap")
+A_STEP = r"\d+/\d"
+"""Progress that a busy machine may show seldom."""
 GONE = ("> /dev/full", "2> /dev/full", ">&-", "2>&-", "<&-", "<&- >&- 2>&-", "2>&1 | head -0")
 
 
@@ -29,7 +31,7 @@ def in_shell(folder: Path, *words: str, streams: str, **environment: str) -> tup
         env=os.environ | environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
         check=False,
     )
     return ended.returncode, ended.stdout, ended.stderr
@@ -115,26 +117,44 @@ def test_a_message_stays_one_line_whatever_the_name_in_it(ccr_host: CcrHost) -> 
 def close_window(terminal: DrivenTerminal) -> int:
     """Status of a command whose terminal is closed."""
     os.close(terminal.process.child_fd)
-    deadline = time.monotonic() + PATIENCE_S
-    while terminal.process.isalive() and time.monotonic() < deadline:
-        time.sleep(0.05)
+    assert becomes_true(lambda: not terminal.process.isalive())
     assert terminal.process.signalstatus is None
     return terminal.status
 
 
 def test_a_terminal_that_is_closed_in_mid_run_interrupts_it_and_keeps_all(tmp_path: Path) -> None:
-    words = ("track", "8shape", *PAPERS, "--realtime", "--rate", "5", "--out", "kept")
+    words = (
+        "track",
+        "8shape",
+        *PAPERS,
+        *IN_REAL_TIME,
+        "--realtime",
+        "--rate",
+        "5",
+        "--out",
+        "kept",
+    )
     terminal = DrivenTerminal(tmp_path, *words)
-    terminal.wait_for("10/")
+    terminal.wait_for(A_STEP)
     assert close_window(terminal) == 130
     assert_results(tmp_path / "kept")
     assert events(tmp_path / "kept")[-1] == "interrupted"
 
 
 def test_a_run_that_ignores_hangups_outlives_its_terminal(tmp_path: Path) -> None:
-    words = ("track", "short.csv", *PAPERS, "--realtime", "--rate", "5", "--out", "kept")
+    words = (
+        "track",
+        "short.csv",
+        *PAPERS,
+        *IN_REAL_TIME,
+        "--realtime",
+        "--rate",
+        "5",
+        "--out",
+        "kept",
+    )
     terminal = DrivenTerminal(tmp_path, *words, ignore_sighup=True)
-    terminal.wait_for("5/")
+    terminal.wait_for(A_STEP)
     assert close_window(terminal) == 0
     assert_results(tmp_path / "kept")
     assert json.loads((tmp_path / "kept" / "run.json").read_text())["metrics"]["faults"] == []

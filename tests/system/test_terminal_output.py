@@ -8,7 +8,8 @@ from pathlib import Path
 import pexpect
 import pytest
 
-from tests.system.conftest import COMMAND, PATIENCE_S, CcrHost
+from tests.patience import PATIENCE_S
+from tests.system.conftest import COMMAND, CcrHost
 
 COLOUR = "\x1b[3"
 WORDS = ("track", "short.csv", "--no-open", "--controller", "mpc")

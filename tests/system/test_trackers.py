@@ -9,7 +9,8 @@ import pytest
 
 from ccr_host.tracking.sources.ndi.rom import DUMMY_MARKERS_MM, make_passive_rom
 from tests.foreign_servers import foreign_server
-from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost, Ended
+from tests.patience import PATIENCE_S
+from tests.system.conftest import IN_REAL_TIME, PAPERS, CcrHost, Ended
 
 SPREAD = 0.05
 """Standard deviation, over seeds 1 to 5, of the ratio of the errors under the two trackers, each of
@@ -146,7 +147,7 @@ def test_a_run_over_a_served_camera_that_sees_the_twin_of_the_served_board(
         lines = [server.stdout.readline() for _ in range(3)]
         assert lines[1].startswith("emulated Polaris on ndi")
         uris = lines[2].split("8shape")[1].split()
-        ended = ccr_host("track", short_path, *PAPERS, *uris, "--json")
+        ended = ccr_host("track", short_path, *PAPERS, *IN_REAL_TIME, "--no-open", *uris, "--json")
     finally:
         server.send_signal(signal.SIGINT)
         server.communicate(timeout=PATIENCE_S)

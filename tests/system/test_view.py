@@ -15,9 +15,10 @@ from playwright.sync_api import sync_playwright
 
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
+from tests.patience import PATIENCE_S
 from tests.system.conftest import (
+    IN_REAL_TIME,
     PAPERS,
-    PATIENCE_S,
     CcrHost,
     children,
     events,
@@ -27,8 +28,14 @@ from tests.system.conftest import (
 
 # A machine without a graphics card draws in software, as slowly as it likes.
 PATIENCE_MS = 60_000
+# It would take a whole core for sixty pictures a second.
+FEW_PICTURES = """
+const draw = window.requestAnimationFrame.bind(window);
+window.requestAnimationFrame = (callback) => setTimeout(() => draw(callback), 200);
+window.cancelAnimationFrame = clearTimeout;
+"""
 LIVE = (
-    *("track", "8shape", *PAPERS, "--realtime", "--no-open"),
+    *("track", "8shape", *PAPERS, *IN_REAL_TIME, "--laps", "9", "--realtime", "--no-open"),
     *("--out", "kept", "--view", "127.0.0.1:0"),
 )
 
@@ -53,6 +60,7 @@ def browser() -> Iterator[Any]:
 def tab(browser: Any) -> Iterator[Any]:
     page = browser.new_page(viewport={"width": 900, "height": 400})
     page.set_default_timeout(PATIENCE_MS)
+    page.add_init_script(FEW_PICTURES)
     yield page
     page.close()
 
@@ -85,8 +93,7 @@ def test_pause_continue_and_stop_reach_the_robot(
         assert board.stdout is not None
         uri = board.stdout.readline().split()[3].rstrip(";")
         run = ccr_host.start(
-            "track", "8shape", *PAPERS, "--device", uri, "--realtime", "--rate", "5", "--no-open",
-            "--out", "kept", "--view", "127.0.0.1:0",
+            *LIVE, "--device", uri, "--rate", "5",
         )  # fmt: skip
         with ended(run, signal.SIGINT):
             tab.goto(address_in(run))
@@ -126,6 +133,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[CcrHost, str]:
         "track",
         "short.csv",
         *PAPERS,
+        *IN_REAL_TIME,
         "--no-open",
         "--out",
         "kept",
@@ -142,12 +150,26 @@ def test_a_script_reads_the_summary_alone(recorded: tuple[CcrHost, str]) -> None
     assert "live page: http://127.0.0.1:" in recorded[1]
 
 
-def test_a_recorded_run_is_played_and_scrubbed(recorded: tuple[CcrHost, str], tab: Any) -> None:
+CHARTS = "Object.values(window.__viserTestpoints.uplots).map(({chart}) => "
+
+
+def test_a_recorded_run_is_shown_as_ended_played_and_scrubbed(
+    recorded: tuple[CcrHost, str], tab: Any
+) -> None:
     player = recorded[0].start("view", "kept", "--address", "127.0.0.1:0")
     with ended(player, signal.SIGINT):
         tab.goto(address_in(player))
         tab.get_by_text("6 of 6").wait_for()
+        tab.get_by_text("done", exact=True).wait_for()
         assert not tab.get_by_role("button", name="STOP").is_visible(), "there is nothing to stop"
+        assert not tab.get_by_role("checkbox", name="ideal robot").is_checked()
+
+        tab.wait_for_function(CHARTS + "chart.data[0].length).filter(n => n > 2).length >= 4")
+        spans = tab.evaluate(CHARTS + "[chart.scales.x.min, chart.scales.x.max])")
+        assert len(spans) == 5
+        assert [*spans[0]] == [0, 30]
+        assert all(span == spans[0] for span in spans), "all plots have one time axis"
+
         slider = tab.get_by_role("slider").first
         slider.focus()
         slider.press("Home")
@@ -155,29 +177,6 @@ def test_a_recorded_run_is_played_and_scrubbed(recorded: tuple[CcrHost, str], ta
         tab.get_by_role("button", name="Play").click()
         tab.get_by_text(re.compile(r"^[1-6] of 6")).wait_for()
     assert player.returncode == 0
-
-
-CHARTS = "Object.values(window.__viserTestpoints.uplots).map(({chart}) => "
-
-
-def test_all_plots_have_one_time_axis(recorded: tuple[CcrHost, str], tab: Any) -> None:
-    player = recorded[0].start("view", "kept", "--address", "127.0.0.1:0")
-    with ended(player, signal.SIGINT):
-        tab.goto(address_in(player))
-        tab.get_by_text("6 of 6").wait_for()
-        tab.wait_for_function(CHARTS + "chart.data[0].length).filter(n => n > 2).length >= 4")
-        spans = tab.evaluate(CHARTS + "[chart.scales.x.min, chart.scales.x.max])")
-        assert len(spans) == 5
-        assert [*spans[0]] == [0, 30]
-        assert all(span == spans[0] for span in spans)
-
-
-def test_the_page_of_a_run_that_has_ended_says_so(recorded: tuple[CcrHost, str], tab: Any) -> None:
-    player = recorded[0].start("view", "kept", "--address", "127.0.0.1:0")
-    with ended(player, signal.SIGINT):
-        tab.goto(address_in(player))
-        tab.get_by_text("done", exact=True).wait_for()
-        assert not tab.get_by_role("checkbox", name="ideal robot").is_checked()
 
 
 def test_a_run_outlives_the_process_of_its_page_and_the_browser_finds_the_next(

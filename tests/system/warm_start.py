@@ -22,6 +22,16 @@ _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(
     [
         "ccr_host.commands.app",
+        "ccr_host.commands.terminal",
+        "ccr_host.run.igtl_server",
+        "ccr_host.view.feed",
+        "fontTools.subset",
+        "fontTools.ttLib.tables.otConverters",
+        "fontTools.ttLib.tables.otTables",
+        "PIL.GifImagePlugin",
+        "PIL.JpegImagePlugin",
+        "PIL.PpmImagePlugin",
+        "rich.progress",
         "ccr_host.run.campaign",
         "ccr_host.record.keep",
         "ccr_host.tools.doctor",

@@ -3,7 +3,6 @@
 import os
 import pty
 import sys
-import time
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from ccr_host.link import messages as m
 from ccr_host.sim.serving.server import BackgroundServer
 from ccr_host.sim.simavr.serve import open_pty_server
 from ccr_host.tools.flash import choose_port, flash_board, say_hello, upload_file, upload_project
+from tests.served import wait_until_left
 
 CHECKOUT = Path(__file__).parents[3]
 
@@ -136,5 +136,5 @@ def test_projects_firmware_is_built_flashed_and_says_hello(built):
         report = flash_board(port, project=CHECKOUT, pio=built)
         assert report.identity.spec_hash == m.SPEC_HASH
         assert report.summary()["protocol_version"] == m.PROTOCOL_VERSION
-        time.sleep(0.1)  # the server sees a pty closed at its next look
+        wait_until_left(server)
         assert say_hello(port).boot_id == report.identity.boot_id + 1

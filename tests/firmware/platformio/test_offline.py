@@ -65,7 +65,7 @@ def test_upload_flashes_a_board_behind_a_port(pio, project):
         assert result.returncode == 0, result.stdout + result.stderr
         with serial.Serial(port, BAUD, timeout=0.5) as opened:
             answer = b""
-            for _ in range(20):  # optiboot first waits for another upload
+            for _ in range(200):  # optiboot first waits for another upload
                 opened.reset_input_buffer()
                 opened.write(b"HAL")
                 answer = opened.read(3)

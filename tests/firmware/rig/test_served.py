@@ -10,8 +10,9 @@ from ccr_host.core.errors import ConfigError
 from ccr_host.sim.serving.server import BackgroundServer
 from ccr_host.sim.simavr.flash_image import find_firmware
 from ccr_host.sim.simavr.serve import open_pty_server
+from tests.patience import PATIENCE_S
+from tests.served import wait_until_left
 
-DEADLINE_S = 10
 AVRDUDE = ["avrdude", "-q", "-D", "-p", "m328p", "-c", "arduino", "-b", "115200"]
 
 
@@ -21,7 +22,7 @@ def port_of(uri):
 
 def ask(port, question, count):
     """Ask until there are `count` bytes of answer, however slow this machine is."""
-    deadline = time.monotonic() + DEADLINE_S
+    deadline = time.monotonic() + PATIENCE_S
     answer = b""
     while len(answer) < count and time.monotonic() < deadline:
         port.reset_input_buffer()
@@ -35,7 +36,7 @@ def avrdude(uri, hex_file):
         [*AVRDUDE, "-P", port_of(uri), "-U", f"flash:w:{hex_file}:i"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
         check=False,
     )
 
@@ -59,7 +60,7 @@ def test_opening_the_port_resets_the_board(program):
         for _ in range(2):
             with serial.Serial(port_of(server.uri), 250000, timeout=0.5) as port:
                 heard.append(ask(port, b"?", 2))
-            time.sleep(0.05)  # the server sees a pty closed at its next look
+            wait_until_left(server)
     (first, second), external = heard, 2
     assert (first[0], second[0]) == (external, external)
     assert second[1] == first[1] + 1

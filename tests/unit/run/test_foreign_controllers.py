@@ -18,9 +18,15 @@ from ccr_host.record.replay import replay
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import summarise
 
-LONGER_THAN_THE_BOARD_WAITS_S = 1.5
-"""With the descriptions below: 0.2 s of validity, 0.5 s of holding."""
-QUICK = ("control.settle_s=0.1", "link.relax_after_ms=500", "link.arm_axis_ms=20")
+LONGER_THAN_THE_BOARD_WAITS_S = 3.5
+"""With the descriptions below: 2 s of validity at 10 Hz, as a busy computer may stop any host for a
+second; 0.5 s of holding."""
+QUICK = (
+    "control.settle_s=0.1",
+    "link.relax_after_ms=500",
+    "link.target_validity_periods=20",
+    "link.arm_axis_ms=20",
+)
 
 
 class Still:
@@ -58,7 +64,7 @@ def run(monkeypatch, tmp_path):
     def execute(deeds, *, realtime=False, kind=Still):
         monkeypatch.setattr(kind, "deeds", deeds, raising=False)
         path = tmp_path / "short.csv"
-        path.write_text("t_s,y_mm,z_mm\n0,0,30\n2,0,35\n")
+        path.write_text("t_s,y_mm,z_mm\n0,0,30\n4,0,35\n")
         options = RunOptions(
             path=str(path),
             controller=Given(kind),
@@ -87,9 +93,9 @@ def test_a_controller_may_take_its_time_wherever_it_likes_and_the_board_is_fed(
     assert result.failure is None
     summary = summarise(result)
     assert summary["board_holds"] == summary["board_relaxes"] == 0
-    assert summary["steps"] == 21
+    assert summary["steps"] == 41
     late = [record.step for record in result.records if record.late]
-    assert (len(late) >= 10) == (call[0] == "step")
+    assert (len(late) >= 30) == (call[0] == "step")
     assert replay(RunRecording(tmp_path / "kept"), controller=Given(kind)).difference is None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
@@ -22,9 +22,9 @@ from ccr_host.run.execute import reference_of
 from ccr_host.run.observer import RunSetup, StepRecord
 from ccr_host.run.options import RunOptions
 from ccr_host.view.live import LivePage, ViewAddress, live_page
+from tests.patience import becomes_true
 from tests.viewer import Viewer
 
-PATIENCE_S = 60
 VIEWERS = 60
 ADDRESS = ViewAddress("127.0.0.1", 0)
 
@@ -55,13 +55,6 @@ def make_steps(page: LivePage, over: Event) -> None:
             )
         )  # fmt: skip
         page.feed.event(step * 20_000, "")
-
-
-def becomes_true(holds: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    return holds()
 
 
 def process_of(page: LivePage) -> int:

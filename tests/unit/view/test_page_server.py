@@ -31,6 +31,7 @@ from ccr_host.view.history import RunHistory
 from ccr_host.view.live import Door, ViewAddress, open_door
 from ccr_host.view.page import Page
 from ccr_host.view.page_server import in_servers_thread, page_server
+from tests.patience import PATIENCE_S
 from tests.viewer import CAMERA, Viewer
 
 
@@ -142,7 +143,7 @@ def test_no_message_but_a_value_changes_a_control_and_none_is_printed_about(
             assert not stop.pressed.is_set()
             assert vars(stop.button._impl) == before
             viewer.set(uuids["STOP"], value=True)
-            assert stop.pressed.wait(30), "the same viewer can still stop the robot"
+            assert stop.pressed.wait(PATIENCE_S), "the same viewer can still stop the robot"
     assert capfd.readouterr() == ("", "")
 
 
@@ -229,7 +230,7 @@ def test_whoever_comes_while_the_page_is_made_waits_at_the_door(
     monkeypatch.setattr(WebsockServer, "start", started_slowly)
     with page_server(door) as server:
         Stop(server)
-        assert seen.wait(30)
+        assert seen.wait(PATIENCE_S)
 
 
 def test_a_server_that_hangs_does_not_hang_who_draws(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from ccr_host.record.log.files import LOG_PREFIX, LogFiles, McapFile
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.record.log.sinks import QUEUE_CHUNKS, BackgroundSink, DirectSink
 from ccr_host.record.log.topics import LOG_TOPICS
+from tests.patience import PATIENCE_S
 
 QUEUE = 3
 
@@ -64,12 +65,12 @@ def test_what_is_lost_is_counted_and_told(tmp_path):
     sink = BackgroundSink(disk, LOG_TOPICS, queue_chunks=QUEUE)
     note(sink, 0)
     note(sink, 1)
-    assert disk.waiting.wait(10), "the first chunk is in the writer's hands"
+    assert disk.waiting.wait(PATIENCE_S), "the first chunk is in the writer's hands"
     for second in range(2, 12):
         note(sink, second)
     disk.released.set()
     for _ in range(1 + QUEUE):
-        assert disk.written.acquire(timeout=10)
+        assert disk.written.acquire(timeout=PATIENCE_S)
     note(sink, 20)
     note(sink, 21)
     sink.close()

@@ -14,6 +14,7 @@ from ccr_host.sim.serving.server import BackgroundServer, BoardServer
 from ccr_host.tracking.sources.ndi.driver import NdiTracker
 from ccr_host.tracking.sources.ndi.port import SerialPort, TcpPort
 from ccr_host.tracking.tracker import wait_until_tracking
+from tests.served import wait_until_left
 from tests.unit.tracking.sources.ndi.conftest import MARKERS_MM
 
 
@@ -38,7 +39,7 @@ def test_driver_tracks_and_leaves_the_camera_for_the_next_one(kind):
                 np.testing.assert_allclose(
                     frame.points_mm, Placement().to_camera(MARKERS_MM), atol=0.006
                 )
-            clock.sleep_until_us(clock.now_us() + 100_000)
+            wait_until_left(background)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,15 @@
+"""What tests wait for on the boards that they serve in a thread."""
+
+from __future__ import annotations
+
+from ccr_host.sim.serving.server import BackgroundServer
+from tests.patience import becomes_true
+
+
+def wait_until_left(server: BackgroundServer) -> None:
+    """Wait until the board has noticed that its client is gone.
+
+    A pseudo-terminal that is opened again before was never closed as far as its board can tell.
+    """
+    port = server._server._stations[0].port
+    assert becomes_true(lambda: not port._client)
