@@ -2,8 +2,18 @@ classdef Receiver < handle
   %RECEIVER Finds the frames in a stream of bytes.
   properties (Access = private)
     unfinished = zeros(1, 0);
+    max_payload
   end
   methods
+    function self = Receiver(max_payload)
+      %RECEIVER For frames of payloads up to a length, by default the longest of any board.
+      if nargin < 1
+        s = ccr.spec();
+        max_payload = s.max_payload_large;
+      end
+      self.max_payload = max_payload;
+    end
+
     function found = feed(self, bytes)
       %FEED Add bytes; a cell row of structs with kind: frame (id, sequence, payload), bad_size,
       %   bad_encoding or bad_crc, in the order in which the bytes complete them.
@@ -17,17 +27,16 @@ classdef Receiver < handle
         encoded = self.unfinished(1:last - 1);
         self.unfinished = self.unfinished(last + 1:end);
         if ~isempty(encoded)
-          found{end + 1} = ccr.Receiver.decode(encoded); %#ok<AGROW>
+          found{end + 1} = ccr.Receiver.decode(encoded, self.max_payload); %#ok<AGROW>
         end
       end
     end
   end
   methods (Static)
-    function outcome = decode(encoded)
+    function outcome = decode(encoded, max_payload)
       %DECODE What stands between two zeros.
-      s = ccr.spec();
       outcome = struct('kind', 'bad_size');
-      if numel(encoded) > s.max_encoded
+      if numel(encoded) > max_payload + 5   % id, sequence number, CRC and the first code byte
         return
       end
       decoded = zeros(1, 0);
@@ -44,7 +53,7 @@ classdef Receiver < handle
           decoded(end + 1) = 0; %#ok<AGROW>
         end
       end
-      if numel(decoded) < 4 || numel(decoded) > s.max_decoded
+      if numel(decoded) < 4 || numel(decoded) > max_payload + 4
         return
       end
       body = decoded(1:end - 2);

@@ -1,12 +1,16 @@
 function payload = pack(name, values)
 %PACK Payload of a message as a row of bytes; a value out of range is an error.
 %   ccr.pack('blink', struct('duration_s', 5))
-fields = message_of(name).fields;
+s = ccr.spec();
+fields = message_of(name, s).fields;
 payload = zeros(1, 0, 'uint8');
 for row = 1:size(fields, 1)
   [field, type, count, least, greatest] = fields{row, 1:5};
   if ~isfield(values, field)
     error('ccr:pack', '%s: the field %s is missing', name, field);
+  end
+  if count == 0   % one element for each axis of the board, which checks how many
+    count = max(1, min(s.max_axes, numel(values.(field))));
   end
   given = double(values.(field)(:)');
   if numel(given) ~= count || any(given ~= round(given)) || any(given < least | given > greatest)
@@ -17,8 +21,7 @@ for row = 1:size(fields, 1)
 end
 end
 
-function message = message_of(name)
-s = ccr.spec();
+function message = message_of(name, s)
 if ~isfield(s.messages, name)
   error('ccr:pack', 'no message %s; one of %s', name, strjoin(fieldnames(s.messages)', ', '));
 end

@@ -28,16 +28,16 @@ _AFTER = Frame(0x12, 8, b"")
 _FREE_ID = 0x7E
 """Not a message: framing alone is tried."""
 
-CONSISTENT_VALUES: Mapping[str, Value] = {
-    "angle_min_cdeg": [-8500, -8000],
-    "angle_max_cdeg": [8500, 8000],
-    "rest_cdeg": [100, -250],
-    "neutral_half_us": [3000, 2960],
-    "per_90_deg_half_us": [2000, -1980],
-    "pulse_min_half_us": [1000, 1100],
-    "pulse_max_half_us": [5000, 4900],
+CONSISTENT_VALUES: Mapping[str, tuple[int, int]] = {
+    "angle_min_cdeg": (-8500, -8000),
+    "angle_max_cdeg": (8500, 8000),
+    "rest_cdeg": (100, -250),
+    "neutral_half_us": (3000, 2960),
+    "per_90_deg_half_us": (2000, -1980),
+    "pulse_min_half_us": (1000, 1100),
+    "pulse_max_half_us": (5000, 4900),
 }
-"""Values of fields that consistency rules mention: a plausible robot."""
+"""Values of fields that consistency rules mention, of axes in turns: a plausible robot."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,11 @@ class Case:
 
 def all_cases(spec: Spec) -> Iterator[Case]:
     """Every case, always in the same order."""
-    yield from _messages(spec)
-    yield from _fields_out_of_range(spec)
+    yield from _messages(spec, spec.messages)
+    yield from _fields_out_of_range(spec, spec.messages)
     yield from _contradictions(spec)
     yield from _undefined_enumerators(spec)
-    yield from _lengths(spec)
+    yield from _lengths(spec, spec.requests)
     yield from _ids(spec)
     yield from _sequence_numbers(spec)
     yield from _delimiters(spec)
@@ -69,6 +69,28 @@ def all_cases(spec: Spec) -> Iterator[Case]:
     yield from _crc_bytes()
     yield from _encodings(spec)
     yield from _damage(spec)
+
+
+def cases_of_axes(spec: Spec, axes: int) -> Iterator[Case]:
+    """What depends on the number of axes: lengths, elements and the longest frame."""
+    own = [message for message in spec.messages if any(f.is_per_axis for f in message.wire_fields)]
+    cases = (
+        *_messages(spec, own),
+        *_lengths(spec, [message for message in own if message.rules]),
+        *_on_the_ends(spec, own),
+        *_sizes(spec),
+        *_payload_patterns(spec),
+    )
+    for case in cases:
+        yield replace(case, name=f"{axes} axes, {case.name}")
+
+
+def _on_the_ends(spec: Spec, messages: Sequence[Message]) -> Iterator[Case]:
+    """Cases of single elements, of the first and the last axis."""
+    ends = "[0]", f"[{spec.axes - 1}]"
+    for case in (*_fields_out_of_range(spec, messages), *_contradictions(spec)):
+        if any(end in case.name for end in ends):
+            yield case
 
 
 def _good(name: str, *frames: Frame) -> Case:
@@ -87,9 +109,14 @@ def _damaged(name: str, stream: bytes) -> Case:
 def typical_values(spec: Spec, fields: Sequence[Field]) -> dict[str, Value]:
     """Values in range, all different where the range lets them, that do not contradict."""
     return {
-        field.name: CONSISTENT_VALUES.get(field.name) or _value_inside(spec, field, index)
+        field.name: _consistent(field) or _value_inside(spec, field, index)
         for index, field in enumerate(fields)
     }
+
+
+def _consistent(field: Field) -> Value | None:
+    pair = CONSISTENT_VALUES.get(field.name)
+    return pair and [pair[axis % 2] - axis // 2 for axis in range(field.count)]
 
 
 def _value_inside(spec: Spec, field: Field, index: int) -> Value:
@@ -97,7 +124,7 @@ def _value_inside(spec: Spec, field: Field, index: int) -> Value:
         return spec.enum_by_name[field.enum].values[-1].value
     span = field.upper - field.lower
     numbers = [field.lower + span * (3 + index + axis) // 23 for axis in range(field.count)]
-    return numbers if field.count > 1 else numbers[0]
+    return numbers if field.is_array else numbers[0]
 
 
 def _extreme_values(spec: Spec, fields: Sequence[Field], *, greatest: bool) -> dict[str, Value]:
@@ -108,13 +135,13 @@ def _extreme_values(spec: Spec, fields: Sequence[Field], *, greatest: bool) -> d
             extreme = max(numbers) if greatest else min(numbers)
         else:
             extreme = field.upper if greatest else field.lower
-        values[field.name] = [extreme] * field.count if field.count > 1 else extreme
+        values[field.name] = [extreme] * field.count if field.is_array else extreme
     return values
 
 
-def _messages(spec: Spec) -> Iterator[Case]:
+def _messages(spec: Spec, messages: Sequence[Message]) -> Iterator[Case]:
     """Least, greatest and typical values of every message."""
-    for number, message in enumerate(spec.messages):
+    for number, message in enumerate(messages):
         fields = message.wire_fields
         variants = {
             "least": _extreme_values(spec, fields, greatest=False),
@@ -133,16 +160,16 @@ def _with_field(spec: Spec, message: Message, name: str, value: Value) -> Frame:
     return Frame(message.id, 1, pack(message.wire_fields, values))
 
 
-def _fields_out_of_range(spec: Spec) -> Iterator[Case]:
+def _fields_out_of_range(spec: Spec, messages: Sequence[Message]) -> Iterator[Case]:
     """One step below and above each range, in each element of an array."""
-    for message in spec.messages:
+    for message in messages:
         for field in message.wire_fields:
             bad = {"below": field.lower - 1, "above": field.upper + 1}
             for (side, value), axis in product(bad.items(), range(field.count)):
                 if field.type.holds(value):
                     inside = typical_values(spec, [field])[field.name]
                     frame = _with_field(spec, message, field.name, _replaced(inside, axis, value))
-                    element = f"[{axis}]" if field.count > 1 else ""
+                    element = f"[{axis}]" if field.is_array else ""
                     yield _good(f"{message.name}: {field.name}{element} {side} its range", frame)
 
 
@@ -192,13 +219,14 @@ def _sample(spec: Spec) -> Frame:
     return Frame(message.id, 7, pack(fields, typical_values(spec, fields)))
 
 
-def _lengths(spec: Spec) -> Iterator[Case]:
-    """Every request one byte too short and one too long."""
-    for message in spec.requests:
+def _lengths(spec: Spec, messages: Sequence[Message]) -> Iterator[Case]:
+    """Every request one byte too short and, where the frame can be that long, one too long."""
+    for message in messages:
         payload = pack(message.wire_fields, typical_values(spec, message.wire_fields))
         if payload:
             yield _good(f"{message.name}: one byte short", Frame(message.id, 2, payload[:-1]))
-        yield _good(f"{message.name}: one byte more", Frame(message.id, 2, payload + b"\x01"))
+        if len(payload) < spec.framing.max_payload:
+            yield _good(f"{message.name}: one byte more", Frame(message.id, 2, payload + b"\x01"))
 
 
 def _ids(spec: Spec) -> Iterator[Case]:

@@ -133,7 +133,7 @@ def unpack(fields: Sequence[Field], payload: bytes) -> dict[str, Value]:
             int.from_bytes(payload[start : start + size], "little", signed=field.type.signed)
             for start in range(at, at + field.size, size)
         ]
-        values[field.name] = numbers if field.count > 1 else numbers[0]
+        values[field.name] = numbers if field.is_array else numbers[0]
         at += field.size
     return values
 

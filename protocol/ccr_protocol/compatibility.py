@@ -11,7 +11,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from ccr_protocol.spec import Enumeration, Field, FlagSet, Message, Spec
+from ccr_protocol.spec import (
+    REFERENCE_AXES,
+    Constant,
+    Enumeration,
+    Field,
+    FlagSet,
+    Framing,
+    Message,
+    Spec,
+)
 
 _FIRST_CONTACT = ("hello", "hello_reply")
 """Readable across all versions: the other end's version is only known after them."""
@@ -33,7 +42,7 @@ def never_allowed(old: Spec, new: Spec) -> Iterator[str]:
     for flags in old.flag_sets:
         if flags.name in flags_now:
             yield from _numbers_keep_meaning("flags", flags, flags_now[flags.name])
-    if old.eeprom.layout == new.eeprom.layout and _saved(old) != _saved(new):
+    if old.eeprom.layout == new.eeprom.layout and not _saves_the_same(old, new):
         yield "eeprom: the saved configuration differs, eeprom.layout must be another"
 
 
@@ -61,17 +70,20 @@ def _id_keeps_meaning(old: Message, new: Message) -> Iterator[str]:
     if len(before) != len(after):
         yield f"{place}: has {len(after)} instead of {len(before)} fields; take a new id"
     for index, (field, now) in enumerate(zip(before, after, strict=False)):
-        if _layout(field) != _layout(now):
+        if not _is_kept(field, now):
             yield f"{place}, field {index} {field.name}: differs in more than its range"
 
 
-def _layout(field: Field) -> dict[str, Any]:
-    return field.model_dump(exclude={"prose", "minimum", "maximum"})
+def _is_kept(old: Field, new: Field) -> bool:
+    """Whether a board reads the same bytes: all had two axes before the count could be theirs."""
+    became_per_axis = old.given_count == REFERENCE_AXES and new.is_per_axis
+    changeable = {"prose", "minimum", "maximum"} | ({"given_count"} if became_per_axis else set())
+    return old.model_dump(exclude=changeable) == new.model_dump(exclude=changeable)
 
 
-def _saved(spec: Spec) -> list[dict[str, Any]]:
-    structs = {struct.name: struct for struct in spec.structs}
-    return [_layout(field) for name in spec.eeprom.configuration for field in structs[name].fields]
+def _saves_the_same(old: Spec, new: Spec) -> bool:
+    before, after = old.saved_fields, new.saved_fields
+    return len(before) == len(after) and all(map(_is_kept, before, after))
 
 
 def _numbers_keep_meaning(
@@ -93,13 +105,13 @@ def _numbers_keep_meaning(
 
 def needs_new_version(old: Spec, new: Spec) -> Iterator[str]:
     """Changes that the protocol version must tell."""
-    for name in ("baud", "baud_fallback", "encoding", "delimiter", "crc", "max_payload"):
+    for name in sorted(Framing.model_fields.keys() - {"prose"}):
         before, after = getattr(old.framing, name), getattr(new.framing, name)
         if before != after:
             yield f"framing, {name}: {before} has become {after}"
-    constants = {constant.name: (constant.value, constant.unit) for constant in new.constants}
+    constants = {constant.name: _figures(constant) for constant in new.constants}
     for constant in old.constants:
-        if constants.get(constant.name) != (constant.value, constant.unit):
+        if constants.get(constant.name) != _figures(constant):
             yield f"constant {constant.name}: has changed or gone"
     yield from _enumerators(old, new)
     for message in old.messages:
@@ -111,6 +123,10 @@ def needs_new_version(old: Spec, new: Spec) -> Iterator[str]:
         yield "state machine: a transition has changed"
     if _addresses(old) != _addresses(new):
         yield "eeprom: the layout has changed"
+
+
+def _figures(constant: Constant) -> dict[str, Any]:
+    return constant.model_dump(exclude={"prose"})
 
 
 def _enumerators(old: Spec, new: Spec) -> Iterator[str]:

@@ -8,11 +8,15 @@ from itertools import chain
 
 from ccr_protocol.consistency import Clause, Comparison
 from ccr_protocol.spec import (
+    FRAME_OVERHEAD,
+    REFERENCE_AXES,
+    SLOT_FRAMING,
     Constant,
     Enumeration,
     Field,
     FlagSet,
     Message,
+    Size,
     Spec,
     Struct,
 )
@@ -32,6 +36,11 @@ _HEAD = """\
 #include <stdint.h>
 
 #include "little_endian.h"
+
+// Axes of the board: a flag of the build, as it decides on the length of messages.
+#ifndef CCR_AXES
+#define CCR_AXES %d
+#endif
 
 namespace ccr {
 """
@@ -115,7 +124,7 @@ _FOOT = """\
 
 def generate(spec: Spec) -> str:
     """Text of `ccr_messages.h`."""
-    blocks = [_HEAD, _constants(spec)]
+    blocks = [_HEAD % REFERENCE_AXES, _constants(spec)]
     blocks += [_enumeration(enum) for enum in spec.enums]
     blocks += [_flag_set(flags) for flags in spec.flag_sets]
     blocks += [_READING]
@@ -147,24 +156,31 @@ def _comment(text: str, indent: str = "") -> list[str]:
 def _constants(spec: Spec) -> str:
     framing, eeprom = spec.framing, spec.eeprom
     major, minor, patch = spec.firmware_version
+    saved = Size.of(spec.saved_fields)
     lines = [
         f"constexpr uint8_t kProtocolVersion = {spec.version};",
         f"constexpr uint32_t kSpecHash = 0x{spec.hash:08X}UL;",
         f"constexpr uint8_t kFirmwareVersion[3] = {{{major}, {minor}, {patch}}};",
         "",
+        "constexpr uint8_t kAxes = CCR_AXES;",
+        f"constexpr uint8_t kMaxAxes = {spec.protocol.max_axes};",
+        'static_assert(CCR_AXES >= 1 && CCR_AXES <= kMaxAxes, "as the spec says");',
+        f"constexpr bool kIsLarge = kAxes > {spec.protocol.small_axes};",
+        "",
         f"constexpr uint32_t kBaud = {framing.baud}UL;",
         f"constexpr uint32_t kBaudFallback = {framing.baud_fallback}UL;",
         f"constexpr uint8_t kFrameDelimiter = {framing.delimiter};",
-        f"constexpr uint8_t kMaxPayload = {framing.max_payload};",
-        f"constexpr uint8_t kMaxDecodedFrame = {framing.max_decoded};",
-        f"constexpr uint8_t kMaxEncodedFrame = {framing.max_encoded};  ///< Without the delimiter.",
+        f"constexpr uint8_t kMaxPayload = "
+        f"{_figure(framing.max_payload, framing.max_payload_large)};",
+        f"constexpr uint8_t kMaxDecodedFrame = kMaxPayload + {FRAME_OVERHEAD};",
+        "constexpr uint8_t kMaxEncodedFrame = kMaxDecodedFrame + 1;  ///< Without the delimiter.",
         "",
         *chain.from_iterable(_constant(constant) for constant in spec.constants),
         "",
         f"constexpr uint16_t kEepromSize = {eeprom.size};",
         f"constexpr uint16_t kEepromSlotA = {eeprom.slot_a};",
-        f"constexpr uint16_t kEepromSlotB = {eeprom.slot_b};",
-        f"constexpr uint16_t kEepromSlotSize = {eeprom.slot_size};",
+        f"constexpr uint16_t kEepromSlotB = {_figure(eeprom.slot_b, eeprom.slot_b_large)};",
+        f"constexpr uint16_t kEepromSlotSize = {_sum(saved.fixed + SLOT_FRAMING, saved.per_axis)};",
         f"constexpr uint16_t kEepromBootCounter = {eeprom.boot_counter};",
         f"constexpr uint8_t kEepromBootCounters = {eeprom.boot_counters};",
         f"constexpr uint16_t kEepromMagic = 0x{eeprom.magic:04X}U;",
@@ -173,9 +189,31 @@ def _constants(spec: Spec) -> str:
     return "\n".join(lines)
 
 
+def _figure(small: object, large: object = None) -> str:
+    return str(small) if large is None else f"kIsLarge ? {large} : {small}"
+
+
+def _sum(fixed: int, per_axis: int) -> str:
+    """Bytes, of which some are there for each axis."""
+    each = f"{per_axis} * kAxes" if per_axis > 1 else "kAxes"
+    if not per_axis:
+        return str(fixed)
+    return f"{fixed} + {each}" if fixed else each
+
+
+def _bytes(fields: Iterable[Field]) -> str:
+    return _sum(*Size.of(fields))
+
+
+def _count(field: Field) -> str:
+    return "kAxes" if field.is_per_axis else str(field.count)
+
+
 def _constant(constant: Constant) -> list[str]:
-    integer = next(t for t in INTEGER_TYPES.values() if t.holds(constant.value))
-    value = _literal(constant.value, integer)
+    values = [constant.value] if constant.large is None else [constant.value, constant.large]
+    integer = next(t for t in INTEGER_TYPES.values() if all(map(t.holds, values)))
+    small, *large = (_literal(value, integer) for value in values)
+    value = _figure(small, *large)
     return [
         *_comment(f"{constant.prose} [{constant.unit}]"),
         f"constexpr {_cpp_type(integer)} k{_camel(constant.name)} = {value};",
@@ -221,7 +259,7 @@ def _struct(struct: Struct) -> str:
     lines = [
         *_comment(struct.prose),
         f"struct {name} {{",
-        f"  enum : uint8_t {{ kSize = {struct.size} }};",
+        f"  enum : uint8_t {{ kSize = {_bytes(struct.fields)} }};",
         "",
         *_members(struct.fields),
         "};",
@@ -252,7 +290,7 @@ def _message(message: Message) -> str:
     lines = [
         *_comment(message.prose),
         f"struct {name} {{",
-        f"  enum : uint8_t {{ kId = 0x{message.id:02X}, kSize = {message.size} }};",
+        f"  enum : uint8_t {{ kId = 0x{message.id:02X}, kSize = {_bytes(message.wire_fields)} }};",
         *([] if empty else [""]),
         *_members(message.fields),
     ]
@@ -267,8 +305,7 @@ def _message(message: Message) -> str:
         *([] if empty else _put_whole(name, "payload")),
         *_puts(message.fields, "payload"),
     ]
-    offset = sum(field.size for field in message.fields)
-    tail = f"payload + {offset}" if offset else "payload"
+    tail = _at("payload", _bytes(message.fields))
     if message.struct:
         lines.append(f"  encode(value.{message.struct.attribute}, {tail});")
     lines += [
@@ -298,7 +335,7 @@ def _members(fields: Iterable[Field]) -> Iterator[str]:
         bits = f" Bits of `{field.flags}`." if field.flags else ""
         yield from _comment(field.description + bits, "  ")
         cpp_type = _camel(field.enum) if field.enum else _cpp_type(field.type)
-        array = f"[{field.count}]" if field.count > 1 else ""
+        array = f"[{_count(field)}]" if field.is_array else ""
         yield f"  {cpp_type} {field.name}{array};"
 
 
@@ -317,24 +354,28 @@ def _size_assertion(name: str, fields: Iterable[Field], struct: Struct | None) -
 
 
 def _elements(fields: Iterable[Field], bytes_name: str) -> Iterator[tuple[Field, str, str]]:
-    """Field, address and C++ expression of each element; one, with `at`, for a long array."""
-    offset = 0
+    """Field, address and C++ expression of each element; one, with `at`, for a looped array."""
+    offset = Size(0, 0)
     for field in fields:
-        place = _at(bytes_name, offset)
-        if field.count > _LONGEST_UNROLLED:
+        if _is_looped(field):
             step = "at" if field.type.size == 1 else f"{field.type.size} * at"
-            yield field, f"{place} + {step}", f"value.{field.name}[at]"
+            yield field, f"{_at(bytes_name, _sum(*offset))} + {step}", f"value.{field.name}[at]"
         else:
             for index in range(field.count):
-                element = f"[{index}]" if field.count > 1 else ""
-                place = _at(bytes_name, offset + index * field.type.size)
-                yield field, place, f"value.{field.name}{element}"
-        offset += field.size
+                element = f"[{index}]" if field.is_array else ""
+                start = _sum(offset.fixed + index * field.type.size, offset.per_axis)
+                yield field, _at(bytes_name, start), f"value.{field.name}{element}"
+        size = Size.of([field])
+        offset = Size(offset.fixed + size.fixed, offset.per_axis + size.per_axis)
+
+
+def _is_looped(field: Field) -> bool:
+    return field.is_per_axis or field.count > _LONGEST_UNROLLED
 
 
 def _for_each(field: Field, statement: str) -> Iterator[str]:
-    if field.count > _LONGEST_UNROLLED:
-        yield f"  for (uint8_t at = 0; at < {field.count}; ++at) {{"
+    if _is_looped(field):
+        yield f"  for (uint8_t at = 0; at < {_count(field)}; ++at) {{"
         yield f"    {statement}"
         yield "  }"
     else:
@@ -379,26 +420,30 @@ def _gets(fields: Iterable[Field], bytes_name: str = "bytes") -> Iterator[str]:
         yield from _for_each(field, f"{element} = {number};")
 
 
-def _at(bytes_name: str, offset: int) -> str:
-    return f"{bytes_name} + {offset}" if offset else bytes_name
+def _at(bytes_name: str, offset: str) -> str:
+    return bytes_name if offset == "0" else f"{bytes_name} + {offset}"
 
 
 def _first_out_of_range(name: str, fields: tuple[Field, ...], struct: Struct | None) -> list[str]:
     body: list[str] = []
     for index, field in enumerate(fields):
+        looped = field.is_per_axis
+        elements = ["[at]"] if looped else [f"[{at}]" for at in range(field.count)]
         tests = [
-            f"value.{field.name}{f'[{element}]' if field.count > 1 else ''} {test}"
-            for element in range(field.count)
+            f"value.{field.name}{element if field.is_array else ''} {test}"
+            for element in elements
             for test in _range_tests(field)
         ]
         if tests:
+            indent = "    " if looped else "  "
+            body += [f"  for (uint8_t at = 0; at < {_count(field)}; ++at) {{"] if looped else []
             body += textwrap.wrap(
                 f"if ({' || '.join(tests)}) {{",
                 _WIDTH,
-                initial_indent="  ",
-                subsequent_indent="      ",
+                initial_indent=indent,
+                subsequent_indent=indent + "    ",
             )
-            body += [f"    return {index};", "  }"]
+            body += [f"{indent}  return {index};", f"{indent}}}", *(["  }"] if looped else [])]
     if struct and _has_ranges(struct):
         attribute = f"value.{struct.attribute}"
         if fields:
@@ -437,7 +482,7 @@ def _inconsistent_axis(
 ) -> list[str]:
     if not clauses:
         return [f"inline int8_t inconsistent_axis(const {name}&) {{", "  return kNone;", "}"]
-    axes = next(field.count for field in fields if field.name in clauses[0].fields)
+    axes = next(_count(field) for field in fields if field.name in clauses[0].fields)
     conditions = [_clause(clause) for clause in clauses]
     return [
         "/// First axis whose fields, each in range, contradict each other.",

@@ -9,7 +9,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from ccr_protocol import exchange
 from ccr_protocol.consistency import Clause, Comparison
-from ccr_protocol.spec import Field, Spec
+from ccr_protocol.spec import SLOT_FRAMING, Field, Size, Spec
 
 _NOT_DRAWN = ("stop_requested", "fault_raised")
 """Events that lead from nearly every state to the same one."""
@@ -30,6 +30,7 @@ def generate(spec: Spec) -> str:
         "states": lambda states: _states_text(states, spec),
         "range": _range_text,
         "clause": _clause_text,
+        "bytes": lambda fields: _size_text(Size.of(fields)),
     }
     environment.filters |= filters
     every = spec.enumerator_names("state")
@@ -38,6 +39,8 @@ def generate(spec: Spec) -> str:
         arrows.setdefault((arrow.event, arrow.target), []).append(arrow.source)
     return environment.get_template("reference.md.j2").render(
         spec=spec,
+        largest=spec.at(spec.protocol.max_axes),
+        slot_bytes=_size_text(_slot_size(Size.of(spec.saved_fields))),
         events={value.name: value.prose for value in spec.enum_by_name["event"].values},
         arrows=arrows,
         not_drawn={
@@ -80,17 +83,28 @@ def _clause_text(clause: Clause) -> str:
     return f"`{clause.field}` is not from {clause.first} to {clause.last}"
 
 
-def _slot_parts(spec: Spec) -> Iterator[tuple[int, int, str, str]]:
+def _slot_parts(spec: Spec) -> Iterator[tuple[str, str, str, str]]:
     """Offset, size, name and meaning of what stands in an EEPROM slot."""
     eeprom = spec.eeprom
-    sizes = {struct.name: struct.size for struct in spec.structs}
-    offset = 0
+    sizes = {struct.name: Size.of(struct.fields) for struct in spec.structs}
+    offset = Size(0, 0)
     for name, size, what in (
-        ("magic", 2, f"0x{eeprom.magic:04X}"),
-        ("layout", 1, str(eeprom.layout)),
-        ("generation", 2, "counts saves"),
+        ("magic", Size(2, 0), f"0x{eeprom.magic:04X}"),
+        ("layout", Size(1, 0), str(eeprom.layout)),
+        ("generation", Size(2, 0), "counts saves"),
         *((name, sizes[name], f"[`{name}`](#{name})") for name in eeprom.configuration),
-        ("crc32", 4, "of all before it"),
+        ("crc32", Size(4, 0), "of all before it"),
     ):
-        yield offset, size, name, what
-        offset += size
+        yield _size_text(offset), _size_text(size), name, what
+        offset = Size(offset.fixed + size.fixed, offset.per_axis + size.per_axis)
+
+
+def _slot_size(saved: Size) -> Size:
+    return Size(saved.fixed + SLOT_FRAMING, saved.per_axis)
+
+
+def _size_text(size: Size) -> str:
+    if not size.per_axis:
+        return str(size.fixed)
+    each = f"{size.per_axis} n" if size.per_axis > 1 else "n"
+    return f"{size.fixed} + {each}" if size.fixed else each

@@ -13,7 +13,8 @@ _HEAD = """\
 function s = spec()
 %SPEC Messages of the wire protocol. Generated from protocol/spec.toml: do not edit.
 %   s.messages.NAME has the fields id, reply (id, or 0), session, retry and fields: one row a field
-%   with name, type, count, least, greatest, scale and the name of its enumeration.
+%   with name, type, count (0: the board's axes), least, greatest, scale and the name of its
+%   enumeration.
 %   s.names{id} is the name of a message; s.enums.NAME has one field a value.
 persistent made
 if isempty(made)
@@ -35,8 +36,11 @@ def _lines(spec: Spec) -> Iterator[str]:
     yield f"s.protocol_version = {spec.version};"
     yield f"s.spec_hash = {spec.hash};"
     yield f"s.baud = {spec.framing.baud};"
-    yield f"s.max_decoded = {spec.framing.max_decoded};"
-    yield f"s.max_encoded = {spec.framing.max_encoded};"
+    framing, protocol = spec.framing, spec.protocol
+    yield f"s.small_axes = {protocol.small_axes};"
+    yield f"s.max_axes = {protocol.max_axes};"
+    yield f"s.max_payload_small = {framing.max_payload};"
+    yield f"s.max_payload_large = {framing.max_payload_large or framing.max_payload};"
     for enum in spec.enums:
         yield f"s.enums.{enum.name} = {_values(enum.numbers)};"
     for flags in spec.flag_sets:
@@ -68,5 +72,6 @@ def _message(message: Message, spec: Spec) -> Iterator[str]:
 
 def _row(field: Field) -> str:
     type_ = _TYPES[field.type.name]
-    numbers = f"{field.count}, {field.lower}, {field.upper}, {field.scale:g}"
+    count = 0 if field.is_per_axis else field.count
+    numbers = f"{count}, {field.lower}, {field.upper}, {field.scale:g}"
     return f"'{field.name}', '{type_}', {numbers}, '{field.enum or ''}'"

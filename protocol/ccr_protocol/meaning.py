@@ -37,7 +37,7 @@ def problems(spec: Spec) -> Iterator[str]:
     yield from _messages(spec)
     yield from _unused(spec)
     yield from _state_machine(spec)
-    yield from _eeprom(spec)
+    yield from _sizes(spec)
 
 
 def _repeated(values: Iterable[T]) -> list[T]:
@@ -95,7 +95,7 @@ def _fields(fields: Iterable[Field], place: str, spec: Spec) -> Iterator[str]:
         if field.enum and field.flags:
             yield f"{where}: either enum or flags"
         if field.enum or field.flags:
-            if {"unit", "scale", "minimum", "maximum", "count"} & given:
+            if {"unit", "scale", "minimum", "maximum", "given_count"} & given:
                 yield f"{where}: an enum or flags field has no unit, range or count"
             yield from _named_type(field, where, spec)
 
@@ -149,9 +149,6 @@ def _payload(message: Message, spec: Spec) -> Iterator[str]:
     if message.struct_name and message.struct is None:
         yield f"{place}: there is no struct {message.struct_name}"
     yield from _repeated_fields(message.wire_fields, place)
-    if message.size > spec.framing.max_payload:
-        limit = spec.framing.max_payload
-        yield f"{place}: {message.size} bytes are more than max_payload {limit}"
 
 
 def _request(request: Request, spec: Spec) -> Iterator[str]:
@@ -221,6 +218,25 @@ def _reachable(start: str, arrows: Iterable[Transition]) -> set[str]:
     while more := {to for source, _, to in arrows if source in reached} - reached:
         reached |= more
     return reached
+
+
+def _sizes(spec: Spec) -> Iterator[str]:
+    """What is too long on a small board, or else on the largest one."""
+    if spec.protocol.max_axes < spec.protocol.small_axes:
+        yield "protocol: max_axes is below small_axes"
+        return
+    for axes in (spec.protocol.small_axes, spec.protocol.max_axes):
+        board = spec.at(axes)
+        limit = board.framing.max_payload
+        found = [
+            f"message {message.name}: {message.size} bytes are more than max_payload {limit}"
+            for message in board.messages
+            if message.size > limit
+        ]
+        found += _eeprom(board)
+        if found:
+            yield from found
+            return
 
 
 def _eeprom(spec: Spec) -> Iterator[str]:

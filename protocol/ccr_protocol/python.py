@@ -7,7 +7,17 @@ import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
 from ccr_protocol.consistency import Clause, Comparison
-from ccr_protocol.spec import Enumeration, Field, FlagSet, Message, Spec, Struct
+from ccr_protocol.spec import (
+    FRAME_OVERHEAD,
+    SLOT_FRAMING,
+    Enumeration,
+    Field,
+    FlagSet,
+    Message,
+    Size,
+    Spec,
+    Struct,
+)
 
 _WIDTH = 100
 _LONGEST_SPELT_OUT = 4
@@ -25,7 +35,16 @@ from types import MappingProxyType
 from typing import ClassVar, Final
 
 from ccr_host.link import payload
-from ccr_host.link.payload import Message, Payload, PayloadError, by_id, nested, wire
+from ccr_host.link.payload import (
+    AXES,
+    BySize,
+    Message,
+    Payload,
+    PayloadError,
+    by_id,
+    nested,
+    wire,
+)
 
 __all__ = ["Message", "Payload", "PayloadError"]  # re-exported; all else is public as it stands
 '''
@@ -57,19 +76,24 @@ def class_name(name: str) -> str:
 
 def _constants(spec: Spec) -> str:
     framing, eeprom = spec.framing, spec.eeprom
+    small = spec.protocol.small_axes
+    saved = Size.of(spec.saved_fields)
+
+    def figure(value: object, large: object) -> str:
+        return str(value) if large is None else f"BySize({value}, {large}, {small})"
+
     numbers = {
         "BAUD": framing.baud,
         "BAUD_FALLBACK": framing.baud_fallback,
         "FRAME_DELIMITER": framing.delimiter,
-        "MAX_PAYLOAD": framing.max_payload,
-        "MAX_DECODED_FRAME": framing.max_decoded,
-        "MAX_ENCODED_FRAME": framing.max_encoded,
+        "FRAME_OVERHEAD": FRAME_OVERHEAD,
+        "MAX_AXES": spec.protocol.max_axes,
+        "MAX_PAYLOAD": figure(framing.max_payload, framing.max_payload_large),
     }
     slot = {
         "EEPROM_SIZE": eeprom.size,
         "EEPROM_SLOT_A": eeprom.slot_a,
-        "EEPROM_SLOT_B": eeprom.slot_b,
-        "EEPROM_SLOT_SIZE": eeprom.slot_size,
+        "EEPROM_SLOT_B": figure(eeprom.slot_b, eeprom.slot_b_large),
         "EEPROM_BOOT_COUNTER": eeprom.boot_counter,
         "EEPROM_BOOT_COUNTERS": eeprom.boot_counters,
     }
@@ -79,16 +103,20 @@ def _constants(spec: Spec) -> str:
         f"FIRMWARE_VERSION: Final = {spec.firmware_version}",
         "",
         *(f"{name}: Final = {value}" for name, value in numbers.items()),
-        '"""Without the delimiter."""',
         "",
     ]
     for constant in spec.constants:
-        lines.append(f"{constant.name.upper()}: Final = {constant.value}")
+        lines.append(f"{constant.name.upper()}: Final = {figure(constant.value, constant.large)}")
         lines.extend(_docstring(f"{constant.prose} [{constant.unit}]", ""))
     lines += ["", *(f"{name}: Final = {value}" for name, value in slot.items())]
     lines += [
         f"EEPROM_MAGIC: Final = 0x{eeprom.magic:04X}",
         f"EEPROM_LAYOUT: Final = {eeprom.layout}",
+        "",
+        "",
+        "def eeprom_slot_size(axes: int) -> int:",
+        '    """Bytes of an EEPROM slot."""',
+        f"    return {saved.fixed + SLOT_FRAMING} + {saved.per_axis} * axes",
     ]
     return "\n".join(lines)
 
@@ -161,9 +189,9 @@ def _class_head(
 
 def _annotation(field: Field) -> str:
     element = class_name(field.enum or field.flags or "") or "int"
-    if field.count == 1:
+    if not field.is_array:
         return element
-    if field.count > _LONGEST_SPELT_OUT:
+    if field.is_per_axis or field.count > _LONGEST_SPELT_OUT:
         return f"tuple[{element}, ...]"
     return f"tuple[{', '.join([element] * field.count)}]"
 
@@ -176,8 +204,8 @@ def _wire(field: Field) -> Iterator[str]:
         yield f'"{field.unit}"'
     if field.scale != 1:
         yield f"{field.scale}" if field.unit else f"scale={field.scale}"
-    if field.count > 1:
-        yield f"count={field.count}"
+    if field.is_array:
+        yield f"count={'AXES' if field.is_per_axis else field.count}"
     if field.enum or field.flags:
         yield f"of={class_name(field.enum or field.flags or '')}"
 
@@ -198,9 +226,8 @@ def _state_set(names: Iterable[str]) -> str:
 
 
 def _inconsistent_axis(struct: Struct) -> Iterator[str]:
-    count = struct.fields[0].count
     yield "    def inconsistent_axis(self) -> int | None:"
-    yield f"        for axis in range({count}):"
+    yield f"        for axis in range(len(self.{struct.fields[0].name})):"
     yield "            consistent = ("
     for index, clause in enumerate(struct.consistency):
         yield f"                {'and ' if index else ''}{_clause(clause)}"

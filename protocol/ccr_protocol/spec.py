@@ -5,8 +5,9 @@ What the parts must be to each other is checked in `meaning`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PrivateAttr, StrictBool
 from pydantic import Field as Key
@@ -16,10 +17,13 @@ from ccr_protocol.values import (
     INTEGER_TYPES,
     U8,
     U16,
+    Axes,
     Baud,
+    Count,
     Name,
     NotEmpty,
     Number,
+    Payload,
     Prose,
     RequirementId,
     Scale,
@@ -45,6 +49,16 @@ SLOT_HEADER = ("u16", "u8", "u16")
 SLOT_TRAILER = ("u32",)
 """The CRC-32, after it."""
 
+SLOT_FRAMING = sum(INTEGER_TYPES[name].size for name in SLOT_HEADER + SLOT_TRAILER)
+"""Bytes of a slot besides the configuration."""
+
+
+PER_AXIS = "axes"
+"""The count of a field that has one element for each axis of the board."""
+
+REFERENCE_AXES = 2
+"""Axes of a board of the first versions, which could have no others; `Spec.at` gives others."""
+
 
 def _listed(states: object) -> object:
     return ANY_STATE if states == "any" else states
@@ -60,14 +74,18 @@ class Protocol(_Part):
     name: Name
     version: Annotated[int, Key(ge=1, le=255, strict=True)]
     firmware_version: tuple[U8, U8, U8]
+    small_axes: Axes = REFERENCE_AXES
+    """A board with more axes than these is a large one."""
+    max_axes: Axes = REFERENCE_AXES
     prose: Prose
 
 
 class Constant(_Part):
-    """A number fixed in every implementation."""
+    """A number fixed in every implementation, perhaps another one on large boards."""
 
     name: Name
     value: Number
+    large: Number | None = None
     unit: Prose
     prose: Prose
 
@@ -123,13 +141,30 @@ class Field(_Part):
     name: Name
     type: Type
     prose: Prose
-    count: Annotated[int, Key(ge=2, le=16, strict=True)] = 1
+    given_count: Count = Key(1, alias="count")
     unit: Prose = ""
     scale: Scale = 1
     minimum: Number | None = Key(None, alias="min")
     maximum: Number | None = Key(None, alias="max")
     enum: Name | None = None
     flags: Name | None = None
+
+    _axes: int = PrivateAttr(REFERENCE_AXES)
+
+    @property
+    def is_per_axis(self) -> bool:
+        """Whether it has one element for each axis of the board."""
+        return self.given_count == PER_AXIS
+
+    @property
+    def is_array(self) -> bool:
+        """Whether it is a list of integers, perhaps of one."""
+        return self.given_count != 1
+
+    @property
+    def count(self) -> int:
+        """Number of integers."""
+        return self._axes if isinstance(self.given_count, str) else self.given_count
 
     @property
     def size(self) -> int:
@@ -179,6 +214,20 @@ class Struct(_Part):
     def size(self) -> int:
         """Bytes on the wire."""
         return sum(field.size for field in self.fields)
+
+
+class Size(NamedTuple):
+    """Bytes of fields on any board."""
+
+    fixed: int
+    per_axis: int
+
+    @classmethod
+    def of(cls, fields: Iterable[Field]) -> Self:
+        """Bytes of these fields."""
+        sizes = [(field.size, 0) for field in fields if not field.is_per_axis]
+        sizes += [(0, field.type.size) for field in fields if field.is_per_axis]
+        return cls(sum(fixed for fixed, _ in sizes), sum(each for _, each in sizes))
 
 
 class RequestRules(NamedTuple):
@@ -276,8 +325,8 @@ class Framing(_Part):
     encoding: Literal["COBS"]
     delimiter: Literal[0]
     crc: Literal["CRC-16/X-25"]
-    # With id, sequence and CRC below 254 bytes, so that COBS adds exactly one.
-    max_payload: Annotated[int, Key(ge=1, le=249, strict=True)]
+    max_payload: Payload
+    max_payload_large: Payload | None = None
     prose: Prose
 
     @property
@@ -298,6 +347,7 @@ class Eeprom(_Part):
     size: Annotated[int, Key(ge=1, le=65536, strict=True)]
     slot_a: U16
     slot_b: U16
+    slot_b_large: U16 | None = None
     boot_counter: U16
     boot_counters: Annotated[int, Key(ge=1, le=255, strict=True)] = 1
     magic: U16
@@ -332,6 +382,7 @@ class Spec(_Part):
     eeprom: Eeprom
     requirements: Annotated[tuple[Requirement, ...], NotEmpty] = Key(alias="requirement")
     _hash: int = PrivateAttr(0)
+    _axes: int = PrivateAttr(REFERENCE_AXES)
 
     def model_post_init(self, tree: Any) -> None:  # noqa: ANN401
         """Tell messages and EEPROM of the structs and states that they name."""
@@ -341,9 +392,41 @@ class Spec(_Part):
             if isinstance(message, Request):
                 any_state = message.states == ANY_STATE
                 message._states = self.enumerator_names("state") if any_state else message.states
-        framing = sum(INTEGER_TYPES[name].size for name in SLOT_HEADER + SLOT_TRAILER)
-        named = (structs[name].size for name in self.eeprom.configuration if name in structs)
-        self.eeprom._slot_size = framing + sum(named)
+        self._measure_slot()
+
+    def _measure_slot(self) -> None:
+        self.eeprom._slot_size = SLOT_FRAMING + sum(field.size for field in self.saved_fields)
+
+    def at(self, axes: int) -> Self:
+        """The protocol of a board with so many axes: each count and limit is that board's."""
+        spec = self.model_copy(deep=True)
+        spec._axes = axes
+        for one in (*spec.structs, *spec.messages):
+            for field in one.fields:
+                field._axes = axes
+        large = {
+            spec.framing: {"max_payload": spec.framing.max_payload_large},
+            spec.eeprom: {"slot_b": spec.eeprom.slot_b_large},
+            **{constant: {"value": constant.large} for constant in spec.constants},
+        }
+        if axes > spec.protocol.small_axes:
+            for part, values in large.items():
+                for name, value in values.items():
+                    if value is not None:
+                        part.__dict__[name] = value
+        spec._measure_slot()
+        return spec
+
+    @property
+    def axes(self) -> int:
+        """Axes of the board that counts and limits are for."""
+        return self._axes
+
+    @property
+    def saved_fields(self) -> tuple[Field, ...]:
+        """Fields of the configuration in an EEPROM slot, in their order."""
+        structs = {struct.name: struct.fields for struct in self.structs}
+        return tuple(f for name in self.eeprom.configuration for f in structs.get(name, ()))
 
     @property
     def version(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
@@ -115,6 +115,11 @@ Scale = Annotated[int | float, BeforeValidator(_is_positive)]
 NotEmpty = AfterValidator(_is_not_empty)
 U8 = Annotated[int, Field(ge=0, le=255, strict=True)]
 U16 = Annotated[int, Field(ge=0, le=65535, strict=True)]
+Axes = Annotated[int, Field(ge=1, le=16, strict=True)]
+Count = Annotated[int, Field(ge=2, le=16, strict=True)] | Literal["axes"]
+"""Number of elements, or one for each axis of the board."""
+Payload = Annotated[int, Field(ge=1, le=249, strict=True)]
+"""Bytes; with id, sequence number and CRC below 254, so that COBS adds exactly one."""
 Baud = Annotated[int, Field(ge=1, le=_U32_MAX, strict=True)]
 Number = Annotated[int, Field(ge=-(1 << 31), le=_U32_MAX, strict=True)]
 """What any of the integer types holds."""

@@ -6,10 +6,10 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from ccr_protocol.cases import Case, all_cases
+from ccr_protocol.cases import Case, all_cases, cases_of_axes
 from ccr_protocol.codec import Frame, Value, decode_stream, elements, encode_frame, unpack
 from ccr_protocol.consistency import Clause, Comparison
-from ccr_protocol.spec import Field, Message, Spec, Struct
+from ccr_protocol.spec import REFERENCE_AXES, Field, Message, Size, Spec, Struct
 
 _NOTE = (
     "Generated from protocol/spec.toml: do not edit. "
@@ -17,9 +17,13 @@ _NOTE = (
     "in this order. A frame also tells its wire bytes (encoded) and what its payload is (reading): "
     "a message, with its fields and the first field out of range and inconsistent axis or null; "
     "unknown_id; bad_length; or undefined_value, where an enum does not have the value. "
-    "requests: the rules of each request. "
+    "axes: number of axes of the board that the vector is for, on which lengths depend. "
+    "requests: the rules of each request; its payload has size + axes * axis_size bytes. "
     "transitions: state, event and the state after it, for every pair."
 )
+
+
+_OTHER_AXES = (1, 4, 6, 12)
 
 
 class CaseError(Exception):
@@ -32,7 +36,10 @@ def generate(spec: Spec) -> str:
     Raises:
         CaseError: a case does not provoke what it was made for.
     """
-    vectors = [_vector(case, spec) for case in all_cases(spec)]
+    vectors = [_vector(case, spec.at(REFERENCE_AXES)) for case in all_cases(spec)]
+    for axes in _OTHER_AXES:
+        board = spec.at(axes)
+        vectors += [_vector(case, board) for case in cases_of_axes(board, axes)]
     head = {
         "note": _NOTE,
         "protocol_version": spec.version,
@@ -56,7 +63,8 @@ def _requests(spec: Spec) -> Iterator[dict[str, Any]]:
                 "name": message.name,
                 "id": message.id,
                 "reply_id": spec.message_by_name[message.rules.reply].id,
-                "size": message.size,
+                "size": Size.of(message.wire_fields).fixed,
+                "axis_size": Size.of(message.wire_fields).per_axis,
                 "retry": message.rules.retry,
                 "session": message.rules.session,
                 "states": message.rules.states,
@@ -80,6 +88,7 @@ def _vector(case: Case, spec: Spec) -> dict[str, Any]:
         raise CaseError(f"{case.name}: comes out as {found}")
     return {
         "name": case.name,
+        "axes": spec.axes,
         "stream": case.stream.hex(),
         "outcomes": [_outcome(outcome, spec) for outcome in found],
     }

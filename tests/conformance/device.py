@@ -14,6 +14,9 @@ from ccr_host.sim.simavr.flash_image import read_flash_image
 from ccr_host.sim.simavr.line import SimavrLine
 from tests.conformance.firmware_build import firmware_elf
 
+AXES = 2
+"""Axes of the boards under test."""
+
 PULSES_OVER_US = 3_000
 """Into a frame, when every pulse has ended."""
 

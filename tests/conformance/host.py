@@ -8,7 +8,7 @@ from typing import TypeVar, cast
 from ccr_host.link import messages as m
 from ccr_host.link.board_config import BoardConfig
 from ccr_host.link.framing import Frame, encode_frame
-from tests.conformance.device import Device, SteppedDevice
+from tests.conformance.device import AXES, Device, SteppedDevice
 from tests.conformance.observer import InStepObserver, Observer, PortObserver, Pulses, ask_report
 from tests.conformance.talk import Talk
 
@@ -217,7 +217,7 @@ class Host:
     def save(self) -> None:
         """Save and wait until it is done."""
         self.done(m.SaveConfig(SESSION))
-        self.wait_ticks(m.EEPROM_SLOT_SIZE + 1)
+        self.wait_ticks(m.eeprom_slot_size(AXES) + 1)
         assert not self.report().flags & m.StatusFlags.EEPROM_BUSY
 
     def make_safe(self) -> None:

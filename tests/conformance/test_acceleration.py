@@ -5,6 +5,7 @@ from itertools import pairwise
 import pytest
 
 from ccr_host.link import messages as m
+from tests.conformance.device import AXES
 from tests.conformance.host import LIMITS, SESSION
 
 SLEW = m.Slew((600, 500))
@@ -130,6 +131,6 @@ def test_acceleration_is_kept_with_the_configuration(host):
     assert host.refusal(too_much) == (m.NackCode.OUT_OF_RANGE, 1)
     host.done(m.SaveConfig(SESSION))
     assert host.refusal(m.SetAcceleration(SESSION, wanted)) == (m.NackCode.BUSY, 0)
-    host.wait_ticks(m.EEPROM_SLOT_SIZE + 1)
+    host.wait_ticks(m.eeprom_slot_size(AXES) + 1)
     host.reset()
     assert host.config().acceleration == wanted

@@ -6,6 +6,7 @@ import pytest
 
 from ccr_host.link import messages as m
 from ccr_host.sim.board.eeprom import EepromImage
+from tests.conformance.device import AXES
 
 SESSION = 0x5E55
 SLEWS = [m.Slew((100 + n, 200 + n)) for n in range(5)]
@@ -79,10 +80,10 @@ def test_unsaved_configuration_is_lost_with_a_reset(started):
 
 
 def set_generation(eeprom, address, generation):
-    body = bytearray(eeprom.content[address : address + m.EEPROM_SLOT_SIZE - 4])
+    body = bytearray(eeprom.content[address : address + m.eeprom_slot_size(AXES) - 4])
     assert body[:3] == m.EEPROM_MAGIC.to_bytes(2, "little") + bytes([m.EEPROM_LAYOUT])
     body[3:5] = generation.to_bytes(2, "little")
-    eeprom.content[address : address + m.EEPROM_SLOT_SIZE] = body + crc32(body).to_bytes(
+    eeprom.content[address : address + m.eeprom_slot_size(AXES)] = body + crc32(body).to_bytes(
         4, "little"
     )
 
@@ -92,7 +93,7 @@ def set_generation(eeprom, address, generation):
 def test_newest_of_many_saves_is_loaded_also_when_the_generation_wraps(host):
     saved_twice(host)
     set_generation(host.device.eeprom, m.EEPROM_SLOT_A, 0xFFFD)
-    set_generation(host.device.eeprom, m.EEPROM_SLOT_B, 0xFFFE)
+    set_generation(host.device.eeprom, m.EEPROM_SLOT_B.of(AXES), 0xFFFE)
     restart(host)
     for value in SLEWS:
         host.done(m.SetSlew(SESSION, value))
@@ -126,7 +127,7 @@ def test_power_cut_at_any_byte_of_a_save_leaves_the_one_before(make_host, host, 
         host.save()
     before = slew(host)
     image = bytes(host.device.eeprom.content)
-    for written in range(m.EEPROM_SLOT_SIZE + 1):
+    for written in range(m.eeprom_slot_size(AXES) + 1):
         cut = make_host(EepromImage(image))
         cut.boot()
         cut.open_session()
@@ -135,7 +136,7 @@ def test_power_cut_at_any_byte_of_a_save_leaves_the_one_before(make_host, host, 
         if written:
             cut.wait_ticks(written)
         cut.reset(m.ResetCause.POWER_ON)
-        finished = written == m.EEPROM_SLOT_SIZE
+        finished = written == m.eeprom_slot_size(AXES)
         assert slew(cut) == (SLEWS[2] if finished else before)
         cut.boot()
         cut.open_session()
@@ -148,11 +149,11 @@ def test_power_cut_at_any_byte_of_a_save_leaves_the_one_before(make_host, host, 
     [
         ([], m.EepromStatus.LOADED, SLEWS[1]),
         ([m.EEPROM_SLOT_A], m.EepromStatus.ONE_SLOT_BAD, SLEWS[1]),
-        ([m.EEPROM_SLOT_B], m.EepromStatus.ONE_SLOT_BAD, SLEWS[0]),
-        ([m.EEPROM_SLOT_A, m.EEPROM_SLOT_B], m.EepromStatus.BOTH_BAD, m.Slew((0, 0))),
+        ([m.EEPROM_SLOT_B.of(AXES)], m.EepromStatus.ONE_SLOT_BAD, SLEWS[0]),
+        ([m.EEPROM_SLOT_A, m.EEPROM_SLOT_B.of(AXES)], m.EepromStatus.BOTH_BAD, m.Slew((0, 0))),
     ],
 )
-@pytest.mark.parametrize("offset", [0, 2, 20, m.EEPROM_SLOT_SIZE - 1])
+@pytest.mark.parametrize("offset", [0, 2, 20, m.eeprom_slot_size(AXES) - 1])
 @pytest.mark.in_step("slots cannot be spoilt over a port")
 def test_corrupt_slots_are_reported_and_not_used(host, corrupt, expected, loaded, offset):
     saved_twice(host)
@@ -187,7 +188,7 @@ def test_while_saving_arm_and_configuring_have_to_wait(host):
         m.SetCalibration(SESSION, calibration),
     ):
         assert host.refusal(request) == (m.NackCode.BUSY, 0)
-    last = tick + m.EEPROM_SLOT_SIZE
+    last = tick + m.eeprom_slot_size(AXES)
     assert host.report_of_tick(last - 1).flags & m.StatusFlags.EEPROM_BUSY
     assert not host.report_of_tick(last).flags & m.StatusFlags.EEPROM_BUSY
     host.arm()

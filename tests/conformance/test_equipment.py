@@ -6,6 +6,7 @@ import pytest
 
 from ccr_host.link import messages as m
 from ccr_host.sim.board.eeprom import EepromImage
+from tests.conformance.device import AXES
 from tests.conformance.host import CALIBRATION, LIMITS, SESSION, SLEW, WATCHDOG
 
 NOTHING = m.Equipment((0,) * 16, 0, 0, 0)
@@ -150,7 +151,7 @@ def test_name_and_equipment_survive_a_reset_once_saved(host, wanted):
 
 
 @pytest.mark.requirement("CFG-7")
-@pytest.mark.parametrize("address", [m.EEPROM_SLOT_A, m.EEPROM_SLOT_B])
+@pytest.mark.parametrize("address", [m.EEPROM_SLOT_A, m.EEPROM_SLOT_B.of(AXES)])
 def test_board_calibrated_with_the_former_firmware_keeps_its_calibration(make_host, address):
     eeprom = EepromImage()
     eeprom.content[address : address + len(OF_LAYOUT_1)] = OF_LAYOUT_1
@@ -215,7 +216,7 @@ def test_equipment_is_set_whole_or_not_and_not_while_saving_or_armed(host):
     assert equipment(host) == NAMED
     host.done(m.SaveConfig(SESSION))
     assert host.refusal(m.SetEquipment(SESSION, FITTED)) == (m.NackCode.BUSY, 0)
-    host.wait_ticks(m.EEPROM_SLOT_SIZE + 1)
+    host.wait_ticks(m.eeprom_slot_size(AXES) + 1)
     host.arm()
     assert host.refusal(m.SetEquipment(SESSION, FITTED)) == (m.NackCode.BAD_STATE, m.State.HOLD)
 

@@ -6,6 +6,7 @@ import pytest
 
 from ccr_host.link import messages as m
 from ccr_host.sim.board.eeprom import EepromImage
+from tests.conformance.device import AXES
 from tests.conformance.host import SESSION
 
 RECORD_TICKS = m.FaultRecord.SIZE
@@ -131,7 +132,10 @@ def test_fault_during_a_save_waits_for_its_end(fitted):
     first = fitted.next_tick()
     fitted.wait_ticks(5)
     make_fault(fitted)
-    assert not fitted.report_of_tick(first + m.EEPROM_SLOT_SIZE).flags & m.StatusFlags.EEPROM_BUSY
+    assert (
+        not fitted.report_of_tick(first + m.eeprom_slot_size(AXES)).flags
+        & m.StatusFlags.EEPROM_BUSY
+    )
     assert records(fitted) == []
     fitted.wait_ticks(RECORD_TICKS)
     assert [record.fault for record in records(fitted)] == [m.Fault.EMERGENCY_STOP]

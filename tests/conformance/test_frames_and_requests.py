@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from ccr_host.link import messages as m
 from ccr_host.link.framing import Frame, encode_frame
+from tests.conformance.device import AXES
 
 SESSION = 0x5E55
 HELLO = encode_frame(m.Hello.ID, 7, m.Hello(m.PROTOCOL_VERSION, m.SPEC_HASH).pack())
@@ -27,7 +28,7 @@ def damaged(frame: bytes) -> bytes:
         ("bad_encoding", b"\x09\x01\x02\x00"),
         ("bad_size", b"\x01\x00"),
         ("bad_size", b"\x04\x01\x02\x03\x00"),
-        ("bad_size", encode_frame(m.Hello.ID, 1, bytes(m.MAX_PAYLOAD + 1))),
+        ("bad_size", encode_frame(m.Hello.ID, 1, bytes(m.MAX_PAYLOAD.of(AXES) + 1))),
     ],
 )
 def test_invalid_frames_are_counted_and_not_answered(listening, counter, data):
@@ -41,7 +42,7 @@ def test_invalid_frames_are_counted_and_not_answered(listening, counter, data):
 
 @pytest.mark.requirement("FRM-1")
 def test_longest_payload_is_taken_as_a_frame(listening):
-    (answer,) = listening.exchange(encode_frame(m.Hello.ID, 1, bytes(m.MAX_PAYLOAD)))
+    (answer,) = listening.exchange(encode_frame(m.Hello.ID, 1, bytes(m.MAX_PAYLOAD.of(AXES))))
     assert m.Nack.unpack(answer.payload).code is m.NackCode.BAD_LENGTH
 
 
@@ -97,7 +98,7 @@ def test_answers_that_do_not_fit_the_send_buffer_are_dropped_and_counted(listeni
 @pytest.mark.parametrize("request_", [m.GetCounters(), m.GetState(), m.ClockSync(0x01020304)])
 def test_as_many_requests_as_may_be_outstanding_are_answered(with_session, request_):
     frame = encode_frame(request_.ID, 1, request_.pack())
-    count = min(m.OUTSTANDING_REQUESTS, m.OUTSTANDING_BYTES // len(frame))
+    count = min(m.OUTSTANDING_REQUESTS, m.OUTSTANDING_BYTES.of(AXES) // len(frame))
     with_session.done(m.SetTelemetry(SESSION, 1))
     for _ in range(50):
         assert len(with_session.exchange(frame * count)) == count
@@ -109,9 +110,9 @@ def test_as_many_requests_as_may_be_outstanding_are_answered(with_session, reque
 def test_as_many_requests_as_may_be_outstanding_are_answered_as_soon_as_the_board_listens(
     make_host,
 ):
-    frame = encode_frame(m.SetCalibration.ID, 1, bytes(m.SetCalibration.SIZE))
+    frame = encode_frame(m.SetCalibration.ID, 1, bytes(m.SetCalibration.size(AXES)))
     shortest = encode_frame(m.GetCounters.ID, 2, b"")
-    left = m.OUTSTANDING_BYTES - 2 * len(frame)
+    left = m.OUTSTANDING_BYTES.of(AXES) - 2 * len(frame)
     requests = frame * 2 + shortest * min(m.OUTSTANDING_REQUESTS - 2, left // len(shortest))
     listening = make_host()
     for cause in (m.ResetCause.POWER_ON, m.ResetCause.EXTERNAL):

@@ -4,6 +4,7 @@ import pytest
 
 from ccr_host.link import messages as m
 from ccr_host.sim.board.eeprom import EepromImage
+from tests.conformance.device import AXES
 
 SESSION = 0x5E55
 UNKNOWN = m.ResetCause.UNKNOWN
@@ -91,7 +92,7 @@ def test_no_cell_of_the_eeprom_is_written_at_every_reset(make_host):
 def test_hello_is_answered_whatever_spec_the_host_has(listening):
     hello = listening.told(m.Hello(99, 12345), m.HelloReply)
     assert (hello.protocol_version, hello.spec_hash) == (m.PROTOCOL_VERSION, m.SPEC_HASH)
-    assert (hello.axes, hello.max_payload, hello.tick_us) == (2, m.MAX_PAYLOAD, m.TICK_US)
+    assert (hello.axes, hello.max_payload, hello.tick_us) == (2, m.MAX_PAYLOAD.of(AXES), m.TICK_US)
 
 
 @pytest.mark.requirement("TIM-5")

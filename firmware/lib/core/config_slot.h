@@ -22,8 +22,13 @@ constexpr uint8_t kSlotSize = kSlotCrcAt + sizeof(uint32_t);
 
 static_assert(kSlotSize == kEepromSlotSize, "as the spec says");
 static_assert(kEepromSlotA + kSlotSize <= kEepromSlotB, "slots do not overlap");
-static_assert(kEepromSlotB + kSlotSize <= kEepromBootCounter, "nor do the boot counters");
-static_assert(kEepromBootCounter + kEepromBootCounters * sizeof(uint16_t) <= kEepromSize, "all fits");
+static_assert(kEepromSlotB + kSlotSize <= kEepromSize, "all fits");
+/// Boot counters and fault log lie before or between the slots, or after them.
+constexpr uint16_t kFaultLogEnd = kFaultLogAddress + kFaultLogRecords * FaultRecord::kSize;
+constexpr bool is_slot_alone(uint16_t address) {
+  return address + kSlotSize <= kEepromBootCounter || address >= kFaultLogEnd;
+}
+static_assert(is_slot_alone(kEepromSlotA) && is_slot_alone(kEepromSlotB), "nothing overlaps");
 
 /// CRC-32 (ISO-HDLC, as in zip and Ethernet). Computed bit by bit: EEPROM is a byte per tick.
 class Crc32 {

@@ -37,10 +37,12 @@ Controller::Controller(Hardware& hardware, Start start, uint32_t first_tick)
       boot_id_(store_.count_boot()),
       fault_log_(hardware),
       ticks_(first_tick),
-      safety_(start),
-      setpoints_{Setpoint(configuration_.limits.rest_cdeg[0]),
-                 Setpoint(configuration_.limits.rest_cdeg[1])},
-      reported_setpoint_cdeg_{setpoints_[0].cdeg(), setpoints_[1].cdeg()} {}
+      safety_(start) {
+  for (uint8_t axis = 0; axis < kAxes; ++axis) {
+    setpoints_[axis] = Setpoint(configuration_.limits.rest_cdeg[axis]);
+    reported_setpoint_cdeg_[axis] = setpoints_[axis].cdeg();
+  }
+}
 
 Pulses Controller::tick() {
   ++ticks_;
@@ -124,7 +126,7 @@ uint8_t Controller::flags() const {
     flags = static_cast<uint8_t>(flags | (is_set ? flag : 0));
   };
   add(pulses_.half_us[0] != kNoPulse, status_flags::kAxis1Pulses);
-  add(pulses_.half_us[1] != kNoPulse, status_flags::kAxis2Pulses);
+  add(kAxes > 1 && pulses_.half_us[kAxes > 1 ? 1 : 0] != kNoPulse, status_flags::kAxis2Pulses);
   add(is_moving_, status_flags::kMoving);
   add(target_.was_clamped(), status_flags::kClamped);
   add(store_.is_saving(), status_flags::kEepromBusy);

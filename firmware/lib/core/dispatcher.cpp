@@ -5,7 +5,9 @@
 
 namespace ccr {
 
-static_assert(kOutstandingRequests * wire_size(CountersReply::kSize) +
+constexpr uint8_t longer(uint8_t size, uint8_t other) { return size > other ? size : other; }
+static_assert(kOutstandingRequests *
+                          wire_size(longer(CountersReply::kSize, CalibrationReply::kSize)) +
                       2 * wire_size(Telemetry::kSize) + wire_size(Ack::kSize) <=
                   kSendBytes,
               "room for the longest answers to all outstanding requests, and two reports");
@@ -258,9 +260,13 @@ void Dispatcher::execute(const FrameDecoder& frame, const ClearFault&) {
 void Dispatcher::execute(const FrameDecoder& frame, const SetTarget& request) {
   controller_.accept_target(request, frame.sequence());
   send<TargetReply>(frame.sequence(), [this] {
-    return TargetReply{controller_.state(),
-                       flags(),
-                       {controller_.target_cdeg(0), controller_.target_cdeg(1)}};
+    TargetReply reply;
+    reply.state = controller_.state();
+    reply.flags = flags();
+    for (uint8_t axis = 0; axis < kAxes; ++axis) {
+      reply.target_cdeg[axis] = controller_.target_cdeg(axis);
+    }
+    return reply;
   });
 }
 

@@ -4,7 +4,6 @@
 
 #include <stdint.h>
 
-#include "axes.h"
 #include "ccr_messages.h"
 
 namespace ccr {
@@ -14,7 +13,14 @@ constexpr uint16_t kNoPulse = 0;
 struct Pulses {
   uint16_t half_us[kAxes];
 
-  bool are_none() const { return half_us[0] == kNoPulse && half_us[1] == kNoPulse; }
+  bool are_none() const {
+    for (const uint16_t pulse : half_us) {
+      if (pulse != kNoPulse) {
+        return false;
+      }
+    }
+    return true;
+  }
 };
 
 /// Pulse of an angle, clamped (PUL-1).

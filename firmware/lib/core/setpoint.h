@@ -9,8 +9,7 @@ namespace ccr {
 /// Changes only in control ticks. Angles in 0.01 deg.
 class Setpoint {
  public:
-  explicit Setpoint(int16_t cdeg) : cdeg_(cdeg) {}
-
+  explicit Setpoint(int16_t cdeg = 0) : cdeg_(cdeg) {}
   int16_t cdeg() const { return cdeg_; }
   /// The last target; 0 before the first.
   int16_t target_cdeg() const { return target_cdeg_; }

@@ -6,18 +6,28 @@
 
 #include "little_endian.h"
 
+// Axes of the board: a flag of the build, as it decides on the length of messages.
+#ifndef CCR_AXES
+#define CCR_AXES 2
+#endif
+
 namespace ccr {
 
 constexpr uint8_t kProtocolVersion = 2;
-constexpr uint32_t kSpecHash = 0xFE5919A9UL;
+constexpr uint32_t kSpecHash = 0xF2E09CD6UL;
 constexpr uint8_t kFirmwareVersion[3] = {0, 2, 0};
+
+constexpr uint8_t kAxes = CCR_AXES;
+constexpr uint8_t kMaxAxes = 12;
+static_assert(CCR_AXES >= 1 && CCR_AXES <= kMaxAxes, "as the spec says");
+constexpr bool kIsLarge = kAxes > 2;
 
 constexpr uint32_t kBaud = 250000UL;
 constexpr uint32_t kBaudFallback = 115200UL;
 constexpr uint8_t kFrameDelimiter = 0;
-constexpr uint8_t kMaxPayload = 48;
-constexpr uint8_t kMaxDecodedFrame = 52;
-constexpr uint8_t kMaxEncodedFrame = 53;  ///< Without the delimiter.
+constexpr uint8_t kMaxPayload = kIsLarge ? 98 : 48;
+constexpr uint8_t kMaxDecodedFrame = kMaxPayload + 4;
+constexpr uint8_t kMaxEncodedFrame = kMaxDecodedFrame + 1;  ///< Without the delimiter.
 
 /// Period of the control tick and of the servo pulses. [us]
 constexpr uint16_t kTickUs = 20000U;
@@ -40,10 +50,10 @@ constexpr uint16_t kListensAfterUs = 2000U;
 constexpr uint8_t kOutstandingRequests = 5U;
 /// And no more bytes than these, frames as they are on the wire: they fit where the board keeps
 /// what it has received. [byte]
-constexpr uint8_t kOutstandingBytes = 63U;
+constexpr uint8_t kOutstandingBytes = kIsLarge ? 127U : 63U;
 /// Room for frames that wait to be sent. One that finds none is dropped and counted. All but the
 /// answer to `stop` leave room for that. [byte]
-constexpr uint8_t kSendBytes = 255U;
+constexpr uint16_t kSendBytes = kIsLarge ? 1023U : 255U;
 /// In so many ticks in a row the servos' supply has to be too low for a fault: longer than servos
 /// take to start. [tick]
 constexpr uint8_t kSagTicks = 10U;
@@ -62,8 +72,8 @@ constexpr uint16_t kPulseCeilingHalfUs = 5000U;
 
 constexpr uint16_t kEepromSize = 1024;
 constexpr uint16_t kEepromSlotA = 0;
-constexpr uint16_t kEepromSlotB = 128;
-constexpr uint16_t kEepromSlotSize = 70;
+constexpr uint16_t kEepromSlotB = kIsLarge ? 512 : 128;
+constexpr uint16_t kEepromSlotSize = 34 + 18 * kAxes;
 constexpr uint16_t kEepromBootCounter = 256;
 constexpr uint8_t kEepromBootCounters = 32;
 constexpr uint16_t kEepromMagic = 0xCC52U;
@@ -102,7 +112,7 @@ enum class Event : uint8_t {
   kSelfTestPassed = 0,
   /// `arm` accepted.
   kArmRequested = 1,
-  /// Both servos have pulses and the setpoint is at rest.
+  /// All servos have pulses and the setpoint is at rest.
   kAxesEnabled = 2,
   /// `set_target` accepted.
   kTargetAccepted = 3,
@@ -219,9 +229,9 @@ constexpr bool is_eeprom_status(uint8_t value) {
 
 /// Details of the state.
 namespace status_flags {
-/// The last tick commanded a pulse for axis 1.
+/// The last tick commanded a pulse for axis 1; those of all axes are in `pulse_half_us`.
 constexpr uint8_t kAxis1Pulses = 0x01;
-/// The last tick commanded a pulse for axis 2.
+/// The last tick commanded a pulse for axis 2, if there is one.
 constexpr uint8_t kAxis2Pulses = 0x02;
 /// The setpoint has not reached its goal: the target in `active`, the rest pose while it is led
 /// there.
@@ -273,17 +283,17 @@ enum class Reading : uint8_t {
 /// Answer of `first_out_of_range` and `inconsistent_axis` where there is nothing to report.
 constexpr int8_t kNone = -1;
 
-/// Angle limits and rest pose of both axes.
+/// Angle limits and rest pose of each axis.
 struct Limits {
-  enum : uint8_t { kSize = 12 };
+  enum : uint8_t { kSize = 6 * kAxes };
 
   /// Least angle of the servo. [0.01 deg] -13500 to 13500.
-  int16_t angle_min_cdeg[2];
+  int16_t angle_min_cdeg[kAxes];
   /// Greatest angle of the servo. [0.01 deg] -13500 to 13500.
-  int16_t angle_max_cdeg[2];
+  int16_t angle_max_cdeg[kAxes];
   /// Pose to which the robot is led when it is armed, relaxed or disarmed. [0.01 deg] -13500 to
   /// 13500.
-  int16_t rest_cdeg[2];
+  int16_t rest_cdeg[kAxes];
 };
 static_assert(Limits::kSize == sizeof(Limits::angle_min_cdeg) + sizeof(Limits::angle_max_cdeg) +
               sizeof(Limits::rest_cdeg) && uint8_t{Limits::kSize} <= kMaxPayload, "payload layout");
@@ -293,12 +303,15 @@ inline void encode(const Limits& value, uint8_t* bytes) {
     __builtin_memcpy(bytes, &value, Limits::kSize);
     return;
   }
-  put_i16(bytes, value.angle_min_cdeg[0]);
-  put_i16(bytes + 2, value.angle_min_cdeg[1]);
-  put_i16(bytes + 4, value.angle_max_cdeg[0]);
-  put_i16(bytes + 6, value.angle_max_cdeg[1]);
-  put_i16(bytes + 8, value.rest_cdeg[0]);
-  put_i16(bytes + 10, value.rest_cdeg[1]);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_i16(bytes + 2 * at, value.angle_min_cdeg[at]);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_i16(bytes + 2 * kAxes + 2 * at, value.angle_max_cdeg[at]);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_i16(bytes + 4 * kAxes + 2 * at, value.rest_cdeg[at]);
+  }
 }
 
 inline Reading decode(const uint8_t* bytes, Limits& value) {
@@ -306,35 +319,41 @@ inline Reading decode(const uint8_t* bytes, Limits& value) {
     __builtin_memcpy(&value, bytes, Limits::kSize);
     return Reading::kOk;
   }
-  value.angle_min_cdeg[0] = get_i16(bytes);
-  value.angle_min_cdeg[1] = get_i16(bytes + 2);
-  value.angle_max_cdeg[0] = get_i16(bytes + 4);
-  value.angle_max_cdeg[1] = get_i16(bytes + 6);
-  value.rest_cdeg[0] = get_i16(bytes + 8);
-  value.rest_cdeg[1] = get_i16(bytes + 10);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.angle_min_cdeg[at] = get_i16(bytes + 2 * at);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.angle_max_cdeg[at] = get_i16(bytes + 2 * kAxes + 2 * at);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.rest_cdeg[at] = get_i16(bytes + 4 * kAxes + 2 * at);
+  }
   return Reading::kOk;
 }
 
 /// Index of the first field out of its range; an array is one field.
 inline int8_t first_out_of_range(const Limits& value) {
-  if (value.angle_min_cdeg[0] < -13500 || value.angle_min_cdeg[0] > 13500 || value.angle_min_cdeg[1]
-      < -13500 || value.angle_min_cdeg[1] > 13500) {
-    return 0;
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    if (value.angle_min_cdeg[at] < -13500 || value.angle_min_cdeg[at] > 13500) {
+      return 0;
+    }
   }
-  if (value.angle_max_cdeg[0] < -13500 || value.angle_max_cdeg[0] > 13500 || value.angle_max_cdeg[1]
-      < -13500 || value.angle_max_cdeg[1] > 13500) {
-    return 1;
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    if (value.angle_max_cdeg[at] < -13500 || value.angle_max_cdeg[at] > 13500) {
+      return 1;
+    }
   }
-  if (value.rest_cdeg[0] < -13500 || value.rest_cdeg[0] > 13500 || value.rest_cdeg[1] < -13500 ||
-      value.rest_cdeg[1] > 13500) {
-    return 2;
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    if (value.rest_cdeg[at] < -13500 || value.rest_cdeg[at] > 13500) {
+      return 2;
+    }
   }
   return kNone;
 }
 
 /// First axis whose fields, each in range, contradict each other.
 inline int8_t inconsistent_axis(const Limits& value) {
-  for (int8_t axis = 0; axis < 2; ++axis) {
+  for (int8_t axis = 0; axis < kAxes; ++axis) {
     const bool consistent =
         value.angle_min_cdeg[axis] < value.angle_max_cdeg[axis] &&
         value.angle_min_cdeg[axis] <= value.rest_cdeg[axis] &&
@@ -348,11 +367,11 @@ inline int8_t inconsistent_axis(const Limits& value) {
 
 /// How fast the setpoint may move.
 struct Slew {
-  enum : uint8_t { kSize = 4 };
+  enum : uint8_t { kSize = 2 * kAxes };
 
   /// Greatest change of the setpoint in one 20 ms tick. The least value bounds the way to rest
   /// (WDG-6). [0.01 deg/tick] 10 to 2000.
-  uint16_t slew_cdeg_tick[2];
+  uint16_t slew_cdeg_tick[kAxes];
 };
 static_assert(Slew::kSize == sizeof(Slew::slew_cdeg_tick) && uint8_t{Slew::kSize} <= kMaxPayload,
               "payload layout");
@@ -362,8 +381,9 @@ inline void encode(const Slew& value, uint8_t* bytes) {
     __builtin_memcpy(bytes, &value, Slew::kSize);
     return;
   }
-  put_u16(bytes, value.slew_cdeg_tick[0]);
-  put_u16(bytes + 2, value.slew_cdeg_tick[1]);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_u16(bytes + 2 * at, value.slew_cdeg_tick[at]);
+  }
 }
 
 inline Reading decode(const uint8_t* bytes, Slew& value) {
@@ -371,16 +391,18 @@ inline Reading decode(const uint8_t* bytes, Slew& value) {
     __builtin_memcpy(&value, bytes, Slew::kSize);
     return Reading::kOk;
   }
-  value.slew_cdeg_tick[0] = get_u16(bytes);
-  value.slew_cdeg_tick[1] = get_u16(bytes + 2);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.slew_cdeg_tick[at] = get_u16(bytes + 2 * at);
+  }
   return Reading::kOk;
 }
 
 /// Index of the first field out of its range; an array is one field.
 inline int8_t first_out_of_range(const Slew& value) {
-  if (value.slew_cdeg_tick[0] < 10U || value.slew_cdeg_tick[0] > 2000U || value.slew_cdeg_tick[1] <
-      10U || value.slew_cdeg_tick[1] > 2000U) {
-    return 0;
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    if (value.slew_cdeg_tick[at] < 10U || value.slew_cdeg_tick[at] > 2000U) {
+      return 0;
+    }
   }
   return kNone;
 }
@@ -391,11 +413,11 @@ inline int8_t inconsistent_axis(const Slew&) {
 
 /// How fast the setpoint may change its speed. Zeros, which are not missing, set no limit.
 struct Acceleration {
-  enum : uint8_t { kSize = 4 };
+  enum : uint8_t { kSize = 2 * kAxes };
 
   /// Greatest change of the setpoint's step from one tick to the next; 0: any. [0.01 deg/tick^2] 0
   /// to 2000.
-  uint16_t acceleration_cdeg_tick2[2];
+  uint16_t acceleration_cdeg_tick2[kAxes];
 };
 static_assert(Acceleration::kSize == sizeof(Acceleration::acceleration_cdeg_tick2) &&
               uint8_t{Acceleration::kSize} <= kMaxPayload, "payload layout");
@@ -405,8 +427,9 @@ inline void encode(const Acceleration& value, uint8_t* bytes) {
     __builtin_memcpy(bytes, &value, Acceleration::kSize);
     return;
   }
-  put_u16(bytes, value.acceleration_cdeg_tick2[0]);
-  put_u16(bytes + 2, value.acceleration_cdeg_tick2[1]);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_u16(bytes + 2 * at, value.acceleration_cdeg_tick2[at]);
+  }
 }
 
 inline Reading decode(const uint8_t* bytes, Acceleration& value) {
@@ -414,15 +437,18 @@ inline Reading decode(const uint8_t* bytes, Acceleration& value) {
     __builtin_memcpy(&value, bytes, Acceleration::kSize);
     return Reading::kOk;
   }
-  value.acceleration_cdeg_tick2[0] = get_u16(bytes);
-  value.acceleration_cdeg_tick2[1] = get_u16(bytes + 2);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.acceleration_cdeg_tick2[at] = get_u16(bytes + 2 * at);
+  }
   return Reading::kOk;
 }
 
 /// Index of the first field out of its range; an array is one field.
 inline int8_t first_out_of_range(const Acceleration& value) {
-  if (value.acceleration_cdeg_tick2[0] > 2000U || value.acceleration_cdeg_tick2[1] > 2000U) {
-    return 0;
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    if (value.acceleration_cdeg_tick2[at] > 2000U) {
+      return 0;
+    }
   }
   return kNone;
 }
@@ -489,17 +515,17 @@ inline int8_t inconsistent_axis(const Watchdog&) {
 /// From angle to pulse: pulse = neutral + round(angle_cdeg * per_90_deg / 9000), halves away from
 /// zero, then clamped to min and max.
 struct Calibration {
-  enum : uint8_t { kSize = 16 };
+  enum : uint8_t { kSize = 8 * kAxes };
 
   /// Pulse at 0 deg. [0.5 us] 1000 to 5000.
-  uint16_t neutral_half_us[2];
+  uint16_t neutral_half_us[kAxes];
   /// Change of the pulse for +90 deg; negative where the servo turns the other way. [0.5 us] -4000
   /// to 4000.
-  int16_t per_90_deg_half_us[2];
+  int16_t per_90_deg_half_us[kAxes];
   /// Least pulse this servo may get. [0.5 us] 1000 to 5000.
-  uint16_t pulse_min_half_us[2];
+  uint16_t pulse_min_half_us[kAxes];
   /// Greatest pulse this servo may get. [0.5 us] 1000 to 5000.
-  uint16_t pulse_max_half_us[2];
+  uint16_t pulse_max_half_us[kAxes];
 };
 static_assert(Calibration::kSize == sizeof(Calibration::neutral_half_us) +
               sizeof(Calibration::per_90_deg_half_us) + sizeof(Calibration::pulse_min_half_us) +
@@ -511,14 +537,18 @@ inline void encode(const Calibration& value, uint8_t* bytes) {
     __builtin_memcpy(bytes, &value, Calibration::kSize);
     return;
   }
-  put_u16(bytes, value.neutral_half_us[0]);
-  put_u16(bytes + 2, value.neutral_half_us[1]);
-  put_i16(bytes + 4, value.per_90_deg_half_us[0]);
-  put_i16(bytes + 6, value.per_90_deg_half_us[1]);
-  put_u16(bytes + 8, value.pulse_min_half_us[0]);
-  put_u16(bytes + 10, value.pulse_min_half_us[1]);
-  put_u16(bytes + 12, value.pulse_max_half_us[0]);
-  put_u16(bytes + 14, value.pulse_max_half_us[1]);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_u16(bytes + 2 * at, value.neutral_half_us[at]);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_i16(bytes + 2 * kAxes + 2 * at, value.per_90_deg_half_us[at]);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_u16(bytes + 4 * kAxes + 2 * at, value.pulse_min_half_us[at]);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_u16(bytes + 6 * kAxes + 2 * at, value.pulse_max_half_us[at]);
+  }
 }
 
 inline Reading decode(const uint8_t* bytes, Calibration& value) {
@@ -526,41 +556,49 @@ inline Reading decode(const uint8_t* bytes, Calibration& value) {
     __builtin_memcpy(&value, bytes, Calibration::kSize);
     return Reading::kOk;
   }
-  value.neutral_half_us[0] = get_u16(bytes);
-  value.neutral_half_us[1] = get_u16(bytes + 2);
-  value.per_90_deg_half_us[0] = get_i16(bytes + 4);
-  value.per_90_deg_half_us[1] = get_i16(bytes + 6);
-  value.pulse_min_half_us[0] = get_u16(bytes + 8);
-  value.pulse_min_half_us[1] = get_u16(bytes + 10);
-  value.pulse_max_half_us[0] = get_u16(bytes + 12);
-  value.pulse_max_half_us[1] = get_u16(bytes + 14);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.neutral_half_us[at] = get_u16(bytes + 2 * at);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.per_90_deg_half_us[at] = get_i16(bytes + 2 * kAxes + 2 * at);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.pulse_min_half_us[at] = get_u16(bytes + 4 * kAxes + 2 * at);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.pulse_max_half_us[at] = get_u16(bytes + 6 * kAxes + 2 * at);
+  }
   return Reading::kOk;
 }
 
 /// Index of the first field out of its range; an array is one field.
 inline int8_t first_out_of_range(const Calibration& value) {
-  if (value.neutral_half_us[0] < 1000U || value.neutral_half_us[0] > 5000U ||
-      value.neutral_half_us[1] < 1000U || value.neutral_half_us[1] > 5000U) {
-    return 0;
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    if (value.neutral_half_us[at] < 1000U || value.neutral_half_us[at] > 5000U) {
+      return 0;
+    }
   }
-  if (value.per_90_deg_half_us[0] < -4000 || value.per_90_deg_half_us[0] > 4000 ||
-      value.per_90_deg_half_us[1] < -4000 || value.per_90_deg_half_us[1] > 4000) {
-    return 1;
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    if (value.per_90_deg_half_us[at] < -4000 || value.per_90_deg_half_us[at] > 4000) {
+      return 1;
+    }
   }
-  if (value.pulse_min_half_us[0] < 1000U || value.pulse_min_half_us[0] > 5000U ||
-      value.pulse_min_half_us[1] < 1000U || value.pulse_min_half_us[1] > 5000U) {
-    return 2;
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    if (value.pulse_min_half_us[at] < 1000U || value.pulse_min_half_us[at] > 5000U) {
+      return 2;
+    }
   }
-  if (value.pulse_max_half_us[0] < 1000U || value.pulse_max_half_us[0] > 5000U ||
-      value.pulse_max_half_us[1] < 1000U || value.pulse_max_half_us[1] > 5000U) {
-    return 3;
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    if (value.pulse_max_half_us[at] < 1000U || value.pulse_max_half_us[at] > 5000U) {
+      return 3;
+    }
   }
   return kNone;
 }
 
 /// First axis whose fields, each in range, contradict each other.
 inline int8_t inconsistent_axis(const Calibration& value) {
-  for (int8_t axis = 0; axis < 2; ++axis) {
+  for (int8_t axis = 0; axis < kAxes; ++axis) {
     const bool consistent =
         value.pulse_min_half_us[axis] < value.pulse_max_half_us[axis] &&
         value.pulse_min_half_us[axis] <= value.neutral_half_us[axis] &&
@@ -692,7 +730,7 @@ inline int8_t inconsistent_axis(const FaultRecord&) {
 /// Tick, setpoint, pulses, supply and the flags `axis_1_pulses`, `axis_2_pulses` and `moving` are
 /// those of the last control tick; all else is current.
 struct StateReport {
-  enum : uint8_t { kSize = 27 };
+  enum : uint8_t { kSize = 15 + 6 * kAxes };
 
   /// Control ticks since the reset. [tick]
   uint32_t tick;
@@ -708,13 +746,13 @@ struct StateReport {
   /// after it; 65535 before the first target and when it is older. [ms]
   uint16_t target_age_ms;
   /// Last accepted target, after clamping; 0 before the first. [0.01 deg]
-  int16_t target_cdeg[2];
+  int16_t target_cdeg[kAxes];
   /// Where ramp and slew limit stand. A setpoint that `set_limits` has clamped shows from the next
   /// tick on. [0.01 deg]
-  int16_t setpoint_cdeg[2];
+  int16_t setpoint_cdeg[kAxes];
   /// Pulses that the last tick computed, latched at the start of the next frame; 0 is no pulse.
   /// [0.5 us]
-  uint16_t pulse_half_us[2];
+  uint16_t pulse_half_us[kAxes];
   /// bad_crc + bad_encoding + bad_size + overruns, wrapping.
   uint16_t link_errors;
   /// Least free stack so far; 65535 where it is not measured. [byte]
@@ -741,15 +779,18 @@ inline void encode(const StateReport& value, uint8_t* bytes) {
   put_u8(bytes + 6, value.flags);
   put_u8(bytes + 7, value.target_sequence);
   put_u16(bytes + 8, value.target_age_ms);
-  put_i16(bytes + 10, value.target_cdeg[0]);
-  put_i16(bytes + 12, value.target_cdeg[1]);
-  put_i16(bytes + 14, value.setpoint_cdeg[0]);
-  put_i16(bytes + 16, value.setpoint_cdeg[1]);
-  put_u16(bytes + 18, value.pulse_half_us[0]);
-  put_u16(bytes + 20, value.pulse_half_us[1]);
-  put_u16(bytes + 22, value.link_errors);
-  put_u16(bytes + 24, value.free_stack_bytes);
-  put_u8(bytes + 26, value.supply_dv);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_i16(bytes + 10 + 2 * at, value.target_cdeg[at]);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_i16(bytes + 10 + 2 * kAxes + 2 * at, value.setpoint_cdeg[at]);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_u16(bytes + 10 + 4 * kAxes + 2 * at, value.pulse_half_us[at]);
+  }
+  put_u16(bytes + 10 + 6 * kAxes, value.link_errors);
+  put_u16(bytes + 12 + 6 * kAxes, value.free_stack_bytes);
+  put_u8(bytes + 14 + 6 * kAxes, value.supply_dv);
 }
 
 inline Reading decode(const uint8_t* bytes, StateReport& value) {
@@ -765,15 +806,18 @@ inline Reading decode(const uint8_t* bytes, StateReport& value) {
   value.flags = get_u8(bytes + 6);
   value.target_sequence = get_u8(bytes + 7);
   value.target_age_ms = get_u16(bytes + 8);
-  value.target_cdeg[0] = get_i16(bytes + 10);
-  value.target_cdeg[1] = get_i16(bytes + 12);
-  value.setpoint_cdeg[0] = get_i16(bytes + 14);
-  value.setpoint_cdeg[1] = get_i16(bytes + 16);
-  value.pulse_half_us[0] = get_u16(bytes + 18);
-  value.pulse_half_us[1] = get_u16(bytes + 20);
-  value.link_errors = get_u16(bytes + 22);
-  value.free_stack_bytes = get_u16(bytes + 24);
-  value.supply_dv = get_u8(bytes + 26);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.target_cdeg[at] = get_i16(bytes + 10 + 2 * at);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.setpoint_cdeg[at] = get_i16(bytes + 10 + 2 * kAxes + 2 * at);
+  }
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.pulse_half_us[at] = get_u16(bytes + 10 + 4 * kAxes + 2 * at);
+  }
+  value.link_errors = get_u16(bytes + 10 + 6 * kAxes);
+  value.free_stack_bytes = get_u16(bytes + 12 + 6 * kAxes);
+  value.supply_dv = get_u8(bytes + 14 + 6 * kAxes);
   return Reading::kOk;
 }
 
@@ -847,7 +891,7 @@ struct HelloReply {
   EepromStatus eeprom_status;
   /// What it can do. Bits of `capabilities`.
   uint16_t capabilities;
-  /// Number of servos.
+  /// Number of servos: the count of the fields that have one element for each axis.
   uint8_t axes;
   /// Longest payload it takes. [byte]
   uint8_t max_payload;
@@ -1119,7 +1163,7 @@ inline int8_t inconsistent_axis(const GetState&) {
 
 /// The state.
 struct StateReply {
-  enum : uint8_t { kId = 0x87, kSize = 27 };
+  enum : uint8_t { kId = 0x87, kSize = 15 + 6 * kAxes };
 
   StateReport report;
 };
@@ -1578,14 +1622,14 @@ inline int8_t inconsistent_axis(const ClearFault&) {
   return kNone;
 }
 
-/// New target of both axes. The latest wins. Only this feeds the link watchdog.
+/// New target of all axes. The latest wins. Only this feeds the link watchdog.
 struct SetTarget {
-  enum : uint8_t { kId = 0x20, kSize = 10 };
+  enum : uint8_t { kId = 0x20, kSize = 6 + 2 * kAxes };
 
   /// The open session.
   uint16_t session;
   /// Servo angles; clamped to the angle limits. [0.01 deg] -18000 to 18000.
-  int16_t target_cdeg[2];
+  int16_t target_cdeg[kAxes];
   /// The setpoint goes there in a straight line over this time, or as fast as the slew limit lets
   /// it. [ms] 0 to 10000.
   uint16_t ramp_ms;
@@ -1602,10 +1646,11 @@ inline void encode(const SetTarget& value, uint8_t* payload) {
     return;
   }
   put_u16(payload, value.session);
-  put_i16(payload + 2, value.target_cdeg[0]);
-  put_i16(payload + 4, value.target_cdeg[1]);
-  put_u16(payload + 6, value.ramp_ms);
-  put_u16(payload + 8, value.validity_ms);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_i16(payload + 2 + 2 * at, value.target_cdeg[at]);
+  }
+  put_u16(payload + 2 + 2 * kAxes, value.ramp_ms);
+  put_u16(payload + 4 + 2 * kAxes, value.validity_ms);
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, SetTarget& value) {
@@ -1617,18 +1662,20 @@ inline Reading decode(const uint8_t* payload, uint8_t size, SetTarget& value) {
     return Reading::kOk;
   }
   value.session = get_u16(payload);
-  value.target_cdeg[0] = get_i16(payload + 2);
-  value.target_cdeg[1] = get_i16(payload + 4);
-  value.ramp_ms = get_u16(payload + 6);
-  value.validity_ms = get_u16(payload + 8);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.target_cdeg[at] = get_i16(payload + 2 + 2 * at);
+  }
+  value.ramp_ms = get_u16(payload + 2 + 2 * kAxes);
+  value.validity_ms = get_u16(payload + 4 + 2 * kAxes);
   return Reading::kOk;
 }
 
 /// Index of the first field out of its range; an array is one field.
 inline int8_t first_out_of_range(const SetTarget& value) {
-  if (value.target_cdeg[0] < -18000 || value.target_cdeg[0] > 18000 || value.target_cdeg[1] < -18000
-      || value.target_cdeg[1] > 18000) {
-    return 1;
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    if (value.target_cdeg[at] < -18000 || value.target_cdeg[at] > 18000) {
+      return 1;
+    }
   }
   if (value.ramp_ms > 10000U) {
     return 2;
@@ -1645,14 +1692,14 @@ inline int8_t inconsistent_axis(const SetTarget&) {
 
 /// What was really accepted.
 struct TargetReply {
-  enum : uint8_t { kId = 0xA0, kSize = 6 };
+  enum : uint8_t { kId = 0xA0, kSize = 2 + 2 * kAxes };
 
   /// State.
   State state;
   /// Details. Bits of `status_flags`.
   uint8_t flags;
   /// Accepted target, after clamping. [0.01 deg]
-  int16_t target_cdeg[2];
+  int16_t target_cdeg[kAxes];
 };
 static_assert(TargetReply::kSize == sizeof(TargetReply::state) + sizeof(TargetReply::flags) +
               sizeof(TargetReply::target_cdeg) && uint8_t{TargetReply::kSize} <= kMaxPayload,
@@ -1665,8 +1712,9 @@ inline void encode(const TargetReply& value, uint8_t* payload) {
   }
   put_u8(payload, static_cast<uint8_t>(value.state));
   put_u8(payload + 1, value.flags);
-  put_i16(payload + 2, value.target_cdeg[0]);
-  put_i16(payload + 4, value.target_cdeg[1]);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_i16(payload + 2 + 2 * at, value.target_cdeg[at]);
+  }
 }
 
 inline Reading decode(const uint8_t* payload, uint8_t size, TargetReply& value) {
@@ -1678,8 +1726,9 @@ inline Reading decode(const uint8_t* payload, uint8_t size, TargetReply& value) 
   }
   value.state = static_cast<State>(get_u8(payload));
   value.flags = get_u8(payload + 1);
-  value.target_cdeg[0] = get_i16(payload + 2);
-  value.target_cdeg[1] = get_i16(payload + 4);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.target_cdeg[at] = get_i16(payload + 2 + 2 * at);
+  }
   return Reading::kOk;
 }
 
@@ -1718,7 +1767,7 @@ inline int8_t inconsistent_axis(const GetLimits&) {
 
 /// The angle limits in use.
 struct LimitsReply {
-  enum : uint8_t { kId = 0xB0, kSize = 12 };
+  enum : uint8_t { kId = 0xB0, kSize = 6 * kAxes };
 
   Limits limits;
 };
@@ -1755,7 +1804,7 @@ inline int8_t inconsistent_axis(const LimitsReply& value) {
 
 /// Sets the angle limits. The remembered setpoint is clamped to them.
 struct SetLimits {
-  enum : uint8_t { kId = 0x31, kSize = 14 };
+  enum : uint8_t { kId = 0x31, kSize = 2 + 6 * kAxes };
 
   /// The open session.
   uint16_t session;
@@ -1821,7 +1870,7 @@ inline int8_t inconsistent_axis(const GetSlew&) {
 
 /// The slew limits in use.
 struct SlewReply {
-  enum : uint8_t { kId = 0xB2, kSize = 4 };
+  enum : uint8_t { kId = 0xB2, kSize = 2 * kAxes };
 
   Slew slew;
 };
@@ -1858,7 +1907,7 @@ inline int8_t inconsistent_axis(const SlewReply&) {
 
 /// Sets the slew limits.
 struct SetSlew {
-  enum : uint8_t { kId = 0x33, kSize = 6 };
+  enum : uint8_t { kId = 0x33, kSize = 2 + 2 * kAxes };
 
   /// The open session.
   uint16_t session;
@@ -2029,7 +2078,7 @@ inline int8_t inconsistent_axis(const GetCalibration&) {
 
 /// The pulse calibration in use.
 struct CalibrationReply {
-  enum : uint8_t { kId = 0xB6, kSize = 16 };
+  enum : uint8_t { kId = 0xB6, kSize = 8 * kAxes };
 
   Calibration calibration;
 };
@@ -2066,7 +2115,7 @@ inline int8_t inconsistent_axis(const CalibrationReply& value) {
 
 /// Sets the pulse calibration.
 struct SetCalibration {
-  enum : uint8_t { kId = 0x37, kSize = 18 };
+  enum : uint8_t { kId = 0x37, kSize = 2 + 8 * kAxes };
 
   /// The open session.
   uint16_t session;
@@ -2278,7 +2327,7 @@ inline int8_t inconsistent_axis(const GetAcceleration&) {
 
 /// The acceleration limits in use.
 struct AccelerationReply {
-  enum : uint8_t { kId = 0xBE, kSize = 4 };
+  enum : uint8_t { kId = 0xBE, kSize = 2 * kAxes };
 
   Acceleration acceleration;
 };
@@ -2315,7 +2364,7 @@ inline int8_t inconsistent_axis(const AccelerationReply&) {
 
 /// Sets the acceleration limits.
 struct SetAcceleration {
-  enum : uint8_t { kId = 0x3F, kSize = 6 };
+  enum : uint8_t { kId = 0x3F, kSize = 2 + 2 * kAxes };
 
   /// The open session.
   uint16_t session;
@@ -2445,7 +2494,7 @@ inline int8_t inconsistent_axis(const Nack&) {
 
 /// The state, unasked. Its sequence number counts reports, so that the host sees lost ones.
 struct Telemetry {
-  enum : uint8_t { kId = 0xC1, kSize = 27 };
+  enum : uint8_t { kId = 0xC1, kSize = 15 + 6 * kAxes };
 
   StateReport report;
 };

@@ -194,7 +194,9 @@ class Board:
     def save_config(self) -> None:
         """Save the configuration in EEPROM; returns when it is written."""
         self._exchange.request(m.SaveConfig(self._session))
-        deadline_us = self._clock.now_us() + m.EEPROM_SLOT_SIZE * m.TICK_US + _MARGIN_US
+        axes = self._identity.axes if self._identity else m.MAX_AXES
+        save_us = m.eeprom_slot_size(axes) * m.TICK_US
+        deadline_us = self._clock.now_us() + save_us + _MARGIN_US
         while True:
             self._clock.sleep_until_us(self._clock.now_us() + STATE_POLL_US)
             report = self.read_state()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import floor, isqrt
 from typing import Final
 
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.units import CDEG_PER_DEG, deg_to_cdeg
-from ccr_host.description.schema import Description, Pair
+from ccr_host.description.schema import Description
 from ccr_host.link.messages import (
     TICK_US,
     Acceleration,
@@ -53,7 +54,7 @@ class BoardConfig:
     def way_to_rest_us(self) -> int:
         """Upper bound of the time from any pose to rest."""
         longest_ticks = 0
-        for axis in (0, 1):
+        for axis in range(len(self.slew.slew_cdeg_tick)):
             range_cdeg = self.limits.angle_max_cdeg[axis] - self.limits.angle_min_cdeg[axis]
             slew = min(self.watchdog.relax_slew_cdeg_tick, self.slew.slew_cdeg_tick[axis])
             ticks = range_cdeg // max(slew, 1) + 1
@@ -107,7 +108,7 @@ def board_config(description: Description) -> BoardConfig:
             angle_max_cdeg=_cdeg(servo.angle_max_deg),
             rest_cdeg=_cdeg(servo.rest_deg),
         ),
-        slew=Slew((_cdeg_per_tick(servo.slew_deg_s[0]), _cdeg_per_tick(servo.slew_deg_s[1]))),
+        slew=Slew(tuple(map(_cdeg_per_tick, servo.slew_deg_s))),
         watchdog=Watchdog(
             relax_after_ms=link.relax_after_ms,
             relax_slew_cdeg_tick=_cdeg_per_tick(link.relax_slew_deg_s),
@@ -119,12 +120,7 @@ def board_config(description: Description) -> BoardConfig:
             pulse_min_half_us=_half_us(servo.pulse_min_us),
             pulse_max_half_us=_half_us(servo.pulse_max_us),
         ),
-        acceleration=Acceleration(
-            (
-                _cdeg_per_tick2(servo.acceleration_deg_s2[0]),
-                _cdeg_per_tick2(servo.acceleration_deg_s2[1]),
-            )
-        ),
+        acceleration=Acceleration(tuple(map(_cdeg_per_tick2, servo.acceleration_deg_s2))),
     )
     for group in _groups(config):
         _require_in_range(group)
@@ -132,8 +128,8 @@ def board_config(description: Description) -> BoardConfig:
     return config
 
 
-def _cdeg(angles_deg: Pair) -> tuple[int, int]:
-    return deg_to_cdeg(angles_deg[0]), deg_to_cdeg(angles_deg[1])
+def _cdeg(angles_deg: Iterable[float]) -> tuple[int, ...]:
+    return tuple(map(deg_to_cdeg, angles_deg))
 
 
 def _cdeg_per_tick(rate_deg_s: float) -> int:
@@ -151,8 +147,8 @@ def _cdeg_per_tick2(acceleration_deg_s2: float) -> int:
     return rounded
 
 
-def _half_us(pulses_us: Pair) -> tuple[int, int]:
-    return round(pulses_us[0] * _HALF_US_PER_US), round(pulses_us[1] * _HALF_US_PER_US)
+def _half_us(pulses_us: Iterable[float]) -> tuple[int, ...]:
+    return tuple(round(pulse_us * _HALF_US_PER_US) for pulse_us in pulses_us)
 
 
 def _require_in_range(group: ConfigGroup) -> None:

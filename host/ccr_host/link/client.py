@@ -161,7 +161,8 @@ class Client(Board):
         self._fed_us = self._fed_until_us = self._clock.now_us()
         self._exchange.request(m.Arm(self._session))
         config = self._config or self.read_config()
-        axes_us = 2 * (config.watchdog.arm_axis_ms * 1000 + m.TICK_US)
+        axes = len(config.slew.slew_cdeg_tick)
+        axes_us = axes * (config.watchdog.arm_axis_ms * 1000 + m.TICK_US)
         report = self._wait_for_state(
             State.HOLD, axes_us + config.way_to_rest_us(), on_the_way=(State.ARMING,)
         )
@@ -180,8 +181,8 @@ class Client(Board):
             DeviceError: as in :meth:`poll`.
         """
         self.poll()
-        first, second = rad_to_cdeg(np.minimum(np.maximum(q_rad, -np.pi), np.pi))
-        target = m.SetTarget(self._session, (first, second), ramp_ms, validity_ms)
+        target_cdeg = rad_to_cdeg(np.minimum(np.maximum(q_rad, -np.pi), np.pi))
+        target = m.SetTarget(self._session, tuple(target_cdeg), ramp_ms, validity_ms)
         if target.first_out_of_range() is not None:
             raise ValueError(f"ramp of {ramp_ms} ms or validity of {validity_ms} ms out of range")
         now_us = self._clock.now_us()
@@ -270,7 +271,7 @@ class Client(Board):
 
     @property
     def accepted_rad(self) -> NDArray[np.float64]:
-        """Newest target as the board has accepted it, rad, shape (2,); after arming the rest pose.
+        """Newest target as the board has accepted it, rad; at first the rest pose.
 
         Raises:
             DeviceError: not armed yet.

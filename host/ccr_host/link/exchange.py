@@ -289,7 +289,7 @@ class TargetLog:
 
     def __init__(self) -> None:
         self.accepted_rad: NDArray[np.float64] | None = None
-        """Newest target as the board has accepted it, shape (2,)."""
+        """Newest target as the board has accepted it, shape (axes,)."""
         self._open_since_us: dict[int, int] = {}
         self._given_up = 0
         self.refusal: Nack | None = None

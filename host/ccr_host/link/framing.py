@@ -8,7 +8,7 @@ from enum import Enum
 from cobs import cobs
 
 from ccr_host.core.crc import crc16_x25
-from ccr_host.link.messages import FRAME_DELIMITER, MAX_DECODED_FRAME, MAX_ENCODED_FRAME
+from ccr_host.link.messages import FRAME_DELIMITER, FRAME_OVERHEAD, MAX_AXES, MAX_PAYLOAD
 
 _DELIMITER = bytes([FRAME_DELIMITER])
 _HEADER_BYTES = 2
@@ -40,9 +40,14 @@ def encode_frame(message_id: int, sequence: int, payload: bytes) -> bytes:
 
 
 class FrameDecoder:
-    """Finds the frames in a byte stream; buffers at most one unfinished frame."""
+    """Finds the frames in a byte stream; buffers at most one unfinished frame.
 
-    def __init__(self) -> None:
+    Args:
+        max_payload: longest payload that is accepted; by default that of any board.
+    """
+
+    def __init__(self, max_payload: int = MAX_PAYLOAD.of(MAX_AXES)) -> None:
+        self._max_encoded = max_payload + FRAME_OVERHEAD + 1
         self._unfinished = bytearray()
         self._too_long = False
 
@@ -55,7 +60,7 @@ class FrameDecoder:
             if self._too_long:
                 found.append(FramingError.BAD_SIZE)
             elif self._unfinished:
-                found.append(_decode(bytes(self._unfinished)))
+                found.append(_decode(bytes(self._unfinished), self._max_encoded - 1))
             self.reset()
         self._append(rest)
         return found
@@ -68,7 +73,7 @@ class FrameDecoder:
     def _append(self, part: bytes) -> None:
         if self._too_long:
             return
-        if len(self._unfinished) + len(part) > MAX_ENCODED_FRAME:
+        if len(self._unfinished) + len(part) > self._max_encoded:
             self._unfinished.clear()
             self._too_long = True
         else:
@@ -81,12 +86,12 @@ def decode_single_frame(data: bytes) -> Frame | None:
     return found[0] if len(found) == 1 and isinstance(found[0], Frame) else None
 
 
-def _decode(encoded: bytes) -> Frame | FramingError:
+def _decode(encoded: bytes, max_decoded: int) -> Frame | FramingError:
     try:
         decoded = cobs.decode(encoded)
     except cobs.DecodeError:
         return FramingError.BAD_ENCODING
-    if not _HEADER_BYTES + _CRC_BYTES <= len(decoded) <= MAX_DECODED_FRAME:
+    if not FRAME_OVERHEAD <= len(decoded) <= max_decoded:
         return FramingError.BAD_SIZE
     body, crc = decoded[:-_CRC_BYTES], decoded[-_CRC_BYTES:]
     if crc16_x25(body) != int.from_bytes(crc, "little"):

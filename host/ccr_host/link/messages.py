@@ -8,22 +8,30 @@ from types import MappingProxyType
 from typing import ClassVar, Final
 
 from ccr_host.link import payload
-from ccr_host.link.payload import Message, Payload, PayloadError, by_id, nested, wire
+from ccr_host.link.payload import (
+    AXES,
+    BySize,
+    Message,
+    Payload,
+    PayloadError,
+    by_id,
+    nested,
+    wire,
+)
 
 __all__ = ["Message", "Payload", "PayloadError"]  # re-exported; all else is public as it stands
 
 
 PROTOCOL_VERSION: Final = 2
-SPEC_HASH: Final = 0xFE5919A9
+SPEC_HASH: Final = 0xF2E09CD6
 FIRMWARE_VERSION: Final = (0, 2, 0)
 
 BAUD: Final = 250000
 BAUD_FALLBACK: Final = 115200
 FRAME_DELIMITER: Final = 0
-MAX_PAYLOAD: Final = 48
-MAX_DECODED_FRAME: Final = 52
-MAX_ENCODED_FRAME: Final = 53
-"""Without the delimiter."""
+FRAME_OVERHEAD: Final = 4
+MAX_AXES: Final = 12
+MAX_PAYLOAD: Final = BySize(48, 98, 2)
 
 TICK_US: Final = 20000
 """Period of the control tick and of the servo pulses. [us]"""
@@ -48,11 +56,11 @@ OUTSTANDING_REQUESTS: Final = 5
 """So many may a host have sent without having read their answers (REQ-5): the longest answers to
 them and two reports fit into send_bytes. [request]
 """
-OUTSTANDING_BYTES: Final = 63
+OUTSTANDING_BYTES: Final = BySize(63, 127, 2)
 """And no more bytes than these, frames as they are on the wire: they fit where the board keeps what
 it has received. [byte]
 """
-SEND_BYTES: Final = 255
+SEND_BYTES: Final = BySize(255, 1023, 2)
 """Room for frames that wait to be sent. One that finds none is dropped and counted. All but the
 answer to `stop` leave room for that. [byte]
 """
@@ -75,12 +83,16 @@ PULSE_CEILING_HALF_US: Final = 5000
 
 EEPROM_SIZE: Final = 1024
 EEPROM_SLOT_A: Final = 0
-EEPROM_SLOT_B: Final = 128
-EEPROM_SLOT_SIZE: Final = 70
+EEPROM_SLOT_B: Final = BySize(128, 512, 2)
 EEPROM_BOOT_COUNTER: Final = 256
 EEPROM_BOOT_COUNTERS: Final = 32
 EEPROM_MAGIC: Final = 0xCC52
 EEPROM_LAYOUT: Final = 2
+
+
+def eeprom_slot_size(axes: int) -> int:
+    """Bytes of an EEPROM slot."""
+    return 34 + 18 * axes
 
 
 class State(IntEnum):
@@ -117,7 +129,7 @@ class Event(IntEnum):
     ARM_REQUESTED = 1
     """`arm` accepted."""
     AXES_ENABLED = 2
-    """Both servos have pulses and the setpoint is at rest."""
+    """All servos have pulses and the setpoint is at rest."""
     TARGET_ACCEPTED = 3
     """`set_target` accepted."""
     TARGET_EXPIRED = 4
@@ -229,9 +241,9 @@ class StatusFlags(IntFlag):
     """Details of the state."""
 
     AXIS_1_PULSES = 0x01
-    """The last tick commanded a pulse for axis 1."""
+    """The last tick commanded a pulse for axis 1; those of all axes are in `pulse_half_us`."""
     AXIS_2_PULSES = 0x02
-    """The last tick commanded a pulse for axis 2."""
+    """The last tick commanded a pulse for axis 2, if there is one."""
     MOVING = 0x04
     """The setpoint has not reached its goal: the target in `active`, the rest pose while it is led
     there.
@@ -277,17 +289,17 @@ class ConfigGroups(IntFlag):
 
 
 class Limits(Payload, name="limits"):
-    """Angle limits and rest pose of both axes."""
+    """Angle limits and rest pose of each axis."""
 
-    angle_min_cdeg: tuple[int, int] = wire("h", -13500, 13500, "deg", 0.01, count=2)
+    angle_min_cdeg: tuple[int, ...] = wire("h", -13500, 13500, "deg", 0.01, count=AXES)
     """Least angle of the servo."""
-    angle_max_cdeg: tuple[int, int] = wire("h", -13500, 13500, "deg", 0.01, count=2)
+    angle_max_cdeg: tuple[int, ...] = wire("h", -13500, 13500, "deg", 0.01, count=AXES)
     """Greatest angle of the servo."""
-    rest_cdeg: tuple[int, int] = wire("h", -13500, 13500, "deg", 0.01, count=2)
+    rest_cdeg: tuple[int, ...] = wire("h", -13500, 13500, "deg", 0.01, count=AXES)
     """Pose to which the robot is led when it is armed, relaxed or disarmed."""
 
     def inconsistent_axis(self) -> int | None:
-        for axis in range(2):
+        for axis in range(len(self.angle_min_cdeg)):
             consistent = (
                 self.angle_min_cdeg[axis] < self.angle_max_cdeg[axis]
                 and self.angle_min_cdeg[axis] <= self.rest_cdeg[axis]
@@ -301,7 +313,7 @@ class Limits(Payload, name="limits"):
 class Slew(Payload, name="slew"):
     """How fast the setpoint may move."""
 
-    slew_cdeg_tick: tuple[int, int] = wire("H", 10, 2000, "deg/tick", 0.01, count=2)
+    slew_cdeg_tick: tuple[int, ...] = wire("H", 10, 2000, "deg/tick", 0.01, count=AXES)
     """Greatest change of the setpoint in one 20 ms tick. The least value bounds the way to rest
     (WDG-6).
     """
@@ -310,7 +322,7 @@ class Slew(Payload, name="slew"):
 class Acceleration(Payload, name="acceleration"):
     """How fast the setpoint may change its speed. Zeros, which are not missing, set no limit."""
 
-    acceleration_cdeg_tick2: tuple[int, int] = wire("H", 0, 2000, "deg/tick^2", 0.01, count=2)
+    acceleration_cdeg_tick2: tuple[int, ...] = wire("H", 0, 2000, "deg/tick^2", 0.01, count=AXES)
     """Greatest change of the setpoint's step from one tick to the next; 0: any."""
 
 
@@ -334,17 +346,17 @@ class Calibration(Payload, name="calibration"):
     zero, then clamped to min and max.
     """
 
-    neutral_half_us: tuple[int, int] = wire("H", 1000, 5000, "us", 0.5, count=2)
+    neutral_half_us: tuple[int, ...] = wire("H", 1000, 5000, "us", 0.5, count=AXES)
     """Pulse at 0 deg."""
-    per_90_deg_half_us: tuple[int, int] = wire("h", -4000, 4000, "us", 0.5, count=2)
+    per_90_deg_half_us: tuple[int, ...] = wire("h", -4000, 4000, "us", 0.5, count=AXES)
     """Change of the pulse for +90 deg; negative where the servo turns the other way."""
-    pulse_min_half_us: tuple[int, int] = wire("H", 1000, 5000, "us", 0.5, count=2)
+    pulse_min_half_us: tuple[int, ...] = wire("H", 1000, 5000, "us", 0.5, count=AXES)
     """Least pulse this servo may get."""
-    pulse_max_half_us: tuple[int, int] = wire("H", 1000, 5000, "us", 0.5, count=2)
+    pulse_max_half_us: tuple[int, ...] = wire("H", 1000, 5000, "us", 0.5, count=AXES)
     """Greatest pulse this servo may get."""
 
     def inconsistent_axis(self) -> int | None:
-        for axis in range(2):
+        for axis in range(len(self.neutral_half_us)):
             consistent = (
                 self.pulse_min_half_us[axis] < self.pulse_max_half_us[axis]
                 and self.pulse_min_half_us[axis] <= self.neutral_half_us[axis]
@@ -414,13 +426,13 @@ class StateReport(Payload, name="state_report"):
     """Control ticks since the last accepted target, as a time: 20 in the report of the first tick
     after it; 65535 before the first target and when it is older.
     """
-    target_cdeg: tuple[int, int] = wire("h", -32768, 32767, "deg", 0.01, count=2)
+    target_cdeg: tuple[int, ...] = wire("h", -32768, 32767, "deg", 0.01, count=AXES)
     """Last accepted target, after clamping; 0 before the first."""
-    setpoint_cdeg: tuple[int, int] = wire("h", -32768, 32767, "deg", 0.01, count=2)
+    setpoint_cdeg: tuple[int, ...] = wire("h", -32768, 32767, "deg", 0.01, count=AXES)
     """Where ramp and slew limit stand. A setpoint that `set_limits` has clamped shows from the next
     tick on.
     """
-    pulse_half_us: tuple[int, int] = wire("H", 0, 65535, "us", 0.5, count=2)
+    pulse_half_us: tuple[int, ...] = wire("H", 0, 65535, "us", 0.5, count=AXES)
     """Pulses that the last tick computed, latched at the start of the next frame; 0 is no pulse."""
     link_errors: int = wire("H", 0, 65535)
     """bad_crc + bad_encoding + bad_size + overruns, wrapping."""
@@ -466,7 +478,7 @@ class HelloReply(Message, name="hello_reply", number=0x81):
     capabilities: Capabilities = wire("H", 0, 65535, of=Capabilities)
     """What it can do."""
     axes: int = wire("B", 0, 255)
-    """Number of servos."""
+    """Number of servos: the count of the fields that have one element for each axis."""
     max_payload: int = wire("B", 0, 255, "byte")
     """Longest payload it takes."""
     tick_us: int = wire("H", 0, 65535, "us")
@@ -641,13 +653,13 @@ class ClearFault(Request, name="clear_fault", number=0x13, reply=0x70, retry="on
 
 
 class SetTarget(Request, name="set_target", number=0x20, reply=0xA0, retry="never", session=True):
-    """New target of both axes. The latest wins. Only this feeds the link watchdog."""
+    """New target of all axes. The latest wins. Only this feeds the link watchdog."""
 
     ALLOWED_STATES = frozenset({State.ACTIVE, State.HOLD, State.RELAXING})
 
     session: int = wire("H", 0, 65535)
     """The open session."""
-    target_cdeg: tuple[int, int] = wire("h", -18000, 18000, "deg", 0.01, count=2)
+    target_cdeg: tuple[int, ...] = wire("h", -18000, 18000, "deg", 0.01, count=AXES)
     """Servo angles; clamped to the angle limits."""
     ramp_ms: int = wire("H", 0, 10000, "ms")
     """The setpoint goes there in a straight line over this time, or as fast as the slew limit lets
@@ -664,7 +676,7 @@ class TargetReply(Message, name="target_reply", number=0xA0):
     """State."""
     flags: StatusFlags = wire("B", 0, 255, of=StatusFlags)
     """Details."""
-    target_cdeg: tuple[int, int] = wire("h", -32768, 32767, "deg", 0.01, count=2)
+    target_cdeg: tuple[int, ...] = wire("h", -32768, 32767, "deg", 0.01, count=AXES)
     """Accepted target, after clamping."""
 
 

@@ -18,15 +18,32 @@ from typing import Any, ClassVar, Literal, Self, TypeVar, dataclass_transform
 
 from ccr_host.core.errors import CcrError
 
+AXES = 0
+"""Count of a field that has one element for each axis of the board."""
+
 Retry = Literal["repeat", "once", "never"]
 P = TypeVar("P", bound="Payload")
 M = TypeVar("M", bound="Message")
 
+_MOST_AXES = 16
 _OTHER_SPEC = "build host and firmware from the same spec"
 
 
 class PayloadError(CcrError):
     """Values do not fit their integers, or bytes are not such a payload."""
+
+
+@dataclass(frozen=True, slots=True)
+class BySize:
+    """A figure of the board that depends on whether it is a small one."""
+
+    small: int
+    large: int
+    small_axes: int
+
+    def of(self, axes: int) -> int:
+        """The figure of a board with so many axes."""
+        return self.small if axes <= self.small_axes else self.large
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +61,21 @@ class Field:
     of: type[IntEnum] | type[IntFlag] | None = None
     """Enum or flag type of the integers; None for plain numbers."""
 
-    def fits(self, elements: tuple[object, ...]) -> bool:
+    @property
+    def is_array(self) -> bool:
+        """Whether its value is a tuple."""
+        return self.count != 1
+
+    def count_at(self, axes: int) -> int:
+        """Number of integers on a board with so many axes."""
+        return self.count or axes
+
+    def fits(self, elements: tuple[object, ...], axes: int) -> bool:
         """Whether the integers fit their type, even if they are out of range."""
+        if self.count == AXES and not 1 <= axes <= _MOST_AXES:
+            return False
         try:
-            struct.pack(f"<{self.count}{self.code}", *elements)
+            struct.pack(f"<{self.count_at(axes)}{self.code}", *elements)
         except struct.error:
             return False
         return True
@@ -57,7 +85,9 @@ class Field:
         """The values that fit, in words."""
         bits = 8 * struct.calcsize(f"<{self.code}")
         lower = 0 if self.code.isupper() else -(1 << (bits - 1))
-        integers = f"{self.count} integers" if self.count > 1 else "an integer"
+        integers = f"{self.count} integers" if self.is_array else "an integer"
+        if self.count == AXES:
+            integers = "an integer for each axis,"
         return f"{integers} from {lower} to {lower + (1 << bits) - 1}"
 
 
@@ -92,8 +122,11 @@ class Payload:
     FIELDS: ClassVar[tuple[Field, ...]]
     """The own fields; on the wire those of the nested struct follow them."""
     SIZE: ClassVar[int]
-    _LAYOUT: ClassVar[struct.Struct]
-    """Layout of all fields, including nested ones."""
+    """Bytes of the fields that are the same on every board."""
+    AXIS_SIZE: ClassVar[int]
+    """Bytes that each axis of the board adds."""
+    _LAYOUTS: ClassVar[dict[int, struct.Struct]]
+    """Layouts of all fields, including nested ones, by the number of axes."""
     _VALUES: ClassVar[tuple[tuple[Field, attrgetter[Any]], ...]]
     """All fields, each with the getter of its value."""
     _READERS: ClassVar[tuple[Callable[[int], Any] | None, ...]]
@@ -117,47 +150,67 @@ class Payload:
             kind = one.metadata["struct"]
             cls.NESTED = one.name, kind
             cls._VALUES += tuple((f, attrgetter(f"{one.name}.{f.name}")) for f in kind.FIELDS)
-        form = "".join(f"{field.count}{field.code}" for field, _ in cls._VALUES)
-        cls._LAYOUT = struct.Struct(f"<{form}")
-        cls.SIZE = cls._LAYOUT.size
+        cls._LAYOUTS = {
+            axes: struct.Struct(
+                "<" + "".join(f"{field.count_at(axes)}{field.code}" for field, _ in cls._VALUES)
+            )
+            for axes in range(_MOST_AXES + 1)
+        }
+        cls.SIZE = cls._LAYOUTS[0].size
+        cls.AXIS_SIZE = cls._LAYOUTS[1].size - cls.SIZE
+
+    @classmethod
+    def size(cls, axes: int) -> int:
+        """Bytes on a board with so many axes."""
+        return cls.SIZE + axes * cls.AXIS_SIZE
 
     def pack(self) -> bytes:
-        """Little-endian bytes.
+        """Little-endian bytes, for a board with as many axes as there are elements.
 
         Raises:
             PayloadError: names the field whose value does not fit its integer type.
         """
         integers: list[int] = []
+        axes = 0
         try:
             for field, value_of in self._VALUES:
                 value = value_of(self)
                 if field.count == 1:
                     integers.append(value)
-                elif len(value) == field.count:
-                    integers += value
-                else:
-                    raise self._misfit()
-            return self._LAYOUT.pack(*integers)
-        except (struct.error, TypeError):
-            raise self._misfit() from None
+                    continue
+                if field.count == AXES and not axes:
+                    axes = len(value)
+                if not value or len(value) != (field.count or axes):
+                    raise self._misfit(axes)
+                integers += value
+            return self._LAYOUTS[axes].pack(*integers)
+        except (struct.error, TypeError, KeyError):
+            raise self._misfit(axes) from None
 
     @classmethod
-    def unpack(cls, payload: bytes) -> Self:
+    def unpack(cls, payload: bytes, axes: int | None = None) -> Self:
         """Read little-endian bytes; ranges are not checked.
+
+        Args:
+            payload: the bytes.
+            axes: axes of the board; by default those that the length tells.
 
         Raises:
             PayloadError: wrong length, or a value that its enumeration does not have.
         """
-        if len(payload) != cls.SIZE:
-            cause = f"{cls.NAME} with {len(payload)} instead of {cls.SIZE} bytes"
+        if axes is None:
+            axes = (len(payload) - cls.SIZE) // cls.AXIS_SIZE if cls.AXIS_SIZE else 0
+            axes = min(max(axes, 1), _MOST_AXES)
+        if len(payload) != cls.size(axes):
+            cause = f"{cls.NAME} with {len(payload)} instead of {cls.size(axes)} bytes"
             raise PayloadError(cause, _OTHER_SPEC)
-        return cls._of(cls._LAYOUT.unpack(payload))
+        return cls._of(cls._LAYOUTS[axes].unpack(payload), axes)
 
     def first_out_of_range(self) -> int | None:
         """Index of the first field out of its range; an array is one field."""
         for index, (field, value_of) in enumerate(self._VALUES):
             value = value_of(self)
-            for element in value if field.count > 1 else (value,):
+            for element in value if field.count != 1 else (value,):
                 if not field.minimum <= element <= field.maximum:
                     return index
         return None
@@ -168,12 +221,13 @@ class Payload:
         return None if held is None else held.inconsistent_axis()
 
     @classmethod
-    def _of(cls, integers: tuple[int, ...]) -> Self:
+    def _of(cls, integers: tuple[int, ...], axes: int) -> Self:
         values: list[Any] = []
         at = 0
         for field, reader in zip(cls.FIELDS, cls._READERS, strict=True):
-            if field.count > 1:
-                values.append(integers[at : at + field.count])
+            count = field.count or axes
+            if field.count != 1:
+                values.append(integers[at : at + count])
             elif reader is None:
                 values.append(integers[at])
             else:
@@ -181,9 +235,9 @@ class Payload:
                     values.append(reader(integers[at]))
                 except ValueError:
                     raise cls._unknown(field, integers[at]) from None
-            at += field.count
+            at += count
         if cls.NESTED is not None:
-            values.append(cls.NESTED[1]._of(integers[at:]))
+            values.append(cls.NESTED[1]._of(integers[at:], axes))
         return cls(*values)
 
     @classmethod
@@ -195,17 +249,17 @@ class Payload:
     def _held(self) -> Payload | None:
         return None if self.NESTED is None else getattr(self, self.NESTED[0])
 
-    def _misfit(self) -> PayloadError:
+    def _misfit(self, axes: int) -> PayloadError:
         for field in self.FIELDS:
             value = getattr(self, field.name)
-            if not field.fits(value if isinstance(value, tuple) else (value,)):
+            if not field.fits(value if isinstance(value, tuple) else (value,), axes):
                 place = f"{self.NAME}.{field.name}"
                 return PayloadError(
                     f"{place} = {value} does not fit the wire", f"give {field.needs}"
                 )
         held = self._held()
         assert held is not None, f"every field of {self} fits"
-        return held._misfit()
+        return held._misfit(axes)
 
 
 class Message(Payload):

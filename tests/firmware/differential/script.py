@@ -9,6 +9,7 @@ import numpy as np
 from ccr_host.link import messages as m
 from ccr_host.link.framing import encode_frame
 from ccr_host.link.messages import State
+from tests.conformance.device import AXES
 
 SESSIONS = (0x5E55, 0x0102)
 
@@ -57,7 +58,7 @@ class Script:
         if self._chance(0.03):
             return self._note("junk", self.rng.bytes(int(self.rng.integers(1, 70))) + b"\0")
         if self._chance(0.04):
-            payload = self.rng.bytes(int(self.rng.integers(0, m.MAX_PAYLOAD + 1)))
+            payload = self.rng.bytes(int(self.rng.integers(0, m.MAX_PAYLOAD.of(AXES) + 1)))
             return self._framed(int(self.rng.integers(0, 256)), payload)
         request = self._request(state)
         frame = self._framed(request.ID, request.pack())

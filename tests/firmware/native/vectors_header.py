@@ -1,6 +1,6 @@
 """Turns the golden vectors into a C++ header for the native tests.
 
-    python vectors_header.py vectors.json vectors.h
+    python vectors_header.py vectors.json vectors.h AXES
 
 Standard library only. Besides the vectors it writes one `flatten` for each message, so that the
 decoded values are compared field by field under their names.
@@ -20,9 +20,9 @@ _NONE = -1
 """`ccr::kNone`."""
 
 
-def header(document: Mapping[str, Any]) -> str:
-    """Text of the header."""
-    vectors = document["vectors"]
+def header(document: Mapping[str, Any], axes: int) -> str:
+    """Text of the header for a board with so many axes."""
+    vectors = [vector for vector in document["vectors"] if vector["axes"] == axes]
     lines = ["#pragma once", "", '#include "vector_types.h"', ""]
     lines += _flatteners(vectors)
     lines += _requests(document["requests"])
@@ -95,8 +95,9 @@ def _requests(rows: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     yield "const Request kRequests[] = {"
     for row in rows:
         states = ", ".join(f"ccr::State::k{_camel(state)}" for state in row["states"])
+        size = f"{row['size']} + {row['axis_size']} * ccr::kAxes"
         yield (
-            f"    {{{{{row['id']}, {row['reply_id']}, {row['size']}, "
+            f"    {{{{{row['id']}, {row['reply_id']}, {size}, "
             f"ccr::Retry::k{_camel(row['retry'])}, {json.dumps(row['session'])}, 0}}, "
             f"{{{states}}}}},"
         )
@@ -126,5 +127,6 @@ def _outcome(outcome: Mapping[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    source, target = map(Path, sys.argv[1:])
-    target.write_text(header(json.loads(source.read_text(encoding="utf-8"))), encoding="utf-8")
+    source, target = map(Path, sys.argv[1:3])
+    document = json.loads(source.read_text(encoding="utf-8"))
+    target.write_text(header(document, int(sys.argv[3])), encoding="utf-8")

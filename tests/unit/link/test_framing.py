@@ -10,11 +10,13 @@ from hypothesis import strategies as st
 
 from ccr_host.core.crc import crc16_x25
 from ccr_host.link.framing import Frame, FrameDecoder, FramingError, encode_frame
-from ccr_host.link.messages import MAX_ENCODED_FRAME, MAX_PAYLOAD
+from ccr_host.link.messages import FRAME_OVERHEAD, MAX_AXES, MAX_PAYLOAD
 
 VECTORS = json.loads((Path(__file__).parents[3] / "protocol" / "vectors.json").read_text())
 
-payloads = st.binary(max_size=MAX_PAYLOAD)
+LONGEST = MAX_PAYLOAD.of(MAX_AXES)
+MAX_ENCODED_FRAME = LONGEST + FRAME_OVERHEAD + 1
+payloads = st.binary(max_size=LONGEST)
 bytes_u8 = st.integers(0, 255)
 
 
@@ -63,7 +65,7 @@ def test_golden_vectors(cut):
     assert len(VECTORS["vectors"]) >= 200
     for vector in VECTORS["vectors"]:
         stream = bytes.fromhex(vector["stream"])
-        decoder = FrameDecoder()
+        decoder = FrameDecoder(MAX_PAYLOAD.of(vector["axes"]))
         found = []
         for begin in range(0, len(stream), cut):
             found += decoder.feed(stream[begin : begin + cut])

@@ -38,6 +38,7 @@ def _longer_slot_under_a_new_id(tree: Tree) -> None:
     for message, number in {"set_slew": 0x50, "get_slew": 0x51, "slew_reply": 0xD1}.items():
         find(tree, "message", message)["id"] = number
     extra = {**field(tree, "struct", "slew", "slew_cdeg_tick"), "name": "jerk"}
+    del extra["count"]
     find(tree, "struct", "slew")["fields"].append(extra)
 
 

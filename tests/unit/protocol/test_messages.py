@@ -22,25 +22,30 @@ def _type_span(code: str) -> tuple[int, int]:
     return (0, 2 * high - 1) if code.isupper() else (low, high - 1)
 
 
-def _field_values(field: Any, annotation: Any, *, in_range: bool) -> st.SearchStrategy[Any]:
+def _field_values(
+    field: Any, annotation: Any, axes: int, *, in_range: bool
+) -> st.SearchStrategy[Any]:
     if isinstance(annotation, type) and issubclass(annotation, IntEnum):
         return st.sampled_from(list(annotation))
     lower, upper = (field.minimum, field.maximum) if in_range else _type_span(field.code)
     number = st.integers(lower, upper)
-    return number if field.count == 1 else st.tuples(*[number] * field.count)
+    return st.tuples(*[number] * field.count_at(axes)) if field.is_array else number
 
 
-def payloads(cls: type[Payload], *, in_range: bool) -> st.SearchStrategy[Any]:
+AXES = st.integers(1, messages.MAX_AXES)
+
+
+def payloads(cls: type[Payload], axes: int, *, in_range: bool) -> st.SearchStrategy[Any]:
     annotations = {field.name: field.type for field in dataclasses.fields(cls)}
     values = {
         field.name: _field_values(
-            field, getattr(messages, str(annotations[field.name]), None), in_range=in_range
+            field, getattr(messages, str(annotations[field.name]), None), axes, in_range=in_range
         )
         for field in cls.FIELDS
     }
     if cls.NESTED is not None:
         attribute, kind = cls.NESTED
-        values[attribute] = payloads(kind, in_range=in_range)
+        values[attribute] = payloads(kind, axes, in_range=in_range)
     return st.builds(cls, **values)
 
 
@@ -48,17 +53,18 @@ def payloads(cls: type[Payload], *, in_range: bool) -> st.SearchStrategy[Any]:
 @pytest.mark.parametrize("cls", ALL)
 @given(data=st.data())
 def test_unpacking_what_was_packed_gives_the_same_payload(cls, data) -> None:
-    payload = data.draw(payloads(cls, in_range=False))
+    axes = data.draw(AXES)
+    payload = data.draw(payloads(cls, axes, in_range=False))
     packed = payload.pack()
-    assert len(packed) == cls.SIZE
-    assert cls.unpack(packed) == payload
+    assert len(packed) == cls.size(axes)
+    assert cls.unpack(packed) == cls.unpack(packed, axes) == payload
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("cls", ALL)
 @given(data=st.data())
 def test_values_in_their_ranges_are_not_out_of_range(cls, data) -> None:
-    assert data.draw(payloads(cls, in_range=True)).first_out_of_range() is None
+    assert data.draw(payloads(cls, data.draw(AXES), in_range=True)).first_out_of_range() is None
 
 
 @pytest.mark.long
@@ -77,24 +83,27 @@ def test_any_bytes_are_unpacked_or_refused_with_a_payload_error(cls, content: by
 @pytest.mark.parametrize("cls", ALL)
 @given(data=st.data())
 def test_bytes_of_the_right_length_are_unpacked_or_have_an_undefined_value(cls, data) -> None:
-    content = data.draw(st.binary(min_size=cls.SIZE, max_size=cls.SIZE))
+    axes = data.draw(AXES)
+    content = data.draw(st.binary(min_size=cls.size(axes), max_size=cls.size(axes)))
     try:
-        assert cls.unpack(content).pack() == content
+        assert cls.unpack(content, axes).pack() == content
     except PayloadError as error:
         assert " is no " in error.cause
 
 
+@pytest.mark.parametrize("axes", [1, 2, 12])
 @pytest.mark.parametrize("cls", ALL)
-def test_another_length_is_refused_with_both_lengths(cls) -> None:
-    for size in (cls.SIZE - 1, cls.SIZE + 1):
+def test_another_length_is_refused_with_both_lengths(cls, axes: int) -> None:
+    right = cls.size(axes)
+    for size in (right - 1, right + 1, right + max(cls.AXIS_SIZE, 1)):
         if size >= 0:
-            with pytest.raises(PayloadError, match=f"with {size} instead of {cls.SIZE} bytes"):
-                cls.unpack(bytes(size))
+            with pytest.raises(PayloadError, match=f"with {size} instead of {right} bytes"):
+                cls.unpack(bytes(size), axes)
 
 
 def _zero(cls: type[Payload]) -> Any:
     # Zero is a value of every enum but nack_code.
-    content = bytearray(cls.SIZE)
+    content = bytearray(cls.size(2))
     if cls is messages.Nack:
         content[1] = messages.NackCode.UNKNOWN_ID
     return cls.unpack(bytes(content))
@@ -106,14 +115,15 @@ def test_a_value_that_does_not_fit_is_refused_by_message_and_field(cls) -> None:
     for field in cls.FIELDS:
         low, high = _type_span(field.code)
         for bad in (low - 1, high + 1):
-            value = bad if field.count == 1 else (0,) * (field.count - 1) + (bad,)
+            count = field.count_at(2)
+            value = (0,) * (count - 1) + (bad,) if field.is_array else bad
             with pytest.raises(PayloadError) as refusal:
                 dataclasses.replace(zero, **{field.name: value}).pack()
             assert f"{cls.NAME}.{field.name} = " in refusal.value.cause
             assert f"from {low} to {high}" in refusal.value.cure
 
 
-@pytest.mark.parametrize("bad", [1.5, "1", None, (1,), (1, 2, 3)])
+@pytest.mark.parametrize("bad", [1.5, "1", None, (), (1.5,), (0,) * 17])
 def test_a_value_of_another_type_is_refused_too(bad: Any) -> None:
     target = messages.SetTarget(1, bad, 0, 20)
     with pytest.raises(PayloadError, match=r"set_target\.target_cdeg"):
@@ -121,8 +131,8 @@ def test_a_value_of_another_type_is_refused_too(bad: Any) -> None:
 
 
 def test_arrays_of_wrong_lengths_are_refused_even_where_their_sum_is_right() -> None:
-    limits = messages.Limits((1, 2, 3), (4,), (5, 6))  # type: ignore[arg-type]
-    with pytest.raises(PayloadError, match=r"limits\.angle_min_cdeg"):
+    limits = messages.Limits((1, 2), (3, 4, 5), (6,))
+    with pytest.raises(PayloadError, match=r"limits\.angle_max_cdeg"):
         limits.pack()
 
 
@@ -156,7 +166,10 @@ def test_a_message_knows_how_the_board_treats_it() -> None:
 
 def test_requests_have_the_rules_of_the_vectors(vector_document) -> None:
     rules = {
-        row["id"]: (row["name"], row["reply_id"], row["size"], row["retry"], row["session"])
+        row["id"]: (
+            *(row["name"], row["reply_id"], row["size"], row["axis_size"]),
+            *(row["retry"], row["session"]),
+        )
         for row in vector_document["requests"]
     }
     assert rules == {
@@ -164,6 +177,7 @@ def test_requests_have_the_rules_of_the_vectors(vector_document) -> None:
             request.NAME,
             request.REPLY_ID,
             request.SIZE,
+            request.AXIS_SIZE,
             request.RETRY,
             request.NEEDS_SESSION,
         )
@@ -194,9 +208,9 @@ def _nested_fields(payload: Payload) -> dict[str, Any]:
 
 
 def test_every_golden_vector_reads_as_it_should(vectors) -> None:
-    frames = [o for v in vectors for o in v["outcomes"] if o["kind"] == "frame"]
-    for frame in frames:
-        assert _reading(frame["id"], bytes.fromhex(frame["payload"])) == {
+    frames = [(o, v["axes"]) for v in vectors for o in v["outcomes"] if o["kind"] == "frame"]
+    for frame, axes in frames:
+        assert _reading(frame["id"], bytes.fromhex(frame["payload"]), axes) == {
             key: frame[key]
             for key in ("reading", "fields", "first_out_of_range", "inconsistent_axis")
             if key in frame
@@ -204,14 +218,14 @@ def test_every_golden_vector_reads_as_it_should(vectors) -> None:
     assert len(frames) > 200
 
 
-def _reading(number: int, content: bytes) -> dict[str, Any]:
+def _reading(number: int, content: bytes, axes: int) -> dict[str, Any]:
     cls = MESSAGES.get(number)
     if cls is None:
         return {"reading": "unknown_id"}
     try:
-        payload = cls.unpack(content)
+        payload = cls.unpack(content, axes)
     except PayloadError:
-        return {"reading": "bad_length" if len(content) != cls.SIZE else "undefined_value"}
+        return {"reading": "bad_length" if len(content) != cls.size(axes) else "undefined_value"}
     return {
         "reading": cls.NAME,
         "fields": _nested_fields(payload),

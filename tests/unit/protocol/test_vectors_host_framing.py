@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccr_host.link.framing import FrameDecoder, FramingError, encode_frame
-from ccr_host.link.messages import MAX_PAYLOAD
+from ccr_host.link.messages import MAX_AXES, MAX_PAYLOAD
 
 
 def _outcome(found: Any) -> dict[str, Any]:
@@ -30,7 +30,7 @@ def _expected(vector: dict[str, Any]) -> list[dict[str, Any]]:
 def test_the_host_makes_of_each_stream_what_it_should(vectors, step: int) -> None:
     for vector in vectors:
         stream = bytes.fromhex(vector["stream"])
-        decoder = FrameDecoder()
+        decoder = FrameDecoder(MAX_PAYLOAD.of(vector["axes"]))
         found = [
             _outcome(outcome)
             for start in range(0, len(stream), step)
@@ -50,7 +50,7 @@ def test_the_host_encodes_each_frame_to_the_same_bytes(vectors) -> None:
 @given(
     noise=st.binary(max_size=300),
     identity=st.tuples(st.integers(0, 255), st.integers(0, 255)),
-    payload=st.binary(max_size=MAX_PAYLOAD),
+    payload=st.binary(max_size=MAX_PAYLOAD.of(MAX_AXES)),
 )
 def test_after_any_noise_and_a_zero_the_next_frame_is_understood(noise, identity, payload) -> None:
     decoder = FrameDecoder()

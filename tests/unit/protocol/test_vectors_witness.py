@@ -8,12 +8,13 @@ import pytest
 from cobs import cobs
 from crccheck.crc import CrcX25
 
-_LONGEST = 48 + 4
+_LONGEST = {1: 48 + 4, 2: 48 + 4, 4: 98 + 4, 6: 98 + 4, 12: 98 + 4}
+"""Bytes of the longest frame, by the axes of the board."""
 
 
-def _judge(chunk: bytes) -> tuple[str, bytes]:
+def _judge(chunk: bytes, axes: int) -> tuple[str, bytes]:
     """What independent packages say of the bytes between two zeros, and the decoded frame."""
-    if len(chunk) > _LONGEST + 1:
+    if len(chunk) > _LONGEST[axes] + 1:
         return "bad_size", b""
     try:
         content = cobs.decode(chunk)
@@ -32,7 +33,7 @@ def _chunks(vector: dict[str, Any]) -> Iterator[bytes]:
 
 def test_independent_packages_find_the_same_outcomes(vectors) -> None:
     for vector in vectors:
-        judged = [_judge(chunk) for chunk in _chunks(vector)]
+        judged = [_judge(chunk, vector["axes"]) for chunk in _chunks(vector)]
         expected = vector["outcomes"]
         assert [kind for kind, _ in judged] == [outcome["kind"] for outcome in expected], vector
         for (kind, content), outcome in zip(judged, expected, strict=True):
@@ -54,10 +55,24 @@ def test_independent_packages_encode_each_frame_to_the_same_bytes(vectors) -> No
 
 def test_names_are_unique_and_there_are_enough_vectors_of_each_kind(vectors) -> None:
     names = [vector["name"] for vector in vectors]
-    assert len(set(names)) == len(names) >= 200
+    assert len(set(names)) == len(names) >= 300
     kinds = Counter(outcome["kind"] for vector in vectors for outcome in vector["outcomes"])
     assert kinds.keys() == {"frame", "bad_crc", "bad_encoding", "bad_size"}
     assert min(kinds.values()) >= 20
+
+
+def test_boards_of_one_to_twelve_axes_have_vectors_of_their_own(vectors) -> None:
+    by_axes = Counter(vector["axes"] for vector in vectors)
+    assert by_axes.keys() == _LONGEST.keys()
+    assert min(by_axes.values()) >= 100
+    for axes in _LONGEST:
+        (target,) = (
+            vector["outcomes"][0]
+            for vector in vectors
+            if vector["axes"] == axes and vector["name"].endswith("set_target: typical")
+        )
+        assert len(target["fields"]["target_cdeg"]) == axes
+        assert len(target["payload"]) == 2 * (6 + 2 * axes)
 
 
 @pytest.mark.parametrize(

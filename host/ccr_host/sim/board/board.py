@@ -10,6 +10,7 @@ from ccr_host.link.framing import FrameDecoder, FramingError, encode_frame
 from ccr_host.link.messages import (
     BAUD,
     LISTENS_AFTER_US,
+    MAX_PAYLOAD,
     OUTSTANDING_BYTES,
     SEND_BYTES,
     SPEC_HASH,
@@ -41,10 +42,12 @@ class SendBuffer:
 
     Args:
         baud: bit rate of the line.
+        room: bytes that may wait.
     """
 
-    def __init__(self, baud: int) -> None:
+    def __init__(self, baud: int, room: int) -> None:
         self._baud = baud
+        self._room = room
         self._frames: deque[_Sending] = deque()
         self._free_us = 0
 
@@ -52,7 +55,7 @@ class SendBuffer:
         """Queue a frame; False if it does not fit, or would leave less than `spare_bytes`."""
         start_us = max(now_us, self._free_us)
         waiting = bytes_in(start_us - now_us, self._baud)
-        if waiting + len(frame) + spare_bytes > SEND_BYTES:
+        if waiting + len(frame) + spare_bytes > self._room:
             return False
         self._frames.append(_Sending(start_us, frame))
         self._free_us = start_us + wire_time_us(len(frame), self._baud)
@@ -81,7 +84,6 @@ class SendBuffer:
         return head.start_us + wire_time_us(len(head.data), self._baud)
 
 
-_NO_PULSES: Axes = (0, 0)
 _START_UP_US = 9_000
 """Time for which the board reads its EEPROM; received bytes wait until then."""
 _STOP_ANSWER_BYTES = len(encode_frame(Ack.ID, 0, bytes(Ack.SIZE)))
@@ -99,6 +101,7 @@ class UnoEmulator:
         spec_hash: hash of the spec that the board claims to be built from.
         board_time_at_reset_us: value of its 32-bit clock at a reset, to test wrapping.
         tick_offset: value of its tick counter at a reset, to test wrapping.
+        axes: number of servos; that of an UNO by default.
     """
 
     def __init__(
@@ -111,14 +114,16 @@ class UnoEmulator:
         spec_hash: int = SPEC_HASH,
         board_time_at_reset_us: int = 0,
         tick_offset: int = 0,
+        axes: int = 2,
     ) -> None:
+        self.axes = axes
         self._eeprom = eeprom if eeprom is not None else EepromImage()
         self._baud = baud
         self._spec_hash = spec_hash
         self._board_time_at_reset_us = board_time_at_reset_us
         self._tick_offset = tick_offset
         self._now_us = start_us
-        self._pulses_prepared = _NO_PULSES
+        self._pulses_prepared: Axes = (0,) * axes
         self.inputs = Inputs()
         self.reset(reset_cause)
 
@@ -126,14 +131,16 @@ class UnoEmulator:
         """Restart `boot_loader_us` from now; bytes received before the board listens are lost."""
         self._start_us = self._now_us + boot_loader_us
         had_pulses = any(self._pulses_prepared)
-        self._core = BoardCore(self._eeprom, cause, had_pulses, self._tick_offset, self.inputs)
+        self._core = BoardCore(
+            self._eeprom, cause, had_pulses, self._tick_offset, self.inputs, self.axes
+        )
         self._dispatcher = Dispatcher(self._core, self.board_time_us, self._spec_hash)
-        self._decoder = FrameDecoder()
+        self._decoder = FrameDecoder(MAX_PAYLOAD.of(self.axes))
         self._received_early = bytearray()
-        self._sending = SendBuffer(self._baud)
+        self._sending = SendBuffer(self._baud, SEND_BYTES.of(self.axes))
         self._next_tick_us = self._start_us + TICK_PHASE_US
-        self._pulses_on_pins = _NO_PULSES
-        self._pulses_prepared = _NO_PULSES
+        self._pulses_on_pins: Axes = (0,) * self.axes
+        self._pulses_prepared = self._pulses_on_pins
         self._latch_us = self._start_us
 
     def advance_to(self, time_us: int) -> None:
@@ -158,7 +165,7 @@ class UnoEmulator:
         if since_start_us < LISTENS_AFTER_US:
             return
         if since_start_us < _START_UP_US:
-            room = OUTSTANDING_BYTES - len(self._received_early)
+            room = OUTSTANDING_BYTES.of(self.axes) - len(self._received_early)
             self._received_early += data[:room]
             self._core.counters.count("overruns", len(data[room:]))
             return

@@ -6,7 +6,7 @@ import struct
 from binascii import crc32
 from dataclasses import dataclass, replace
 from enum import Enum, auto
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from ccr_host.link.messages import (
     EEPROM_BOOT_COUNTER,
@@ -15,7 +15,6 @@ from ccr_host.link.messages import (
     EEPROM_MAGIC,
     EEPROM_SLOT_A,
     EEPROM_SLOT_B,
-    EEPROM_SLOT_SIZE,
     Acceleration,
     Calibration,
     ConfigGroups,
@@ -24,6 +23,7 @@ from ccr_host.link.messages import (
     Limits,
     Slew,
     Watchdog,
+    eeprom_slot_size,
 )
 from ccr_host.sim.board.eeprom import ERASED, Eeprom
 
@@ -34,30 +34,29 @@ NEVER_SET: Final = (
 )
 """Groups that are missing on a new board."""
 
-_NO_LIMITS = Limits((0, 0), (0, 0), (0, 0))
-_NO_SLEW = Slew((0, 0))
-_NO_WATCHDOG = Watchdog(0, 0, 0)
-_NO_CALIBRATION = Calibration((0, 0), (0, 0), (0, 0), (0, 0))
-_NO_ACCELERATION = Acceleration((0, 0))
-_NO_EQUIPMENT = Equipment((0,) * 16, 0, 0, 0)
-_SIZES = (
-    *(Limits.SIZE, Slew.SIZE, Watchdog.SIZE, Calibration.SIZE),
-    *(Equipment.SIZE, Acceleration.SIZE),
+_GROUPS: Final[tuple[type[ConfigGroup], ...]] = (
+    *(Limits, Slew, Watchdog, Calibration),
+    *(Equipment, Acceleration),
 )
-EEPROM_CONFIGURATION_SIZE = sum(_SIZES)
+"""In their order in the EEPROM."""
 
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
     """Six groups; a missing one reads as zeros, which are out of range or inconsistent."""
 
-    limits: Limits = _NO_LIMITS
-    slew: Slew = _NO_SLEW
-    watchdog: Watchdog = _NO_WATCHDOG
-    calibration: Calibration = _NO_CALIBRATION
-    equipment: Equipment = _NO_EQUIPMENT
-    acceleration: Acceleration = _NO_ACCELERATION
+    limits: Limits
+    slew: Slew
+    watchdog: Watchdog
+    calibration: Calibration
+    equipment: Equipment
+    acceleration: Acceleration
     missing: ConfigGroups = NEVER_SET
+
+    @classmethod
+    def empty(cls, axes: int) -> Self:
+        """The configuration of a new board."""
+        return cls._of(b"", axes)
 
     def with_group(self, group: ConfigGroup) -> Configuration:
         """Copy of the configuration with one group replaced."""
@@ -83,27 +82,26 @@ class Configuration:
         return b"".join(group.pack() for group in groups)
 
     @classmethod
-    def unpack(cls, data: bytes) -> Self | None:
+    def unpack(cls, data: bytes, axes: int) -> Self | None:
         """Read the output of :meth:`pack`; None if a value is not allowed.
 
         Layout 1 lacks equipment and acceleration, which are then zeros.
         """
-        data = data.ljust(EEPROM_CONFIGURATION_SIZE, b"\0")
-        at = 0
-        parts = []
-        for size in _SIZES:
-            parts.append(data[at : at + size])
-            at += size
-        limits, slew = Limits.unpack(parts[0]), Slew.unpack(parts[1])
-        watchdog, calibration = Watchdog.unpack(parts[2]), Calibration.unpack(parts[3])
-        equipment = Equipment.unpack(parts[4])
-        groups = (limits, slew, watchdog, calibration, equipment, Acceleration.unpack(parts[5]))
-        in_range = all(group.first_out_of_range() is None for group in groups)
-        if not in_range or limits.inconsistent_axis() is not None:
-            return None
-        if calibration.inconsistent_axis() is not None:
-            return None
-        return cls(*groups, missing=ConfigGroups(0))
+        read = cls._of(data, axes)
+        for group in (getattr(read, kind.NAME) for kind in _GROUPS):
+            if group.first_out_of_range() is not None or group.inconsistent_axis() is not None:
+                return None
+        return replace(read, missing=ConfigGroups(0))
+
+    @classmethod
+    def _of(cls, data: bytes, axes: int) -> Self:
+        """Read the groups from their bytes, of which missing ones are zeros."""
+        groups: dict[str, Any] = {}
+        for kind in _GROUPS:
+            size = kind.size(axes)
+            groups[kind.NAME] = kind.unpack(data[:size].ljust(size, b"\0"), axes)
+            data = data[size:]
+        return cls(**groups)
 
 
 _HEADER = struct.Struct("<HBH")
@@ -114,9 +112,6 @@ _U16 = 1 << 16
 _HALF_U16 = 1 << 15
 _FIRST_GENERATION = 0
 _FIRST_LAYOUT = 1
-_FIRST_SLOT_SIZE = 47
-
-_SLOTS: Final = (EEPROM_SLOT_A, EEPROM_SLOT_B)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,12 +138,13 @@ class SaveStep(Enum):
 class ConfigStore:
     """Loads the newest complete configuration; saves to the other slot byte by byte."""
 
-    def __init__(self, eeprom: Eeprom) -> None:
+    def __init__(self, eeprom: Eeprom, axes: int) -> None:
         self._eeprom = eeprom
+        self._slots = (EEPROM_SLOT_A, EEPROM_SLOT_B.of(axes))
         self._image = b""
         self._written = 0
         self._saving: _Slot | None = None
-        contents = [_read_slot(eeprom, address) for address in _SLOTS]
+        contents = [_read_slot(eeprom, address, axes) for address in self._slots]
         self._newest = _newest([slot for slot in contents if isinstance(slot, _Slot)])
         self.status = _status(contents)
 
@@ -181,7 +177,8 @@ class ConfigStore:
         """Start writing to the older slot."""
         newest = self._newest
         generation = (newest.generation + 1) % _U16 if newest else _FIRST_GENERATION
-        address = EEPROM_SLOT_B if newest and newest.address == EEPROM_SLOT_A else EEPROM_SLOT_A
+        slot_a, slot_b = self._slots
+        address = slot_b if newest and newest.address == slot_a else slot_a
         body = _HEADER.pack(EEPROM_MAGIC, EEPROM_LAYOUT, generation) + configuration.pack()
         self._image = body + _CRC.pack(crc32(body))
         self._written = 0
@@ -206,28 +203,28 @@ class ConfigStore:
         return self._eeprom.read(slot_address + offset, 1)[0] == self._image[offset]
 
 
-def _read_slot(eeprom: Eeprom, address: int) -> _Slot | _SlotContent:
-    content = eeprom.read(address, EEPROM_SLOT_SIZE)
-    if content == bytes([ERASED]) * EEPROM_SLOT_SIZE:
+def _read_slot(eeprom: Eeprom, address: int, axes: int) -> _Slot | _SlotContent:
+    content = eeprom.read(address, eeprom_slot_size(axes))
+    if content == bytes([ERASED]) * len(content):
         return _SlotContent.BLANK
     if content[_HEADER.size - 3] == _FIRST_LAYOUT:
-        content = content[:_FIRST_SLOT_SIZE]
+        content = content[: -Equipment.SIZE - Acceleration.size(axes)]
     body, stored_crc = content[: -_CRC.size], content[-_CRC.size :]
     magic, layout, generation = _HEADER.unpack_from(body)
     known = magic == EEPROM_MAGIC and layout in (_FIRST_LAYOUT, EEPROM_LAYOUT)
     if not known or _CRC.pack(crc32(body)) != stored_crc:
         return _SlotContent.CORRUPT
-    configuration = Configuration.unpack(body[_HEADER.size :])
+    configuration = Configuration.unpack(body[_HEADER.size :], axes)
     if configuration is None:
         return _SlotContent.CORRUPT
     return _Slot(address, generation, configuration)
 
 
 def _newest(good: list[_Slot]) -> _Slot | None:
-    if len(good) < len(_SLOTS):
-        return good[0] if good else None
-    first, second = good
-    return second if _is_newer(second.generation, first.generation) else first
+    newest = good[0] if good else None
+    for slot in good[1:]:
+        newest = slot if _is_newer(slot.generation, good[0].generation) else good[0]
+    return newest
 
 
 def _is_newer(number: int, other: int) -> bool:

@@ -133,7 +133,6 @@ def _round_half_away(dividend: int, divisor: int) -> int:
     return quotient if dividend >= 0 else -quotient
 
 
-_NO_PULSES: Axes = (0, 0)
 _MS_PER_TICK = TICK_US // 1000
 _NEVER_MS = 65535
 _STACK_NOT_MEASURED = 65535
@@ -181,6 +180,7 @@ class BoardCore:
         had_pulses: whether there were pulses when the reset came.
         tick_offset: added to the tick counter, to test wrapping.
         inputs: levels at its inputs.
+        axes: number of servos.
     """
 
     def __init__(
@@ -190,22 +190,24 @@ class BoardCore:
         had_pulses: bool = False,
         tick_offset: int = 0,
         inputs: Inputs | None = None,
+        axes: int = 2,
     ) -> None:
+        self.axes = axes
         self.reset_cause = reset_cause
-        self.store = ConfigStore(eeprom)
+        self.store = ConfigStore(eeprom, axes)
         self.fault_log = FaultLog(eeprom)
         self.boot_id = self.store.count_boot()
         self.eeprom_status = self.store.status
-        self.configuration = self.store.configuration or Configuration()
+        self.configuration = self.store.configuration or Configuration.empty(axes)
         if self.eeprom_status is EepromStatus.BOTH_BAD:
             missing = self.configuration.missing | ConfigGroups.EQUIPMENT
             self.configuration = replace(self.configuration, missing=missing)
         self.unsaved = False
-        self.safety = SafetyMachine(reset_cause, had_pulses)
+        self.safety = SafetyMachine(reset_cause, had_pulses, axes)
         self.session = Session()
         self.counters = Counters()
         self.next_tick = 0
-        self.pulses_half_us = _NO_PULSES
+        self.pulses_half_us: Axes = (0,) * axes
         self._tick_offset = tick_offset
         self._inputs = inputs or Inputs()
         self._setpoint = Setpoint(self.configuration.limits.rest_cdeg)
@@ -218,7 +220,7 @@ class BoardCore:
         self._logged_fault = Fault.NONE
         self._ticks_of_sag = 0
         self._blinking_until_tick = 0
-        self._target_cdeg: Axes = (0, 0)
+        self._target_cdeg: Axes = (0,) * axes
         self._target_clamped = False
         self._target_sequence = 0
         self._target_tick: int | None = None
@@ -299,7 +301,7 @@ class BoardCore:
         """Status flags; pulses and motion are those of the last tick, the rest is current."""
         flags = (
             (StatusFlags.AXIS_1_PULSES.value if self.pulses_half_us[0] else 0)
-            | (StatusFlags.AXIS_2_PULSES.value if self.pulses_half_us[1] else 0)
+            | (StatusFlags.AXIS_2_PULSES.value if any(self.pulses_half_us[1:2]) else 0)
             | (StatusFlags.MOVING.value if self._moving else 0)
             | (StatusFlags.CLAMPED.value if self._target_clamped else 0)
             | (StatusFlags.EEPROM_BUSY.value if self.store.busy else 0)
@@ -345,10 +347,8 @@ class BoardCore:
         elif self.safety.rest_wanted(tick):
             goal = config.limits.rest_cdeg
             relax = config.watchdog.relax_slew_cdeg_tick
-            slew = config.slew.slew_cdeg_tick
-            self._setpoint.step_towards(
-                goal, (min(relax, slew[0]), min(relax, slew[1])), acceleration
-            )
+            slew = tuple(min(relax, most) for most in config.slew.slew_cdeg_tick)
+            self._setpoint.step_towards(goal, slew, acceleration)
         elif self.safety.pulsing:
             self._setpoint.brake(acceleration)
         else:
@@ -359,11 +359,11 @@ class BoardCore:
     def _compute_pulses(self, tick: int) -> Axes:
         enabled = self.safety.axes_with_pulses(tick)
         calibration = self.configuration.calibration
-        setpoint = self._setpoint.cdeg
-        return (
-            pulse_half_us(calibration, 0, setpoint[0]) if enabled[0] else 0,
-            pulse_half_us(calibration, 1, setpoint[1]) if enabled[1] else 0,
-        )
+        pulses_half_us = [
+            pulse_half_us(calibration, axis, angle) if enabled[axis] else 0
+            for axis, angle in enumerate(self._setpoint.cdeg)
+        ]
+        return tuple(pulses_half_us)
 
     def _log_fault(self) -> None:
         fault = self.safety.fault

@@ -11,7 +11,6 @@ from ccr_host.link.framing import Frame, encode_frame
 from ccr_host.sim.board.core import Acknowledged, BoardCore, Session, TelemetryStream
 
 CAPABILITIES = m.Capabilities.EEPROM | m.Capabilities.HARDWARE_PULSES
-_AXES = 2
 
 _CONFIG_GROUP_REQUESTS = (
     m.SetLimits,
@@ -82,9 +81,9 @@ class Dispatcher:
         kind = m.REQUESTS.get(frame.id)
         if kind is None:
             raise Refusal(m.NackCode.UNKNOWN_ID)
-        if len(frame.payload) != kind.SIZE:
+        if len(frame.payload) != kind.size(self._core.axes):
             raise Refusal(m.NackCode.BAD_LENGTH)
-        return kind.unpack(frame.payload)
+        return kind.unpack(frame.payload, self._core.axes)
 
     def _check(self, request: m.Request) -> None:
         core = self._core
@@ -126,8 +125,8 @@ class Dispatcher:
             reset_cause=self._core.reset_cause,
             eeprom_status=self._core.eeprom_status,
             capabilities=CAPABILITIES,
-            axes=_AXES,
-            max_payload=m.MAX_PAYLOAD,
+            axes=self._core.axes,
+            max_payload=m.MAX_PAYLOAD.of(self._core.axes),
             tick_us=m.TICK_US,
         )
 

@@ -19,15 +19,16 @@ _FAULT_AFTER_RESET: Final = {
 class SafetyMachine:
     """State, first fault, and which axes may have pulses."""
 
-    def __init__(self, reset_cause: ResetCause, had_pulses: bool) -> None:
+    def __init__(self, reset_cause: ResetCause, had_pulses: bool, axes: int) -> None:
         self.state = State.BOOT
         self.fault = Fault.NONE
         self._fault_after_boot = _FAULT_AFTER_RESET.get(reset_cause)
         if reset_cause is ResetCause.UNKNOWN and had_pulses:
             self._fault_after_boot = Fault.RESET_WHILE_ARMED
         self._deadline_tick = BOOT_TICKS
-        self._axis_2_tick = 0
-        self._enabled = (False, False)
+        self._axes = axes
+        self._axis_ticks: tuple[int, ...] = ()
+        self._enabled = (False,) * axes
 
     @property
     def pulsing(self) -> bool:
@@ -35,11 +36,11 @@ class SafetyMachine:
         return self.state in PULSING_STATES
 
     def arm(self, tick: int, axis_ticks: int) -> None:
-        """Enable axis 1 at `tick` and axis 2 `axis_ticks` later."""
+        """Enable axis 1 at `tick` and each further one `axis_ticks` after the one before."""
         self._apply(Event.ARM_REQUESTED)
-        self._enabled = (True, False)
-        self._axis_2_tick = tick + axis_ticks
-        self._deadline_tick = tick + 2 * axis_ticks
+        self._axis_ticks = tuple(tick + axis * axis_ticks for axis in range(self._axes))
+        self._enabled = tuple(axis == 0 for axis in range(self._axes))
+        self._deadline_tick = tick + self._axes * axis_ticks
 
     def disarm(self) -> None:
         """Start the return to rest; axes without pulses are not enabled any more."""
@@ -87,12 +88,12 @@ class SafetyMachine:
             return tick >= self._deadline_tick
         return self.state in (State.RELAXING, State.DISARMING)
 
-    def axes_with_pulses(self, tick: int) -> tuple[bool, bool]:
+    def axes_with_pulses(self, tick: int) -> tuple[bool, ...]:
         """Whether each axis gets a pulse in the frame prepared by this tick."""
         if not self.pulsing:
-            self._enabled = (False, False)
-        elif self.state is State.ARMING and tick >= self._axis_2_tick:
-            self._enabled = (True, True)
+            self._enabled = (False,) * self._axes
+        elif self.state is State.ARMING:
+            self._enabled = tuple(map(tick.__ge__, self._axis_ticks))
         return self._enabled
 
     def _due_event(self, tick: int, at_rest: bool) -> Event | None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-Axes = tuple[int, int]
+from operator import add
+
+Axes = tuple[int, ...]
+"""One integer for each axis."""
 
 
 class Setpoint:
-    """Commanded angle of both axes, 0.01 deg; changes only in control ticks."""
+    """Commanded angles of all axes, 0.01 deg; changes only in control ticks."""
 
     def __init__(self, start_cdeg: Axes) -> None:
         self.cdeg = start_cdeg
@@ -14,7 +17,7 @@ class Setpoint:
         self._target_cdeg = start_cdeg
         self._ramp_ticks = 0
         self._ticks_since_target = 0
-        self._step_cdeg: Axes = (0, 0)
+        self._step_cdeg: Axes = (0,) * len(start_cdeg)
 
     def aim_at(self, target_cdeg: Axes, ramp_ticks: int) -> None:
         """Start a linear ramp from the current setpoint to a target over `ramp_ticks` (TGT-2)."""
@@ -26,56 +29,35 @@ class Setpoint:
     def step_along_ramp(self, slew_cdeg: Axes, acceleration_cdeg: Axes) -> None:
         """Move one tick along the ramp."""
         self._ticks_since_target += 1
-        goal = (
-            self._ramp(self._start_cdeg[0], self._target_cdeg[0]),
-            self._ramp(self._start_cdeg[1], self._target_cdeg[1]),
-        )
+        goal = tuple(map(self._ramp, self._start_cdeg, self._target_cdeg))
         self.step_towards(goal, slew_cdeg, acceleration_cdeg)
 
     def step_towards(self, goal_cdeg: Axes, slew_cdeg: Axes, acceleration_cdeg: Axes) -> None:
         """Move one tick towards `goal_cdeg` within the limits; acceleration 0 is unlimited."""
-        self._move(
-            *(
-                _limited_step(goal_cdeg[axis] - self.cdeg[axis], slew_cdeg[axis])
-                if acceleration_cdeg[axis] == 0
-                else _accelerated_step(
-                    goal_cdeg[axis] - self.cdeg[axis],
-                    self._step_cdeg[axis],
-                    slew_cdeg[axis],
-                    acceleration_cdeg[axis],
-                )
-                for axis in (0, 1)
-            )
-        )
-        self._forget_steps_without_limit(acceleration_cdeg)
+        steps = map(_next_step, goal_cdeg, self.cdeg, self._step_cdeg, slew_cdeg, acceleration_cdeg)
+        self._move(tuple(steps), acceleration_cdeg)
 
     def brake(self, acceleration_cdeg: Axes) -> None:
         """Decelerate for one tick (ACC-1)."""
-        self._move(
-            *(
-                0 if most == 0 else step - _limited_step(step, most)
-                for step, most in zip(self._step_cdeg, acceleration_cdeg, strict=True)
-            )
-        )
+        steps = map(_shorter_step, self._step_cdeg, acceleration_cdeg)
+        self._move(tuple(steps), acceleration_cdeg)
 
     def stand(self) -> None:
         """Set the rate to zero, as without pulses."""
-        self._step_cdeg = (0, 0)
+        self._step_cdeg = (0,) * len(self.cdeg)
 
     @property
     def is_moving(self) -> bool:
         """Whether the last tick moved an axis that has an acceleration limit."""
-        return self._step_cdeg != (0, 0)
+        return any(self._step_cdeg)
 
-    def _move(self, first: int, second: int) -> None:
-        self._step_cdeg = (first, second)
-        self.cdeg = (self.cdeg[0] + first, self.cdeg[1] + second)
-
-    def _forget_steps_without_limit(self, acceleration_cdeg: Axes) -> None:
-        first, second = self._step_cdeg
+    def _move(self, steps: Axes, acceleration_cdeg: Axes) -> None:
+        """Move by the steps, of which those without an acceleration limit are not remembered."""
+        self.cdeg = tuple(map(add, self.cdeg, steps))
         self._step_cdeg = (
-            first if acceleration_cdeg[0] else 0,
-            second if acceleration_cdeg[1] else 0,
+            tuple(map(_remembered_step, steps, acceleration_cdeg))
+            if any(acceleration_cdeg)
+            else (0,) * len(steps)
         )
 
     def clamp(self, least_cdeg: Axes, greatest_cdeg: Axes) -> None:
@@ -92,14 +74,21 @@ class Setpoint:
 
 def clamped(angles: Axes, least: Axes, greatest: Axes) -> Axes:
     """Each axis clamped to its limits."""
-    return (
-        min(max(angles[0], least[0]), greatest[0]),
-        min(max(angles[1], least[1]), greatest[1]),
-    )
+    return tuple(map(min, map(max, angles, least), greatest))
 
 
-def _limited_step(way: int, limit: int) -> int:
-    return min(max(way, -limit), limit)
+def _next_step(goal: int, angle: int, last_step: int, slew: int, acceleration: int) -> int:
+    if acceleration:
+        return _accelerated_step(goal - angle, last_step, slew, acceleration)
+    return min(max(goal - angle, -slew), slew)
+
+
+def _shorter_step(last_step: int, acceleration: int) -> int:
+    return last_step - min(max(last_step, -acceleration), acceleration) if acceleration else 0
+
+
+def _remembered_step(step: int, acceleration: int) -> int:
+    return step if acceleration else 0
 
 
 def _accelerated_step(way: int, last_step: int, slew: int, acceleration: int) -> int:

@@ -24,7 +24,7 @@ class Plant(Protocol):
     """
 
     @abstractmethod
-    def set_pulses_half_us(self, pulses_half_us: tuple[int, int]) -> None:
+    def set_pulses_half_us(self, pulses_half_us: tuple[int, ...]) -> None:
         """Set the pulse widths from now on, in half microseconds, one per servo; 0: no pulse."""
 
     @abstractmethod
@@ -61,7 +61,7 @@ class GuardedPlant(Plant):
         self._guard = Guard(f"{name}: {type(plant).__name__}", "plant")
         self._answers: dict[str, Array] = {"markers_mm": np.zeros((3, 3)), "tip_mm": np.zeros(3)}
 
-    def set_pulses_half_us(self, pulses_half_us: tuple[int, int]) -> None:
+    def set_pulses_half_us(self, pulses_half_us: tuple[int, ...]) -> None:
         self._call("set_pulses_half_us", pulses_half_us)
 
     def advance_to(self, time_us: int) -> None:

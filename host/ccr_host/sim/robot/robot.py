@@ -44,10 +44,10 @@ class TwinRobot(Plant):
         self._gives_way = any(servo.gives_way for servo in properties)
         self._steps_done = 0
         self._felt_at_step = 0
-        self._pulses: deque[tuple[int, tuple[int, int]]] = deque()
+        self._pulses: deque[tuple[int, tuple[int, ...]]] = deque()
         self._events: deque[tuple[int, Callable[[], None]]] = deque()
 
-    def set_pulses_half_us(self, pulses_half_us: tuple[int, int]) -> None:
+    def set_pulses_half_us(self, pulses_half_us: tuple[int, ...]) -> None:
         """Set both pulse widths from now on, in 0.5 us; 0 means no pulses.
 
         The servos follow after their lag.
@@ -57,7 +57,7 @@ class TwinRobot(Plant):
         else:
             self._receive(pulses_half_us)
 
-    def _receive(self, pulses_half_us: tuple[int, int]) -> None:
+    def _receive(self, pulses_half_us: tuple[int, ...]) -> None:
         for servo, pulse_half_us in zip(self._servos, pulses_half_us, strict=True):
             servo.set_pulse_us(pulse_half_us / 2)
 

@@ -73,7 +73,7 @@ class TwinScene:
         self._robot = robot
         self._camera = camera
 
-    def set_pulses_half_us(self, pulses_half_us: tuple[int, int]) -> None:
+    def set_pulses_half_us(self, pulses_half_us: tuple[int, ...]) -> None:
         """Set both pulse widths from now on, in 0.5 us; 0 means no pulses."""
         self._robot.set_pulses_half_us(pulses_half_us)
 

@@ -296,7 +296,7 @@ class AnyHost(RuleBasedStateMachine):
             return
         words = [session, *rest, *[0] * 24]
         payload = b"".join(word.to_bytes(2, "little") for word in words)
-        self.watched.send(message_id, 3, payload[: m.REQUESTS[message_id].SIZE])
+        self.watched.send(message_id, 3, payload[: m.REQUESTS[message_id].size(2)])
 
     @rule(fault=st.sampled_from([f for f in m.Fault if f]))
     def fault(self, fault):
