@@ -110,7 +110,7 @@ def test_an_identified_robot_is_followed_without_a_tour(
     assert "# keep this" in robot.read_text()
 
     def track(out: str, path: str, *words: str) -> tuple[float, float]:
-        common = ("--controller", "adaptive", "--no-open", "--json", "--out", out)
+        common = ("--set", "control.solver=compiled", "--no-open", "--json", "--out", out)
         summary = ccr_host("track", path, *common, *words).summary
         noted_s = {
             content["message"]: content["timestamp"]["sec"] + content["timestamp"]["nsec"] * 1e-9

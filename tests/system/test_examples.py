@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import ccr_host
-from tests.system.conftest import CcrHost
+from tests.system.conftest import PAPERS, CcrHost
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 pytestmark = pytest.mark.long
@@ -65,7 +65,8 @@ def test_the_command_takes_all_three(ccr_host: CcrHost, short_path: str) -> None
         ("--tracker", "own_tracker.py:CoarseCamera"),
         ("--plant", "own_plant.py:ConstantCurvaturePlant"),
     ):
-        ended = ccr_host("track", short_path, "--no-open", "--json", option, str(EXAMPLES / name))
+        given = (*PAPERS, option, str(EXAMPLES / name))
+        ended = ccr_host("track", short_path, "--no-open", "--json", *given)
         assert ended.status == 0, ended.err
 
 

@@ -14,6 +14,7 @@ from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
 from tests.patience import PATIENCE_S
 from tests.system.conftest import (
+    AT_ONCE,
     COMMAND,
     IN_REAL_TIME,
     PAPERS,
@@ -51,7 +52,7 @@ def lines_of(ended: Ended) -> list[str]:
 def test_a_full_disk_costs_what_no_longer_fits_and_nothing_else(
     tmp_path: Path, short_path: str
 ) -> None:
-    words = ("track", short_path, *PAPERS, "--no-open", "--out", "kept", "--json")
+    words = ("track", short_path, *PAPERS, *AT_ONCE, "--no-open", "--out", "kept", "--json")
     ended = with_small_files(tmp_path, 40, *words)
     assert ended.status == 0, ended.err
     assert ended.summary["steps"] == 6
@@ -81,7 +82,7 @@ def test_tables_are_printed_though_their_files_do_not_fit(
 
 def test_an_export_that_does_not_fit_leaves_no_half_tables(tmp_path: Path, short_path: str) -> None:
     host = CcrHost(tmp_path)
-    assert host("track", short_path, *PAPERS, "--no-open", "--out", "kept").status == 0
+    assert host("track", short_path, *PAPERS, *AT_ONCE, "--no-open", "--out", "kept").status == 0
     for form in ("csv", "jsonl", "parquet", "mat", "rosbag2", "mcap"):
         ended = with_small_files(tmp_path, 8, "export", "kept", "--format", form)
         assert ended.status == 2, (form, ended.err)
@@ -150,7 +151,7 @@ def test_a_start_that_fails_leaves_no_folder(
 def test_a_start_that_fails_leaves_the_earlier_run_in_its_folder(
     ccr_host: CcrHost, short_path: str
 ) -> None:
-    words = ("track", short_path, *PAPERS, "--no-open", "--out", "kept")
+    words = ("track", short_path, *PAPERS, *AT_ONCE, "--no-open", "--out", "kept")
     assert ccr_host(*words).status == 0
     before = {file: file.read_bytes() for file in (ccr_host.folder / "kept").iterdir()}
     assert ccr_host(*words, "--device", "tcp://127.0.0.1:1").status == 3

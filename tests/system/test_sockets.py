@@ -24,7 +24,8 @@ import pytest
 
 from ccr_host.core.addresses import host_and_port
 from tests.patience import PATIENCE_S
-from tests.system.conftest import IN_REAL_TIME, PAPERS, CcrHost
+from tests.system.conftest import IN_REAL_TIME, PAPERS, CcrHost, acting
+from tests.system.test_sweep import NARROW
 from tests.viewer import Viewer
 
 Address = tuple[str, int]
@@ -189,8 +190,9 @@ def wait_for_page(address: Address, path: str) -> bool:
     return False
 
 
-def test_no_socket_of_a_sweep_answers_a_stranger(ccr_host: CcrHost) -> None:
-    words = ("--path", "8shape", "--controller", "mpc", "--rate", "1", "--runs", "50")
+def test_no_socket_of_a_sweep_answers_a_stranger(ccr_host: CcrHost, short_path: str) -> None:
+    waits = acting(ccr_host.folder, "time.sleep(600)", 1)
+    words = ("--path", short_path, *waits, "--rate", "1", "--runs", "2", *NARROW)
     with running(ccr_host, "sweep", *words, "--workers", "1", "--out", "kept") as process:
         deadline = time.monotonic() + PATIENCE_S
         while len(found := listening(process.pid)) < 5 and time.monotonic() < deadline:

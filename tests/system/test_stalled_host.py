@@ -12,7 +12,7 @@ from ccr_host.link.messages import SetTarget, State, Telemetry
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
 from tests.patience import PATIENCE_S
-from tests.system.conftest import CcrHost, acting, events, logged, messages_in
+from tests.system.conftest import AT_ONCE, CcrHost, acting, events, logged, messages_in
 
 RATE_HZ = 20
 STOPS_AT_STEP = 10
@@ -24,8 +24,7 @@ def stopped_run(ccr_host: CcrHost, device: str, path: str, seconds: float):
     """Status, errors, summary and times of the targets of a run that was stopped for a while."""
     stops = acting(ccr_host.folder, "os.kill(os.getpid(), signal.SIGSTOP)", STOPS_AT_STEP)
     process = ccr_host.start(
-        *("track", path, *stops, "--rate", str(RATE_HZ), "--realtime", "--unchecked"),
-        *("--set", "control.settle_s=0.5"),
+        *("track", path, *stops, "--rate", str(RATE_HZ), "--realtime", *AT_ONCE),
         *("--device", device, "--no-open", "--out", "kept", "--json"),
     )
     os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from tests.patience import PATIENCE_S, becomes_true
-from tests.system.conftest import COMMAND, IN_REAL_TIME, PAPERS, CcrHost, events
+from tests.system.conftest import AT_ONCE, COMMAND, IN_REAL_TIME, PAPERS, CcrHost, events
 from tests.system.driven_terminal import DrivenTerminal
 
 pytestmark = pytest.mark.usefixtures("short_path")
 
-TRACK = ("track", "short.csv", *PAPERS, "--no-open", "--out", "kept")
+TRACK = ("track", "short.csv", *PAPERS, *AT_ONCE, "--no-open", "--out", "kept")
 RESULTS = ("run.json", "timing.json", "figure.png", "log_0000.mcap")
 A_STEP = r"\d+/\d"
 """Progress that a busy machine may show seldom."""

@@ -61,8 +61,8 @@ def test_the_summary_has_the_keys_that_others_script_against(tracked: tuple[Ende
 
 def test_equal_seeds_give_equal_results_and_logs(ccr_host: CcrHost, short_path: str) -> None:
     def run(seed: int, folder: str) -> tuple[dict, bytes, bytes]:
-        words = ("track", short_path, *PAPERS, "--seed", str(seed), "--out", folder, "--json")
-        summary = ccr_host(*words).summary
+        words = ("--seed", str(seed), "--no-open", "--out", folder, "--json")
+        summary = ccr_host("track", short_path, *PAPERS, *words).summary
         for timing in ("solve_us", "wall_s"):
             del summary[timing]
         out = ccr_host.folder / folder
@@ -123,7 +123,7 @@ def test_a_tracker_too_slow_to_be_fresh_is_a_fault_before_anything_is_armed(
 def test_each_lap_is_judged_by_itself(ccr_host: CcrHost) -> None:
     loop = "t_s,y_mm,z_mm\n0,0,50\n2,4,50\n4,4,46\n6,0,46\n8,0,50\n"
     (ccr_host.folder / "loop.csv").write_text(loop)
-    summary = ccr_host("track", "loop.csv", "--laps", "3", "--controller", "mpc", "--json").summary
+    summary = ccr_host("track", "loop.csv", "--laps", "3", *PAPERS, "--no-open", "--json").summary
     of_laps = [lap["true_mean_error_mm"] for lap in summary["laps"]]
     assert summary["steps"] == 24
     assert len(of_laps) == 3
@@ -144,6 +144,6 @@ def test_adaptive_learns_a_load_that_came_after_its_tour_from_lap_to_lap(ccr_hos
     Without a load there is little to learn after the tour: 4 %, within 5 %, which shows nothing.
     """
     late_load = ("--set", "twin.payload_g=10", "--set", "twin.payload_start_s=1")
-    words = ("--laps", "3", "--controller", "adaptive", "--no-open", "--json")
+    words = ("--laps", "3", "--no-open", "--json")
     laps = ccr_host("track", "star", *late_load, *words).summary["laps"]
     assert laps[2]["true_mean_error_mm"] < 0.95 * laps[0]["true_mean_error_mm"]
