@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.identification import fit_to
+from ccr_host.control.adaptive.identification import StaticsFit, fits_to, likeliest
 from ccr_host.control.adaptive.misfit import misfit
 from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.parameters import COUNT, PUSHES, Parameters, Scaling
@@ -165,25 +165,26 @@ def _identify_two_motors(
     pulley_mm = description.robot.pulley_radius_mm
     q_rad = measured.command / (pulley_mm if measured.unit == "mm" else 1.0)
     train, held = _split(measured.time_s, np.arange(len(q_rad)), train_share)
-    scaling = Scaling.of(description)
     predict = make_model(description.control).predicted_mm
 
     def rests_at(rows: Rows) -> Rests:
         markers_mm = np.stack([measured.middle_mm[rows], measured.tip_mm[rows]], axis=1)
         return Rests.of_vectors(q_rad[0], q_rad[rows], markers_mm, np.ones(len(rows)))
 
-    def fitted(rows: Rows) -> tuple[FloatArray, FloatArray]:
-        fit = fit_to(scaling, rests_at(rows), predict)
-        if fit is None:
+    def fitted(rows: Rows) -> StaticsFit:
+        fits = fits_to(Scaling.of(description), rests_at(rows), predict)
+        if fits is None:
             raise misfit(rests_at(rows[:: -(-len(rows) // _RESTS_FOR_CAUSE)]), description)
-        found = fit.finish()
-        return found.score, found.covariance * max(1.0, found.surprise) ** 2
+        for fit in fits:
+            fit.finish()
+        return likeliest(fits)
 
-    score, _ = fitted(train)
-    everything = np.arange(len(q_rad))
-    model_mm = predict(scaling.parameters(score), rests_at(everything))[:, 1]
+    fit, everything = fitted(train), np.arange(len(q_rad))
+    model_mm = predict(fit.scaling.parameters(fit.result().score), rests_at(everything))[:, 1]
     off_mm = measured.tip_mm - model_mm
-    score, covariance = fitted(everything)
+    fit = fitted(everything)
+    scaling, found = fit.scaling, fit.result()
+    covariance = found.covariance * max(1.0, found.surprise) ** 2
     kept = rests_at(_rests_to_keep(q_rad))
     section = identified_section(kept, description, date)
     if not np.isfinite(kept.vectors_mm).all():
@@ -200,7 +201,7 @@ def _identify_two_motors(
         Residual.of(off_mm[held]),
         _found(
             [Parameters._fields[i] for i in shown],
-            np.array(scaling.parameters(score))[shown],
+            np.array(scaling.parameters(found.score))[shown],
             (ahead - mean)[shown],
             covariance[np.ix_(shown, shown)],
         ),

@@ -17,7 +17,13 @@ import tomlkit
 from numpy.typing import NDArray
 from tomlkit.items import Array
 
-from ccr_host.control.adaptive.identification import Fit, digest_of, fit_to, tour_stops_rad
+from ccr_host.control.adaptive.identification import (
+    Fit,
+    digest_of,
+    fits_to,
+    likeliest,
+    tour_stops_rad,
+)
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.description.file import file_to_keep_in, keep_in
@@ -43,13 +49,15 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
     Raises:
         TrackerError: the rests do not fit the described robot at all.
     """
-    fit = fit_to(Scaling.of(description), rests)
-    if fit is None:
+    fits = fits_to(Scaling.of(description), rests)
+    if fits is None:
         raise TrackerError(
             f"the {len(rests.count)} rests measured do not fit the described robot",
             "check the markers with ccr-host monitor, and segment lengths and pulleys in [robot]",
         )
-    return fit.finish()
+    for fit in fits:
+        fit.finish()
+    return likeliest(fits).result()
 
 
 def identified_section(

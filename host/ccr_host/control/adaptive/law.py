@@ -14,8 +14,9 @@ from ccr_host.control.adaptive.identification import (
     SETTLED_AFTER_S,
     RestSurvey,
     StaticsFit,
-    fit_to,
+    fits_to,
     identified_rests,
+    likeliest,
     tour_stops_rad,
 )
 from ccr_host.control.adaptive.lap_memory import LapMemory
@@ -99,19 +100,22 @@ class AdaptiveLaw(Law):
     def stages(self) -> Iterator[Stage]:
         """Tour the rests unless they are known, fit the model, move to the first point."""
         here_rad = self.history.at(math.inf)
+        fits = None
         if self._identified is not None:
-            self.fit = fit_to(self._scaling, self._identified, self._model.predicted_mm)
-        if self.fit is None:
+            fits = fits_to(self._scaling, self._identified, self._model.predicted_mm)
+        if fits is None:
             self._survey.start_rad = here_rad
             stops_rad = tour_stops_rad(self._estimator.parameters, self._limits)
             yield Stage("exploring the robot", smooth_moves(here_rad, stops_rad, _TOUR_REST_S))
-            self.fit, here_rad = self._survey.fit(), stops_rad[-1]
+            fits, here_rad = self._survey.fits(), stops_rad[-1]
             yield Stage("identifying the robot", here_rad[None], is_motion=False)
-        while self.fit is not None and self.fit.improve():
-            yield Stage("identifying the robot", here_rad[None], is_motion=False)
+        for fit in fits or ():
+            while fit.improve():
+                yield Stage("identifying the robot", here_rad[None], is_motion=False)
         self._is_surveying = False
-        fit = None if self.fit is None else self.fit.result()
-        self._estimator = Estimator(self._scaling, fit, Tuning(), self._model)
+        if fits is not None:
+            self.fit = likeliest(fits)
+            self._estimator = Estimator(self.fit.scaling, self.fit.result(), Tuning(), self._model)
         self._plan = self._plan_path()
         self._follower = None
         yield from super().stages()

@@ -133,9 +133,9 @@ _USUALLY_SMALL = (
     "marker_along_mm",
     "marker_aside_mm",
 )
-_STRICT = 0.05
-"""Factor of their deviations where a few small moves show whether a robot is the described one:
-with all of their freedom most robots would be."""
+_NARROW = 0.05
+"""Factor of their deviations for a robot without such faults, and where a few small moves show
+whether a robot is the described one: with all of their freedom most robots would be."""
 _FREE_ZERO_RAD = 0.8
 """Range of the zeros: the horn of a servo fits on its spline every 14.4 deg."""
 
@@ -280,9 +280,13 @@ class Scaling:
         other._known = np.append(-np.array(gravity), self._known[3])
         return other
 
+    def narrow(self) -> Scaling:
+        """For a robot without the faults of cheap parts."""
+        return self.freed([Parameters._fields.index(name) for name in _USUALLY_SMALL], _NARROW)
+
     def strict(self) -> Scaling:
         """For a robot that is the described one, but for what every robot leaves open."""
-        other = self.freed([Parameters._fields.index(name) for name in _USUALLY_SMALL], _STRICT)
+        other = self.narrow()
         other.shaft_rad = 0.0
         return other
 

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from ccr_host.control.adaptive.estimator import Estimator, Tuning
-from ccr_host.control.adaptive.identification import StaticsFit, predicted_mm, tour_bending_rad
+from ccr_host.control.adaptive.identification import (
+    StaticsFit,
+    fits_to,
+    likeliest,
+    predicted_mm,
+    tour_bending_rad,
+)
 from ccr_host.control.adaptive.model import PLAIN, PoseFollower
 from ccr_host.control.adaptive.motion import first_pose, moved
 from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
@@ -70,6 +76,24 @@ def test_a_wild_rest_does_not_spoil_the_fit():
     rests.markers_mm[7, 1:] += 30.0
     found = SCALING.parameters(StaticsFit(SCALING, rests).finish().score)
     assert np.median(np.linalg.norm(predicted_mm(found, rests) - rests.vectors_mm, axis=2)) < 0.3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("fault", "is_narrow"),
+    [
+        ({}, True),
+        ({"tip_per_mm": 0.004}, True),
+        ({"taper_1": 0.3}, False),
+        ({"twisting": 0.6}, False),
+    ],
+)
+def test_the_prior_of_cheap_robots_is_taken_only_for_robots_with_their_faults(fault, is_narrow):
+    fits = fits_to(SCALING, _tour_of(PRIOR._replace(**fault), 0.3))
+    assert fits is not None
+    for fit in fits:
+        fit.finish()
+    assert (likeliest(fits) is fits[1]) == is_narrow
 
 
 @pytest.mark.long
