@@ -404,7 +404,7 @@ class Spec(_Part):
         for one in (*spec.structs, *spec.messages):
             for field in one.fields:
                 field._axes = axes
-        large = {
+        large: dict[_Part, dict[str, int | None]] = {
             spec.framing: {"max_payload": spec.framing.max_payload_large},
             spec.eeprom: {"slot_b": spec.eeprom.slot_b_large},
             **{constant: {"value": constant.large} for constant in spec.constants},
