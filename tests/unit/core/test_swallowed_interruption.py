@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 
+import pytest
+
 _SWALLOWED = """
 import signal
 from ccr_host import cli
@@ -23,6 +25,7 @@ cli.main()
 """
 
 
+@pytest.mark.long
 def test_an_interrupted_import_is_an_interruption() -> None:
     for name in ("SIGINT", "SIGTERM", *(("SIGHUP",) if hasattr(signal, "SIGHUP") else ())):
         ended = subprocess.run(

@@ -258,6 +258,7 @@ def test_targets_stay_fresh_between_slow_steps(rig: Rig, period_s: float) -> Non
     assert states == {State.ACTIVE}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("period_s", "validity_ms"),
     [(0.02, 200), (0.05, 200), (0.2, 500), (1.0, 2500), (30.0, 10_000)],

@@ -17,7 +17,12 @@ from ccr_host.run.summary import summarise
 from ccr_host.run.twin_floor import keep_static_map, twin_floor_mm
 from ccr_host.sim.robot.plant import Plant
 
-QUICK = ("control.settle_s=0.1", "link.arm_axis_ms=20", "tracker.noise_mm=0")
+QUICK = (
+    "control.settle_s=0.1",
+    "link.arm_axis_ms=20",
+    "link.relax_after_ms=60000",
+    "tracker.noise_mm=0",
+)
 
 
 class Arm:
@@ -58,6 +63,7 @@ def path(tmp_path):
     return file
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tracker", ["twin:", "ndi-emulator:"])
 @pytest.mark.parametrize("device", ["emulator:", "emulator+pty:"])
 def test_a_run_moves_it_and_knows_its_true_tip(path, tmp_path, tracker, device):

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 from bench.step_calls import count
 
 LOADED = """
@@ -20,10 +22,12 @@ def ours(rate_hz: float) -> float:
     )
 
 
+@pytest.mark.long
 def test_a_step_makes_at_most_sixty_calls_of_ours_outside_the_controller():
     assert ours(rate_hz=20.0) <= 60
 
 
+@pytest.mark.long
 def test_a_further_picture_of_a_period_costs_a_step_at_most_ten_calls_of_ours():
     assert ours(rate_hz=5.0) <= 60 + 3 * 10
 

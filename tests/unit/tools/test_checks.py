@@ -177,6 +177,7 @@ def _robot_with_rests(folder: Path, off_mm: float) -> str:
     return str(file)
 
 
+@pytest.mark.long
 def test_identified_rests_are_compared_with_the_noise(tmp_path) -> None:
     usual = examined(tmp_path, robot=_robot_with_rests(tmp_path, 0.25))["identification"]
     assert usual.severity is Severity.GOOD

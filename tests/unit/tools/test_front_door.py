@@ -16,7 +16,7 @@ from ccr_host.commands import app
 from ccr_host.control.base import Command, Outcome
 from ccr_host.sim.robot.robot import TwinRobot
 
-QUICK = ("control.settle_s=0.1", "link.arm_axis_ms=20")
+QUICK = ("control.settle_s=0.1", "link.arm_axis_ms=20", "link.relax_after_ms=60000")
 
 
 @pytest.fixture
@@ -186,6 +186,7 @@ def test_a_run_is_the_same_as_the_commands_and_is_read_back(short_path, tmp_path
     assert loaded.steps["error_mm"].mean() == pytest.approx(run.summary["mean_error_mm"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "controller", [Mine, partial(Mine), Mine(None)], ids=["class", "function", "object"]
 )
@@ -207,6 +208,7 @@ def test_a_controller_may_be_a_class_a_function_or_an_object(short_path, tmp_pat
     assert Watched.pulses[-1] == (0, 0)
 
 
+@pytest.mark.long
 def test_a_run_that_ends_early_raises_and_keeps_what_was_reached(short_path, tmp_path):
     class Failing(Mine):
         def step(self, observation):
@@ -224,6 +226,7 @@ def test_a_run_that_ends_early_raises_and_keeps_what_was_reached(short_path, tmp
         run.table("step")
 
 
+@pytest.mark.long
 def test_an_interrupted_run_disarms_first_and_keeps_what_was_reached(short_path, tmp_path):
     class Interrupting(ccr_host.RunObserver):
         def step(self, record):
@@ -239,6 +242,7 @@ def test_an_interrupted_run_disarms_first_and_keeps_what_was_reached(short_path,
     assert ccr_host.load_run(out).steps["step"].tolist() == [0, 1, 2, 3]
 
 
+@pytest.mark.long
 def test_a_table_has_nan_for_missing_numbers(short_path, tmp_path):
     with opened(overrides=(*QUICK, "tracker.dropout=0.9")) as robot:
         run = robot.track(short_path, Mine, rate_hz=10, unchecked=True, out=tmp_path / "out")

@@ -19,6 +19,8 @@ from ccr_host.tools.identify import Identification, WrongRobotError
 from ccr_host.tools.identify import identify as identify_on
 from ccr_host.tools.measured import Measured
 
+pytestmark = pytest.mark.long
+
 NOISE_MM = 0.3
 identify = partial(identify_on, date=datetime.date(2026, 11, 27))
 

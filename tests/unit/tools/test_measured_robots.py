@@ -17,6 +17,8 @@ from ccr_host.tools.identify import Residual
 from ccr_host.tools.measured import Measured, read_measured
 from tests.measured import measured
 
+pytestmark = pytest.mark.long
+
 LENGTHS_MM = {"v4": (60.0, 62.5, 64.0), "v6": (100.0, 100.0, 22.0)}
 FILES = {name: measured(f"opencr_{name}_quasistatic.csv") for name in LENGTHS_MM}
 OWN_SIMULATOR_MM = 7.7

@@ -62,6 +62,7 @@ def rests_of(truth: Parameters) -> Rests:
     return rests
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "robot",
     [
@@ -81,6 +82,7 @@ def test_what_is_the_robots_is_not_blamed_on_the_camera(robot: dict[str, float])
         assert getattr(found, name) == pytest.approx(value, rel=0.5)
 
 
+@pytest.mark.long
 def test_the_end_of_segment_1_tells_a_zero_from_a_turned_camera() -> None:
     scaling = Scaling.of(schema.load())
     truth = scaling.parameters(np.zeros(COUNT))._replace(zero_1_rad=0.06, turn_x_rad=-0.05)

@@ -211,6 +211,7 @@ def test_cache_on_disk_knows_of_every_source_file():
     }
 
 
+@pytest.mark.long
 def test_numba_is_imported_only_when_a_description_asks_for_it():
     code = (
         "import sys; from ccr_host.control.registry import make_controller as make;"

@@ -27,7 +27,7 @@ from ccr_host.tools.equipment import EquipmentChange, change_equipment
 from tests.unit.record.replay.rewrite import rewritten
 
 SEED = 3
-QUICK = ("control.settle_s=0", "link.arm_axis_ms=20")
+QUICK = ("control.settle_s=0", "link.arm_axis_ms=20", "link.relax_after_ms=60000")
 
 
 @dataclass

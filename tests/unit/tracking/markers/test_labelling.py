@@ -21,6 +21,7 @@ def test_three_markers_at_rest_are_told_apart_within_a_second(view, rest, rest_q
     np.testing.assert_allclose(found.tip_mm, rest[2] - rest[0], atol=0.8)
 
 
+@pytest.mark.long
 def test_a_single_frame_is_never_enough(camera, rest, rest_q):
     assert camera.show(rest, q_rad=rest_q).lost == ALL
 

@@ -12,6 +12,8 @@ from ccr_host.tracking.registration import RegistrationError, register
 from tests.unit.tracking.registration.conftest import TURNS, poses_rad
 from tests.unit.tracking.registration.hinged_chain import HingedChain
 
+pytestmark = pytest.mark.long
+
 NOISE_MM = 0.03
 """0.25 mm RMS averaged over 25 frames."""
 
@@ -36,7 +38,6 @@ def picked(rests, which):
     )
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("turn", TURNS.values(), ids=TURNS)
 def test_any_turn_of_the_camera_is_found_to_a_degree(seen, turn):
     found = register(seen(turn, NOISE_MM), Robot())
@@ -49,7 +50,6 @@ def test_any_turn_of_the_camera_is_found_to_a_degree(seen, turn):
     np.testing.assert_allclose(written.as_matrix(), found.camera_to_robot, atol=1e-9)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     "twin",
     [
@@ -108,7 +108,6 @@ def test_the_hysteresis_of_each_motor_is_told(seen):
     assert np.all(rubbing > 0.5)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     "twin",
     [
@@ -149,7 +148,6 @@ def test_a_robot_that_hangs_upside_down_is_found_to_a_degree(seen):
     assert np.all(np.abs(error_deg(found, TURNS["askew"])) < 1.0)
 
 
-@pytest.mark.long
 @pytest.mark.filterwarnings("error")
 def test_the_stated_uncertainty_covers_the_errors_made(seen):
     shares = []
@@ -179,7 +177,6 @@ def test_motors_that_turn_the_wrong_way_are_named_and_turn_no_frame(seen, motors
     np.testing.assert_allclose(error_deg(found, TURNS["askew"]), 0.0, atol=0.4)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("zeros_us", [(89.0, -89.0), (-89.0, 89.0), (0.0, 111.0)], ids=str)
 def test_zeros_of_the_servos_bias_the_rotation_by_no_more_than_stated(seen, zeros_us):
     """Where segment 2 is bent its weight moves M3 out of its plane: 1.8 deg about z if trusted."""
