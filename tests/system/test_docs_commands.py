@@ -48,6 +48,7 @@ SIMULATED = {
     r"--seed 1 --rate 1": "",
     r"^(compare.*) --robot (hard|ideal)": r"\1",
     r"^(calibrate .*) --tracker ndi-emulator:": r"\1",
+    r"^record \S+": "record new.csv --pattern single",
     r"^monitor": "monitor --duration 4",
     r"^view": "view --address 127.0.0.1:0",
 }

@@ -16,6 +16,7 @@ from ccr_host.commands.flash import flash
 from ccr_host.commands.identify import identify
 from ccr_host.commands.jog import jog
 from ccr_host.commands.monitor import monitor
+from ccr_host.commands.record import record
 from ccr_host.commands.register import register
 from ccr_host.commands.replay import replay
 from ccr_host.commands.report import report
@@ -35,7 +36,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     *(track, compare, workspace, sweep),
-    *(setup, doctor, flash, calibrate, register, identify, jog, monitor, emulate),
+    *(setup, doctor, flash, calibrate, register, record, identify, jog, monitor, emulate),
     *(view, replay, report, export),
 )
 for command in _COMMANDS:

@@ -17,6 +17,8 @@ from ccr_host.tracking.tracker import Sample
 Array = NDArray[np.float64]
 OnPose = Callable[[int, int], None]
 """Called with the number of poses done and the total."""
+OnRest = Callable[[int, Array], None]
+"""Called at rest, with the stop's number and the markers of all exposures there, (n, 3, 3)."""
 
 _SPEED_RAD_S = math.radians(25.0)
 """Average speed of the motors between poses; 120 mm/s at the tip, which excites little ringing."""
@@ -32,7 +34,13 @@ _REST_MM = 0.5
 _ATTEMPTS_TO_REST = 4
 
 
-def visit(rig: Rig, check: MarkerCheck, stops_rad: Array, on_pose: OnPose) -> Rests:
+def visit(
+    rig: Rig,
+    check: MarkerCheck,
+    stops_rad: Array,
+    on_pose: OnPose,
+    on_rest: OnRest = lambda *_: None,
+) -> Rests:
     """Arm, measure at each stop, (K, 2), return to the pose reached by arming, disarm.
 
     Stops at which a marker was not seen are left out; vectors are in the tracker's frame.
@@ -53,6 +61,7 @@ def visit(rig: Rig, check: MarkerCheck, stops_rad: Array, on_pose: OnPose) -> Re
         motion.move_to(stop_rad)
         seen_mm = motion.measure_at_rest()
         if seen_mm is not None:
+            on_rest(done, seen_mm)
             q_rad.append(stop_rad)
             markers_mm.append(seen_mm.mean(axis=0))
             count.append(float(len(seen_mm)))

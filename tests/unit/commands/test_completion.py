@@ -35,7 +35,7 @@ def offered(line: str) -> list[str]:
     ("line", "wanted"),
     [
         ("ccr-host ca", {"calibrate"}),
-        ("ccr-host re", {"register", "replay", "report"}),
+        ("ccr-host re", {"record", "register", "replay", "report"}),
         ("ccr-host track 8shape --see", {"--seed"}),
         ("ccr-host track ", set(path_names())),
         ("ccr-host track mine.c", set()),

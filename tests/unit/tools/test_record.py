@@ -1,0 +1,138 @@
+"""Recording the simulated robot, and what is left of a recording that ends early."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ccr_host.core.errors import ConfigError
+from ccr_host.description.schema import Description
+from ccr_host.link.messages import State, StateReport
+from ccr_host.run.observer import Observers, RunObserver
+from ccr_host.run.open_rig import open_rig
+from ccr_host.run.options import RigOptions
+from ccr_host.tools.hysteresis import home_of, sweeps_of
+from ccr_host.tools.identify import identify
+from ccr_host.tools.measured import Measured, read_measured
+from ccr_host.tools.record import PATTERNS, Stops, new_table, record_rests, stops_of
+
+SLACK_MM = (0.9, 1.4, 0.9, 1.4)
+"""Of both tendons on one side of the robot, then of both on the other."""
+OPTIONS = RigOptions(robot="ideal", overrides=(f"twin.slack_mm={[*SLACK_MM]}",))
+DESCRIPTION = OPTIONS.description()
+REST = np.arange(27.0).reshape(3, 3, 3)
+
+
+class LastState(RunObserver):
+    """Keeps what the board said last."""
+
+    report: StateReport | None = None
+
+    def state(self, time_us: int, report: StateReport) -> None:
+        self.report = report
+
+
+def measured_at(stops: Stops) -> Measured:
+    nowhere_mm = np.zeros((len(stops.q_rad), 3))
+    time_s = np.arange(float(len(stops.q_rad)))
+    return Measured(time_s, stops.q_rad, "rad", nowhere_mm, nowhere_mm, np.array(stops.pattern))
+
+
+@pytest.mark.long
+def test_what_is_recorded_can_be_identified_as_it_is(tmp_path: Path) -> None:
+    stops = stops_of(DESCRIPTION, ["multisine", "random"], 12, seed=1)
+    file = tmp_path / "recorded.csv"
+    with new_table(file, 2) as table, open_rig(OPTIONS, DESCRIPTION, Observers()) as rig:
+        record_rests(rig, DESCRIPTION, stops, table, lambda *_: None)
+    measured = read_measured(file)
+    assert measured.pattern.tolist() == ["random"] * 12 + ["multisine"] * 12
+    np.testing.assert_allclose(measured.command, stops.q_rad, atol=1e-5)
+    found = identify(DESCRIPTION, measured, date=datetime.date(2026, 11, 27))
+    assert found.held_out.median_mm < 1.0
+    of = {p.name: p for p in found.parameters}
+    for motor in (1, 2):
+        slack = of[f"slack_{motor}_rad"]
+        true_rad = SLACK_MM[motor - 1] / DESCRIPTION.robot.pulley_radius_mm
+        assert slack.identified
+        assert slack.value == pytest.approx(true_rad, abs=3.0 * slack.deviation)
+
+
+@pytest.mark.long
+def test_an_interrupted_recording_keeps_its_rests_and_disarms(tmp_path: Path) -> None:
+    stops, board = stops_of(DESCRIPTION, [], 12, seed=1), LastState()
+    file = tmp_path / "recorded.csv"
+    on_disk = []
+
+    def interrupt(done: int, _: int) -> None:
+        on_disk.append(len(file.read_text().splitlines()) - 1)
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with (
+        pytest.raises(KeyboardInterrupt),
+        new_table(file, 2) as table,
+        open_rig(OPTIONS, DESCRIPTION, board) as rig,
+    ):
+        record_rests(rig, DESCRIPTION, stops, table, interrupt)
+    assert on_disk == [0, 1, 2]
+    assert len(file.read_text().splitlines()) == 3
+    assert board.report is not None
+    assert board.report.state is State.DISARMED
+
+
+@pytest.mark.parametrize("robot", ["default", "dirty", "hard"])
+def test_all_patterns_stay_within_the_limits_and_move_every_motor(robot: str) -> None:
+    description = RigOptions(robot=robot).description()
+    servo = description.servo
+    for name in PATTERNS:
+        q_deg = np.degrees(stops_of(description, [name], 24, seed=3).q_rad)
+        assert (q_deg >= np.array(servo.angle_min_deg) - 1e-9).all()
+        assert (q_deg <= np.array(servo.angle_max_deg) + 1e-9).all()
+        assert (np.ptp(q_deg, axis=0) > 10.0).all()
+
+
+def test_patterns_show_hysteresis_of_every_motor_and_repeatability_at_home() -> None:
+    measured = measured_at(stops_of(DESCRIPTION, ["staircase"], 24, seed=1))
+    home = home_of(measured)
+    assert home is not None
+    assert home.visits >= 3
+    moving = measured.command.argmax(axis=1)
+    assert {0, 1} == set(moving.tolist())
+    tips = Measured(
+        measured.time_s,
+        measured.command,
+        "rad",
+        100.0 * np.pad(measured.command, ((0, 0), (0, 1))),
+        measured.middle_mm,
+        measured.pattern,
+    )
+    assert {sweep.motor for sweep in sweeps_of(tips)} == {1, 2}
+
+
+def test_a_pattern_does_not_depend_on_the_others_but_on_the_seed() -> None:
+    alone = stops_of(DESCRIPTION, ["multisine"], 24, seed=1)
+    among = stops_of(DESCRIPTION, [], 24, seed=1)
+    here = [name == "multisine" for name in among.pattern]
+    np.testing.assert_array_equal(alone.q_rad, among.q_rad[here])
+    other = stops_of(DESCRIPTION, ["multisine"], 24, seed=2)
+    assert not np.allclose(alone.q_rad, other.q_rad)
+    with pytest.raises(ConfigError, match="--pattern spiral"):
+        stops_of(Description(), ["spiral"], 24, seed=1)
+
+
+def test_a_file_is_never_overwritten_and_an_empty_one_not_left(tmp_path: Path) -> None:
+    file = tmp_path / "recorded.csv"
+    with pytest.raises(KeyboardInterrupt), new_table(file, 2):
+        raise KeyboardInterrupt
+    assert not file.exists()
+    with new_table(file, 2) as table:
+        table.add(1_000_000, "single", np.zeros(2), REST)
+    before = file.read_text()
+    with pytest.raises(ConfigError, match="exists"), new_table(file, 2):
+        raise AssertionError
+    assert file.read_text() == before
+    with pytest.raises(ConfigError, match="No such file"), new_table(tmp_path / "no" / "f", 2):
+        raise AssertionError
