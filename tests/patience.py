@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-PATIENCE_S = 120
-"""Only what is wrong takes so long: a busy machine stops a program for seconds, not for minutes."""
+PATIENCE_S = 300
+"""Only what is wrong takes so long: a busy machine makes a run of 15 s take a minute or two."""
 _LOOK_S = 0.02
 
 

@@ -132,5 +132,5 @@ def test_an_address_without_a_dask_scheduler_gets_one_line_within_seconds(
 ) -> None:
     with foreign_server(kind) as port:
         address = f"tcp://127.0.0.1:{port}"
-        ended = ccr_host("sweep", "--runs", "1", "--scheduler", address, timeout_s=40)
+        ended = ccr_host("sweep", "--runs", "1", "--scheduler", address, timeout_s=100)
     assert_one_clear_line(ended, 2, address, "no dask scheduler")

@@ -13,6 +13,7 @@ import pytest
 from ccr_host.link import messages as m
 from ccr_host.sim.serving.server import BackgroundServer
 from ccr_host.sim.simavr.serve import open_pty_server
+from tests.patience import PATIENCE_S
 
 CHECKOUT = Path(__file__).parents[2]
 PROGRAMS = str(Path(sys.executable).parent)
@@ -53,7 +54,7 @@ def ccr_host(unpacked: Path, tmp_path: Path) -> Command:
             env=os.environ | {"PYTHONPATH": str(unpacked)} | variables,
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=PATIENCE_S,
             check=False,
         )
 

@@ -14,6 +14,8 @@ from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.description.schema import Robot
 from ccr_host.robot.rests import Rests
 
+pytestmark = pytest.mark.long  # Without numba's cache, compiling takes 20 s.
+
 SCALING = Scaling(Robot())
 LONGEST_RAD = 1.2
 
@@ -33,7 +35,6 @@ def _drawn(seed):
     return rng, p if seed % 2 else p._replace(friction_1=0.0)
 
 
-@pytest.mark.long
 @same
 @given(seed=seeds)
 def test_both_models_move_alike(compiled, seed):
@@ -59,7 +60,6 @@ def test_both_models_have_the_same_slopes(compiled, seed):
     assert again.theta_rad == pytest.approx(plain.theta_rad, abs=1e-6)
 
 
-@pytest.mark.long
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
 def test_both_models_predict_the_same_rests(compiled, seed):

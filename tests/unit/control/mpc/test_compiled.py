@@ -21,6 +21,8 @@ from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits
 
+pytestmark = pytest.mark.long  # Without numba's cache, compiling takes 20 s.
+
 SAME_RAD = 1e-6
 SAME_COST = 1e-9
 
@@ -71,7 +73,6 @@ def cost(plan_rad, overrides, path, seen):
     return roll_out(problem, [tuple(q) for q in plan_rad.tolist()]).cost
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("horizon", "more"),
     [
@@ -211,7 +212,6 @@ def test_cache_on_disk_knows_of_every_source_file():
     }
 
 
-@pytest.mark.long
 def test_numba_is_imported_only_when_a_description_asks_for_it():
     code = (
         "import sys; from ccr_host.control.registry import make_controller as make;"
