@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy
+from scipy.integrate import trapezoid
 
 from ccr_host.description.schema import Robot
 from ccr_host.robot.chain import PAPER_FRAME, Weights, bend_of, point_mm, tip_weights
@@ -84,8 +85,8 @@ def test_points_along_a_segment_are_added_up_at_their_mean():
     shares = np.linspace(0.0, 1.0, 2001)
     first = [bend_of(share * bends[0]).end * share * lengths[0] for share in shares]
     second = [bend_of(share * bends[1]).end * share * lengths[1] for share in shares]
-    mean = np.trapezoid(first, shares, axis=0)
-    mean_2 = first[-1] + bend_of(bends[0]).turn @ np.trapezoid(second, shares, axis=0)
+    mean = trapezoid(first, shares, axis=0)
+    mean_2 = first[-1] + bend_of(bends[0]).turn @ trapezoid(second, shares, axis=0)
     nowhere = np.zeros(2)
     found, _ = point_mm(lengths, bends, Weights(nowhere, np.array([2.0, 3.0]), np.zeros(3)))
     assert found == pytest.approx(2.0 * mean + 3.0 * mean_2, rel=2e-4)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.description.simulation import Push, Twin
@@ -156,7 +157,7 @@ def test_the_work_of_a_servo_is_what_the_structure_and_its_tendons_store(posed):
         springs_j = 0.5 * mechanics._model.jnt_stiffness @ mechanics._joints**2
         stretches_m = mechanics._forces_n / 4000.0
         energies_j.append(springs_j + 0.5 * 4000.0 * stretches_m @ stretches_m)
-    work_j = -np.trapezoid(moments_nm, angles_rad)
+    work_j = -trapezoid(moments_nm, angles_rad)
     assert work_j == pytest.approx(energies_j[-1], rel=0.01)
 
 
