@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome, Phase, Picture
 from ccr_host.description.schema import Description
 from ccr_host.link.messages import TICK_PHASE_US, TICK_US
+from ccr_host.robot.kinematics import segments_of
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
@@ -179,14 +180,15 @@ class Shell:
         self._limits = MotorLimits.of(description.servo)
         self._slew_rad_s = np.radians(description.servo.slew_deg_s)
         robot = description.robot
-        length_mm = sum(robot.segment_lengths_mm) + 2.0 * robot.marker_offset_mm
+        lengths_mm = [segment.length_mm for segment in segments_of(robot)]
+        length_mm = sum(lengths_mm) + 2.0 * robot.marker_offset_mm
         self._farthest_mm = _FARTHEST_LENGTHS * length_mm
 
     def start(self, reference: Reference) -> Command:
         """Return the law's pose for the first sample."""
         self._path = PathView(reference)
         self._ramp_s = _ramp_s(reference.period_s)
-        self._history = SetpointHistory(np.zeros(2))
+        self._history = SetpointHistory(np.zeros_like(self._limits.lower_rad))
         self.law.start(self._path, self._history)
         self._last_rad = self._limits.clip(self.law.first_rad())
         self._history.restart(self._last_rad)

@@ -1,178 +1,293 @@
-"""The constant-curvature model, eqs. (1)-(12) of the paper, with analytic derivatives.
+"""The constant-curvature model from motor angles to the tip, and its derivatives.
 
-Segment 1 bends the robot in the y-z plane of (10), segment 2 bends across it. So f[0] depends on
-segment 2 alone, and the other two coordinates are carried as one complex number
-s = -f[1] + i f[2], in which (10) reads
+Motors wind tendons, tendons bend segments: with the travel W q of the tendons and the degrees of
+freedom y (one per planar segment, two per spatial one), tendons that are taut and do not stretch
+ask for A y = W q, with A their levers: r n . b of every segment they pass. y = A^+ W q solves it,
+in the measure of the segments' stiffness, for any tendons: what is common to the tendons of a
+segment is pretension and bends nothing. For the paper's robot this is (1)-(5), the tip is (10), its
+derivatives are (11).
 
-    s = L1 E(theta1) + (L2 S(theta2) + i d_m) exp(i theta1) - i d_m,    f[0] = L2 V(theta2)
-
-with E = S + i V the unit arc of ``arc``. The same code serves one pose (floats) and many (arrays).
+The tip's derivatives are computed along the chain, from its last segment to its first: as y of a
+segment turns all that follows, each derivative of a product of transforms is a product of
+derivatives, see ``Chain``.
 """
 
 from __future__ import annotations
 
-import cmath
-from typing import Any, NamedTuple
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import combinations_with_replacement
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccr_host.description.schema import Robot
-from ccr_host.robot.arc import arc_derivatives, arc_derivatives_at
+from ccr_host.description.schema import Robot, Segment, Tendon
+from ccr_host.robot.chain import (
+    MOST_DERIVATIVES,
+    PAPER_FRAME,
+    bend_of,
+    exact_direction,
+    exponents,
+    planar_functions,
+    spatial_functions,
+    transform_constants,
+)
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_QUARTER_DEG, _HALF_DEG = 90.0, 180.0
 
 
-class TipJet(NamedTuple):
-    """The tip and its partial derivatives by the motor angles up to third order.
+class Chain(NamedTuple):
+    """The constants of a robot, for ``jets``; S segments, D degrees of freedom, n motors.
 
-    ``across`` is f[0] in mm, ``sagittal`` is s = -f[1] + i f[2] in mm; a suffix lists the motors
-    of the derivative (``sagittal_112`` is the third derivative, twice by phi_1, once by phi_2), in
-    mm/rad^n. Partial derivatives that are left out are zero.
+    The jets of a point are its value and its derivatives, each of which counts how often it is
+    differentiated by every coordinate. Those of the point in the frame of segment j are products of
+    the transform's by its own coordinates and of the point's by all later ones.
     """
 
-    across: Any
-    across_2: Any
-    across_22: Any
-    across_222: Any
-    sagittal: Any
-    sagittal_1: Any
-    sagittal_2: Any
-    sagittal_11: Any
-    sagittal_12: Any
-    sagittal_22: Any
-    sagittal_111: Any
-    sagittal_112: Any
-    sagittal_122: Any
-    sagittal_222: Any
-
-    @property
-    def tip_mm(self) -> FloatArray:
-        """f of (10), (3,), for a jet at one pose."""
-        return np.array((self.across, -self.sagittal.real, self.sagittal.imag))
+    bending: FloatArray
+    """y of the motor angles, transposed, (n, D)."""
+    is_planar: bool
+    """Whether any segment is."""
+    first: IntArray
+    """Number of each segment's first coordinate, (S,)."""
+    shapes: tuple[FloatArray, ...]
+    """Transforms with derivatives, times the functions of the bending, (functions, all)."""
+    kept: tuple[IntArray, ...]
+    """Which products, sorted as ``jet_index`` has them, do not exceed the order."""
 
 
-class Geometry(NamedTuple):
-    """What the model knows of a robot."""
-
-    lengths_mm: tuple[float, float]
-    marker_offset_mm: float
-    bending_per_motor: float
-    """theta / phi = r_p / r_c, of both segments."""
-
-
-def jet_at(geometry: Geometry, motor_1_rad: float, motor_2_rad: float) -> TipJet:
-    """Tip and derivatives at one pose, as floats and complex numbers."""
-    gain = geometry.bending_per_motor
-    theta_1 = gain * motor_1_rad
-    arc_1, arc_2 = arc_derivatives_at(theta_1), arc_derivatives_at(gain * motor_2_rad)
-    return assemble_jet(geometry, arc_1, arc_2, cmath.exp(1j * theta_1))
-
-
-def assemble_jet(
-    geometry: Geometry,
-    arc_1: tuple[Any, Any, Any, Any],
-    arc_2: tuple[Any, Any, Any, Any],
-    turn_1: Any,  # noqa: ANN401 - complex or array, as all of these
-) -> TipJet:
-    """Tip and derivatives from the unit arcs of both segments and ``turn_1`` = exp(i theta1)."""
-    (length_1, length_2), offset_mm, gain = geometry
-    gain_2 = gain * gain
-    gain_3 = gain_2 * gain
-    turn_rate = 1j * gain
-    offset = 1j * offset_mm
-    turning = (length_2 * arc_2[0].real + offset) * turn_1
-    along_2 = length_2 * turn_1
-    by_2 = gain * arc_2[1].real * along_2
-    by_22 = gain_2 * arc_2[2].real * along_2
-    return TipJet(
-        length_2 * arc_2[0].imag,
-        length_2 * gain * arc_2[1].imag,
-        length_2 * gain_2 * arc_2[2].imag,
-        length_2 * gain_3 * arc_2[3].imag,
-        length_1 * arc_1[0] + turning - offset,
-        gain * length_1 * arc_1[1] + turn_rate * turning,
-        by_2,
-        gain_2 * (length_1 * arc_1[2] - turning),
-        turn_rate * by_2,
-        by_22,
-        gain_3 * length_1 * arc_1[3] - gain_2 * turn_rate * turning,
-        -gain_2 * by_2,
-        turn_rate * by_22,
-        gain_3 * arc_2[3].real * along_2,
+def segments_of(robot: Robot) -> tuple[Segment, ...]:
+    """The segments of any robot; the paper's has two planar ones with a pair of tendons each."""
+    if robot.segments:
+        return robot.segments
+    radius_mm = robot.tendon_radius_mm
+    return tuple(
+        # Lengths and radius are checked already, and a plant may have a segment of length zero.
+        Segment.model_construct(
+            length_mm=length_mm,
+            tendon_radius_mm=radius_mm,
+            bends="plane",
+            direction_deg=direction_deg,
+            tendons=(
+                Tendon(angle_deg=direction_deg, motor=motor),
+                Tendon(angle_deg=direction_deg + _HALF_DEG, motor=motor, winding=-1),
+            ),
+        )
+        for motor, direction_deg, length_mm in zip(
+            (1, 2), (_QUARTER_DEG, 0.0), robot.segment_lengths_mm, strict=True
+        )
     )
 
 
+def freedom_of(segments: Sequence[Segment]) -> FloatArray:
+    """Bending vectors of the degrees of freedom, (D, S, 2)."""
+    vectors = []
+    for number, segment in enumerate(segments):
+        planar = [exact_direction(math.radians(segment.direction_deg))]
+        for direction in planar if segment.bends == "plane" else [(1.0, 0.0), (0.0, 1.0)]:
+            vector = np.zeros((len(segments), 2))
+            vector[number] = direction
+            vectors.append(vector)
+    return np.array(vectors)
+
+
+def bending_of_motors(robot: Robot) -> FloatArray:
+    """Degrees of freedom over motor angles, (D, n), see the module."""
+    segments = segments_of(robot)
+    freedom = freedom_of(segments)
+    tendons = [(number, tendon) for number, s in enumerate(segments) for tendon in s.tendons]
+    levers = np.zeros((len(tendons), len(segments), 2))
+    wound = np.zeros((len(tendons), max(tendon.motor for _, tendon in tendons)))
+    for row, (last, tendon) in enumerate(tendons):
+        towards = exact_direction(math.radians(tendon.angle_deg))
+        for number in range(last + 1):
+            levers[row, number] = np.multiply(segments[number].tendon_radius_mm, towards)
+        wound[row, tendon.motor - 1] = tendon.winding * robot.pulley_radius_mm
+    by_freedom = np.tensordot(levers, freedom, axes=((1, 2), (1, 2)))
+    stiffness = np.array([segment.stiffness for segment in segments])
+    measure = 1.0 / np.sqrt((freedom**2).sum(axis=2) @ stiffness)
+    bending: FloatArray = measure[:, None] * (np.linalg.pinv(by_freedom * measure) @ wound)
+    # What pinv leaves of products that vanish.
+    bending[np.abs(bending) < 1e-12 * np.abs(bending).max()] = 0.0
+    return bending
+
+
+@lru_cache(maxsize=64)
+def chain_of(robot: Robot, order: int) -> Chain:
+    """The constants of a robot for jets up to an order."""
+    segments = segments_of(robot)
+    offset = np.array([0.0, robot.marker_offset_mm, 0.0, 1.0])
+    base = np.eye(4)
+    base[:3, :3] = PAPER_FRAME
+    base[:3, 3] = -PAPER_FRAME @ offset[:3]
+    sizes: list[int] = []
+    shapes, kept = [], []
+    later: list[Derivative] = [()]
+    for number in reversed(range(len(segments))):
+        segment = segments[number]
+        is_spatial = segment.bends == "space"
+        size = 1 + is_spatial
+        direction_rad = None if is_spatial else math.radians(segment.direction_deg)
+        shape = transform_constants(direction_rad, segment.length_mm, order)
+        if number == 0:
+            shape = base[:3] @ shape
+        # Functions, then a column of the transform, derivatives, rows: a point times it comes next.
+        shape = np.moveaxis(shape, 3, 1)
+        if number == len(segments) - 1:
+            shape = np.tensordot(offset, shape, axes=(0, 1))
+        own = [tuple([0] * i + [1] * j) for i, j in exponents(is_spatial, order)]
+        both = [mine + tuple(size + y for y in after) for after in later for mine in own]
+        later = list(jet_index(size if not sizes else size + sum(sizes), order))
+        place = {product: place for place, product in enumerate(both)}
+        sizes.append(size)
+        shapes.append(np.ascontiguousarray(shape.reshape(len(shape), -1)))
+        kept.append(np.array([place[product] for product in later]))
+    first = np.cumsum([0, *sizes[:0:-1]])
+    bending = np.ascontiguousarray(bending_of_motors(robot).T)
+    is_planar = any(segment.bends == "plane" for segment in segments)
+    return Chain(bending, is_planar, first, tuple(shapes[::-1]), tuple(kept[::-1]))
+
+
+Derivative = tuple[int, ...]
+"""The coordinates of a derivative, ascending; () is the value."""
+
+
+@lru_cache(maxsize=64)
+def jet_index(coordinates: int, order: int = MOST_DERIVATIVES) -> dict[Derivative, int]:
+    """Where jets have the derivative by some coordinates: by ascending order."""
+    wanted = [
+        chosen
+        for number in range(order + 1)
+        for chosen in combinations_with_replacement(range(coordinates), number)
+    ]
+    return {chosen: number for number, chosen in enumerate(wanted)}
+
+
+@lru_cache(maxsize=64)
+def derivative_index(coordinates: int, number: int) -> IntArray:
+    """Where jets have every derivative of one order, (coordinates^number,)."""
+    index = jet_index(coordinates)
+    every = np.ndindex(*[coordinates] * number)
+    return np.array([index[tuple(sorted(chosen))] for chosen in every], dtype=np.int64)
+
+
+def products(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Matrix products, (N, i, j) or (i, j) times (N, j, k)."""
+    both: FloatArray = left @ right
+    return both
+
+
+def chosen(rows: FloatArray, numbers: IntArray) -> FloatArray:
+    """Rows of each matrix, (N, i, j) -> (N, numbers, j)."""
+    some: FloatArray = rows.take(numbers, 1)
+    return some
+
+
+def jets(chain: Chain, y_rad: FloatArray) -> FloatArray:
+    """The tip in the frame of (10) and its derivatives by y, (N, D) -> (N, K, 3).
+
+    In the order of ``jet_index``: the value, the first derivatives, and so on, mm/rad^order.
+    """
+    poses = len(y_rad)
+    waves = planar_functions(y_rad) if chain.is_planar else np.empty((poses, 0, 0))
+    number = len(chain.shapes) - 1
+    columns = _functions(chain, y_rad, waves, number) @ chain.shapes[number]
+    point = columns.reshape(poses, -1, 4 if number > 0 else 3)
+    while number > 0:
+        later = chosen(point, chain.kept[number])
+        number -= 1
+        shape = _functions(chain, y_rad, waves, number) @ chain.shapes[number]
+        both = products(later, shape.reshape(poses, 4, -1))
+        point = both.reshape(poses, -1, 4 if number > 0 else 3)
+    return chosen(point, chain.kept[0])
+
+
+def _functions(chain: Chain, y_rad: FloatArray, waves: FloatArray, number: int) -> FloatArray:
+    """Functions of the bending of one segment, (N, functions)."""
+    first = chain.first[number]
+    if len(chain.shapes[number]) == PLANAR_FUNCTIONS:
+        return np.ascontiguousarray(waves[:, first])
+    return spatial_functions(y_rad[:, first : first + 2])
+
+
+PLANAR_FUNCTIONS = len(transform_constants(0.0, 1.0, 0))
+
+
 class ConstantCurvature:
-    """Forward kinematics of the two-segment robot.
+    """Forward kinematics of any robot.
 
     Args:
-        geometry: the controller's model of the robot (Table I).
+        geometry: the controller's model of the robot (Table I, or its segments).
     """
 
     def __init__(self, geometry: Robot) -> None:
-        self.geometry = Geometry(
-            geometry.segment_lengths_mm,
-            geometry.marker_offset_mm,
-            geometry.pulley_radius_mm / geometry.tendon_radius_mm,
-        )
-        self.lengths_mm, self.marker_offset_mm, self.bending_per_motor = self.geometry
+        self._robot = geometry
+        segments = segments_of(geometry)
+        self._freedom = freedom_of(segments)
+        self._bending = bending_of_motors(geometry)
+        self.lengths_mm = tuple(segment.length_mm for segment in segments)
+        self.marker_offset_mm = geometry.marker_offset_mm
+        self.motors = self._bending.shape[1]
+
+    def chain(self, order: int = MOST_DERIVATIVES) -> Chain:
+        """The constants for ``jets``."""
+        return chain_of(self._robot, order)
 
     def bending_rad(self, q_rad: ArrayLike) -> FloatArray:
-        """Bending angles theta = k L of both segments (4), (5); shape of ``q_rad``."""
-        return np.asarray(q_rad, dtype=np.float64) * self.bending_per_motor
+        """Degrees of freedom, theta = k L of planar segments (4), (5); (..., n) -> (..., D)."""
+        bending: FloatArray = np.asarray(q_rad, dtype=np.float64) @ self._bending.T
+        return bending
 
     def tip_mm(self, q_rad: ArrayLike) -> FloatArray:
-        """Position of marker 3 relative to marker 1, f of (10); ``q_rad`` (..., 2) -> (..., 3)."""
-        jet = self._jet(q_rad)
-        return _vector(jet.across, jet.sagittal)
+        """Tip's marker relative to M1, f of (10); ``q_rad`` (..., n) -> (..., 3)."""
+        return self._jets(q_rad, 0)[..., 0, :]
 
     def jacobian_mm_rad(self, q_rad: ArrayLike) -> FloatArray:
-        """J = df/dq of (11); ``q_rad`` (..., 2) -> (..., 3, 2)."""
-        jet = self._jet(q_rad)
-        by_1 = _vector(0.0, jet.sagittal_1)
-        by_2 = _vector(jet.across_2, jet.sagittal_2)
-        return np.stack([by_1, by_2], axis=-1)
+        """J = df/dq of (11); ``q_rad`` (..., n) -> (..., 3, n)."""
+        by_y = self._jets(q_rad, 1)[..., 1:, :]
+        return np.swapaxes(by_y, -1, -2) @ self._bending
 
     def hessian_mm_rad2(self, q_rad: ArrayLike) -> FloatArray:
-        """d2f/dq dq; ``q_rad`` (..., 2) -> (..., 3, 2, 2)."""
-        jet = self._jet(q_rad)
-        by_11 = _vector(0.0, jet.sagittal_11)
-        by_12 = _vector(0.0, jet.sagittal_12)
-        by_22 = _vector(jet.across_22, jet.sagittal_22)
-        rows = [np.stack([by_11, by_12], axis=-1), np.stack([by_12, by_22], axis=-1)]
-        return np.stack(rows, axis=-2)
+        """d2f/dq dq; ``q_rad`` (..., n) -> (..., 3, n, n)."""
+        return self.second_order(q_rad)[2]
 
-    def jet_at(self, motor_1_rad: float, motor_2_rad: float) -> TipJet:
-        """Tip and derivatives at one pose, see ``jet_at``."""
-        return jet_at(self.geometry, motor_1_rad, motor_2_rad)
+    def second_order(self, q_rad: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Tip, Jacobian and Hessian at once, see there."""
+        freedoms = len(self._bending)
+        jet = self._jets(q_rad, 2)
+        by_y = np.swapaxes(jet[..., 1 : freedoms + 1, :], -1, -2)
+        by_two = jet[..., derivative_index(freedoms, 2), :]
+        square = np.moveaxis(by_two.reshape(*jet.shape[:-2], freedoms, freedoms, 3), -1, -3)
+        bending = self._bending
+        return jet[..., 0, :], by_y @ bending, bending.T @ square @ bending
 
     def backbone_mm(self, q_rad: ArrayLike, points: int = 41) -> FloatArray:
         """Points along the backbone from base to tip, in the frame of (10).
 
-        The origin is marker 1, so the backbone starts at (0, 0, -d_m). ``q_rad`` (..., 2) ->
+        The origin is marker 1, so the backbone starts at (0, 0, -d_m). ``q_rad`` (..., n) ->
         (..., points, 3), evenly spaced along the length.
         """
-        theta = self.bending_rad(q_rad)[..., None, :]
-        length_1, length_2 = self.lengths_mm
-        along = np.linspace(0.0, length_1 + length_2, points)
-        share_1 = np.clip(along / length_1, 0.0, 1.0)
-        share_2 = np.clip((along - length_1) / length_2, 0.0, 1.0)
-        arc_1 = length_1 * share_1 * arc_derivatives(share_1 * theta[..., 0])[0]
-        arc_2 = length_2 * share_2 * arc_derivatives(share_2 * theta[..., 1])[0]
-        sagittal = arc_1 + arc_2.real * np.exp(1j * theta[..., 0]) - 1j * self.marker_offset_mm
-        return _vector(arc_2.imag, sagittal)
+        bends = np.tensordot(self.bending_rad(q_rad), self._freedom, axes=1)
+        ends = np.cumsum(self.lengths_mm)
+        along = np.linspace(0.0, ends[-1], points)
+        line = np.zeros((*bends.shape[:-2], points, 3))
+        line[..., 1] = -self.marker_offset_mm
+        turn = np.broadcast_to(np.eye(3), (*bends.shape[:-2], 3, 3))
+        for number, length in enumerate(self.lengths_mm):
+            share = np.clip((along - (ends[number] - length)) / length, 0.0, 1.0)[:, None]
+            here = length * share * bend_of(share * bends[..., number, None, :]).end
+            line += here @ np.swapaxes(turn, -1, -2)
+            turn = turn @ bend_of(bends[..., number, :]).turn
+        turned: FloatArray = line @ PAPER_FRAME.T
+        return turned
 
-    def _jet(self, q_rad: ArrayLike) -> TipJet:
-        theta = self.bending_rad(q_rad)
-        return assemble_jet(
-            self.geometry,
-            arc_derivatives(theta[..., 0]),
-            arc_derivatives(theta[..., 1]),
-            np.exp(1j * theta[..., 0]),
-        )
-
-
-def _vector(across: ArrayLike, sagittal: NDArray[np.complex128]) -> FloatArray:
-    across_like = np.broadcast_to(np.asarray(across, dtype=np.float64), np.shape(sagittal))
-    return np.stack([across_like, -sagittal.real, sagittal.imag], axis=-1)
+    def _jets(self, q_rad: ArrayLike, order: int) -> FloatArray:
+        y = self.bending_rad(q_rad)
+        flat = jets(self.chain(order), y.reshape(-1, y.shape[-1]))
+        shaped: FloatArray = flat.reshape(*y.shape[:-1], -1, 3)
+        return shaped

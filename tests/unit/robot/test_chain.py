@@ -68,7 +68,7 @@ def test_for_the_papers_robot_tip_and_jacobian_are_those_of_its_equations_to_rou
     offset = np.array([0.0, robot.marker_offset_mm, 0.0])
     tip, by = point_mm(robot.segment_lengths_mm, bends, tip_weights(2, offset))
     assert (tip - offset) @ PAPER_FRAME.T == pytest.approx(paper.tip_mm(q), abs=1e-11)
-    gain = paper.bending_per_motor
+    gain = robot.pulley_radius_mm / robot.tendon_radius_mm
     by_motors = gain * np.stack([by[:, 0, 1], by[:, 1, 0]], axis=1) @ PAPER_FRAME.T
     assert np.swapaxes(by_motors, 1, 2) == pytest.approx(paper.jacobian_mm_rad(q), abs=1e-10)
 

@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 
 from ccr_host.description.schema import Robot
 from ccr_host.robot.arc import arc_derivatives, arc_derivatives_at
-from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.kinematics import ConstantCurvature, segments_of
+from tests.unit.robot.random_robots import chain_of_transforms, levers_of, random_robot
 
 PAPER = ConstantCurvature(Robot())
+GAIN = 12.5 / 4.5
 angles = st.floats(-1.5, 1.5)
 geometries = st.builds(
     Robot,
@@ -114,23 +116,6 @@ def test_derivatives_match_central_differences(geometry, first, second):
         )
 
 
-def test_third_derivatives_match_differences_of_the_second_ones():
-    step = 1e-5
-    for first, second in np.random.default_rng(3).uniform(-1.4, 1.4, (50, 2)):
-        jet = PAPER.jet_at(first, second)
-        by_1 = [PAPER.jet_at(first + s, second) for s in (step, -step)]
-        by_2 = [PAPER.jet_at(first, second + s) for s in (step, -step)]
-
-        def slope(pair, name):
-            return (getattr(pair[0], name) - getattr(pair[1], name)) / (2 * step)
-
-        assert jet.across_222 == pytest.approx(slope(by_2, "across_22"), abs=1e-5)
-        assert jet.sagittal_111 == pytest.approx(slope(by_1, "sagittal_11"), abs=1e-5)
-        assert jet.sagittal_112 == pytest.approx(slope(by_2, "sagittal_11"), abs=1e-5)
-        assert jet.sagittal_122 == pytest.approx(slope(by_1, "sagittal_22"), abs=1e-5)
-        assert jet.sagittal_222 == pytest.approx(slope(by_2, "sagittal_22"), abs=1e-5)
-
-
 def test_single_pose_and_array_of_poses_agree():
     q = np.random.default_rng(4).uniform(-1.5, 1.5, (3, 5, 2))
     tips = PAPER.tip_mm(q)
@@ -138,12 +123,12 @@ def test_single_pose_and_array_of_poses_agree():
     assert PAPER.jacobian_mm_rad(q).shape == (3, 5, 3, 2)
     assert PAPER.hessian_mm_rad2(q).shape == (3, 5, 3, 2, 2)
     for index in np.ndindex(3, 5):
-        assert PAPER.jet_at(*q[index]).tip_mm == pytest.approx(tips[index], abs=1e-12)
+        assert PAPER.tip_mm(q[index]) == pytest.approx(tips[index], abs=1e-12)
 
 
 def test_lateral_map_folds_at_133_6_deg_of_bending():
     def lateral_rank_loss(theta_deg):
-        q = np.array([0.3, np.radians(theta_deg) / PAPER.bending_per_motor])
+        q = np.array([0.3, np.radians(theta_deg) / GAIN])
         return np.linalg.det(PAPER.jacobian_mm_rad(q)[[0, 2]])
 
     assert lateral_rank_loss(133.0) * lateral_rank_loss(134.0) < 0
@@ -151,7 +136,7 @@ def test_lateral_map_folds_at_133_6_deg_of_bending():
 
 
 def test_full_jacobian_keeps_its_rank_at_the_fold():
-    fold = np.radians(133.5634) / PAPER.bending_per_motor
+    fold = np.radians(133.5634) / GAIN
     poses = np.stack([np.linspace(-1.4, 1.4, 50), np.full(50, fold)], axis=-1)
     assert np.linalg.svd(PAPER.jacobian_mm_rad(poses), compute_uv=False)[:, 1].min() > 20.0
 
@@ -174,3 +159,41 @@ def test_arc_of_an_array_equals_arc_of_its_elements():
     for index, value in np.ndenumerate(theta):
         for order, single in enumerate(arc_derivatives_at(float(value))):
             assert whole[order][index] == pytest.approx(single, abs=1e-15)
+
+
+@pytest.mark.parametrize("segments", [1, 2, 3, 4])
+def test_random_robots_are_chains_of_homogeneous_transforms_and_their_derivatives(segments):
+    rng = np.random.default_rng(segments)
+    for _ in range(250):
+        robot = random_robot(rng, segments)
+        model = ConstantCurvature(robot)
+        length = sum(model.lengths_mm) + robot.marker_offset_mm
+        # Derivatives in units of the motors' effect on the bending.
+        scale = np.abs(model.bending_rad(np.eye(model.motors))).sum(axis=1).max()
+        q = rng.choice([1e-9, 0.1, 1.0]) * rng.uniform(-1.5, 1.5, model.motors) / scale
+        tip, jacobian, hessian = model.second_order(q)
+        assert tip == pytest.approx(chain_of_transforms(robot, q), abs=1e-12 * length)
+        aside = rng.normal(size=model.motors) / model.motors / scale
+        step = 1e-5
+        ahead, behind = model.second_order(q + step * aside), model.second_order(q - step * aside)
+        slope, bend = ((a - b) / (2 * step) for a, b in zip(ahead[:2], behind[:2], strict=True))
+        assert jacobian @ aside == pytest.approx(slope, abs=1e-8 * length)
+        assert hessian @ aside == pytest.approx(bend, abs=1e-8 * length * scale)
+
+
+def test_bending_of_random_robots_is_what_their_tendons_ask_for():
+    rng = np.random.default_rng(5)
+    for number in range(200):
+        robot = random_robot(rng, 1 + number % 4)
+        model = ConstantCurvature(robot)
+        levers, wound = levers_of(robot)
+        slack = levers @ model.bending_rad(np.eye(model.motors)).T - wound
+        # Only what the tendons of a segment have in common, its pretension, bends nothing.
+        assert levers.T @ slack == pytest.approx(np.zeros_like(levers.T @ slack), abs=1e-9)
+
+
+def test_the_papers_robot_described_by_segments_is_the_papers_robot():
+    described = ConstantCurvature(Robot(segments=segments_of(Robot())))
+    q = np.random.default_rng(6).uniform(-1.5, 1.5, (20, 2))
+    assert np.array_equal(described.tip_mm(q), PAPER.tip_mm(q))
+    assert described.bending_rad(q) == pytest.approx(q * GAIN, rel=1e-14)

@@ -18,13 +18,13 @@ FloatArray = NDArray[np.float64]
 
 
 def damped_inverse(jacobian: FloatArray, damping: float) -> FloatArray:
-    """(J'J + damping^2 I)^-1 J', (2, 3) of a (3, 2) Jacobian; finite for any damping above 0."""
-    gram = jacobian.T @ jacobian + damping**2 * np.eye(2)
+    """(J'J + damping^2 I)^-1 J', (n, 3) of a (3, n) Jacobian; finite for any damping above 0."""
+    gram = jacobian.T @ jacobian + damping**2 * np.eye(jacobian.shape[1])
     return np.asarray(np.linalg.solve(gram, jacobian.T))
 
 
 class JacobianEstimator(Protocol):
-    """Estimates J, (3, 2) in mm/rad, from secants."""
+    """Estimates J, (3, n) in mm/rad, from secants."""
 
     jacobian_mm_rad: FloatArray
 
@@ -33,7 +33,7 @@ class JacobianEstimator(Protocol):
         ...
 
     def correct(self, turn_rad: FloatArray, move_mm: FloatArray) -> None:
-        """Process a secant: turn of the motors, (2,), not zero, and move of the tip, (3,)."""
+        """Process a secant: turn of the motors, (n,), not zero, and move of the tip, (3,)."""
         ...
 
 
@@ -140,7 +140,7 @@ class KalmanEstimator:
 
     As in model-free control of continuum robots (Li, Kang, Branson, Dai, IEEE/ASME T-Mech 23(1),
     2018): the entries follow random walks, each motion dx = J dq + noise measures them. The
-    rows of J share one covariance, (2, 2): their regressors and noises are the same.
+    rows of J share one covariance, (n, n): their regressors and noises are the same.
 
     Args:
         deviation_mm_rad: standard deviation of the first guess.
@@ -159,11 +159,12 @@ class KalmanEstimator:
 
     def start(self, guess_mm_rad: FloatArray) -> None:
         self.jacobian_mm_rad = guess_mm_rad
-        self._covariance = self._deviation_mm_rad**2 * np.eye(2)
+        self._covariance = self._deviation_mm_rad**2 * np.eye(guess_mm_rad.shape[1])
 
     def correct(self, turn_rad: FloatArray, move_mm: FloatArray) -> None:
         turned_rad = float(np.linalg.norm(turn_rad))
-        covariance = self._covariance + self._walk_mm_rad**2 * turned_rad * np.eye(2)
+        walk = self._walk_mm_rad**2 * turned_rad * np.eye(len(turn_rad))
+        covariance = self._covariance + walk
         variance_mm2 = turn_rad @ covariance @ turn_rad + self._noise_mm**2
         gain = covariance @ turn_rad / variance_mm2
         innovation_mm = move_mm - self.jacobian_mm_rad @ turn_rad

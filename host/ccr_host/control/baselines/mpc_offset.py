@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.mpc import sqp
+from ccr_host.control.mpc.controller import geometry_of
 from ccr_host.control.mpc.problem import Weights, tracking
 from ccr_host.control.shell import Law, Measurement, PathView, Plan, believable
 from ccr_host.description.schema import Description
@@ -42,6 +43,7 @@ class OffsetFreeMpc(Law):
 
     def __init__(self, description: Description) -> None:
         control = description.control
+        self._geometry = geometry_of(description.robot)
         self._model = ConstantCurvature(description.robot)
         limits = MotorLimits.of(description.servo)
         self._bounds = sqp.Bounds.of(limits, control.step_bound_rad)
@@ -75,7 +77,7 @@ class OffsetFreeMpc(Law):
         first, second = commanded_rad.tolist()
         position_mm = self._model.tip_mm(commanded_rad) + self.disturbance_mm
         problem = tracking(
-            self._model.geometry,
+            self._geometry,
             self._weights,
             (first, second),
             tuple(position_mm.tolist()),

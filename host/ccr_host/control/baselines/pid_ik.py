@@ -47,8 +47,8 @@ class PidIk(Law):
     def start(self, path: PathView, history: SetpointHistory) -> None:
         super().start(path, history)
         self._error_rad: FloatArray | None = None
-        self._rate_rad_s = np.zeros(2)
-        self.integral_rad = np.zeros(2)
+        self._rate_rad_s = np.zeros(self._model.motors)
+        self.integral_rad = np.zeros(self._model.motors)
 
     def observe(self, measurement: Measurement) -> None:
         """Integrate and differentiate the error over the time between measurements."""

@@ -12,16 +12,16 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from ccr_host.control import jit
-from ccr_host.control.mpc import plan, problem, qp, sqp
+from ccr_host.control.mpc import plan, problem, qp, sqp, two_motors
 from ccr_host.control.mpc.plan import Code, Settings, StepResult
 from ccr_host.control.mpc.problem import Weights
 from ccr_host.control.mpc.sqp import Bounds
-from ccr_host.robot import arc, kinematics
-from ccr_host.robot.kinematics import Geometry
+from ccr_host.control.mpc.two_motors import Geometry
+from ccr_host.robot import arc
 
 FloatArray = NDArray[np.float64]
 
-SOURCES: tuple[ModuleType, ...] = (arc, kinematics, problem, qp, sqp, plan)
+SOURCES: tuple[ModuleType, ...] = (arc, two_motors, problem, qp, sqp, plan)
 _plan_step: Callable[..., StepResult] = plan.plan_step
 _resume: Callable[..., StepResult] = plan.resume
 

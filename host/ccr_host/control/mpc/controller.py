@@ -12,7 +12,9 @@ from ccr_host.control.mpc import sqp
 from ccr_host.control.mpc.plan import Planner, Settings
 from ccr_host.control.mpc.problem import Pair, Weights
 from ccr_host.control.mpc.sqp import Bounds, clip
-from ccr_host.description.schema import Description
+from ccr_host.control.mpc.two_motors import Geometry
+from ccr_host.core.errors import ConfigError
+from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
@@ -26,6 +28,21 @@ _FAILURES = {
 }
 
 
+def geometry_of(robot: Robot) -> Geometry:
+    """What the jets need of a robot.
+
+    Raises:
+        ConfigError: the robot has segments of its own.
+    """
+    if robot.segments:
+        raise ConfigError(
+            "mpc and mpc-offset know only robots of two planar segments with a motor each",
+            "choose another controller, or describe the robot without [[robot.segments]]",
+        )
+    gain = robot.pulley_radius_mm / robot.tendon_radius_mm
+    return Geometry(robot.segment_lengths_mm, robot.marker_offset_mm, gain)
+
+
 class ModelPredictive:
     """The paper's MPC: the horizon shrinks at the end of the path, the first increment is applied.
 
@@ -34,7 +51,7 @@ class ModelPredictive:
     measurement. Without a solution it repeats the last command.
 
     Raises:
-        ConfigError: the solver needs an extra that is not installed.
+        ConfigError: the solver needs an extra that is not installed, or see ``geometry_of``.
     """
 
     name = "mpc"
@@ -45,7 +62,7 @@ class ModelPredictive:
         self._bounds = Bounds.of(limits, control.step_bound_rad)
         weights = Weights(control.position_weight, control.effort_weight)
         self._live_steps = control.horizon - 1
-        settings = Settings(self._model.geometry, self._bounds, weights)
+        settings = Settings(geometry_of(description.robot), self._bounds, weights)
         self._planner = Planner(settings, control.solver)
 
     def start(self, reference: Reference) -> Command:
@@ -58,7 +75,7 @@ class ModelPredictive:
         self.plan_rad = self._last_rad[None, :]
         """The angles planned by the last step, (M, 2)."""
         self._last_seen: tuple[FloatArray, Pair] | None = None
-        predicted_mm = self._model.jet_at(*self._last_rad.tolist()).tip_mm[None, :]
+        predicted_mm = self._model.tip_mm(self._last_rad)[None, :]
         return Command(self._last_rad.copy(), predicted_mm, Outcome.SOLVED)
 
     def step(self, observation: Observation) -> Command:
@@ -87,10 +104,10 @@ class ModelPredictive:
         if tip_mm is not None:
             self._last_seen = tip_mm, commanded
             return tip_mm, Outcome.SOLVED
-        position_mm = self._model.jet_at(*commanded).tip_mm
+        position_mm = self._model.tip_mm(commanded)
         if self._last_seen is not None:
             seen_mm, then = self._last_seen
-            position_mm = position_mm + seen_mm - self._model.jet_at(*then).tip_mm
+            position_mm = position_mm + seen_mm - self._model.tip_mm(then)
         return position_mm, Outcome.COASTED
 
     def _hold(self, why: str) -> Command:

@@ -13,8 +13,8 @@ from ccr_host.control.mpc import sqp
 from ccr_host.control.mpc.problem import Pair, Rows, Tracking, Weights, roll_out, tracking
 from ccr_host.control.mpc.qp import OPTIMAL, minimise
 from ccr_host.control.mpc.sqp import Bounds, Newton, Solution
+from ccr_host.control.mpc.two_motors import Geometry
 from ccr_host.core.plugins import import_optional
-from ccr_host.robot.kinematics import Geometry
 
 FloatArray = NDArray[np.float64]
 Triple = tuple[float, float, float]

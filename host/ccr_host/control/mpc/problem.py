@@ -15,7 +15,7 @@ contains only the measurement, so M = N - 1 increments are free and the last is 
 is the model's tip plus a disturbance estimated against the model, which must not include the
 linearisation error of (14)'s sums.
 
-Positions are split as in ``robot.kinematics``: f[0], and s = -f[1] + i f[2].
+Positions are split as in ``two_motors``: f[0], and s = -f[1] + i f[2].
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.robot.kinematics import Geometry, TipJet, jet_at
+from ccr_host.control.mpc.two_motors import Geometry, TipJet, jet_at
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]

@@ -125,8 +125,9 @@ def test_one_pose_and_many_agree(theta):
 @given(bends)
 def test_without_weight_and_sag_the_tip_is_that_of_equation_10(theta):
     ideal = PRIOR._replace(body_per_mm=0.0, tip_per_mm=0.0, sag_1=0.0, sag_2=0.0)
-    model = ConstantCurvature(Robot())
-    expected = model.tip_mm(theta / model.bending_per_motor)
+    robot = Robot()
+    q = np.multiply(theta, robot.tendon_radius_mm / robot.pulley_radius_mm)
+    expected = ConstantCurvature(robot).tip_mm(q)
     assert tip_mm(ideal, *theta) == pytest.approx(expected, abs=1e-9)
 
 

@@ -9,6 +9,7 @@ import casadi
 import numpy as np
 import pytest
 
+from ccr_host.control.mpc.controller import geometry_of
 from ccr_host.control.mpc.plan import Planner, Settings
 from ccr_host.control.mpc.problem import Tracking, Weights, tracking
 from ccr_host.control.mpc.sqp import Bounds
@@ -19,6 +20,7 @@ from ccr_host.robot.workspace import MotorLimits
 
 DESCRIPTION = Description()
 MODEL = ConstantCurvature(DESCRIPTION.robot)
+GEOMETRY = geometry_of(DESCRIPTION.robot)
 LIMITS = MotorLimits.of(DESCRIPTION.servo)
 
 
@@ -33,7 +35,7 @@ class Step:
     def tracking(self, position_weight=1.0, effort_weight=0.5) -> Tracking:
         weights = Weights(position_weight, effort_weight)
         start, position = tuple(self.q_rad.tolist()), tuple(self.measured_mm.tolist())
-        return tracking(MODEL.geometry, weights, start, position, self.targets_mm.tolist())
+        return tracking(GEOMETRY, weights, start, position, self.targets_mm.tolist())
 
     def planned(self, planner: Planner):
         """Status, iterations and angles (M, 2), from standing still."""
@@ -143,7 +145,7 @@ def solver(request):
 @pytest.fixture(scope="session")
 def planner_within(solver):
     """Planners of the paper's robot between bounds."""
-    return lambda bounds: Planner(Settings(MODEL.geometry, bounds, Weights(1.0, 0.5)), solver)
+    return lambda bounds: Planner(Settings(GEOMETRY, bounds, Weights(1.0, 0.5)), solver)
 
 
 @pytest.fixture(scope="session")

@@ -6,13 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from ccr_host.control.mpc.controller import geometry_of
 from ccr_host.control.mpc.problem import Weights, expand, hessian, roll_out, tracking
 from ccr_host.control.mpc.sqp import Bounds, feasible, solve
-from tests.unit.control.baselines.plant import BELIEVED, LIMITS, reference_of
+from tests.unit.control.baselines.plant import BELIEVED, DESCRIPTION, LIMITS, reference_of
 
 STEP_BOUND_RAD = 0.15
 BOUNDS = Bounds.of(LIMITS, STEP_BOUND_RAD)
 WEIGHTS = Weights(1.0, 0.5)
+GEOMETRY = geometry_of(DESCRIPTION.robot)
 PATHS = [reference_of(name, 1.0) for name in ("ellipse", "8shape", "star")]
 
 
@@ -22,7 +24,7 @@ def _problem(path, first, disturbance_mm):
     position_mm = BELIEVED.tip_mm(start_rad) + disturbance_mm
     targets = reference.target_mm[first : first + 3].tolist()
     start, position = tuple(start_rad.tolist()), tuple(position_mm.tolist())
-    problem = tracking(BELIEVED.geometry, WEIGHTS, start, position, targets)
+    problem = tracking(GEOMETRY, WEIGHTS, start, position, targets)
     return problem._replace(by_model=True), np.array(targets) - disturbance_mm
 
 

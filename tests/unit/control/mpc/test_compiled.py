@@ -14,7 +14,7 @@ import pytest
 from ccr_host.control import mpc
 from ccr_host.control.base import Observation, Outcome
 from ccr_host.control.mpc import compiled, plan, qp
-from ccr_host.control.mpc.controller import ModelPredictive
+from ccr_host.control.mpc.controller import ModelPredictive, geometry_of
 from ccr_host.control.mpc.problem import Weights, roll_out, tracking
 from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -65,11 +65,10 @@ def drifting_plant(seed, lost=0.1):
 def cost(plan_rad, overrides, path, seen):
     description = schema.load(overrides=overrides)
     control, limits = description.control, MotorLimits.of(description.servo)
-    model = ConstantCurvature(description.robot)
     start, position = tuple(limits.clip(seen.q_rad).tolist()), tuple(seen.tip_mm.tolist())
     targets = path.target_mm[seen.step : seen.step + len(plan_rad)].tolist()
     weights = Weights(control.position_weight, control.effort_weight)
-    problem = tracking(model.geometry, weights, start, position, targets)
+    problem = tracking(geometry_of(description.robot), weights, start, position, targets)
     return roll_out(problem, [tuple(q) for q in plan_rad.tolist()]).cost
 
 
