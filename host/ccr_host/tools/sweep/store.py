@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -109,8 +110,10 @@ class SweepFolder:
             OSError: they cannot be written and must be run again.
         """
         self._make_folder()
-        names = "-".join(sorted({f"{row['controller']}{row['rate_hz']:g}" for row in rows}))
-        part = self._folder / _PARTS / f"{rows[0]['index']:06d}-{names}.parquet"
+        # A checksum, as names of controllers may contain slashes and together be too long.
+        drives = json.dumps(sorted((row["rate_hz"], row["controller"]) for row in rows))
+        name = f"{rows[0]['index']:06d}-{crc32(drives.encode()):08x}.parquet"
+        part = self._folder / _PARTS / name
         with signals_deferred():
             _write(part, rows)
             self._rows |= {_key(row): row for row in rows}

@@ -38,6 +38,14 @@ def test_a_sweep_continues_where_it_was_left(tmp_path, plan, row):
     ]
 
 
+def test_controllers_in_files_and_many_of_them_have_rows_too(tmp_path, plan, row):
+    names = [f"controllers/of/mine{number}.py:Mine" for number in range(20)]
+    SweepFolder(tmp_path, plan).keep([row(0, controller=name) for name in names])
+    SweepFolder(tmp_path, plan).keep([row(0, controller="mpc")])
+    found = {r["controller"] for r in SweepFolder(tmp_path, plan).rows()}
+    assert found == {*names, "mpc"}
+
+
 def test_a_part_cut_off_while_it_was_written_is_not_taken_for_a_row(tmp_path, plan, row):
     store = SweepFolder(tmp_path, plan)
     store.keep([row(0)])
@@ -114,10 +122,12 @@ def test_a_part_of_other_columns_or_with_gaps_is_named(tmp_path, plan, row, chan
 def test_a_row_that_could_not_be_stored_is_missing(tmp_path, plan, row):
     store = SweepFolder(tmp_path, plan)
     store.keep([row(0)])
-    (tmp_path / "parts" / "000001-mpc1.parquet").mkdir()
+    (part,) = (tmp_path / "parts").iterdir()
+    taken = part.with_name(part.name.replace("000000", "000001"))
+    taken.mkdir()
     with pytest.raises(OSError):
         store.keep([row(1)])
-    (tmp_path / "parts" / "000001-mpc1.parquet").rmdir()
+    taken.rmdir()
     jobs = plan.jobs(range(2), [(1.0, "mpc")])
     for again in (store, SweepFolder(tmp_path, plan)):
         assert [job.index for job in again.missing(jobs)] == [1]
