@@ -4,6 +4,7 @@
 #include <avr/io.h>
 #include <util/atomic.h>
 
+#include "board_pins.h"
 #include "ccr_messages.h"
 #include "reset_cause.h"
 
@@ -11,7 +12,7 @@
 #define CCR_TIME_AT_RESET_US 0UL
 #endif
 
-namespace uno {
+namespace avr {
 namespace frame_timer {
 
 namespace {
@@ -29,45 +30,42 @@ constexpr uint8_t kMsPerFrame = ccr::kTickUs / 1000;
 constexpr uint16_t kFrameCountsPerMs = kFrameCounts / kMsPerFrame;
 constexpr uint8_t kTickAtMs = ccr::kTickPhaseUs / 1000;
 // The pins are low then, whatever the pulse widths: connecting or disconnecting one cuts no pulse.
-// The tick has 1 ms; if it is late, its pulses wait for the next frame.
-constexpr uint8_t kCommitAtMs = kTickAtMs + 1;
-static_assert(kCommitAtMs < kMsPerFrame, "before the next frame");
+// The tick has 1 ms, and the time until the first pulse; if it is late, its pulses wait for the next
+// frame.
+constexpr uint8_t kCommitAtMs =
+    (kTickAtMs + 1 + pulse_timers::kFirstStartUs / 1000) % kMsPerFrame;
+static_assert(pulse_timers::kFirstStartUs % 1000 == 0, "a whole number of ms before the first pulse");
+/// Timer1 begins its period with the first pulse.
+constexpr uint16_t kBeforeFrameUs =
+    pulse_timers::kFirstStartUs == 0 ? 0 : ccr::kTickUs - pulse_timers::kFirstStartUs;
 // Connecting pins takes effect at once, unlike setting pulse widths, so it must not happen so late
 // that the next frame may have started.
 constexpr uint16_t kCommitBeforeCounts = kFrameCounts - 50 * kCountsPerUs;
-static_assert(ccr::kPulseCeilingHalfUs < kTickAtMs * 1000UL * kCountsPerUs, "pins are low");
+static_assert(pulse_timers::kLastStartUs * uint32_t{kCountsPerUs} + ccr::kPulseCeilingHalfUs <
+                  kTickAtMs * 1000UL * kCountsPerUs,
+              "pins are low");
+static_assert(ccr::kAxes <= kMostAxes, "more axes than the board has pins for");
 
-constexpr uint8_t kFastPwmToIcr1A = _BV(WGM11);
-constexpr uint8_t kFastPwmToIcr1B = _BV(WGM13) | _BV(WGM12);
-
-struct CompareSettings {
-  uint16_t ocr_a;
-  uint16_t ocr_b;
-  uint8_t tccr_a;
-};
-
-CompareSettings prepared = {0, 0, kFastPwmToIcr1A};
-volatile uint32_t frame_start_us = CCR_TIME_AT_RESET_US;
+pulse_timers::Settings prepared;
+/// Of Timer1's period.
+volatile uint32_t frame_start_us = CCR_TIME_AT_RESET_US - kBeforeFrameUs;
 volatile uint8_t ticks_due = 0;
 volatile bool has_overrun = false;
 volatile bool has_lost_ms = false;
 
 /// Used by interrupts only. Counted, and checked against Timer1, which cannot lose any.
 uint8_t ms_in_frame = 0;
-uint16_t ms_began_counts = 0;
-bool has_frame_had_its_tick = false;
-
-/// The pin is high for one count more than the register value.
-constexpr uint16_t compare_value(uint16_t pulse_half_us) {
-  return static_cast<uint16_t>(pulse_half_us - 1);
-}
+uint16_t ms_began_counts = kBeforeFrameUs * kCountsPerUs;
+bool has_frame_had_its_tick = kBeforeFrameUs != 0;
 
 void begin_next_ms() {
   ++ms_in_frame;
   ms_began_counts = static_cast<uint16_t>(ms_began_counts + kFrameCountsPerMs);
+  if (ms_began_counts == kFrameCounts) {
+    ms_began_counts = 0;
+  }
   if (ms_in_frame == kMsPerFrame) {
     ms_in_frame = 0;
-    ms_began_counts = 0;
   } else if (ms_in_frame == kTickAtMs) {
     if (ticks_due > 0) {
       has_overrun = true;
@@ -83,27 +81,22 @@ bool is_in_ms(uint16_t counts) {
 
 /// The boot loader may have left the timers running.
 inline void stop_and_clear_timers() {
-  TCCR1B = 0;
+  pulse_timers::stop_and_clear(kFrameCounts);
   TCCR2B = 0;
-  TCCR1A = kFastPwmToIcr1A;
   TCCR2A = _BV(WGM21);
-  ICR1 = kFrameCounts - 1;
   OCR2A = kCountsPerMs - 1;
-  TCNT1 = 0;
   TCNT2 = 0;
-  TIFR1 = 0xFF;
   TIFR2 = 0xFF;
 }
 
 }  // namespace
 
 void start() {
-  PORTB = PORTB & static_cast<uint8_t>(~(_BV(PORTB0) | _BV(PORTB1) | _BV(PORTB2)));
-  DDRB = DDRB | _BV(DDB0) | _BV(DDB1) | _BV(DDB2);
+  pins::start();
   stop_and_clear_timers();
-  // Hold the prescalers at zero until both timers have their clocks.
+  // Hold the prescalers at zero until all timers have their clocks.
   GTCCR = _BV(TSM) | _BV(PSRASY) | _BV(PSRSYNC);
-  TCCR1B = kFastPwmToIcr1B | _BV(CS11);
+  pulse_timers::start();
   TCCR2B = _BV(CS22);
   GTCCR = 0;
 }
@@ -148,15 +141,8 @@ bool take_overrun() { return take(has_overrun); }
 bool take_lost_ms() { return take(has_lost_ms); }
 
 void prepare(const ccr::Pulses& pulses) {
-  CompareSettings next = {0, 0, kFastPwmToIcr1A};
-  if (pulses.half_us[0] != ccr::kNoPulse) {
-    next.ocr_a = compare_value(pulses.half_us[0]);
-    next.tccr_a |= _BV(COM1A1);
-  }
-  if (pulses.half_us[1] != ccr::kNoPulse) {
-    next.ocr_b = compare_value(pulses.half_us[1]);
-    next.tccr_a |= _BV(COM1B1);
-  }
+  pulse_timers::Settings next;
+  next.set(pulses);
   ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { prepared = next; }
 }
 
@@ -183,10 +169,8 @@ ISR(TIMER2_COMPA_vect) {
     has_lost_ms = true;
     return;
   }
-  OCR1A = prepared.ocr_a;
-  OCR1B = prepared.ocr_b;
-  TCCR1A = prepared.tccr_a;
+  pulse_timers::apply(prepared);
 }
 
 }  // namespace frame_timer
-}  // namespace uno
+}  // namespace avr

@@ -1,16 +1,16 @@
 // The 20 ms frame: Timer1 generates the servo pulses and counts microseconds, Timer2 counts the
 // milliseconds at which the control tick is due and its pulses are handed to Timer1.
-#ifndef CCR_UNO_FRAME_TIMER_H
-#define CCR_UNO_FRAME_TIMER_H
+#ifndef CCR_AVR_FRAME_TIMER_H
+#define CCR_AVR_FRAME_TIMER_H
 
 #include <stdint.h>
 
 #include "pulses.h"
 
-namespace uno {
+namespace avr {
 namespace frame_timer {
 
-/// Starts both timers at the same clock cycle, which is time zero of the protocol, and drives the
+/// Starts the timers at the same clock cycle, which is time zero of the protocol, and drives the
 /// servo pins and the output for their supply low. Accesses registers only, as it is called before
 /// memory is initialised.
 void start();
@@ -34,6 +34,6 @@ bool take_lost_ms();
 void prepare(const ccr::Pulses& pulses);
 
 }  // namespace frame_timer
-}  // namespace uno
+}  // namespace avr
 
 #endif

@@ -12,12 +12,8 @@
 #include "reset_cause.h"
 #include "stack_monitor.h"
 #include "uart.h"
-#include "uno_hardware.h"
+#include "avr_hardware.h"
 #include "watchdog.h"
-
-#ifndef __AVR_ATmega328P__
-#error "registers, timers and memory are those of an ATmega328P: build it for the Arduino UNO"
-#endif
 
 #ifndef CCR_TICK_AT_RESET
 #define CCR_TICK_AT_RESET 0UL
@@ -32,10 +28,10 @@ constexpr uint8_t kSleepIdle = _BV(SE);
 constexpr uint16_t kLeastFreeStack = 64;
 
 struct Firmware {
-  uno::StackMonitor stack;
-  uno::UnoHardware hardware;
+  avr::StackMonitor stack;
+  avr::AvrHardware hardware;
   ccr::Board board;
-  uno::ProgressWatchdog watchdog;
+  avr::ProgressWatchdog watchdog;
 
   explicit Firmware(ccr::Start start)
       : hardware(stack), board(hardware, start, CCR_TICK_AT_RESET) {}
@@ -46,23 +42,23 @@ struct Firmware {
       board.raise_fault(ccr::Fault::kStackLow);
     }
     // Before the tick, which may have come at the wrong time or once too often.
-    if (uno::frame_timer::take_lost_ms()) {
+    if (avr::frame_timer::take_lost_ms()) {
       board.raise_fault(ccr::Fault::kInternal);
     }
     const ccr::Pulses pulses = board.tick();
-    uno::remember_pulses(pulses);
-    uno::frame_timer::prepare(pulses);
+    avr::remember_pulses(pulses);
+    avr::frame_timer::prepare(pulses);
     board.report();
-    uno::frame_timer::finish_tick();
-    if (uno::frame_timer::take_overrun()) {
+    avr::frame_timer::finish_tick();
+    if (avr::frame_timer::take_overrun()) {
       board.raise_fault(ccr::Fault::kTickOverrun);
     }
     watchdog.note_tick();
   }
 
   void receive_byte() {
-    board.on_byte(uno::uart::take_byte());
-    board.count_overruns(uno::uart::take_lost_bytes());
+    board.on_byte(avr::uart::take_byte());
+    board.count_overruns(avr::uart::take_lost_bytes());
     watchdog.note_receiver();
   }
 };
@@ -71,7 +67,7 @@ struct Firmware {
 /// after `sei` is executed before any interrupt.
 void sleep_unless_needed() {
   cli();
-  if (!uno::frame_timer::is_tick_due() && !uno::uart::has_received()) {
+  if (!avr::frame_timer::is_tick_due() && !avr::uart::has_received()) {
     SMCR = kSleepIdle;
     sei();
     sleep_cpu();
@@ -83,16 +79,16 @@ void sleep_unless_needed() {
 }  // namespace
 
 int main() {
-  const ccr::Start start = uno::find_start();
-  uno::uart::start();
-  uno::frame_timer::enable_interrupts();
+  const ccr::Start start = avr::find_start();
+  avr::uart::start();
+  avr::frame_timer::enable_interrupts();
   sei();
 
   static Firmware firmware(start);
   for (;;) {
-    if (uno::frame_timer::is_tick_due()) {
+    if (avr::frame_timer::is_tick_due()) {
       firmware.run_tick();
-    } else if (uno::uart::has_received()) {
+    } else if (avr::uart::has_received()) {
       firmware.receive_byte();
     } else {
       firmware.watchdog.note_receiver();

@@ -4,7 +4,7 @@
 
 #include "startup.h"
 
-namespace uno {
+namespace avr {
 
 namespace {
 
@@ -63,4 +63,4 @@ ccr::Start find_start() {
   return start;
 }
 
-}  // namespace uno
+}  // namespace avr

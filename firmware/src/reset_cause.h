@@ -1,13 +1,13 @@
 // Cause of the last reset, even if the boot loader has cleared the reset flags.
-#ifndef CCR_UNO_RESET_CAUSE_H
-#define CCR_UNO_RESET_CAUSE_H
+#ifndef CCR_AVR_RESET_CAUSE_H
+#define CCR_AVR_RESET_CAUSE_H
 
 #include <stdint.h>
 
 #include "pulses.h"
 #include "safety.h"
 
-namespace uno {
+namespace avr {
 
 // Kept through a reset, but not through a loss of power.
 extern volatile uint8_t ms_since_feed;
@@ -28,6 +28,6 @@ void remember_pulses(const ccr::Pulses& pulses);
 /// Call once, at the start.
 ccr::Start find_start();
 
-}  // namespace uno
+}  // namespace avr
 
 #endif

@@ -5,7 +5,7 @@
 /// End of the variables, set by the linker: the stack grows down towards it.
 extern uint8_t _end;
 
-namespace uno {
+namespace avr {
 
 namespace {
 
@@ -51,4 +51,4 @@ uint16_t StackMonitor::least_free() const {
   return static_cast<uint16_t>(lowest_used_ - bottom());
 }
 
-}  // namespace uno
+}  // namespace avr

@@ -1,10 +1,10 @@
 // Measures how much of the stack was never used, by the paint that is left.
-#ifndef CCR_UNO_STACK_MONITOR_H
-#define CCR_UNO_STACK_MONITOR_H
+#ifndef CCR_AVR_STACK_MONITOR_H
+#define CCR_AVR_STACK_MONITOR_H
 
 #include <stdint.h>
 
-namespace uno {
+namespace avr {
 
 class StackMonitor {
  public:
@@ -20,6 +20,6 @@ class StackMonitor {
   const uint8_t* next_;
 };
 
-}  // namespace uno
+}  // namespace avr
 
 #endif

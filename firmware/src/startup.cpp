@@ -5,7 +5,7 @@
 
 #include "frame_timer.h"
 
-namespace uno {
+namespace avr {
 
 namespace {
 
@@ -29,4 +29,4 @@ void ccr_startup() {
   frame_timer::start();
 }
 
-}  // namespace uno
+}  // namespace avr

@@ -3,6 +3,7 @@
 #include <avr/interrupt.h>
 #include <avr/io.h>
 
+#include "board_pins.h"
 #include "byte_ring.h"
 #include "ccr_messages.h"
 
@@ -10,7 +11,7 @@
 #define CCR_BAUD ccr::kBaud
 #endif
 
-namespace uno {
+namespace avr {
 namespace uart {
 
 namespace {
@@ -65,7 +66,7 @@ void send(const uint8_t* bytes, uint8_t size) {
   UCSR0B = UCSR0B | _BV(UDRIE0);
 }
 
-ISR(USART_RX_vect) {
+ISR(CCR_UART_RX_vect) {
   const uint8_t status = UCSR0A;  // Before UDR0, as reading the byte clears it.
   const uint8_t byte = UDR0;
   // A byte with a framing error is accepted like any other: the CRC checks the frame as a whole.
@@ -77,7 +78,7 @@ ISR(USART_RX_vect) {
   }
 }
 
-ISR(USART_UDRE_vect) {
+ISR(CCR_UART_UDRE_vect) {
   if (!to_send.is_empty()) {
     UDR0 = to_send.pop();
   }
@@ -87,4 +88,4 @@ ISR(USART_UDRE_vect) {
 }
 
 }  // namespace uart
-}  // namespace uno
+}  // namespace avr

@@ -1,10 +1,10 @@
 // The serial line to the host. Interrupts only move bytes between it and two rings.
-#ifndef CCR_UNO_UART_H
-#define CCR_UNO_UART_H
+#ifndef CCR_AVR_UART_H
+#define CCR_AVR_UART_H
 
 #include <stdint.h>
 
-namespace uno {
+namespace avr {
 namespace uart {
 
 void start();
@@ -20,6 +20,6 @@ bool has_room(uint8_t size);
 void send(const uint8_t* bytes, uint8_t size);
 
 }  // namespace uart
-}  // namespace uno
+}  // namespace avr
 
 #endif

@@ -4,7 +4,7 @@
 
 #include "reset_cause.h"
 
-namespace uno {
+namespace avr {
 
 void ProgressWatchdog::feed_if_both_progressed() {
   if (!has_ticked_ || !has_received_) {
@@ -16,4 +16,4 @@ void ProgressWatchdog::feed_if_both_progressed() {
   clear_ms_since_feed();
 }
 
-}  // namespace uno
+}  // namespace avr

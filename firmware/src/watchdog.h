@@ -1,8 +1,8 @@
 // The hardware watchdog (120 ms, six ticks) is fed once both tick and receiver made progress.
-#ifndef CCR_UNO_WATCHDOG_H
-#define CCR_UNO_WATCHDOG_H
+#ifndef CCR_AVR_WATCHDOG_H
+#define CCR_AVR_WATCHDOG_H
 
-namespace uno {
+namespace avr {
 
 class ProgressWatchdog {
  public:
@@ -15,6 +15,6 @@ class ProgressWatchdog {
   bool has_received_ = false;
 };
 
-}  // namespace uno
+}  // namespace avr
 
 #endif

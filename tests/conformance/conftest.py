@@ -2,6 +2,7 @@
 
     pytest tests/conformance                       emulator and firmware binary
     pytest tests/conformance --device simavr:      one of them
+    pytest tests/conformance --device mega2560:    the binary for a Mega, built for two axes
     pytest tests/conformance --device serial:PORT  a board; it is armed and its servos are moved
 
 Each test of a requirement names it; the suite prints which were shown, and why others were not.

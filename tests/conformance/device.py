@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -18,10 +20,28 @@ AXES = 2
 """Axes of the boards under test."""
 
 PULSES_OVER_US = 3_000
-"""Into a frame, when every pulse has ended."""
+"""Into a frame, when every pulse of an UNO has ended."""
+FIRST_START_US, STAGGER_US = 2_000, 3_500
+"""From the start of a frame to the first pulses of a Mega, and between those of its timers."""
 
 _ANSWER_TIMEOUT_US = 15_000
 """Response time of TIM-5."""
+
+
+Pulses = tuple[int, ...]
+"""Pulses of each axis, in 0.5 us; 0 is no pulse."""
+
+
+def pulse_start_us(board: str, axis: int) -> int:
+    """From the start of a frame to that of the axis's pulse (docs/firmware.md)."""
+    if board == "uno":
+        return 0
+    return FIRST_START_US + STAGGER_US * ((axis if axis < 8 else axis + 1) % 4)
+
+
+def _axes_flags(board: str, axes: int) -> tuple[str, ...]:
+    usual = {"uno": 2, "mega2560": 12}[board]
+    return () if axes == usual else ("-UCCR_AXES", f"-DCCR_AXES={axes}")
 
 
 class Device(Protocol):
@@ -53,7 +73,7 @@ class SteppedDevice(Device, Protocol):
 
     eeprom: EepromImage
 
-    def pulses_in_frame(self, frame: int) -> tuple[int, int]:
+    def pulses_in_frame(self, frame: int) -> Pulses:
         """Pulses on the pins in a frame since the reset, 0.5 us; goes on until they have ended."""
 
 
@@ -82,7 +102,7 @@ class EmulatedDevice:
     def read(self) -> bytes:
         return self._line.read()
 
-    def pulses_in_frame(self, frame: int) -> tuple[int, int]:
+    def pulses_in_frame(self, frame: int) -> Pulses:
         self.advance_to(frame * m.TICK_US + PULSES_OVER_US)
         return self.board.pulses_half_us
 
@@ -109,13 +129,23 @@ class SimavrDevice:
     in_step = True
     answer_timeout_us = _ANSWER_TIMEOUT_US
 
-    def __init__(self, eeprom: EepromImage, elf: Path | None = None, **start_values: int) -> None:
+    def __init__(
+        self,
+        eeprom: EepromImage,
+        elf: Path | None = None,
+        *,
+        board: str = "uno",
+        axes: int = AXES,
+        **start_values: int,
+    ) -> None:
         flags = {
             "board_time_at_reset_us": "CCR_TIME_AT_RESET_US",
             "tick_offset": "CCR_TICK_AT_RESET",
         }
         given = (f"-D{flags[name]}={value}UL" for name, value in start_values.items())
-        elf = elf or firmware_elf(*given)
+        elf = elf or firmware_elf(*given, *_axes_flags(board, axes), board=board)
+        self._axes = axes
+        self._start_us = tuple(pulse_start_us(board, axis) for axis in range(axes))
         self.eeprom = eeprom
         self.board = SimavrBoard(read_flash_image(elf), eeprom=eeprom)
         self.board.wear_out_eeprom(*eeprom.worn_out)
@@ -137,9 +167,13 @@ class SimavrDevice:
     def read(self) -> bytes:
         return self._line.read()
 
-    def pulses_in_frame(self, frame: int) -> tuple[int, int]:
-        self.advance_to(frame * m.TICK_US + PULSES_OVER_US)
-        return self._pulses.get((frame, 0), 0), self._pulses.get((frame, 1), 0)
+    def pulses_in_frame(self, frame: int) -> Pulses:
+        self.advance_to(frame * m.TICK_US + max(self._start_us) + PULSES_OVER_US)
+        return self.seen_in_frame(frame)
+
+    def seen_in_frame(self, frame: int) -> Pulses:
+        """Pulses in a frame that is over."""
+        return tuple(self._pulses.get((frame, axis), 0) for axis in range(self._axes))
 
     def reset(self, cause: m.ResetCause) -> None:
         self.board.load_eeprom()
@@ -154,9 +188,10 @@ class SimavrDevice:
         self.board.close()
 
     def _note(self, pulse: Pulse) -> None:
-        if pulse.width_cycles and not self._in_reset:
+        # Pin 13 of a Mega, which comes last, shows the LED on a board of fewer axes.
+        if pulse.width_cycles and not self._in_reset and pulse.pin < self._axes:
             begin_us = self.board.time_us(pulse.end_cycle - pulse.width_cycles)
-            begin_us -= self._first_frame_us
+            begin_us -= self._first_frame_us + self._start_us[pulse.pin]
             frame = round(begin_us / m.TICK_US)
             assert abs(begin_us - frame * m.TICK_US) <= _PROBE_US, "pulses begin with their frame"
             assert pulse.width_cycles % 8 == 0, "pulses have no jitter"
@@ -177,5 +212,9 @@ class SimavrDevice:
         return not hold & _TIMERS_HELD and bool(control & _CLOCK_SELECT)
 
 
-IN_STEP = {"emulator:": EmulatedDevice, "simavr:": SimavrDevice}
+IN_STEP: dict[str, Callable[..., SteppedDevice]] = {
+    "emulator:": EmulatedDevice,
+    "simavr:": SimavrDevice,
+    "mega2560:": partial(SimavrDevice, board="mega2560"),
+}
 """Boards whose time is that of the test."""

@@ -13,15 +13,16 @@ BUILDS = ROOT / "build" / "firmware"
 
 
 @cache
-def firmware_elf(*flags: str) -> Path:
+def firmware_elf(*flags: str, board: str = "uno") -> Path:
     """Build with extra compiler flags, unless the same source was built with them before."""
-    folder = BUILDS / _fingerprint(flags)
+    folder = BUILDS / _fingerprint((board, *flags))
     folder.mkdir(parents=True, exist_ok=True)
     elf = folder / "firmware.elf"
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not elf.exists():
-            command = [str(ROOT / "scripts" / "build-firmware"), str(folder), *flags]
+            command = [str(ROOT / "scripts" / "build-firmware"), "--board", board]
+            command += [str(folder), *flags]
             try:
                 subprocess.run(command, check=True, capture_output=True, text=True)
             except subprocess.CalledProcessError as error:

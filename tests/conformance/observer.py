@@ -10,11 +10,8 @@ from __future__ import annotations
 from typing import Protocol
 
 from ccr_host.link import messages as m
-from tests.conformance.device import SteppedDevice
+from tests.conformance.device import Pulses, SteppedDevice
 from tests.conformance.talk import Talk
-
-Pulses = tuple[int, int]
-"""Pulses of both axes, in 0.5 us; 0 is no pulse."""
 
 _AFTER_TICK_US = 500
 _LATE_US = 5_000_000

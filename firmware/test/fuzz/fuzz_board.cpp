@@ -61,15 +61,28 @@ Bytes request(Script& script, uint16_t session) {
 /// A configuration with which the board can be armed, so that the fuzzer need not find one.
 void configure(WatchedBoard& board) {
   const uint16_t session = board.session();
+  ccr::SetCalibration calibration = {session, {}};
+  ccr::SetLimits limits = {session, {}};
+  ccr::SetSlew slew = {session, {}};
+  for (uint8_t axis = 0; axis < ccr::kAxes; ++axis) {
+    const bool is_odd = axis % 2 == 0;
+    calibration.calibration.neutral_half_us[axis] = 3000;
+    calibration.calibration.per_90_deg_half_us[axis] = is_odd ? 2000 : -2000;
+    calibration.calibration.pulse_min_half_us[axis] = is_odd ? 1100 : 1200;
+    calibration.calibration.pulse_max_half_us[axis] = is_odd ? 4900 : 4800;
+    limits.limits.angle_min_cdeg[axis] = is_odd ? -9000 : -6000;
+    limits.limits.angle_max_cdeg[axis] = is_odd ? 9000 : 6000;
+    limits.limits.rest_cdeg[axis] = is_odd ? 0 : 500;
+    slew.slew.slew_cdeg_tick[axis] = is_odd ? 700 : 300;
+  }
   Bytes payload(ccr::SetCalibration::kSize);
-  ccr::encode(ccr::SetCalibration{session, {{3000, 3000}, {2000, -2000}, {1100, 1200}, {4900, 4800}}},
-              payload.data());
+  ccr::encode(calibration, payload.data());
   board.feed(framed(ccr::SetCalibration::kId, 1, payload));
   payload.assign(ccr::SetLimits::kSize, 0);
-  ccr::encode(ccr::SetLimits{session, {{-9000, -6000}, {9000, 6000}, {0, 500}}}, payload.data());
+  ccr::encode(limits, payload.data());
   board.feed(framed(ccr::SetLimits::kId, 2, payload));
   payload.assign(ccr::SetSlew::kSize, 0);
-  ccr::encode(ccr::SetSlew{session, {{700, 300}}}, payload.data());
+  ccr::encode(slew, payload.data());
   board.feed(framed(ccr::SetSlew::kId, 3, payload));
   payload.assign(ccr::SetWatchdog::kSize, 0);
   ccr::encode(ccr::SetWatchdog{session, {60, 400, 40}}, payload.data());

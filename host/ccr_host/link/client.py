@@ -28,6 +28,7 @@ from ccr_host.link.device_errors import (
     LinkLossError,
     RequestRefusedError,
     SessionTakenError,
+    WrongAxesError,
     WrongStateError,
 )
 from ccr_host.link.exchange import (
@@ -134,8 +135,11 @@ class Client(Board):
         """Set the groups that differ and verify them; an armed board is disarmed first.
 
         Raises:
-            DeviceError: refused, or read back differently.
+            DeviceError: the board has another number of axes, refuses, or reads back differently.
         """
+        axes = len(config.slew.slew_cdeg_tick)
+        if self._identity and self._identity.axes != axes:
+            raise WrongAxesError(self._identity.axes, axes)
         present = self.read_config()
         if present != config:
             if self.read_state().state in _MOVING_STATES:

@@ -152,6 +152,16 @@ class WrongBoardError(DeviceError):
         )
 
 
+class WrongAxesError(DeviceError):
+    """The board has another number of axes than the robot has motors."""
+
+    def __init__(self, axes: int, motors: int) -> None:
+        super().__init__(
+            f"the board has {axes} axes, the described robot {motors} motors",
+            f"check --device and --robot; build the board's firmware with CCR_AXES={motors}",
+        )
+
+
 class RequestRefusedError(DeviceError):
     """The board has answered `nack`."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,6 +26,7 @@ class Script:
     rng: np.random.Generator
     accelerations: bool = False
     """Whether acceleration limits are set, too."""
+    axes: int = AXES
     commands: int = 0
     _sequence: int = 0
     _last: bytes = b""
@@ -58,7 +60,7 @@ class Script:
         if self._chance(0.03):
             return self._note("junk", self.rng.bytes(int(self.rng.integers(1, 70))) + b"\0")
         if self._chance(0.04):
-            payload = self.rng.bytes(int(self.rng.integers(0, m.MAX_PAYLOAD.of(AXES) + 1)))
+            payload = self.rng.bytes(int(self.rng.integers(0, m.MAX_PAYLOAD.of(self.axes) + 1)))
             return self._framed(int(self.rng.integers(0, 256)), payload)
         request = self._request(state)
         frame = self._framed(request.ID, request.pack())
@@ -109,7 +111,7 @@ class Script:
         angle = 20_000 if wide else 9_000
         return m.SetTarget(
             self._session,
-            (self._integer(-angle, angle), self._integer(-angle, angle)),
+            self._integers(-angle, angle),
             ramp_ms=self._integer(0, 10_100) if wide else self._integer(0, 400),
             validity_ms=self._integer(0, 10_100) if wide else self._integer(20, 600),
         )
@@ -120,20 +122,24 @@ class Script:
         match self._integer(0, 5 if self.accelerations else 4):
             case 5:
                 top = 300 if self._chance(0.5) else int(2000 * beyond)
-                limits = (self._integer(0, top), self._integer(0, 20) * self._integer(0, 1))
+                limits = self._by_axis(
+                    lambda: self._integer(0, top),
+                    lambda: self._integer(0, 20) * self._integer(0, 1),
+                )
                 return m.SetAcceleration(session, m.Acceleration(limits))
             case 4:
                 name = tuple(self.rng.integers(0, 256, 16).tolist())
                 stop, full = self._integer(0, int(2 * beyond)), self._integer(0, 255)
                 return m.SetEquipment(session, m.Equipment(name, stop, full, full // 2))
             case 0:
-                low = (self._integer(-9000, 0), self._integer(-9000, 0))
-                high = (self._integer(1, 9000), self._integer(1, 9000))
-                rest = (self._integer(-300, 300), self._integer(-300, 300))
+                low = self._integers(-9000, 0)
+                high = self._integers(1, 9000)
+                rest = self._integers(-300, 300)
                 return m.SetLimits(session, m.Limits(low, high, rest))
             case 1:
                 top = int(800 * beyond**10)
-                return m.SetSlew(session, m.Slew((self._integer(10, top), self._integer(0, top))))
+                slews = self._by_axis(lambda: self._integer(10, top), lambda: self._integer(5, top))
+                return m.SetSlew(session, m.Slew(slews))
             case 2:
                 return m.SetWatchdog(
                     session,
@@ -147,13 +153,17 @@ class Script:
                 return m.SetCalibration(
                     session,
                     m.Calibration(
-                        neutral_half_us=(self._integer(2800, 3200), self._integer(2800, 3200)),
-                        per_90_deg_half_us=(
-                            self._integer(100, 3000),
-                            -self._integer(int(90 / beyond), 3000),
+                        neutral_half_us=self._integers(2800, 3200),
+                        per_90_deg_half_us=self._by_axis(
+                            lambda: self._integer(100, 3000),
+                            lambda: -self._integer(int(90 / beyond), 3000),
                         ),
-                        pulse_min_half_us=(1000, self._integer(1000, 2000)),
-                        pulse_max_half_us=(5000, self._integer(4000, int(5000 * beyond))),
+                        pulse_min_half_us=self._by_axis(
+                            lambda: 1000, lambda: self._integer(1000, 2000)
+                        ),
+                        pulse_max_half_us=self._by_axis(
+                            lambda: 5000, lambda: self._integer(4000, int(5000 * beyond))
+                        ),
                     ),
                 )
 
@@ -183,6 +193,13 @@ class Script:
 
     def _chance(self, probability: float) -> bool:
         return bool(self.rng.random() < probability)
+
+    def _integers(self, low: int, high: int) -> tuple[int, ...]:
+        return tuple(self._integer(low, high) for _ in range(self.axes))
+
+    def _by_axis(self, odd: Callable[[], int], even: Callable[[], int]) -> tuple[int, ...]:
+        """Draw for each axis; the first one is an odd one."""
+        return tuple(even() if axis % 2 else odd() for axis in range(self.axes))
 
     def _integer(self, low: int, high: int) -> int:
         return int(self.rng.integers(low, high + 1))

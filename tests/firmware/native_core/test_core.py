@@ -80,3 +80,10 @@ def test_the_core_uses_no_heap_no_float_no_wide_integer_and_no_header_but_stdint
 
 def _texts(paths: list[Path]) -> list[str]:
     return [path.read_text(encoding="utf-8") for path in paths]
+
+
+def test_the_skeleton_of_a_new_board_compiles_and_runs(tmp_path: Path) -> None:
+    program = tmp_path / "skeleton"
+    sources = [FIRMWARE / "boards" / "skeleton" / "main.cpp", *core_sources()]
+    run("g++", *STRICT, "-DCCR_AXES=6", *INCLUDES, *sources, "-o", program)
+    run(program)

@@ -13,9 +13,9 @@ SECONDS = 5
 LONG_SECONDS = 1800
 
 
-@pytest.fixture(scope="module")
-def fuzzer(build: Build) -> Path:
-    flags = ["-O1", "-g", "-fsanitize=fuzzer", *SANITIZERS]
+@pytest.fixture(scope="module", params=[2, pytest.param(12, marks=pytest.mark.slow)])
+def fuzzer(build: Build, request: pytest.FixtureRequest) -> Path:
+    flags = ["-O1", "-g", "-fsanitize=fuzzer", f"-DCCR_AXES={request.param}", *SANITIZERS]
     return build("clang++", flags, [TESTS / "fuzz" / "fuzz_board.cpp", *core_sources()])
 
 

@@ -213,8 +213,8 @@ INSIDE = [
     Mutant(
         "bytes are processed before ticks",
         "src/main.cpp",
-        "    if (uno::frame_timer::is_tick_due()) {",
-        "    if (uno::frame_timer::is_tick_due() && !uno::uart::has_received()) {",
+        "    if (avr::frame_timer::is_tick_due()) {",
+        "    if (avr::frame_timer::is_tick_due() && !avr::uart::has_received()) {",
         GLUE + "test_ticks_come_before_the_bytes_of_a_line_faster_than_the_processor",
     ),
     Mutant(
@@ -234,8 +234,8 @@ INSIDE = [
     Mutant(
         "interrupts are on before sleep",
         "src/main.cpp",
-        "  cli();\n  if (!uno::frame_timer",
-        "  if (!uno::frame_timer",
+        "  cli();\n  if (!avr::frame_timer",
+        "  if (!avr::frame_timer",
         GLUE + "test_no_interrupt_is_slept_through",
     ),
     Mutant(
@@ -289,7 +289,7 @@ INSIDE = [
     ),
     Mutant(
         "the emergency-stop input is inverted",
-        "src/uno_hardware.cpp",
+        "boards/uno/board_pins.h",
         "return (PIND & _BV(PIND7)) != 0;",
         "return (PIND & _BV(PIND7)) == 0;",
         CONFORMANCE + "test_opening_the_emergency_stop_ends_the_pulses_within_22_ms",

@@ -12,7 +12,7 @@ from ccr_host.sim.simavr.serve import optiboot
 def test_elf_file_gives_segments_and_symbols(program):
     image = read_flash_image(program("masked"))
     assert image.start == 0
-    assert 0 < image.symbols["main"] < FLASH_BYTES
+    assert 0 < image.symbols["main"] < FLASH_BYTES["uno"]
     assert 0x100 <= image.symbols["wakings"] < 0x900
 
 
@@ -43,7 +43,7 @@ def test_missing_file_is_refused(tmp_path):
 def test_boot_loader_lies_at_the_end_of_the_flash():
     image = optiboot()
     assert image.start in (0x7C00, 0x7E00)
-    assert all(address + len(data) <= FLASH_BYTES for address, data in image.segments)
+    assert all(address + len(data) <= FLASH_BYTES["uno"] for address, data in image.segments)
 
 
 def test_shim_is_built_once(tmp_path, monkeypatch):

@@ -102,6 +102,18 @@ def test_configure_sets_only_what_differs(rig, config):
         assert client.read_config() == changed
 
 
+@pytest.mark.parametrize("axes", [1, 6, 12])
+def test_a_board_with_another_number_of_axes_is_refused_before_anything_is_set(
+    make_rig, config, axes
+):
+    rig = make_rig(axes=axes)
+    with rig.client() as client:
+        assert client.connect().axes == axes
+        with pytest.raises(DeviceError, match=f"the board has {axes} axes, .* 2 motors"):
+            client.configure(config)
+        assert client.read_config().slew.slew_cdeg_tick == (0,) * axes
+
+
 def test_saved_configuration_survives_a_reset(rig, config):
     with rig.client() as client:
         client.connect()

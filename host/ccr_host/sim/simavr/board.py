@@ -1,4 +1,4 @@
-"""An UNO with the real firmware: bytes in, bytes and servo pulses out, on one microsecond clock."""
+"""An UNO or a Mega 2560 with the real firmware: bytes in, bytes and servo pulses out, in us."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ class Pulse:
 class PulseMeter:
     """Turns edges into pulses."""
 
-    def __init__(self) -> None:
-        self._rise_cycle: list[int | None] = [None] * SERVO_PINS
-        self._newest: list[Pulse | None] = [None] * SERVO_PINS
+    def __init__(self, pins: int = SERVO_PINS) -> None:
+        self._rise_cycle: list[int | None] = [None] * pins
+        self._newest: list[Pulse | None] = [None] * pins
 
     def take(self, edge: Edge) -> Pulse | None:
         """Process the next edge; return the pulse that it ends, if any."""
@@ -79,10 +79,9 @@ class PulseMeter:
         return found
 
     @property
-    def half_us(self) -> tuple[int, int]:
-        """Newest pulse of both pins, in 0.5 us; 0 if there is none."""
-        first, second = (pulse.half_us if pulse else 0 for pulse in self._newest)
-        return first, second
+    def half_us(self) -> tuple[int, ...]:
+        """Newest pulse of each pin, in 0.5 us; 0 if there is none."""
+        return tuple(pulse.half_us if pulse else 0 for pulse in self._newest)
 
 
 EdgeObserver = Callable[[Edge], None]
@@ -126,14 +125,14 @@ class SimavrBoard:
         start_us: int = 0,
         profiling: bool = False,
     ) -> None:
-        self._mcu = Mcu()
+        self._mcu = Mcu(firmware.board)
         self._symbols = firmware.symbols
         self._eeprom = eeprom if eeprom is not None else EepromImage()
         self._start_us = start_us
         self._now_us = start_us
         self.line_is_busy = False
         """Whether a byte is being transmitted in either direction."""
-        self._meter = PulseMeter()
+        self._meter = PulseMeter(self._mcu.servos)
         self._output_is_high = {SERVO_SUPPLY_PIN: False, LED_PIN: False}
         self._edge_observers: list[EdgeObserver] = []
         self._pulse_observers: list[PulseObserver] = []
@@ -224,8 +223,8 @@ class SimavrBoard:
         self._pulse_observers.append(observer)
 
     @property
-    def pulses_half_us(self) -> tuple[int, int]:
-        """Last pulses measured at the pins, in 0.5 us; 0 is no pulse."""
+    def pulses_half_us(self) -> tuple[int, ...]:
+        """Last pulses measured at the servo pins, in 0.5 us; 0 is no pulse."""
         return self._meter.half_us
 
     def open_emergency_stop(self, is_open: bool = True) -> None:
@@ -277,7 +276,7 @@ class SimavrBoard:
 
     def load_eeprom(self) -> None:
         """Reload the EEPROM from the one given at the start."""
-        self._mcu.eeprom[:] = np.frombuffer(self._eeprom.read(0, EEPROM_SIZE), np.uint8)
+        self._mcu.eeprom[:EEPROM_SIZE] = np.frombuffer(self._eeprom.read(0, EEPROM_SIZE), np.uint8)
 
     def wear_out_eeprom(self, *addresses: int) -> None:
         """Make later writes to these addresses have no effect."""

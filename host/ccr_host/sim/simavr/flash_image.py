@@ -40,7 +40,10 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "ccr-host"
 
 
-FLASH_BYTES: Final = 32 * 1024
+FLASH_BYTES: Final = {"uno": 32 * 1024, "mega2560": 256 * 1024}
+_BOARDS: Final = {5: "uno", 6: "mega2560"}
+"""Boards by the architecture that is in the flags of an ELF file: avr5, avr6."""
+_ARCHITECTURE: Final = 0x7F
 _MOST_BYTES = 16_000_000
 """Enough for an ELF file with debugging information."""
 _ELF_MAGIC = b"\x7fELF\x01\x01"
@@ -60,10 +63,12 @@ class FlashImage:
         segments: byte address and content of each segment.
         symbols: byte addresses by name: functions in flash, variables in the data space; empty
             unless read from an ELF file.
+        board: the board that it is for; a HEX file, which does not say so, is taken for an UNO's.
     """
 
     segments: tuple[tuple[int, bytes], ...]
     symbols: dict[str, int] = field(default_factory=dict)
+    board: str = "uno"
 
     @property
     def start(self) -> int:
@@ -75,7 +80,7 @@ def read_flash_image(path: Path) -> FlashImage:
     """Read an ELF or HEX file, recognised by its content.
 
     Raises:
-        ConfigError: the file cannot be read, is not for an AVR, or is too long for an UNO.
+        ConfigError: the file cannot be read, is not for one of the boards, or is too long for it.
     """
     content = read_bytes(path, "firmware", "build it first: pio run", _MOST_BYTES)
     try:
@@ -85,8 +90,11 @@ def read_flash_image(path: Path) -> FlashImage:
             f"firmware {path}: neither an ELF file for AVR nor Intel HEX ({error})",
             "give firmware.elf or firmware.hex of a build for the UNO",
         ) from None
-    if any(address + len(data) > FLASH_BYTES for address, data in image.segments):
-        raise ConfigError(f"firmware {path}: longer than {FLASH_BYTES} bytes", "build it for uno")
+    room = FLASH_BYTES[image.board]
+    if any(address + len(data) > room for address, data in image.segments):
+        raise ConfigError(
+            f"firmware {path}: longer than {room} bytes", f"build it for {image.board}"
+        )
     return image
 
 
@@ -101,6 +109,10 @@ class _Section(NamedTuple):
 def _read_elf(content: bytes) -> FlashImage:
     if content[:6] != _ELF_MAGIC or struct.unpack_from("<H", content, 18)[0] != _EM_AVR:
         raise ValueError("built for another machine")
+    (flags,) = struct.unpack_from("<I", content, 36)
+    board = _BOARDS.get(flags & _ARCHITECTURE)
+    if board is None:
+        raise ValueError("built for another AVR")
     program_offset, section_offset = struct.unpack_from("<II", content, 28)
     program_size, program_count, section_size, section_count = struct.unpack_from(
         "<4H", content, 42
@@ -123,7 +135,7 @@ def _read_elf(content: bytes) -> FlashImage:
         if section.kind == _SHT_SYMTAB
         for name, address in _symbols(content, section, sections[section.link])
     }
-    return FlashImage(tuple(segments), symbols)
+    return FlashImage(tuple(segments), symbols, board)
 
 
 def _section(content: bytes, at: int) -> _Section:

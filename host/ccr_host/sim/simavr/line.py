@@ -20,7 +20,7 @@ class SimavrCoSimulation:
         self._line = line
         self._scene = scene
         self._pulses: list[Pulse] = []
-        self._half_us = [0, 0]
+        self._half_us = [0] * len(line.board.pulses_half_us)
         line.board.observe_pulses(self._pulses.append)
 
     def advance_to(self, time_us: int) -> None:
@@ -29,7 +29,7 @@ class SimavrCoSimulation:
         for pulse in sorted(self._pulses, key=lambda pulse: pulse.end_cycle):
             self._scene.advance_to(self._line.board.time_us(pulse.end_cycle))
             self._half_us[pulse.pin] = pulse.half_us
-            self._scene.set_pulses_half_us((self._half_us[0], self._half_us[1]))
+            self._scene.set_pulses_half_us(tuple(self._half_us))
         self._pulses.clear()
         self._scene.advance_to(time_us)
 

@@ -77,13 +77,11 @@ def _digest() -> str:
 CLOCK_HZ: Final = 16_000_000
 CYCLES_PER_US: Final = 16
 CYCLES_PER_HALF_US: Final = 8
-VECTORS: Final = 26
-SERVO_PINS: Final = 2
-"""0 is OC1A, the UNO's pin 9; 1 is OC1B, pin 10."""
-SERVO_SUPPLY_PIN: Final = 2
-"""The UNO's pin 8."""
-LED_PIN: Final = 3
-"""The UNO's pin 13."""
+VECTORS: Final = 57
+SERVO_PINS: Final = 12
+"""Pins are numbered as the axes, from 0; an UNO has the first two."""
+SERVO_SUPPLY_PIN: Final = 12
+LED_PIN: Final = 13
 
 _MCUSR_FLAGS: Final = {
     ResetCause.UNKNOWN: 0,
@@ -153,17 +151,22 @@ class Statistics:
 
 
 class Mcu:
-    """An ATmega328P at 16 MHz with erased flash and EEPROM, held at cycle 0.
+    """The chip of a board at 16 MHz with erased flash and EEPROM, held at cycle 0.
+
+    Args:
+        board: "uno" (ATmega328P) or "mega2560".
 
     Raises:
         DeviceError: the shim cannot be built or loaded.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, board: str) -> None:
         self._shim = _load()
-        self._rig = self._shim.rig_new()
+        self._rig = self._shim.rig_new(board.encode())
         if not self._rig:
-            raise DeviceError("simavr: libsimavr has no ATmega328P", "install another libsimavr")
+            raise DeviceError(f"simavr: libsimavr has no {board}", "install another libsimavr")
+        self.servos: int = self._shim.rig_servos(self._rig)
+        """Number of servo pins."""
         self._departures = np.empty(_ROOM, _DEPARTURE)
         self._edges = np.empty(_ROOM, _EDGE)
         self._eeprom_writes = np.empty(_ROOM, _EEPROM_WRITE)
@@ -215,7 +218,7 @@ class Mcu:
         self._shim.rig_send(self._rig, cycle, data, len(data), bit_cycles)
 
     def open_switch(self, is_open: bool) -> None:
-        """Open or close the switch between pin 7 and ground."""
+        """Open or close the switch between the emergency-stop input and ground."""
         self._shim.rig_open_switch(self._rig, is_open)
 
     def set_voltage_mv(self, voltage_mv: int) -> None:
@@ -277,7 +280,8 @@ def _load() -> ctypes.CDLL:
     rig, size, count = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32
     bytes_of_rig = ctypes.POINTER(ctypes.c_uint8)
     signatures: dict[str, tuple[Any, tuple[Any, ...]]] = {
-        "rig_new": (rig, ()),
+        "rig_new": (rig, (ctypes.c_char_p,)),
+        "rig_servos": (ctypes.c_uint, (rig,)),
         "rig_free": (None, (rig,)),
         "rig_flash_size": (count, (rig,)),
         "rig_flash": (bytes_of_rig, (rig,)),

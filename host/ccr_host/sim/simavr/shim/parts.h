@@ -11,36 +11,13 @@
 #include <avr_watchdog.h>
 #include <sim_avr.h>
 
-/* Registers of the ATmega328P, data addresses (datasheet, Register Summary). */
+/* Registers that are at the same data address in both chips (datasheets, Register Summary). */
 enum {
-    REG_PINB = 0x23,
-    REG_DDRB = 0x24,
-    REG_PORTB = 0x25,
-    REG_PIND = 0x29,
-    REG_DDRD = 0x2A,
-    REG_PORTD = 0x2B,
-    REG_TIFR0 = 0x35,
-    REG_TIFR1 = 0x36,
-    REG_TIFR2 = 0x37,
     REG_EECR = 0x3F,
     REG_EEARL = 0x41,
     REG_EEARH = 0x42,
     REG_MCUSR = 0x54,
     REG_WDTCSR = 0x60,
-    REG_TIMSK0 = 0x6E,
-    REG_TIMSK1 = 0x6F,
-    REG_TIMSK2 = 0x70,
-    REG_TCCR1A = 0x80,
-    REG_TCCR1B = 0x81,
-    REG_TCCR1C = 0x82,
-    REG_TCNT1L = 0x84,
-    REG_TCNT1H = 0x85,
-    REG_ICR1L = 0x86,
-    REG_ICR1H = 0x87,
-    REG_OCR1AL = 0x88,
-    REG_OCR1AH = 0x89,
-    REG_OCR1BL = 0x8A,
-    REG_OCR1BH = 0x8B,
     REG_UCSR0A = 0xC0,
     REG_UCSR0B = 0xC1,
     REG_UCSR0C = 0xC2,
@@ -48,6 +25,31 @@ enum {
     REG_UBRR0H = 0xC5,
     REG_UDR0 = 0xC6,
 };
+
+enum { MOST_TIMERS = 4, MOST_CHANNELS = 3, ALL_TIMERS = 6, MOST_PORTS = 5 };
+
+/* A pin: PINx, which DDRx and PORTx follow, and its bit. */
+typedef struct {
+    avr_io_addr_t port;
+    uint8_t bit;
+} place_t;
+
+/* What differs between the boards. */
+typedef struct {
+    const char *board, *mcu;
+    unsigned servos;
+    place_t pin[RIG_PINS];
+    struct {
+        uint8_t timer, channel;
+    } output[RIG_SERVO_PINS];
+    place_t emergency_stop;
+    unsigned timers, channels;
+    struct {
+        char name;
+        avr_io_addr_t base; /* TCCRnA */
+    } timer[MOST_TIMERS];
+    avr_io_addr_t ports[MOST_PORTS]; /* with pins that are watched */
+} chip_t;
 
 /* Queue of records to be fetched; grows as needed. */
 typedef struct {
@@ -105,19 +107,28 @@ typedef struct {
 } uart_t;
 
 typedef struct {
+    rig_t *rig;
+    char name;
+    avr_io_addr_t base;
+    unsigned channels;
     avr_timer_t *vectors;
     uint32_t prescaler;          /* 0: stopped */
     uint64_t base_cycle;         /* when the counter was 0 */
     uint16_t held;               /* the counter while it is stopped */
-    uint16_t written[RIG_SERVO_PINS];
-    uint16_t compare[RIG_SERVO_PINS];
-    bool output[RIG_SERVO_PINS]; /* of the waveform generators, whether connected to a pin or not */
-} timer1_t;
+    uint16_t written[MOST_CHANNELS];
+    uint16_t compare[MOST_CHANNELS];
+    bool output[MOST_CHANNELS];  /* of the waveform generators, whether connected to a pin or not */
+} timer16_t;
+
+typedef struct {
+    rig_t *rig;
+    write_handler_t inner;
+} port_hook_t;
 
 typedef struct {
     bool level[RIG_PINS];
     bool switch_open;
-    write_handler_t port_write, direction_write, toggle_write;
+    port_hook_t hooks[MOST_PORTS][3];
     log_t edges;
 } pins_t;
 
@@ -138,9 +149,10 @@ typedef struct {
 struct rig {
     avr_io_t module; /* first, so that simavr's callback leads here; is notified of resets */
     avr_t *avr;
+    const chip_t *chip;
     uint64_t stop_cycle;
     uart_t uart;
-    timer1_t timer1;
+    timer16_t timers[MOST_TIMERS];
     pins_t pins;
     eeprom_t eeprom;
     write_handler_t watchdog_write;
@@ -159,10 +171,13 @@ void uart_free(rig_t *rig);
 /* Whether a byte is being transmitted in either direction. */
 bool uart_is_busy(const rig_t *rig);
 
-void timer1_attach(rig_t *rig);
-void timer1_reset(rig_t *rig);
-/* Whether a waveform generator drives the pin instead of the port. */
-bool timer1_drives(const rig_t *rig, rig_pin_t pin);
+/* The board of this name, or null. */
+const chip_t *find_chip(const char *board);
+
+void timers16_attach(rig_t *rig);
+void timers16_reset(rig_t *rig);
+/* Whether a waveform generator drives its pin instead of the port. */
+bool timer16_drives(const timer16_t *timer, unsigned channel);
 
 void timer_flags_attach(avr_t *avr);
 

@@ -2,19 +2,27 @@
  * not happen, whenever a port is written. */
 #include "parts.h"
 
-static const uint8_t PORT_BIT[RIG_PINS] = {
-    [RIG_OC1A] = 1, [RIG_OC1B] = 2, [RIG_SERVO_SUPPLY] = 0, [RIG_LED] = 5};
+#include <avr_extint.h>
 
-static bool level_of(const rig_t *rig, rig_pin_t pin) {
-    const uint8_t bit = 1 << PORT_BIT[pin];
-    const uint8_t *data = rig->avr->data;
-    if (!(data[REG_DDRB] & bit)) return false;
-    const bool is_servo = pin < RIG_SERVO_PINS;
-    return is_servo && timer1_drives(rig, pin) ? rig->timer1.output[pin] : (data[REG_PORTB] & bit) != 0;
+enum { DIRECTION = 1, PORT = 2 };
+
+static bool is_set(const rig_t *rig, place_t place, unsigned which) {
+    return rig->avr->data[place.port + which] >> place.bit & 1;
+}
+
+static bool level_of(const rig_t *rig, unsigned pin) {
+    const place_t place = rig->chip->pin[pin];
+    if (place.port == 0 || !is_set(rig, place, DIRECTION)) return false;
+    if (pin < rig->chip->servos) {
+        const unsigned channel = rig->chip->output[pin].channel;
+        const timer16_t *timer = &rig->timers[rig->chip->output[pin].timer];
+        if (timer16_drives(timer, channel)) return timer->output[channel];
+    }
+    return is_set(rig, place, PORT);
 }
 
 void pins_update(rig_t *rig, uint64_t cycle) {
-    for (int pin = 0; pin < RIG_PINS; pin++) {
+    for (unsigned pin = 0; pin < RIG_PINS; pin++) {
         const bool level = level_of(rig, pin);
         if (level == rig->pins.level[pin]) continue;
         rig->pins.level[pin] = level;
@@ -22,45 +30,41 @@ void pins_update(rig_t *rig, uint64_t cycle) {
     }
 }
 
-static void write_and_update(write_handler_t inner, avr_t *avr, avr_io_addr_t address, uint8_t value,
-                             rig_t *rig) {
-    inner.call(avr, address, value, inner.param);
-    pins_update(rig, avr->cycle);
+static void write_and_update(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
+    const port_hook_t *hook = param;
+    hook->inner.call(avr, address, value, hook->inner.param);
+    pins_update(hook->rig, avr->cycle);
 }
 
-static void port_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
-    rig_t *rig = param;
-    write_and_update(rig->pins.port_write, avr, address, value, rig);
-}
-
-static void direction_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
-    rig_t *rig = param;
-    write_and_update(rig->pins.direction_write, avr, address, value, rig);
-}
-
-static void toggle_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
-    rig_t *rig = param;
-    write_and_update(rig->pins.toggle_write, avr, address, value, rig);
-}
-
-/* Pin 7 is 0 while its switch to ground is closed; the other pins of the port have the level that
- * they are driven or pulled to. */
-static uint8_t port_d_read(avr_t *avr, avr_io_addr_t address, void *param) {
+/* The emergency-stop input is 0 while its switch to ground is closed; the other pins of the port have
+ * the level that they are driven or pulled to. */
+static uint8_t emergency_stop_read(avr_t *avr, avr_io_addr_t address, void *param) {
     const rig_t *rig = param;
-    const uint8_t *data = rig->avr->data;
-    const uint8_t switched = rig->pins.switch_open ? 0 : 1 << 7 & ~data[REG_DDRD];
-    (void)avr, (void)address;
-    return data[REG_PORTD] & ~switched;
+    const place_t place = rig->chip->emergency_stop;
+    const uint8_t *data = avr->data;
+    const uint8_t switched = rig->pins.switch_open ? 0 : 1 << place.bit & ~data[place.port + DIRECTION];
+    (void)address;
+    return data[place.port + PORT] & ~switched;
 }
 
 void rig_open_switch(rig_t *rig, bool open) { rig->pins.switch_open = open; }
 
 void pins_attach(rig_t *rig) {
+    const chip_t *chip = rig->chip;
     rig->pins.edges.record_size = sizeof(rig_edge_t);
-    rig->pins.port_write = replace_write(rig->avr, REG_PORTB, port_write, rig);
-    rig->pins.direction_write = replace_write(rig->avr, REG_DDRB, direction_write, rig);
-    rig->pins.toggle_write = replace_write(rig->avr, REG_PINB, toggle_write, rig);
-    replace_read(rig->avr, REG_PIND, port_d_read, rig);
+    for (unsigned port = 0; port < MOST_PORTS && chip->ports[port]; port++) {
+        for (unsigned which = 0; which < 3; which++) {
+            port_hook_t *hook = &rig->pins.hooks[port][which];
+            hook->rig = rig;
+            hook->inner = replace_write(rig->avr, chip->ports[port] + which, write_and_update, hook);
+        }
+    }
+    replace_read(rig->avr, chip->emergency_stop.port, emergency_stop_read, rig);
+    /* While a pin with an external interrupt is low simavr looks at it in each cycle, even if the
+     * interrupt is off: a thousandth of the speed with servos at the pins. Its reset turns that on. */
+    find_module(rig->avr, "extint")->reset = NULL;
+    for (unsigned number = 0; number < EXTINT_COUNT; number++)
+        avr_extint_set_strict_lvl_trig(rig->avr, number, 0);
 }
 
 size_t rig_take_edges(rig_t *rig, rig_edge_t *out, size_t room) {

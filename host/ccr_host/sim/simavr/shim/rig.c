@@ -13,7 +13,8 @@ enum {
     /* Datasheet, "Interrupt Response Time"; in simavr interrupts take no time. */
     RESPONSE_CYCLES = 4,
     WAKE_UP_CYCLES = 4,
-    ADDRESS_SPACE = 1 << 16,
+    DATA_SPACE = 1 << 16,
+    PROGRAM_SPACE = 1 << 19,
     OPCODE_OUT_SPH = 0xBE0E,
     OPCODE_OUT_SPL = 0xBE0D,
     OPCODE_OUT_MASK = 0xFE0F,
@@ -178,7 +179,7 @@ static void module_reset(avr_io_t *module) {
     rig_t *rig = (rig_t *)module;
     rig->statistics.resets++;
     uart_reset(rig);
-    timer1_reset(rig);
+    timers16_reset(rig);
     eeprom_reset(rig);
     pins_update(rig, rig->avr->cycle);
     rig->profile.stack_pointer_split = false;
@@ -206,25 +207,26 @@ void rig_fill_sram(rig_t *rig, uint8_t value) {
 }
 
 /* simavr reports an access beyond the end of a memory, but still executes it. */
-static uint8_t *with_room_for_any_address(uint8_t *memory, size_t size) {
-    uint8_t *roomy = realloc(memory, ADDRESS_SPACE);
-    memset(roomy + size, 0xFF, ADDRESS_SPACE - size);
+static uint8_t *with_room_for_any_address(uint8_t *memory, size_t size, size_t addresses) {
+    uint8_t *roomy = realloc(memory, addresses);
+    memset(roomy + size, 0xFF, addresses - size);
     return roomy;
 }
 
-rig_t *rig_new(void) {
+rig_t *rig_new(const char *board) {
     rig_t *rig = calloc(1, sizeof *rig);
     avr_global_logger_set(keep_first_error);
-    avr_t *avr = rig->avr = avr_make_mcu_by_name("atmega328p");
+    rig->chip = find_chip(board);
+    avr_t *avr = rig->avr = rig->chip ? avr_make_mcu_by_name(rig->chip->mcu) : NULL;
     if (!avr) {
         free(rig);
         return NULL;
     }
     avr->custom.data = rig;
     avr_init(avr);
-    avr->data = with_room_for_any_address(avr->data, avr->ramend + 1);
+    avr->data = with_room_for_any_address(avr->data, avr->ramend + 1, DATA_SPACE);
     /* After the end simavr stores an opcode that catches a program running past it. */
-    avr->flash = with_room_for_any_address(avr->flash, avr->flashend + 3);
+    avr->flash = with_room_for_any_address(avr->flash, avr->flashend + 3, PROGRAM_SPACE);
     avr->log = LOG_ERROR;
     avr->frequency = CLOCK_HZ;
     avr->vcc = avr->avcc = avr->aref = SUPPLY_MV;
@@ -234,7 +236,7 @@ rig_t *rig_new(void) {
     avr_register_io(avr, &rig->module);
     rig->statistics.least_stack_pointer = avr->ramend;
     uart_attach(rig);
-    timer1_attach(rig);
+    timers16_attach(rig);
     timer_flags_attach(avr);
     pins_attach(rig);
     eeprom_attach(rig);
@@ -253,6 +255,7 @@ void rig_free(rig_t *rig) {
 
 /* Memories and figures */
 
+unsigned rig_servos(const rig_t *rig) { return rig->chip->servos; }
 uint32_t rig_flash_size(const rig_t *rig) { return rig->avr->flashend + 1; }
 uint8_t *rig_flash(rig_t *rig) { return rig->avr->flash; }
 uint32_t rig_memory_size(const rig_t *rig) { return rig->avr->ramend + 1; }

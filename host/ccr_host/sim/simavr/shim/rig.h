@@ -1,4 +1,4 @@
-/* An Arduino UNO in libsimavr, advanced cycle by cycle by the caller: interface for ctypes.
+/* An Arduino UNO or Mega 2560 in libsimavr, advanced cycle by cycle by the caller: interface for ctypes.
  *
  * This source is under the project's MIT licence. libsimavr is GPL-3, so the shared object linked
  * from both is GPL-3 as a whole: it is built on the user's machine, only when the simulator is
@@ -21,15 +21,13 @@ typedef enum {
     RESET_WATCHDOG = 1 << 3,
 } rig_reset_cause_t;
 
-/* The UNO's pins 9, 10, 8 and 13. */
-typedef enum {
-    RIG_OC1A,
-    RIG_OC1B,
-    RIG_SERVO_PINS,
+/* The pins of the axes, in their order, of which an UNO has two, and two outputs. */
+enum {
+    RIG_SERVO_PINS = 12,
     RIG_SERVO_SUPPLY = RIG_SERVO_PINS,
     RIG_LED,
     RIG_PINS
-} rig_pin_t;
+};
 
 /* An edge at a pin; released (high impedance) counts as low. */
 typedef struct {
@@ -50,7 +48,7 @@ typedef struct {
     uint8_t value;
 } rig_eeprom_write_t;
 
-enum { RIG_VECTORS = 26 }; /* ATmega328P */
+enum { RIG_VECTORS = 57 }; /* ATmega2560; the ATmega328P has the first 26 */
 
 typedef struct {
     uint64_t cycle;
@@ -65,7 +63,9 @@ typedef struct {
     uint16_t least_stack_pointer;
 } rig_statistics_t;
 
-rig_t *rig_new(void);
+/* A board, "uno" or "mega2560"; null if libsimavr lacks its chip. */
+rig_t *rig_new(const char *board);
+unsigned rig_servos(const rig_t *rig);
 void rig_free(rig_t *rig);
 
 uint32_t rig_flash_size(const rig_t *rig);
@@ -90,7 +90,7 @@ typedef enum {
 unsigned rig_run_until(rig_t *rig, uint64_t cycle);
 const char *rig_trouble(const rig_t *rig);
 
-/* The switch between pin 7 and ground; initially closed. */
+/* The switch between the emergency-stop input and ground; initially closed. */
 void rig_open_switch(rig_t *rig, bool open);
 /* Voltage at pin A0, mV; the reference is 5000. */
 void rig_set_voltage(rig_t *rig, uint32_t voltage_mv);

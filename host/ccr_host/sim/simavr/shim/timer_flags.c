@@ -2,7 +2,9 @@
  * TIFRn, and forgets a flag that was set while its interrupt was disabled. */
 #include "parts.h"
 
-enum { FLAGS_PER_TIMER = 4 };
+enum { REG_TIFR0 = 0x35, REG_TIMSK0 = 0x6E };
+
+enum { FLAGS_PER_TIMER = 5 };
 
 typedef struct {
     avr_int_vector_t *vectors[FLAGS_PER_TIMER];
@@ -15,6 +17,7 @@ static flags_t flags_of(void *param) {
         &timer->icr,
         &timer->comp[AVR_TIMER_COMPA].interrupt,
         &timer->comp[AVR_TIMER_COMPB].interrupt,
+        &timer->comp[AVR_TIMER_COMPC].interrupt,
     }};
 }
 
@@ -37,14 +40,10 @@ static void masks_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *
 }
 
 void timer_flags_attach(avr_t *avr) {
-    static const struct {
-        char name;
-        avr_io_addr_t flags, masks;
-    } TIMERS[] = {
-        {'0', REG_TIFR0, REG_TIMSK0}, {'1', REG_TIFR1, REG_TIMSK1}, {'2', REG_TIFR2, REG_TIMSK2}};
-    for (size_t i = 0; i < sizeof TIMERS / sizeof *TIMERS; i++) {
-        avr_timer_t *timer = find_timer(avr, TIMERS[i].name);
-        replace_write(avr, TIMERS[i].flags, flags_write, timer);
-        replace_write(avr, TIMERS[i].masks, masks_write, timer);
+    for (unsigned number = 0; number < ALL_TIMERS; number++) {
+        avr_timer_t *timer = find_timer(avr, '0' + number);
+        if (!timer) continue;
+        replace_write(avr, REG_TIFR0 + number, flags_write, timer);
+        replace_write(avr, REG_TIMSK0 + number, masks_write, timer);
     }
 }

@@ -217,10 +217,18 @@ static void plain_write(avr_t *avr, avr_io_addr_t address, uint8_t value, void *
     avr->data[address] = value;
 }
 
+/* A Mega has four. */
+static avr_uart_t *find_first_uart(avr_t *avr) {
+    for (avr_io_t *module = avr->io_port; module; module = module->next)
+        if (strcmp(module->kind, "uart") == 0 && ((avr_uart_t *)module)->name == '0')
+            return (avr_uart_t *)module;
+    return NULL;
+}
+
 void uart_attach(rig_t *rig) {
     avr_t *avr = rig->avr;
     uart_t *uart = &rig->uart;
-    uart->vectors = (avr_uart_t *)find_module(avr, "uart");
+    uart->vectors = find_first_uart(avr);
     uart->vectors->io.reset = NULL;
     uart->departures.record_size = sizeof(rig_departure_t);
     replace_read(avr, REG_UDR0, data_read, rig);

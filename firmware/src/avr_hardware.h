@@ -1,17 +1,17 @@
 // The UNO as the core sees it.
-#ifndef CCR_UNO_HARDWARE_H
-#define CCR_UNO_HARDWARE_H
+#ifndef CCR_AVR_HARDWARE_H
+#define CCR_AVR_HARDWARE_H
 
 #include <stdint.h>
 
 #include "hardware.h"
 #include "stack_monitor.h"
 
-namespace uno {
+namespace avr {
 
-class UnoHardware final : public ccr::Hardware {
+class AvrHardware final : public ccr::Hardware {
  public:
-  explicit UnoHardware(const StackMonitor& stack);
+  explicit AvrHardware(const StackMonitor& stack);
 
   uint16_t capabilities() override;
   uint32_t time_us() override;
@@ -30,6 +30,6 @@ class UnoHardware final : public ccr::Hardware {
   const StackMonitor& stack_;
 };
 
-}  // namespace uno
+}  // namespace avr
 
 #endif
