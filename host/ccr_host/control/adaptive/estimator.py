@@ -40,8 +40,10 @@ _NOTABLE_HINDRANCE = 0.3
 """Smaller ones, in prior deviations, count as absent, so that noise on the path cannot add them."""
 _LOADS = [Parameters._fields.index("tip_per_mm"), *PUSHES]
 _IDENTIFIED = [index for index in range(COUNT) if index not in _DRIFTING + _HINDRANCES + _LOADS]
-"""Once identified at rest, these are only considered, not corrected: along a path they cannot be
-distinguished from disturbances."""
+"""Once identified at rest, these count as certain: along a path they cannot be distinguished from
+disturbances, and what they are wrong by changes slowly enough for the offset to follow it. With
+their uncertainty in the covariance of an innovation, the offset of `dirty` took up only a fifth of
+an error of 5 mm, as they were held responsible for it and not corrected."""
 
 
 @dataclass(frozen=True)
@@ -96,10 +98,11 @@ class Estimator:
         if fit is not None:
             self._state[:COUNT] = fit.score
             self._covariance[:COUNT, :COUNT] = fit.covariance
-        self._covariance[PUSHES] = 0.0
-        self._covariance[:, PUSHES] = 0.0
         self._covariance[_OFFSET, _OFFSET] = np.eye(3) * tuning.offset_deviation_mm**2
-        self._considered = [] if fit is None else _settled(fit)
+        certain = PUSHES if fit is None else PUSHES + _settled(fit)
+        self._covariance[certain] = 0.0
+        self._covariance[:, certain] = 0.0
+        self._drifting = [index for index in _DRIFTING + _HINDRANCES if index not in certain]
         self._believed = self._state.copy()
         self._since_believed_s = 0.0
         self._usual_offset_mm = self._state[_OFFSET].copy()
@@ -141,7 +144,7 @@ class Estimator:
         self._covariance[_OFFSET, :] *= keep
         self._covariance[:, _OFFSET] *= keep
         diagonal = np.zeros(_STATES)
-        diagonal[_DRIFTING + _HINDRANCES] = tuning.drift_per_sqrt_s**2 * duration_s
+        diagonal[self._drifting] = tuning.drift_per_sqrt_s**2 * duration_s
         diagonal[_OFFSET] = tuning.offset_deviation_mm**2 * (1.0 - keep * keep)
         self._covariance[np.diag_indices(_STATES)] += diagonal
         self._since_believed_s += duration_s
@@ -175,10 +178,8 @@ class Estimator:
         deviations = float(np.sqrt(normalised @ normalised / 3.0))
         share = min(1.0, tuning.gate_deviations / max(deviations, 1e-9))
         gain = np.linalg.solve(innovation_covariance, cross.T).T
-        gain[self._considered] = 0.0
         change = gain @ (share * innovation)
-        correction = gain @ cross.T
-        self._covariance += gain @ innovation_covariance @ gain.T - correction - correction.T
+        self._covariance -= gain @ cross.T
         # Rounding makes it asymmetric, which the filter equations would amplify.
         self._covariance = 0.5 * (self._covariance + self._covariance.T)
         score, before = self._state[:COUNT].copy(), self.parameters
