@@ -147,7 +147,8 @@ class RobotCheck:
 
     def cause_of(self, odd: Rests) -> MisfitError:
         """Find what is most likely wrong; takes seconds, so make the robot safe first."""
-        return misfit(odd, self._description)
+        found = misfit(odd, self._description)
+        return MisfitError(found.cause, f"{found.cure}; --unchecked goes on all the same")
 
     def _judge(self, rests: Rests, fit: StaticsFit | None) -> Rests | None:
         if len(rests.count) < _FEWEST_RESTS:

@@ -79,6 +79,7 @@ def test_a_misfit_is_noticed_before_the_path_and_its_cause_is_named(
     assert isinstance(result.failure, MisfitError)
     assert result.failure.exit_status == 3
     assert any(part in str(result.failure) for part in told.split("|"))
+    assert result.failure.cure.endswith("--unchecked goes on all the same")
     assert not result.records
     assert witness.travel_mm() < travel_mm
     assert witness.last is not None

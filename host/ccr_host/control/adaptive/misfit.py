@@ -113,7 +113,7 @@ def misfit(rests: Rests, description: Description) -> MisfitError:
     likely = "most likely" if best.fit.result().explains else "no usual cause explains it; perhaps"
     return MisfitError(
         f"the robot does not move as described; {likely} {best.cause()}",
-        f"{best.hypothesis.cure}; --unchecked goes on all the same",
+        best.hypothesis.cure,
     )
 
 
