@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ccr_host.core.errors import CcrError
 from ccr_host.description.simulation import Twin
-from ccr_host.sim.robot.mjcf import MARKERS, TIP, robot_mjcf
+from ccr_host.sim.robot.mjcf import MARKERS, TIP, robot_model
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Equilibrium:
 
     def __init__(self, twin: Twin) -> None:
         self._radius_m = twin.pulley_radius_mm / _MM_PER_M
-        self._model = mujoco.MjModel.from_xml_string(robot_mjcf(twin))
+        self._model = robot_model(twin)
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)

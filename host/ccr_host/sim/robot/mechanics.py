@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.memory import Memory, memories
-from ccr_host.sim.robot.mjcf import DISKS, MARKERS, TIP, robot_mjcf
+from ccr_host.sim.robot.mjcf import DISKS, MARKERS, TIP, robot_model
 
 Array = NDArray[np.float64]
 
@@ -81,9 +81,7 @@ class Mechanics:
 
     def __init__(self, twin: Twin, payload_g: float) -> None:
         self._twin = twin
-        # MuJoCo would print and log the instability that `advance` reports.
-        mujoco.set_mju_user_warning(_ignore)
-        self._model = mujoco.MjModel.from_xml_string(robot_mjcf(twin))
+        self._model = robot_model(twin)
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
         slack_lengths_m = self._data.ten_length + np.divide(twin.slack_mm, _MM_PER_M)
@@ -228,7 +226,3 @@ class Mechanics:
                 "or raise twin.disk_mass_g",
             )
         return step_us
-
-
-def _ignore(_: str) -> None:
-    pass

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from xml.etree import ElementTree as ET
 
+import mujoco
+
 from ccr_host.description.simulation import Twin
 
 Vector = tuple[float, float, float]
@@ -41,6 +43,19 @@ _HALF_A_TURN = "0 180"
 """Degrees. Ranges do not limit the joints: `Mechanics` ends the simulation there."""
 _ALONG_BACKBONE = (0.0, -1.0, 0.0)
 _BENDING_AXES = ((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def robot_model(twin: Twin) -> mujoco.MjModel:
+    """The compiled model.
+
+    MuJoCo would print its warnings, and write them to a file in the working folder.
+    """
+    mujoco.set_mju_user_warning(_ignore)
+    return mujoco.MjModel.from_xml_string(robot_mjcf(twin))
+
+
+def _ignore(_: str) -> None:
+    """What makes a difference, `Mechanics` finds in the joints."""
 
 
 def robot_mjcf(twin: Twin) -> str:

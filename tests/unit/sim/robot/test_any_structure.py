@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccr_host.description.simulation import Twin
+from ccr_host.sim.robot.equilibrium import Equilibrium
 from ccr_host.sim.robot.mechanics import Mechanics
 
 
@@ -68,3 +69,17 @@ def test_any_structure_is_moved_for_a_second_and_then_comes_to_rest(keys, angles
         peaks_j.append(max(energies_j))
     assert np.isfinite(mechanics.markers_mm()).all()
     assert peaks_j[-1] < 0.5 * peaks_j[0] + 1e-7
+
+
+@pytest.mark.parametrize("search", [lambda twin: Mechanics(twin, 0.0), Equilibrium])
+def test_a_warning_of_mujoco_leaves_no_file_in_the_working_folder(search, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    mujoco.set_mju_user_warning(None)
+    search(Twin())
+    text = "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qvel[0] = 1e99
+    mujoco.mj_step(model, data)
+    assert data.warning.number.any()
+    assert not [*tmp_path.iterdir()]
