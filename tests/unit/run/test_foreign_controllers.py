@@ -162,6 +162,7 @@ def test_an_answer_that_is_no_command_ends_the_run_disarmed(run, deed, method) -
     assert len(result.records) == (3 if method == "step" else 0)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("angle", [2.0, -3.0, 1e300])
 def test_commands_beyond_the_limits_are_clamped_and_counted(run, angle) -> None:
     far = {("step", step): lambda c: replace(c, q_rad=np.array([angle, 0.0])) for step in (4, 5)}

@@ -25,6 +25,7 @@ from ccr_host.record.log.sinks import BackgroundSink, DirectSink, Sink
 from ccr_host.record.log.topics import LOG_TOPICS, TIMING_TOPICS, Topic
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
+from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.observer import RunObserver, RunSetup, StepRecord
 from ccr_host.run.tape import TapePiece
 from ccr_host.tracking.tracker import MarkerFrame, Sample
@@ -96,6 +97,7 @@ class RunLog(RunObserver):
         self._next_scene_us = 0
         self._next_diagnostics_us = 0
         self._model: ConstantCurvature | None = None
+        self._limits: MotorLimits
         self._sample: Sample | None = None
         self._horizon_mm: Array = np.empty((0, 3))
         self._received = 0
@@ -119,6 +121,7 @@ class RunLog(RunObserver):
         self._write_reference(reference)
         self._write(topics.DESIRED_PATH, 0, visuals.desired_path(0, reference))
         self._model = ConstantCurvature(setup.description.robot)
+        self._limits = MotorLimits.of(setup.description.servo, self._model.motors)
 
     def frame(self, direction: str, time_us: int, data: bytes) -> None:
         topic = topics.SENT if direction == "sent" else topics.RECEIVED
@@ -277,7 +280,8 @@ class RunLog(RunObserver):
             frames = {"tip": record.measured_mm}
             self._write(topics.TRANSFORMS, time_us, visuals.transforms(time_us, frames))
             self._write(topics.POSE_MEASURED, time_us, visuals.pose(time_us, record.measured_mm))
-        backbone_mm = self._model.backbone_mm(record.q_rad, _BACKBONE_POINTS)
+        taken_rad = self._limits.clip(record.q_rad)  # by the board, whatever was commanded
+        backbone_mm = self._model.backbone_mm(taken_rad, _BACKBONE_POINTS)
         markers_mm = None if self._sample is None else self._sample.markers_mm
         if markers_mm is not None:
             markers_mm = markers_mm - markers_mm[0]
