@@ -31,7 +31,7 @@ classdef Client < handle
           'flash the board with ccr-host flash'], self.identity.protocol_version, ...
           self.identity.spec_hash, s.spec_hash);
       end
-      self.request('open_session', struct('spec_hash', s.spec_hash, 'session', self.session));
+      self.open_session();
     end
 
     function reply = request(self, name, values, attempts)
@@ -143,6 +143,24 @@ classdef Client < handle
   end
 
   methods (Access = private)
+    function open_session(self)
+      %OPEN_SESSION A board that has just started answers hello, but refuses this for 0.1 s.
+      s = ccr.spec();
+      asked = struct('spec_hash', s.spec_hash, 'session', self.session);
+      started = tic();
+      while true
+        try
+          self.request('open_session', asked);
+          return
+        catch refusal
+          if isempty(strfind(refusal.message, 'bad_state')) || toc(started) > 5
+            rethrow(refusal);
+          end
+          pause(0.02);
+        end
+      end
+    end
+
     function reply = answer(self, message, patience_s)
       %ANSWER The reply to the newest request, empty if there is none in time.
       reply = [];

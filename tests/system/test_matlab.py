@@ -11,11 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ccr_host.core.clock import RealClock
 from ccr_host.description import schema
 from ccr_host.link.board_config import board_config
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.record.log.tables import TABLES, arrays
 from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.sim.board.board import UnoEmulator
+from ccr_host.sim.board.serial_line import SerialLine
+from ccr_host.sim.serving.ports import TcpPort
+from ccr_host.sim.serving.server import BackgroundServer, BoardServer
 from tests.patience import PATIENCE_S
 from tests.system.conftest import PAPERS, CcrHost
 from tests.system.test_sockets import running
@@ -68,6 +73,14 @@ def test_octave_arms_moves_and_stops_an_emulated_board_over_tcp(board: str) -> N
         "stopped, pulses 0 0",
         "disarmed",
     ]
+
+
+def test_a_board_that_has_only_just_started_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ccr_host.sim.board.safety.BOOT_TICKS", 50)  # 1 s instead of 0.1
+    board = SerialLine(UnoEmulator())
+    server = BoardServer(board, TcpPort(0), RealClock(), boot_loader_us=0)
+    with BackgroundServer(server) as served:
+        octave("--eval", f"robot = ccr.Client('{served.uri}'); robot.close();")
 
 
 def test_the_first_steps_end_where_the_board_says(board: str) -> None:
