@@ -214,9 +214,8 @@ class _Replay:
         if direction != "sent":
             return
         recorded = self._feed.next_sent()
-        if (
-            recorded is None or self._tape.head is None
-        ):  # a killed run's tape may end before its frames
+        # The tape of a killed run may end before its frames.
+        if recorded is None or self._tape.head is None:
             self._require_cut(f"now {told_frame(data)}, recorded nothing more")
             raise TapeEnd
         expected = bytes.fromhex(recorded.content["hex"])

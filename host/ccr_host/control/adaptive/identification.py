@@ -287,7 +287,7 @@ def fits_to(
     """Prepare the fits to rests under both priors; None if rests are too few, or implausible.
 
     The wide prior leaves the turn of an unregistered camera more uncertain, by 1 deg instead of
-    0.6 about x, which a robot without the faults that it allows for need not accept.
+    0.7 about x, which a robot without the faults that it allows for need not accept.
     """
     if len(rests.q_rad) < _FEWEST_RESTS:
         return None
