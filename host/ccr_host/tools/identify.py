@@ -175,8 +175,6 @@ def _identify_two_motors(
         fits = fits_to(Scaling.of(description), rests_at(rows), predict)
         if fits is None:
             raise misfit(rests_at(rows[:: -(-len(rows) // _RESTS_FOR_CAUSE)]), description)
-        for fit in fits:
-            fit.finish()
         return likeliest(fits)
 
     fit, everything = fitted(train), np.arange(len(q_rad))

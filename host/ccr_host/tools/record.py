@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,17 +141,18 @@ class RestTable:
 
     Args:
         file: name of the table.
-        write: writes and flushes one line of cells.
+        stream: the file, open for writing.
         motors: number of motors.
 
     Raises:
         CcrError: the file cannot be written.
     """
 
-    def __init__(self, file: Path, write: Callable[[Sequence[str]], None], motors: int) -> None:
+    def __init__(self, file: Path, stream: TextIO, motors: int) -> None:
         self.rests = 0
         self._file = file
-        self._write_line = write
+        self._stream = stream
+        self._writer = csv.writer(stream, lineterminator="\n")
         marks = [f"{marker}_{axis}_mm" for marker in ("tip", "middle") for axis in "xyz"]
         angles = [f"q{motor}_deg" for motor in range(1, motors + 1)]
         self._write(["t_s", "pattern", *angles, *marks, "count"])
@@ -177,7 +178,8 @@ class RestTable:
 
     def _write(self, cells: Sequence[str]) -> None:
         try:
-            self._write_line(cells)
+            self._writer.writerow(cells)
+            self._stream.flush()
         except OSError as error:
             raise CcrError(
                 f"{self._file}: {why(error)}", "free disk space; the rows before are kept"
@@ -201,13 +203,7 @@ def new_table(file: Path, motors: int) -> Iterator[RestTable]:
     table = None
     try:
         with opened:
-            writer = csv.writer(opened, lineterminator="\n")
-
-            def write(cells: Sequence[str]) -> None:
-                writer.writerow(cells)
-                opened.flush()
-
-            table = RestTable(file, write, motors)
+            table = RestTable(file, opened, motors)
             yield table
     finally:
         if table is None or not table.rests:

@@ -55,8 +55,6 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
             f"the {len(rests.count)} rests measured do not fit the described robot",
             "check the markers with ccr-host monitor, and segment lengths and pulleys in [robot]",
         )
-    for fit in fits:
-        fit.finish()
     return likeliest(fits).result()
 
 

@@ -132,10 +132,13 @@ class StaticsFit:
         self._damping = _DAMPING_FIRST
         self._steps_left = _ITERATIONS
         self._shaft_rad = scaling.shaft_rad
+        self._is_done = False
         self._look()
 
     def improve(self) -> bool:
-        """Make a step; return whether another one may be worthwhile."""
+        """Make a step unless the fit is done; return whether another one may be worthwhile."""
+        if self._is_done:
+            return False
         self._steps_left -= 1
         goes_on = self._descend() > _DONE and self._steps_left > 0
         is_first = 0.0 < self._shaft_rad == self.scaling.shaft_rad
@@ -143,6 +146,7 @@ class StaticsFit:
             self._shaft_rad *= self._surprise()
             self._damping, self._steps_left = _DAMPING_FIRST, _ITERATIONS
             goes_on = True
+        self._is_done = not goes_on
         self._look()
         return goes_on
 
@@ -299,8 +303,8 @@ def fits_to(
 
 
 def likeliest(fits: Iterable[StaticsFit]) -> StaticsFit:
-    """The fit with the largest evidence."""
-    return max(fits, key=lambda fit: fit.result().evidence)
+    """The fit with the largest evidence, once all are finished."""
+    return max(fits, key=lambda fit: fit.finish().evidence)
 
 
 def digest_of(description: Description) -> str:
