@@ -16,15 +16,14 @@ from tests.requirement_coverage import REQUIREMENTS, Coverage
 DEFAULT_DEVICES = ("emulator:", "simavr:")
 
 
-# However long an example takes on a busy machine is no fault of it. What passes once passes always;
-# `--hypothesis-profile=default` draws other examples.
-hypothesis.settings.register_profile(
-    "ccr",
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+# An example may take any time on a busy machine. All runs draw the same examples, so that a change
+# is judged by itself; the long campaigns draw new ones.
+_EXAMPLES = hypothesis.settings(
+    deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
-hypothesis.settings.load_profile("ccr")
+hypothesis.settings.register_profile("new", _EXAMPLES)
+hypothesis.settings.register_profile("same", _EXAMPLES, derandomize=True)
+hypothesis.settings.load_profile("same")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -48,6 +47,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--without-posix"):
         without_posix.hide()
+    if config.getoption("--run-slow"):
+        hypothesis.settings.load_profile("new")
     # A shell's background jobs ignore Ctrl-C, and so would all the commands that they start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     # Under nohup, what the tests start would be deaf to it too.

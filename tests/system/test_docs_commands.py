@@ -46,7 +46,6 @@ SIMULATED = {
     r"^compare": "compare --path short.csv --controller mpc",
     r"^track": "track --no-open --controller mpc",
     r"--seed 1 --rate 1": "",
-    r"^(compare.*) --robot (hard|ideal)": r"\1",
     r"^(calibrate .*) --tracker ndi-emulator:": r"\1",
     r"^record \S+": "record new.csv --pattern single",
     r"^monitor": "monitor --duration 4",
@@ -54,8 +53,7 @@ SIMULATED = {
 }
 """What stands for hardware, real time, minutes of work and addresses that may be taken; `mpc` for
 the default controller, which approaches its path for half a minute of simulated time. A controller
-that is named comes later and counts. Comparisons on shipped robots: tests/unit/description and
-test_terminal_output.py."""
+that is named comes later and counts."""
 TOLD_ELSEWHERE = {
     r"flash": "tests/firmware flashes a simulated UNO",
     r"tcp://127\.0\.0\.1:5025": "tests/system/test_emulate.py",

@@ -33,7 +33,7 @@ _STAGE_STEPS, _STAGE_RAD = 6, 1e-2
 _LAST_STEPS, _LAST_RAD = 100, 1e-12
 _LONGEST_STEP_RAD = 0.3
 _HALVINGS = 30
-_EFFORTS = (1e-4, 1e-7, 1e-10, 1e-13)
+_EFFORTS = (1e-4, 1e-7, 1e-10, 1e-14)
 """Weights of the effort over the square of the robot's length. The last one decides between
 configurations that are equally near, and moves none by as much as rounding does. Alone it would
 have Newton's steps crawl along them, for they lie on a curve; the first ones take long steps."""
