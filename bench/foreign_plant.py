@@ -300,7 +300,9 @@ class StrainRobot(ccr_host.Plant):
             self._settle(step_s)
 
     def markers_mm(self) -> Array:
-        centres, axes, _ = _holes(self._q, self._geometry, self._twin.tendon_radius_mm, self._turn)
+        centres, axes, _ = _holes(
+            self._q, self._geometry, self._twin.tendon_radius_mm[0], self._turn
+        )
         offset_mm = np.array(self._twin.marker_offset_mm) * (1, -1, 1)
         middle, last = self._twin.flexures[0], len(centres) - 1
         return np.array([centres[i] + axes[i] @ offset_mm for i in (0, middle, last)])
@@ -309,7 +311,7 @@ class StrainRobot(ccr_host.Plant):
         measures: tuple[Array, Array, float] = _measures(
             self._q,
             self._geometry,
-            self._twin.tendon_radius_mm,
+            self._twin.tendon_radius_mm[0],
             self._turn,
             self._weights_n(),
             self._gravity,
@@ -337,7 +339,7 @@ class StrainRobot(ccr_host.Plant):
             forces, tension, moved = _tendons(
                 q,
                 self._geometry,
-                twin.tendon_radius_mm,
+                twin.tendon_radius_mm[0],
                 self._turn,
                 weights_n,
                 self._gravity,

@@ -61,7 +61,7 @@ def identify(
 
     from ccr_host.core.errors import ConfigError
     from ccr_host.description.file import file_to_keep_in, keep_in
-    from ccr_host.description.schema import load_any
+    from ccr_host.description.schema import load
     from ccr_host.tools.hysteresis import home_of, sweeps_of
     from ccr_host.tools.identify import identify as identify_robot
     from ccr_host.tools.measured import read_measured
@@ -72,7 +72,7 @@ def identify(
         raise ConfigError(
             f"--leave-out {leave_out}: {error}", "give a regular expression"
         ) from None
-    description = load_any(robot, overrides or ())
+    description = load(robot, overrides or ())
     kept_in = file_to_keep_in(robot, out)
     measured = read_measured(file)
     if unwanted is not None:

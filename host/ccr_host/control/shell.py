@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome, Phase, Picture
 from ccr_host.description.schema import Description
 from ccr_host.link.messages import TICK_PHASE_US, TICK_US
-from ccr_host.robot.kinematics import segments_of
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
@@ -180,7 +179,7 @@ class Shell:
         self._limits = MotorLimits.of(description.servo)
         self._slew_rad_s = np.radians(description.servo.slew_deg_s)
         robot = description.robot
-        lengths_mm = [segment.length_mm for segment in segments_of(robot)]
+        lengths_mm = [segment.length_mm for segment in robot.chain]
         length_mm = sum(lengths_mm) + 2.0 * robot.marker_offset_mm
         self._farthest_mm = _FARTHEST_LENGTHS * length_mm
 

@@ -59,8 +59,9 @@ values out of range are rejected. Ranges are wide: from catheters of 2 mm to tru
 servos as far as the board's protocol can drive them; a value outside is a wrong unit.
 Where a default reads "as ...", the twin and its camera follow the
 description, so that without hardware your robot is simulated. Set both keys to simulate a robot
-that differs from the controller's model. A key with two values has one per segment or servo; a
-single number stands for both, except for lengths and flexures.
+that differs from the controller's model. A key with several values has one per segment from the
+base, motor or tendon; the defaults are those of the paper's robot. A single number stands for all,
+except for lengths and flexures, and so does the first value of a default.
 """
 
 

@@ -10,10 +10,9 @@ positions (``identified``). Every key has a unit in its name and a range; unknow
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     Field,
     ValidationError,
@@ -23,29 +22,35 @@ from pydantic import (
 )
 
 from ccr_host.core.errors import ConfigError
+from ccr_host.description.robot import MOST_MOTORS, Robot, Segment, Tendon
 from ccr_host.description.section import (
     LEAST_SPAN_US,
-    Both,
-    Direction,
-    MarkerOffset,
-    PulleyRadius,
+    PerMotor,
     Pulse,
     PulseSpan,
     Section,
-    SegmentLength,
-    TendonRadius,
     Turn,
     explain,
+    fitted,
     followed_key,
     within,
 )
 from ccr_host.description.simulation import GRAVITY_M_S2, PolarisFaults, Tracker, Twin
 from ccr_host.description.source import text_of, tree_of, tree_with
 
-Pair = tuple[float, float]
-T = TypeVar("T")
-LONGEST_BOARD_NAME = 16
-"""Characters that the board can store."""
+__all__ = [
+    "Control",
+    "Description",
+    "Identified",
+    "Link",
+    "Registration",
+    "Robot",
+    "Segment",
+    "Servo",
+    "Tendon",
+    "load",
+    "parse",
+]
 
 _Angle = Annotated[float, within(-135, 135)]
 _LEAST_RANGE_DEG = 1.0
@@ -55,122 +60,35 @@ _MOST_BENDING_DEG = 540
 """1.5 turns of one segment; the paper's robot bends by 236 deg at its limits."""
 
 
-def checked_board_name(name: str) -> str:
-    """Return the name if a board can store it.
-
-    Raises:
-        ValueError: too long, not printable ASCII, or with a space at an end.
-    """
-    room = LONGEST_BOARD_NAME
-    if not (name.isascii() and name.isprintable() and len(name) <= room and name == name.strip()):
-        shown = ascii(name if len(name) <= room else name[:room] + "...")
-        raise ValueError(
-            f"{shown} is not up to {room} printable ASCII characters without a space at the ends"
-        )
-    return name
-
-
-class Tendon(Section):
-    """A tendon of a robot of any number of segments, `[[robot.segments.tendons]]`."""
-
-    angle_deg: Turn
-    """Place of its holes about the backbone, from x towards y of the base."""
-    motor: Annotated[int, within(1, 12)]
-    """The motor that winds it."""
-    winding: Annotated[int, within(-1, 1)] = 1
-    """1 if the motor pulls it in the positive direction, -1 in the other."""
-    slack_mm: Annotated[float, within(-100, 100)] = 0.0
-    """Travel that takes up its slack; negative for a tendon that is taut at rest."""
-
-    @model_validator(mode="after")
-    def _is_wound(self) -> Tendon:
-        if self.winding == 0:
-            raise ValueError("robot.segments.tendons.winding = 0 is neither 1 nor -1")
-        return self
-
-
-class Segment(Section):
-    """A segment of a robot of any number of segments, from the base, `[[robot.segments]]`.
-
-    The last four keys are what `ccr-host identify` finds besides the geometry.
-    """
-
-    length_mm: SegmentLength
-    """Length of its backbone."""
-    tendon_radius_mm: TendonRadius
-    """From the tendon holes to the backbone."""
-    bends: Literal["plane", "space"] = "space"
-    """In one plane, or in any direction."""
-    direction_deg: Turn = 0.0
-    """Direction in which a segment bends that bends in a plane, measured as tendons' angles."""
-    stiffness: Annotated[float, within(0.01, 100)] = 1.0
-    """Its bending stiffness over that of the first segment."""
-    compliance: Annotated[float, within(1e-4, 100)] = 0.05
-    """Additional motor angle due to the stretch of its tendons, over the bending angle."""
-    sag: Annotated[float, within(-1, 1)] = 0.0
-    """Slack in tendon radii that bending adds to every tendon, per rad^2."""
-    dead_travel_mm: Annotated[float, within(0, 100)] = 0.0
-    """Travel that its tendons lose after each reversal, half on either side."""
-    tendons: Annotated[tuple[Tendon, ...], Field(min_length=1, max_length=12)]
-    """The tendons that end at its last disk; they run through all earlier segments."""
-
-
-class Robot(Section):
-    """Geometry in the controller's model (the paper's Table I)."""
-
-    segment_lengths_mm: tuple[SegmentLength, SegmentLength] = (58.5, 43.5)
-    """L_1 and L_2."""
-    tendon_radius_mm: TendonRadius = 4.5
-    """r_c, from the tendon hole to the centre of the disk."""
-    marker_offset_mm: MarkerOffset = 15.0
-    """d_m, from the centre of the disk to the marker."""
-    pulley_radius_mm: PulleyRadius = 12.5
-    """r_p, radius of the pulley on the servo."""
-    gravity_direction: Direction = (0.0, 0.0, -1.0)
-    """Direction of gravity in the frame of (10): [0, 0, 1] for a robot mounted upside
-    down, [1, 0, 0] or [-1, 0, 0] on its side, [0, -1, 0] hanging straight down."""
-    board_name: Annotated[str, AfterValidator(checked_board_name)] = ""
-    """Name that the board must have, unless empty; see `ccr-host calibrate --board-name`."""
-    segments: Annotated[tuple[Segment, ...], Field(max_length=12)] = ()
-    """A robot of another kind, from the base to the tip, instead of the lengths and the radius
-    above. So far only `ccr-host identify` reads such robots."""
-
-    @model_validator(mode="after")
-    def _motors_are_counted_from_1(self) -> Robot:
-        used = {tendon.motor for segment in self.segments for tendon in segment.tendons}
-        if missing := set(range(1, max(used, default=0) + 1)) - used:
-            raise ValueError(
-                f"robot.segments: no tendon is wound by motor {min(missing)} of {max(used)}"
-            )
-        return self
-
-
 class Servo(Section):
-    """The two servos as the board drives them; index 0 bends segment 1."""
+    """The servos as the board drives them; of the paper's robot the first bends segment 1."""
 
-    angle_min_deg: Both[_Angle] = (-85.0, -85.0)
+    angle_min_deg: PerMotor[_Angle] = (-85.0, -85.0)
     """Lower limit of the commanded angle."""
-    angle_max_deg: Both[_Angle] = (85.0, 85.0)
+    angle_max_deg: PerMotor[_Angle] = (85.0, 85.0)
     """Upper limit of the commanded angle."""
-    rest_deg: Both[_Angle] = (0.0, 0.0)
+    rest_deg: PerMotor[_Angle] = (0.0, 0.0)
     """Angle to which the board returns the servo when the host is silent."""
-    slew_deg_s: Both[Annotated[float, within(5, 1000)]] = (300.0, 300.0)
+    slew_deg_s: PerMotor[Annotated[float, within(5, 1000)]] = (300.0, 300.0)
     """Limit of the commanded rate, enforced by the board."""
-    acceleration_deg_s2: Both[Annotated[float, within(0, 50_000)]] = (0.0, 0.0)
+    acceleration_deg_s2: PerMotor[Annotated[float, within(0, 50_000)]] = (0.0, 0.0)
     """Limit of the commanded acceleration, enforced by the board: 25 or more; 0 for none. The
     setpoint then lags a ramp by up to rate^2 / (2 acceleration), which controllers do not model."""
-    neutral_pulse_us: Both[Pulse] = (1500.0, 1500.0)
+    neutral_pulse_us: PerMotor[Pulse] = (1500.0, 1500.0)
     """Pulse width at 0 deg."""
-    pulse_per_90_deg_us: Both[PulseSpan] = (1000.0, 1000.0)
+    pulse_per_90_deg_us: PerMotor[PulseSpan] = (1000.0, 1000.0)
     """Pulse change for +90 deg; negative for a servo mounted the other way round."""
-    pulse_min_us: Both[Pulse] = (500.0, 500.0)
+    pulse_min_us: PerMotor[Pulse] = (500.0, 500.0)
     """Shortest pulse that the board ever sends, whatever the angle."""
-    pulse_max_us: Both[Pulse] = (2500.0, 2500.0)
+    pulse_max_us: PerMotor[Pulse] = (2500.0, 2500.0)
     """Longest pulse that the board ever sends, whatever the angle."""
 
     @model_validator(mode="after")
     def _limits_are_ordered(self) -> Servo:
-        for axis in (0, 1):
+        counts = {len(getattr(self, key)) for key in type(self).model_fields}
+        if len(counts) > 1:
+            raise ValueError(f"servo: {min(counts)} values of one key and {max(counts)} of another")
+        for axis in range(max(counts)):
             low_deg, high_deg = self.angle_min_deg[axis], self.angle_max_deg[axis]
             rest_deg, span_us = self.rest_deg[axis], self.pulse_per_90_deg_us[axis]
             low_us, high_us = self.pulse_min_us[axis], self.pulse_max_us[axis]
@@ -264,7 +182,7 @@ class Registration(Section):
 
 
 _MotorAngle = Annotated[float, within(-3, 3)]
-_Pose = tuple[_MotorAngle, _MotorAngle]
+_Pose = Annotated[tuple[_MotorAngle, ...], Field(min_length=1, max_length=MOST_MOTORS)]
 _Coordinate = Annotated[float, within(-10_000, 10_000)]
 _Place = tuple[_Coordinate, _Coordinate, _Coordinate]
 
@@ -298,6 +216,8 @@ class Identified(Section):
                 "identified.setpoint_rad, tip_mm, middle_mm and count have different numbers of "
                 "rows"
             )
+        if any(len(pose) != len(self.start_rad) for pose in self.setpoint_rad):
+            raise ValueError("identified.setpoint_rad and start_rad differ in the number of motors")
         return self
 
 
@@ -307,7 +227,7 @@ class Description(Section):
     name: str = "robot"
     """Name of the robot in run folders, free text."""
     robot: Robot = Robot()
-    servo: Servo = Servo()
+    servo: Servo = Field(Servo(), validate_default=True)
     link: Link = Link()
     control: Control = Control()
     registration: Registration | None = None
@@ -316,19 +236,18 @@ class Description(Section):
     polaris_faults: PolarisFaults = PolarisFaults()
     identified: Identified | None = None
 
-    @model_validator(mode="after")
-    def _bends_less_than_a_circle(self) -> Description:
-        robot, servo = self.robot, self.servo
-        limit_deg = max(map(abs, (*servo.angle_min_deg, *servo.angle_max_deg)))
-        bent_deg = limit_deg * robot.pulley_radius_mm / robot.tendon_radius_mm
-        if bent_deg > _MOST_BENDING_DEG:
-            raise ValueError(
-                f"a servo angle of {limit_deg:g} deg on a pulley of {robot.pulley_radius_mm:g} mm "
-                f"would bend a segment by {bent_deg:.0f} deg, {_MOST_BENDING_DEG:g} are allowed: "
-                "correct robot.pulley_radius_mm or tendon_radius_mm, or narrow "
-                "servo.angle_min_deg and angle_max_deg"
-            )
-        return self
+    @field_validator("servo", "twin", mode="before")
+    @classmethod
+    def _completed_for_the_robot(cls, value: object, info: ValidationInfo) -> object:
+        """Let single numbers and defaults stand for all parts of the robot."""
+        robot, name = info.data.get("robot"), str(info.field_name)
+        section = Servo if name == "servo" else Twin
+        if robot is not None and robot.segments and isinstance(value, section):
+            value = {key: getattr(value, key) for key in value.model_fields_set}
+        if robot is None or not isinstance(value, dict):
+            return value
+        parts = {"motor": robot.motors, "segment": len(robot.chain), "tendon": len(robot.tendons)}
+        return fitted(section, name, value, parts)
 
     @field_validator("twin", "tracker", mode="after")
     @classmethod
@@ -342,30 +261,45 @@ class Description(Section):
                 followed[name] = getattr(described, key)
         if "gravity_m_s2" in followed:
             followed["gravity_m_s2"] = [GRAVITY_M_S2 * share for share in followed["gravity_m_s2"]]
+        chain = followed.pop("segments", ())
+        if "tendon_radius_mm" in followed:
+            radii_mm = [part.tendon_radius_mm for part in info.data["robot"].chain]
+            followed["tendon_radius_mm"] = radii_mm
         expanded = type(section).model_validate(followed)
-        return section.model_copy(update={name: getattr(expanded, name) for name in followed})
+        update = {name: getattr(expanded, name) for name in followed}
+        if chain:
+            update["segments"] = chain
+        return section.model_copy(update=update)
+
+    @model_validator(mode="after")
+    def _was_identified_as_described(self) -> Description:
+        if self.identified and len(self.identified.start_rad) != self.robot.motors:
+            raise ValueError(
+                f"identified.start_rad has {len(self.identified.start_rad)} values, this robot has "
+                f"{self.robot.motors} motors: identify it again"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _bends_less_than_a_circle(self) -> Description:
+        servo = self.servo
+        for number, tendon in self.robot.tendons:
+            axis = tendon.motor - 1
+            limit_deg = max(abs(servo.angle_min_deg[axis]), abs(servo.angle_max_deg[axis]))
+            radius_mm = self.robot.chain[number].tendon_radius_mm
+            bent_deg = limit_deg * self.robot.pulley_radius_mm / radius_mm
+            if bent_deg > _MOST_BENDING_DEG:
+                raise ValueError(
+                    f"a servo angle of {limit_deg:g} deg on a pulley of "
+                    f"{self.robot.pulley_radius_mm:g} mm would bend a segment by {bent_deg:.0f} "
+                    f"deg, {_MOST_BENDING_DEG:g} are allowed: correct robot.pulley_radius_mm or "
+                    "tendon_radius_mm, or narrow servo.angle_min_deg and angle_max_deg"
+                )
+        return self
 
 
 def load(source: str | None = None, overrides: Iterable[str] = ()) -> Description:
-    """Read the description of a robot with two planar segments and apply overrides.
-
-    Args and errors as those of :func:`load_any`.
-
-    Raises:
-        ConfigError: also if it describes a robot of another kind.
-    """
-    description = load_any(source, overrides)
-    if description.robot.segments:
-        raise ConfigError(
-            f"robot.segments in {source}: so far only ccr-host identify reads robots of any number "
-            "of segments",
-            "describe two planar segments with robot.segment_lengths_mm and tendon_radius_mm",
-        )
-    return description
-
-
-def load_any(source: str | None = None, overrides: Iterable[str] = ()) -> Description:
-    """Read a description of a robot of any kind and apply overrides.
+    """Read the description of a robot and apply overrides.
 
     Args:
         source: a TOML file, or the name of a shipped description; None for the default.

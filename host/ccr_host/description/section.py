@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from types import NoneType
 from typing import Annotated, Any, TypeVar, get_args
@@ -47,19 +48,90 @@ class Section(BaseModel):
     )
 
 
-def _both_axes(value: object) -> object:
-    """Expand one number to both axes."""
-    return (value, value) if isinstance(value, int | float) else value
-
-
 def within(low: float, high: float) -> FieldInfo:
     """Bounds of a number; strict, so that text and `true` are rejected."""
     bounds: FieldInfo = Field(ge=low, le=high, strict=True)
     return bounds
 
 
-Both = Annotated[tuple[T, T], BeforeValidator(_both_axes)]
-"""One value for each axis, or one for both."""
+@dataclass(frozen=True)
+class Per:
+    """Marks a key that has a value for each part of the robot."""
+
+    part: str
+    """Motor, segment or tendon."""
+    usual: int = 2
+    """Number of values of a section alone, which are those of the paper's robot."""
+    one_for_all: bool = True
+    """Whether one number may stand for all of them."""
+
+
+def one_for_all(value: object, count: int) -> object:
+    """Repeat a single number; leave any other value to be validated."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return (value,) * count if is_number else value
+
+
+def _pair(value: object) -> object:
+    return one_for_all(value, 2)
+
+
+def _four(value: object) -> object:
+    return one_for_all(value, 4)
+
+
+PerMotor = Annotated[tuple[T, ...], Per("motor"), BeforeValidator(_pair)]
+"""One value per motor, or one for all."""
+PerSegment = Annotated[tuple[T, ...], Per("segment"), BeforeValidator(_pair)]
+"""One value per segment from the base, or one for all."""
+PerTendon = Annotated[tuple[T, ...], Per("tendon", 4), BeforeValidator(_four)]
+"""One value per tendon, in the order of `Robot.tendons`, or one for all."""
+EachSegment = Annotated[tuple[T, ...], Per("segment", one_for_all=False)]
+"""One value per segment from the base."""
+
+
+def fitted(
+    section: type[Section], name: str, given: Mapping[str, Any], counts: Mapping[str, int]
+) -> dict[str, Any]:
+    """Values of a section, with as many per part as a robot has where one stands for all.
+
+    Args:
+        section: the model of the section.
+        name: its name, for messages.
+        given: its keys as given.
+        counts: number of each of the robot's parts.
+
+    Raises:
+        ValueError: a key has too many values, or too few.
+    """
+    complete = dict(given)
+    for key, field in section.model_fields.items():
+        if (per := per_part(field)) is None:
+            continue
+        count = counts[per.part]
+        if key not in given:
+            if per.usual != count and not followed_key(field):
+                complete[key] = (field.default[0],) * count
+            continue
+        value = one_for_all(given[key], count) if per.one_for_all else given[key]
+        if isinstance(value, list | tuple) and len(value) != count:
+            one = "one number or " if per.one_for_all else ""
+            raise ValueError(
+                f"{name}.{key} = {_shown(value)}: this robot has {_counted(count, per.part)}, give "
+                f"{one}{_counted(count, 'value')} in brackets"
+            )
+        complete[key] = value
+    return complete
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def per_part(field: FieldInfo) -> Per | None:
+    """How a key has a value for each part of the robot; None if it has one value."""
+    return next((mark for mark in field.metadata if isinstance(mark, Per)), None)
+
 
 # Robots and tendons: from catheters of 2 mm to trunks of a metre.
 SegmentLength = Annotated[float, within(5, 1000)]
@@ -162,7 +234,8 @@ def allowed(schema: dict[str, Any]) -> str:
 def _element(schema: dict[str, Any]) -> dict[str, Any]:
     """Schema of the number itself, from that of a number, a tuple of numbers, or an optional."""
     schema = schema.get("anyOf", [schema])[0]
-    return _element(schema["prefixItems"][0]) if "prefixItems" in schema else schema
+    members = schema.get("prefixItems", [schema.get("items")])[0]
+    return _element(members) if members else schema
 
 
 def _schema(location: Location, whole: Model) -> dict[str, Any]:

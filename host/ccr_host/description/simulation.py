@@ -6,10 +6,14 @@ from typing import Annotated, TypeGuard
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from ccr_host.description.robot import MOST_MOTORS, Robot, Segment
 from ccr_host.description.section import (
     FULL_TURN_DEG,
     LEAST_SPAN_US,
-    Both,
+    EachSegment,
+    PerMotor,
+    PerSegment,
+    PerTendon,
     PulleyRadius,
     Pulse,
     PulseSpan,
@@ -18,6 +22,7 @@ from ccr_host.description.section import (
     TendonRadius,
     Turn,
     as_in,
+    one_for_all,
     within,
 )
 
@@ -28,18 +33,19 @@ _Force = Annotated[float, within(-100, 100)]
 _Flexures = Annotated[int, within(1, 40)]
 _Slack = Annotated[float, within(0, 100)]
 _CreepShare = Annotated[float, within(0, 1)]
+_CreepTime = Annotated[float, within(0.1, 1e5)]
 _Offset = Annotated[float, within(-500, 500)]
 GRAVITY_M_S2 = 9.81
 _Acceleration = Annotated[float, within(-100, 100)]
 
 
-def _all_tendons(value: object) -> object:
-    """Expand one number to all four tendons."""
-    return (value,) * 4 if isinstance(value, int | float) else value
-
-
 def _is_number(value: object) -> TypeGuard[int | float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _both_branches(value: object) -> object:
+    """Expand one number to both branches."""
+    return one_for_all(value, 2)
 
 
 def _one_branch(value: object) -> object:
@@ -79,13 +85,20 @@ class Push(Section):
 class Twin(Section):
     """The simulated robot; docs/twin.md explains how each default was chosen."""
 
-    flexures: tuple[_Flexures, _Flexures] = (6, 5)
+    segments: tuple[Segment, ...] = Field(
+        Robot().chain, json_schema_extra=as_in("robot.segments"), max_length=MOST_MOTORS
+    )
+    """How segments bend, and where which motor winds tendons; the next keys have the true lengths
+    and radii."""
+    flexures: EachSegment[_Flexures] = (6, 5)
     """Hinges of each segment, evenly spaced."""
-    segment_lengths_mm: tuple[SegmentLength, SegmentLength] = Field(
+    segment_lengths_mm: EachSegment[SegmentLength] = Field(
         (58.5, 43.5), json_schema_extra=as_in("robot.segment_lengths_mm")
     )
     """True L_1 and L_2."""
-    tendon_radius_mm: TendonRadius = Field(4.5, json_schema_extra=as_in("robot.tendon_radius_mm"))
+    tendon_radius_mm: PerSegment[TendonRadius] = Field(
+        (4.5, 4.5), json_schema_extra=as_in("robot.tendon_radius_mm")
+    )
     """True r_c."""
     marker_offset_mm: Annotated[tuple[_Offset, _Offset, _Offset], BeforeValidator(_along_z)] = (
         Field((0.0, 0.0, 15.0), json_schema_extra=as_in("robot.marker_offset_mm"))
@@ -94,21 +107,21 @@ class Twin(Section):
     robot is straight; one number is an offset along z."""
     pulley_radius_mm: PulleyRadius = Field(12.5, json_schema_extra=as_in("robot.pulley_radius_mm"))
     """True r_p."""
-    bending_stiffness_nm_rad: Both[Annotated[float, within(1e-4, 100)]] = (0.02, 0.02)
+    bending_stiffness_nm_rad: PerSegment[Annotated[float, within(1e-4, 100)]] = (0.02, 0.02)
     """Stiffness of a whole segment: moment over total bending angle."""
-    stiffness_taper: Both[Annotated[float, within(-0.9, 0.9)]] = (0.0, 0.0)
+    stiffness_taper: PerSegment[Annotated[float, within(-0.9, 0.9)]] = (0.0, 0.0)
     """Share of its stiffness by which each segment is softer at its end than at its root."""
-    stiffening: Both[Annotated[float, within(0, 10)]] = (0.0, 0.0)
+    stiffening: PerSegment[Annotated[float, within(0, 10)]] = (0.0, 0.0)
     """Share by which a segment bent to 90 deg resists more than its stiffness says; it grows with
     the square of the angle."""
-    bending_plane_turn_deg: Both[Annotated[float, within(-45, 45)]] = (0.0, 0.0)
+    bending_plane_turn_deg: PerSegment[Annotated[float, within(-45, 45)]] = (0.0, 0.0)
     """Turn of each segment's flexures about the backbone, against its tendon holes; positive from
     z towards x of (10)."""
-    sideways_stiffness_nm_rad: Both[Annotated[float, within(0, 1000)]] = (0.0, 0.0)
+    sideways_stiffness_nm_rad: PerSegment[Annotated[float, within(0, 1000)]] = (0.0, 0.0)
     """Stiffness of a whole segment across its bending plane; 0: it bends only in its plane."""
-    torsion_stiffness_nm_rad: Both[Annotated[float, within(0, 1000)]] = (0.0, 0.0)
+    torsion_stiffness_nm_rad: PerSegment[Annotated[float, within(0, 1000)]] = (0.0, 0.0)
     """Moment over twist of a whole segment; 0: it does not twist."""
-    axial_stiffness_n_m: Both[Annotated[float, within(0, 1e8)]] = (0.0, 0.0)
+    axial_stiffness_n_m: PerSegment[Annotated[float, within(0, 1e8)]] = (0.0, 0.0)
     """Force over shortening of a whole segment; 0: its length does not change."""
     joint_damping: Annotated[float, within(0, 1)] = 1.2e-3
     """Damping of each flexure, N m s/rad."""
@@ -118,7 +131,10 @@ class Twin(Section):
     )
     """Creep of the flexures, for up to two branches: part of the bending under a constant load that
     is added as time goes by."""
-    creep_time_s: Both[Annotated[float, within(0.1, 1e5)]] = (5.0, 60.0)
+    creep_time_s: Annotated[tuple[_CreepTime, _CreepTime], BeforeValidator(_both_branches)] = (
+        5.0,
+        60.0,
+    )
     """Time constant of each branch, at constant bending."""
     friction: Annotated[float, within(0, 100)] = 0.0
     """Dry friction of each tendon, N, whatever its tension."""
@@ -133,13 +149,9 @@ class Twin(Section):
     """Mass at the centre of the last disk."""
     payload_start_s: _Seconds = 0.0
     """Time at which the payload is attached, in the path's clock; 0: present from power-up."""
-    slack_mm: Annotated[tuple[_Slack, _Slack, _Slack, _Slack], BeforeValidator(_all_tendons)] = (
-        1.2,
-        1.2,
-        1.2,
-        1.2,
-    )
-    """Excess length at rest of tendons 1 to 4, or one number for all of them."""
+    slack_mm: PerTendon[_Slack] = (1.2, 1.2, 1.2, 1.2)
+    """Excess length at rest of each tendon, or one number for all of them: of the first tendon of
+    every segment, then of the second one of every segment, and so on."""
     tendon_stiffness_n_m: Annotated[float, within(10, 1e6)] = 4000.0
     """Force of a taut tendon over its elongation."""
     tendon_force_max_n: Annotated[float, within(0.1, 1000)] = 60.0
@@ -156,15 +168,15 @@ class Twin(Section):
     """Play of the gear train, of which the load decides the side."""
     servo_lag_ms: Annotated[float, within(0, 1000)] = 0.0
     """Time until a change of the pulse width is followed."""
-    servo_drift_deg: Both[Annotated[float, within(-45, 45)]] = (0.0, 0.0)
+    servo_drift_deg: PerMotor[Annotated[float, within(-45, 45)]] = (0.0, 0.0)
     """Final drift of each shaft's neutral position from power-up, as the servos warm up."""
     servo_drift_time_s: Annotated[float, within(1, 1e5)] = 600.0
     """Time constant of that drift."""
-    servo_neutral_us: Both[Pulse] = Field(
+    servo_neutral_us: PerMotor[Pulse] = Field(
         (1500.0, 1500.0), json_schema_extra=as_in("servo.neutral_pulse_us")
     )
     """True pulse width at a shaft angle of 0 deg."""
-    servo_us_per_90_deg: Both[PulseSpan] = Field(
+    servo_us_per_90_deg: PerMotor[PulseSpan] = Field(
         (1000.0, 1000.0), json_schema_extra=as_in("servo.pulse_per_90_deg_us")
     )
     """True pulse change for +90 deg; negative for a servo mounted the other way round."""

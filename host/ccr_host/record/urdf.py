@@ -23,10 +23,7 @@ def urdf_of(description: Description) -> str:
     ends of the segments; the last one is the tip.
     """
     robot = description.robot
-    if robot.segments:
-        bodies = [(segment.length_mm, segment.tendon_radius_mm) for segment in robot.segments]
-    else:
-        bodies = [(length, robot.tendon_radius_mm) for length in robot.segment_lengths_mm]
+    bodies = [(segment.length_mm, segment.tendon_radius_mm) for segment in robot.chain]
     name = quoteattr(robot.board_name or "continuum_robot")
     parts = [f"<robot name={name}>", f'  <link name="{ROBOT_FRAME}"/>']
     parts += _fixed(ROBOT_FRAME, "base", (0.0, 0.0, -robot.marker_offset_mm), _ALONG)

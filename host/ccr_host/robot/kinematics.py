@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccr_host.description.schema import Robot, Segment, Tendon
+from ccr_host.description.schema import Robot, Segment
 from ccr_host.robot.chain import (
     MOST_DERIVATIVES,
     PAPER_FRAME,
@@ -37,8 +37,6 @@ from ccr_host.robot.chain import (
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-_QUARTER_DEG, _HALF_DEG = 90.0, 180.0
 
 
 class Chain(NamedTuple):
@@ -61,29 +59,6 @@ class Chain(NamedTuple):
     """Which products, sorted as ``jet_index`` has them, do not exceed the order."""
 
 
-def segments_of(robot: Robot) -> tuple[Segment, ...]:
-    """The segments of any robot; the paper's has two planar ones with a pair of tendons each."""
-    if robot.segments:
-        return robot.segments
-    radius_mm = robot.tendon_radius_mm
-    return tuple(
-        # Lengths and radius are checked already, and a plant may have a segment of length zero.
-        Segment.model_construct(
-            length_mm=length_mm,
-            tendon_radius_mm=radius_mm,
-            bends="plane",
-            direction_deg=direction_deg,
-            tendons=(
-                Tendon(angle_deg=direction_deg, motor=motor),
-                Tendon(angle_deg=direction_deg + _HALF_DEG, motor=motor, winding=-1),
-            ),
-        )
-        for motor, direction_deg, length_mm in zip(
-            (1, 2), (_QUARTER_DEG, 0.0), robot.segment_lengths_mm, strict=True
-        )
-    )
-
-
 def freedom_of(segments: Sequence[Segment]) -> FloatArray:
     """Bending vectors of the degrees of freedom, (D, S, 2)."""
     vectors = []
@@ -98,7 +73,7 @@ def freedom_of(segments: Sequence[Segment]) -> FloatArray:
 
 def bending_of_motors(robot: Robot) -> FloatArray:
     """Degrees of freedom over motor angles, (D, n), see the module."""
-    segments = segments_of(robot)
+    segments = robot.chain
     freedom = freedom_of(segments)
     tendons = [(number, tendon) for number, s in enumerate(segments) for tendon in s.tendons]
     levers = np.zeros((len(tendons), len(segments), 2))
@@ -120,7 +95,7 @@ def bending_of_motors(robot: Robot) -> FloatArray:
 @lru_cache(maxsize=64)
 def chain_of(robot: Robot, order: int) -> Chain:
     """The constants of a robot for jets up to an order."""
-    segments = segments_of(robot)
+    segments = robot.chain
     offset = np.array([0.0, robot.marker_offset_mm, 0.0, 1.0])
     base = np.eye(4)
     base[:3, :3] = PAPER_FRAME
@@ -227,7 +202,7 @@ class ConstantCurvature:
 
     def __init__(self, geometry: Robot) -> None:
         self._robot = geometry
-        segments = segments_of(geometry)
+        segments = geometry.chain
         self._freedom = freedom_of(segments)
         self._bending = bending_of_motors(geometry)
         self.lengths_mm = tuple(segment.length_mm for segment in segments)

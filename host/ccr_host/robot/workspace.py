@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Servo
 from ccr_host.robot.kinematics import ConstantCurvature
 
@@ -57,36 +56,13 @@ class MotorLimits:
     upper_rad: FloatArray
 
     @classmethod
-    def of(cls, servo: Servo, motors: int = 2) -> MotorLimits:
-        """The limits that the board enforces.
-
-        Raises:
-            ConfigError: limits of two servos, for another number of motors.
-        """
-        return cls(
-            np.radians(per_motor(servo.angle_min_deg, motors, "servo.angle_min_deg")),
-            np.radians(per_motor(servo.angle_max_deg, motors, "servo.angle_max_deg")),
-        )
+    def of(cls, servo: Servo) -> MotorLimits:
+        """The limits that the board enforces."""
+        return cls(np.radians(servo.angle_min_deg), np.radians(servo.angle_max_deg))
 
     def clip(self, q_rad: ArrayLike) -> FloatArray:
         """Motor angles clipped to the limits, rad; shape of ``q_rad``."""
         return np.clip(np.asarray(q_rad, dtype=np.float64), self.lower_rad, self.upper_rad)
-
-
-def per_motor(values: tuple[float, float], motors: int, key: str) -> tuple[float, ...]:
-    """Values of the servos for a number of motors, as long as the description has two servos.
-
-    Raises:
-        ConfigError: they differ, and there are not two motors.
-    """
-    if motors == len(values):
-        return values
-    if values[0] != values[1]:
-        raise ConfigError(
-            f"{key} has different values for two motors, and this robot has {motors}",
-            "give one number, which stands for all motors",
-        )
-    return values[:1] * motors
 
 
 @dataclass(frozen=True)

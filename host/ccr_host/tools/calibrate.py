@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.description.schema import Description, Pair, Servo
+from ccr_host.description.schema import Description, Servo
 from ccr_host.link.messages import StateReport, StatusFlags
 from ccr_host.run.rig import Rig
 from ccr_host.tools.jog import JogView, jog
 from ccr_host.tools.servo_fit import ServoFit
 
 Array = NDArray[np.float64]
+Pair = tuple[float, float]
 
 ANGLES_DEG = (0.0, 45.0, -45.0)
 """Easy to see against a set square."""

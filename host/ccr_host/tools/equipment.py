@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.description.schema import LONGEST_BOARD_NAME, Description, checked_board_name
+from ccr_host.description.robot import LONGEST_BOARD_NAME, checked_board_name
+from ccr_host.description.schema import Description
 from ccr_host.link.board_config import board_config, board_name
 from ccr_host.link.client import Client
 from ccr_host.link.messages import Equipment, Fault, StatusFlags

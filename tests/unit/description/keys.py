@@ -33,12 +33,13 @@ def _keys() -> dict[str, Key]:
         for name, value in schema["$defs"].get(reference, {}).get("properties", {}).items():
             numbers = _numbers(value.get("anyOf", [value])[0])
             if numbers:
-                keys[f"{section}.{name}"] = Key(numbers, "prefixItems" not in value)
+                keys[f"{section}.{name}"] = Key(numbers, not {"prefixItems", "items"} & set(value))
     return keys
 
 
 def _numbers(value: Mapping[str, Any]) -> tuple[Number, ...]:
-    members = value.get("prefixItems", [value])
+    several = [value["items"]] * len(value.get("default", [])) if "items" in value else [value]
+    members = value.get("prefixItems", several)
     if any("minimum" not in member for member in members):
         return ()
     return tuple(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.description.schema import load, load_any, parse
+from ccr_host.description.schema import Robot, parse
 
 SEGMENT = """
 [[robot.segments]]
@@ -40,9 +40,75 @@ def test_mistakes_are_told_in_one_line(right, wrong, told):
     assert "\n" not in str(refused.value)
 
 
-def test_whoever_knows_two_planar_segments_only_refuses_other_robots(tmp_path):
-    file = tmp_path / "robot.toml"
-    file.write_text(SEGMENT)
-    assert load_any(str(file)).robot.segments
-    with pytest.raises(ConfigError, match="only ccr-host identify reads"):
-        load(str(file))
+FOUR_TENDONS = """
+[[robot.segments]]
+length_mm = 60
+tendon_radius_mm = 4
+tendons = [
+  { angle_deg = 0, motor = 1 }, { angle_deg = 180, motor = 1, winding = -1 },
+  { angle_deg = 90, motor = 2 }, { angle_deg = 270, motor = 2, winding = -1 },
+]
+
+[[robot.segments]]
+length_mm = 40
+tendon_radius_mm = 3
+bends = "plane"
+tendons = [{ angle_deg = 0, motor = 3 }]
+"""
+
+
+def test_the_paper_s_robot_is_a_chain_of_two_planar_segments():
+    robot = Robot()
+    assert [(s.bends, s.length_mm, s.direction_deg) for s in robot.chain] == [
+        ("plane", 58.5, 90.0),
+        ("plane", 43.5, 0.0),
+    ]
+    assert robot.motors == 2
+    assert robot.markers == ("M1", "M2", "M3")
+    tendons = [(segment, t.angle_deg, t.motor, t.winding) for segment, t in robot.tendons]
+    assert tendons == [(0, 90.0, 1, 1), (1, 0.0, 2, 1), (0, 270.0, 1, -1), (1, 180.0, 2, -1)]
+
+
+def test_tendons_are_numbered_by_their_place_in_each_segment():
+    robot = parse(FOUR_TENDONS).robot
+    assert [(segment, t.motor) for segment, t in robot.tendons] == [
+        (0, 1), (1, 3), (0, 1), (0, 2), (0, 2)
+    ]  # fmt: skip
+    assert robot.motors == 3
+
+
+def test_numbers_and_defaults_stand_for_all_parts_of_any_robot():
+    set_by_number = "[servo]\nangle_max_deg = 60\n[twin]\nslack_mm = 0.5\nfriction = 0.1\n"
+    description = parse(FOUR_TENDONS + set_by_number)
+    assert description.servo.angle_max_deg == (60, 60, 60)
+    assert description.servo.angle_min_deg == (-85, -85, -85)
+    twin = description.twin
+    assert twin.slack_mm == (0.5,) * 5
+    assert twin.flexures == (6, 5)
+    assert twin.servo_neutral_us == (1500, 1500, 1500)
+    assert twin.segments == description.robot.segments
+    assert twin.segment_lengths_mm == (60, 40)
+    assert twin.tendon_radius_mm == (4, 3)
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (
+            "[servo]\nrest_deg = [0, 0]",
+            "servo.rest_deg = [0, 0]: this robot has 3 motors, give",
+        ),
+        ("[twin]\nslack_mm = [1, 1]", "this robot has 5 tendons, give one number or 5 values"),
+        ("[twin]\nflexures = [6]", "this robot has 2 segments, give 2 values in brackets"),
+        ("[robot]\ntendon_radius_mm = 4", "robot.segments another one: remove one of them"),
+    ],
+)
+def test_values_that_do_not_match_the_robot_are_refused(more, told):
+    text = (
+        FOUR_TENDONS.replace("[[robot", f"{more}\n[[robot", 1)
+        if "[robot]" in more
+        else (FOUR_TENDONS + more)
+    )
+    with pytest.raises(ConfigError) as refused:
+        parse(text)
+    assert told in str(refused.value)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ccr_host.description.schema import Robot
 from ccr_host.robot.arc import arc_derivatives, arc_derivatives_at
-from ccr_host.robot.kinematics import ConstantCurvature, segments_of
+from ccr_host.robot.kinematics import ConstantCurvature
 from tests.unit.robot.random_robots import chain_of_transforms, levers_of, random_robot
 
 PAPER = ConstantCurvature(Robot())
@@ -193,7 +193,7 @@ def test_bending_of_random_robots_is_what_their_tendons_ask_for():
 
 
 def test_the_papers_robot_described_by_segments_is_the_papers_robot():
-    described = ConstantCurvature(Robot(segments=segments_of(Robot())))
+    described = ConstantCurvature(Robot(segments=Robot().chain))
     q = np.random.default_rng(6).uniform(-1.5, 1.5, (20, 2))
     assert np.array_equal(described.tip_mm(q), PAPER.tip_mm(q))
     assert described.bending_rad(q) == pytest.approx(q * GAIN, rel=1e-14)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Robot, Servo
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.workspace import MotorLimits, Workspace
@@ -176,9 +175,3 @@ def test_neighbouring_points_have_neighbouring_configurations_however_many_motor
         share = workspace.nearest(circle).q_rad / workspace.limits.upper_rad
         assert share[0] == pytest.approx(share[-1], abs=1e-6)
         assert np.abs(np.diff(share, axis=0)).max() < 0.2
-
-
-def test_limits_that_differ_for_two_servos_are_refused_for_another_number_of_motors():
-    with pytest.raises(ConfigError, match=r"servo.angle_min_deg has different values"):
-        MotorLimits.of(Servo(angle_min_deg=(-80.0, -85.0)), 3)
-    assert len(MotorLimits.of(Servo(), 9).upper_rad) == 9

@@ -39,8 +39,9 @@ def geometry_of(robot: Robot) -> Geometry:
             "mpc and mpc-offset know only robots of two planar segments with a motor each",
             "choose another controller, or describe the robot without [[robot.segments]]",
         )
+    length_1, length_2 = robot.segment_lengths_mm
     gain = robot.pulley_radius_mm / robot.tendon_radius_mm
-    return Geometry(robot.segment_lengths_mm, robot.marker_offset_mm, gain)
+    return Geometry((length_1, length_2), robot.marker_offset_mm, gain)
 
 
 class ModelPredictive:

@@ -120,7 +120,7 @@ class RunLog(RunObserver):
         self._write_reference(reference)
         self._write(topics.DESIRED_PATH, 0, visuals.desired_path(0, reference))
         model = ConstantCurvature(setup.description.robot)
-        self._workspace = Workspace(model, MotorLimits.of(setup.description.servo, model.motors))
+        self._workspace = Workspace(model, MotorLimits.of(setup.description.servo))
 
     def frame(self, direction: str, time_us: int, data: bytes) -> None:
         topic = topics.SENT if direction == "sent" else topics.RECEIVED

@@ -212,7 +212,7 @@ def _turned(axis: Vector, turn_rad: float) -> Vector:
 
 
 def _add_disk(body: ET.Element, twin: Twin, y_mm: float) -> None:
-    radius_mm = twin.tendon_radius_mm + _DISK_RIM_MM
+    radius_mm = twin.tendon_radius_mm[0] + _DISK_RIM_MM
     ET.SubElement(
         body,
         "geom",
@@ -225,7 +225,7 @@ def _add_disk(body: ET.Element, twin: Twin, y_mm: float) -> None:
 
 
 def _add_disk_sites(body: ET.Element, twin: Twin, number: int, y_mm: float) -> None:
-    r_c = twin.tendon_radius_mm
+    r_c = twin.tendon_radius_mm[0]
     holes = ((0.0, r_c), (r_c, 0.0), (0.0, -r_c), (-r_c, 0.0))
     ET.SubElement(body, "site", name=DISKS.format(number), pos=_millimetres(0.0, y_mm, 0.0))
     for tendon, (x_mm, z_mm) in zip(TENDONS, holes, strict=True):

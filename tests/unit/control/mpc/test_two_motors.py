@@ -9,7 +9,7 @@ from ccr_host.control.mpc.controller import ModelPredictive, geometry_of
 from ccr_host.control.mpc.two_motors import jet_at
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description, Robot
-from ccr_host.robot.kinematics import ConstantCurvature, jet_index, jets, segments_of
+from ccr_host.robot.kinematics import ConstantCurvature, jet_index, jets
 
 
 def test_scalar_jets_are_those_of_the_kinematics_of_any_robot_to_rounding():
@@ -34,6 +34,6 @@ def test_scalar_jets_are_those_of_the_kinematics_of_any_robot_to_rounding():
 
 
 def test_mpc_of_a_robot_of_other_segments_is_refused_and_says_what_to_do():
-    robot = Robot(segments=segments_of(Robot()))
+    robot = Robot(segments=Robot().chain)
     with pytest.raises(ConfigError, match="two planar segments"):
         ModelPredictive(Description(robot=robot))

@@ -137,7 +137,7 @@ def test_a_cache_that_cannot_be_written_is_done_without(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("key", Twin.model_fields)
+@pytest.mark.parametrize("key", sorted(Twin.model_fields.keys() - {"segments"}))
 def test_twins_that_share_a_kept_map_rest_alike(tmp_path, key):
     lower, upper = np.array([0.0, 0.0]), np.array([30.0, 30.0])
     usual = Twin(payload_g=0.5)

@@ -14,7 +14,7 @@ X, Y, Z = 0, 1, 2
 CHANGED = {
     "flexures": (7, 5),
     "segment_lengths_mm": (60.0, 43.5),
-    "tendon_radius_mm": 4.6,
+    "tendon_radius_mm": (4.6, 4.6),
     "marker_offset_mm": (0.0, 0.0, 16.0),
     "pulley_radius_mm": 12.0,
     "bending_stiffness_nm_rad": (0.02, 0.021),
@@ -53,7 +53,7 @@ CHANGED = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("key", Twin.model_fields)
+@pytest.mark.parametrize("key", sorted(Twin.model_fields.keys() - {"segments"}))
 def test_no_key_is_without_effect(pulses_half_us, key):
     def swing_mm(twin: Twin):
         robot = TwinRobot(twin)
