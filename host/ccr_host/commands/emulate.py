@@ -21,7 +21,9 @@ def emulate(
     ] = False,
     simavr: Annotated[
         bool,
-        typer.Option("--simavr", help="The real firmware in simavr, on a pty, flashable."),
+        typer.Option(
+            "--simavr", help="The real firmware in simavr, on a pty; an UNO's is flashable."
+        ),
     ] = False,
     polaris: Annotated[
         bool,
@@ -47,6 +49,8 @@ def emulate(
 ) -> None:
     """Serve an emulated board and Polaris in real time. For this or another host.
 
+    The board drives as many servos as the robot has; with --simavr it is an UNO or a Mega 2560.
+
     Example: ccr-host emulate --tcp 127.0.0.1:5025 --polaris-tcp 127.0.0.1:8765
     """
     from ccr_host.description import schema
@@ -65,16 +69,18 @@ def emulate(
         raise ConfigError("--polaris with --polaris-tcp", "give one of them")
     if simavr and with_camera:
         raise ConfigError("a Polaris with --simavr", "omit --simavr: the board is then emulated")
+    description = schema.load(robot, overrides or ())
+    motors = description.robot.motors
     if simavr:
-        from ccr_host.sim.simavr.flash_image import find_firmware
+        from ccr_host.sim.simavr.flash_image import board_for, find_firmware
         from ccr_host.sim.simavr.serve import open_pty_server
 
-        server = open_pty_server(find_firmware(), eeprom_file=eeprom)
+        name = board_for(motors)
+        server = open_pty_server(find_firmware(board=name), name, eeprom_file=eeprom)
         served = Served(server, server.uri)
     else:
-        board = ServedBoard(tcp, eeprom, boot_loader_us=boot_ms * 1000)
+        board = ServedBoard(tcp, eeprom, motors, boot_loader_us=boot_ms * 1000)
         if with_camera:
-            description = schema.load(robot, overrides or ())
             camera = ServedCamera(polaris_tcp, description, plant, seed)
             served = open_board_with_camera(board, camera)
         else:

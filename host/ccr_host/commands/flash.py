@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ccr_host.commands.options import JsonOption, console, print_json
+from ccr_host.sim.simavr.flash_image import BoardName
 
 
 def flash(
@@ -18,18 +19,19 @@ def flash(
             help="HEX or ELF file; by default the checkout is built, or the shipped file used.",
         ),
     ] = None,
+    board: Annotated[BoardName, typer.Option(help="The kind of board.")] = "uno",
     port: Annotated[
         str | None, typer.Option(metavar="PORT", help="Serial port; needed if there are several.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Upload the firmware to an UNO and check that it answers.
+    """Upload the firmware to a board and check that it answers.
 
     Example: ccr-host flash --port /dev/ttyACM0
     """
     from ccr_host.tools.flash import flash_board
 
-    report = flash_board(port, firmware)
+    report = flash_board(port, firmware, board)
     screen = console(on_stderr=as_json)
     screen.print(
         f"{report.port}: firmware {report.firmware_version} answers, "

@@ -94,6 +94,8 @@ class Board:
         self._exchange = Exchange(transport, clock, self._counts, on_message, on_frame)
         self._identity: m.HelloReply | None = None
         self._newest: ReceivedReport | None = None
+        self._motors: int | None = None
+        """Motors of the robot, on the first axes of the board; None for all axes."""
         self._telemetry_period_ticks = 0
         self._telemetry_sequence: int | None = None
         self._silence_us = TELEMETRY_TIMEOUT_US
@@ -110,8 +112,7 @@ class Board:
     def read_state(self) -> m.StateReport:
         """Read the state; needs no session."""
         report = self._ask(m.GetState(), m.StateReply).report
-        self._keep(report, self._clock.now_us())
-        return report
+        return self._keep(report, self._clock.now_us())
 
     def read_counters(self) -> m.CountersReply:
         """Read the board's counters since its reset; needs no session."""
@@ -272,9 +273,13 @@ class Board:
         assert isinstance(message, reply), "each request has one kind of reply"
         return message
 
-    def _keep(self, report: m.StateReport, time_us: int) -> None:
+    def _keep(self, report: m.StateReport, time_us: int) -> m.StateReport:
+        """Keep what a report says of the motors, and return that."""
+        if self._motors is not None and len(report.setpoint_cdeg) > self._motors:
+            report = report.with_axes(self._motors)
         self._newest = ReceivedReport(report, time_us)
         self._heard_us = time_us
+        return report
 
     def _count_lost_telemetry(self, sequence: int) -> None:
         if self._telemetry_sequence is not None:

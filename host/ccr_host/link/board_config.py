@@ -10,6 +10,7 @@ from typing import Final
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.units import CDEG_PER_DEG, deg_to_cdeg
 from ccr_host.description.schema import Description
+from ccr_host.link.device_errors import TooFewAxesError
 from ccr_host.link.messages import (
     TICK_US,
     Acceleration,
@@ -51,10 +52,31 @@ class BoardConfig:
     calibration: Calibration
     acceleration: Acceleration
 
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return len(self.slew.slew_cdeg_tick)
+
+    def for_board(self, axes: int) -> BoardConfig:
+        """The same for a board with more axes than motors, whose other axes are as the last one.
+
+        Raises:
+            TooFewAxesError: it has fewer axes.
+        """
+        if axes < self.axes:
+            raise TooFewAxesError(axes, self.axes)
+        return BoardConfig(
+            limits=self.limits.with_axes(axes),
+            slew=self.slew.with_axes(axes),
+            watchdog=self.watchdog,
+            calibration=self.calibration.with_axes(axes),
+            acceleration=self.acceleration.with_axes(axes),
+        )
+
     def way_to_rest_us(self) -> int:
         """Upper bound of the time from any pose to rest."""
         longest_ticks = 0
-        for axis in range(len(self.slew.slew_cdeg_tick)):
+        for axis in range(self.axes):
             range_cdeg = self.limits.angle_max_cdeg[axis] - self.limits.angle_min_cdeg[axis]
             slew = min(self.watchdog.relax_slew_cdeg_tick, self.slew.slew_cdeg_tick[axis])
             ticks = range_cdeg // max(slew, 1) + 1

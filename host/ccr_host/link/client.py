@@ -28,7 +28,6 @@ from ccr_host.link.device_errors import (
     LinkLossError,
     RequestRefusedError,
     SessionTakenError,
-    WrongAxesError,
     WrongStateError,
 )
 from ccr_host.link.exchange import (
@@ -86,6 +85,7 @@ class Client(Board):
         self._transport = transport
         self._on_telemetry = on_telemetry
         self._config: BoardConfig | None = None
+        self._unused_cdeg: tuple[int, ...] = ()
         self._fed_us = self._fed_until_us = 0
         self._gap_us, self._gap_end_us = 0, -_LED_TO_REST_US
         self._targets = TargetLog()
@@ -134,18 +134,20 @@ class Client(Board):
     def configure(self, config: BoardConfig) -> None:
         """Set the groups that differ and verify them; an armed board is disarmed first.
 
+        Axes without a motor are configured as the last motor, and stay at its rest.
+
         Raises:
-            DeviceError: the board has another number of axes, refuses, or reads back differently.
+            DeviceError: the board has too few axes, refuses, or reads back differently.
         """
-        axes = len(config.slew.slew_cdeg_tick)
-        if self._identity and self._identity.axes != axes:
-            raise WrongAxesError(self._identity.axes, axes)
+        self._motors = config.axes
         present = self.read_config()
+        config = config.for_board(present.axes)
         if present != config:
             if self.read_state().state in _MOVING_STATES:
                 self.disarm()
             self.set_config(present, config)
         self._config = config
+        self._unused_cdeg = config.limits.rest_cdeg[self._motors :]
 
     # Motion
 
@@ -165,8 +167,7 @@ class Client(Board):
         self._fed_us = self._fed_until_us = self._clock.now_us()
         self._exchange.request(m.Arm(self._session))
         config = self._config or self.read_config()
-        axes = len(config.slew.slew_cdeg_tick)
-        axes_us = axes * (config.watchdog.arm_axis_ms * 1000 + m.TICK_US)
+        axes_us = config.axes * (config.watchdog.arm_axis_ms * 1000 + m.TICK_US)
         report = self._wait_for_state(
             State.HOLD, axes_us + config.way_to_rest_us(), on_the_way=(State.ARMING,)
         )
@@ -186,7 +187,8 @@ class Client(Board):
         """
         self.poll()
         target_cdeg = rad_to_cdeg(np.minimum(np.maximum(q_rad, -np.pi), np.pi))
-        target = m.SetTarget(self._session, tuple(target_cdeg), ramp_ms, validity_ms)
+        cdeg = (*target_cdeg, *self._unused_cdeg)
+        target = m.SetTarget(self._session, cdeg, ramp_ms, validity_ms)
         if target.first_out_of_range() is not None:
             raise ValueError(f"ramp of {ramp_ms} ms or validity of {validity_ms} ms out of range")
         now_us = self._clock.now_us()
@@ -275,14 +277,14 @@ class Client(Board):
 
     @property
     def accepted_rad(self) -> NDArray[np.float64]:
-        """Newest target as the board has accepted it, rad; at first the rest pose.
+        """Newest target as the board has accepted it, rad, (motors,); at first the rest pose.
 
         Raises:
             DeviceError: not armed yet.
         """
         if self._targets.accepted_rad is None:
             raise DeviceError("the board has accepted no target yet", "arm it first")
-        return self._targets.accepted_rad
+        return self._targets.accepted_rad[: self._motors]
 
     @property
     def statistics(self) -> LinkStatistics:
@@ -352,7 +354,7 @@ class Client(Board):
         match received.message:
             case m.Telemetry(report):
                 self._count_lost_telemetry(received.sequence)
-                self._keep(report, received.time_us)
+                report = self._keep(report, received.time_us)
                 if self._on_telemetry:
                     self._on_telemetry(report, received.time_us)
             case m.TargetReply() as reply:

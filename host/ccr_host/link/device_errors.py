@@ -152,13 +152,15 @@ class WrongBoardError(DeviceError):
         )
 
 
-class WrongAxesError(DeviceError):
-    """The board has another number of axes than the robot has motors."""
+class TooFewAxesError(DeviceError):
+    """The board has fewer axes than the robot has motors."""
 
     def __init__(self, axes: int, motors: int) -> None:
+        servos = f"{axes} servo{'s' * (axes != 1)}"
         super().__init__(
-            f"the board has {axes} axes, the described robot {motors} motors",
-            f"check --device and --robot; build the board's firmware with CCR_AXES={motors}",
+            f"the board drives {servos}, the described robot has {motors} motors",
+            "check --device and --robot; a Mega 2560 drives up to 12: ccr-host flash --board "
+            "mega2560",
         )
 
 

@@ -206,6 +206,12 @@ class Payload:
             raise PayloadError(cause, _OTHER_SPEC)
         return cls._of(cls._LAYOUTS[axes].unpack(payload), axes)
 
+    def with_axes(self, axes: int) -> Self:
+        """The same for another number of axes: the first ones, or the last one repeated."""
+        own = {f.name: getattr(self, f.name) for f in self.FIELDS if f.count == AXES}
+        wide = {name: (values + axes * values[-1:])[:axes] for name, values in own.items()}
+        return replace(self, **wide)
+
     def first_out_of_range(self) -> int | None:
         """Index of the first field out of its range; an array is one field."""
         for index, (field, value_of) in enumerate(self._VALUES):

@@ -42,7 +42,7 @@ from ccr_host.sim.robot.scene import CoSimulation, TwinScene
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.server import BackgroundServer, BoardServer
 from ccr_host.sim.simavr.board import SimavrBoard
-from ccr_host.sim.simavr.flash_image import find_firmware, read_flash_image
+from ccr_host.sim.simavr.flash_image import board_for, find_firmware, read_flash_image
 from ccr_host.sim.simavr.line import SimavrCoSimulation, SimavrLine
 from ccr_host.tracking.uri import parse_tracker_uri
 
@@ -119,7 +119,7 @@ def open_rig(
         if eyes.scene is not None and not device.in_process:
             on_telemetry = _moving(eyes.scene, on_telemetry)
         with hosts_clock.recorded_end():
-            transport = connect_board(device, eyes.scene, clock, description.link.baud, stack)
+            transport = connect_board(device, eyes.scene, clock, description, stack)
             stack.enter_context(eyes.running(clock))
         hosts_clock.wake()
         client = stack.enter_context(
@@ -134,7 +134,10 @@ def open_rig(
         stack.enter_context(hosts_clock.recorded_end())
         hosts_clock.attach(client)
         meet_board(client, description, device)
-        tracker = eyes.tracker(clock, lambda: believed_rad(client), in_camera_frame=in_camera_frame)
+        motors = description.robot.motors
+        tracker = eyes.tracker(
+            clock, lambda: believed_rad(client, motors), in_camera_frame=in_camera_frame
+        )
         hosts_tracker = RecordedTracker(tracker, tape, observer)
         clock.attach(hosts_tracker)
         eyes.wait_until_tracking(clock)
@@ -167,7 +170,7 @@ def open_board(
     """
     clock: Clock = VirtualClock() if device.in_process else RealClock()
     with ExitStack() as stack:
-        transport = connect_board(device, None, clock, description.link.baud, stack)
+        transport = connect_board(device, None, clock, description, stack)
         session = session_number(device, np.random.SeedSequence(seed))
         client = stack.enter_context(Client(transport, clock, session))
         clock.attach(client)
@@ -176,32 +179,44 @@ def open_board(
 
 
 def connect_board(
-    device: DeviceUri, scene: TwinScene | None, clock: Clock, baud: int, stack: ExitStack
+    device: DeviceUri,
+    scene: TwinScene | None,
+    clock: Clock,
+    description: Description,
+    stack: ExitStack,
 ) -> Transport:
     """Connect to the board; its simulated parts, and the scene, are attached to the clock.
 
+    A simulated board is one that drives the described robot's servos.
+
     Raises:
+        ConfigError: there is no firmware for it.
         DeviceError: there is no such port.
     """
+    motors = description.robot.motors
     if device.kind is DeviceKind.EMULATOR:
-        line = SerialLine(UnoEmulator())
+        line = SerialLine(UnoEmulator(axes=motors))
         clock.attach(line if scene is None else CoSimulation(line, scene))
         return line
     if device.kind is DeviceKind.SIMAVR:
-        simulated = _simavr_line(device, stack)
-        clock.attach(simulated if scene is None else SimavrCoSimulation(simulated, scene))
+        simulated = _simavr_line(device, motors, stack)
+        clock.attach(simulated if scene is None else SimavrCoSimulation(simulated, scene, motors))
         return simulated
     if scene is not None:
         clock.attach(scene)
-    return _open_port(device, baud, stack)
+    if device.kind is DeviceKind.EMULATOR_PTY:
+        line = SerialLine(UnoEmulator(axes=motors))
+        server = BackgroundServer(BoardServer(line, PtyPort(), RealClock()))
+        device = parse_device_uri(stack.enter_context(server).uri)
+    return open_transport(device, description.link.baud)
 
 
-def believed_rad(client: Client) -> NDArray[np.float64]:
-    """Motor angles last accepted by the board, (2,); zeros before arming."""
+def believed_rad(client: Client, motors: int) -> NDArray[np.float64]:
+    """Motor angles last accepted by the board, (motors,); zeros before arming."""
     try:
         return client.accepted_rad
     except DeviceError:  # not armed yet
-        return np.zeros(2)
+        return np.zeros(motors)
 
 
 def session_number(device: DeviceUri, seed: np.random.SeedSequence) -> int:
@@ -209,17 +224,11 @@ def session_number(device: DeviceUri, seed: np.random.SeedSequence) -> int:
     return drawn_session(np.random.default_rng(seed if device.in_process else None))
 
 
-def _simavr_line(device: DeviceUri, stack: ExitStack) -> SimavrLine:
-    firmware = read_flash_image(find_firmware(device.address))
+def _simavr_line(device: DeviceUri, motors: int, stack: ExitStack) -> SimavrLine:
+    name = board_for(motors)
+    firmware = read_flash_image(find_firmware(device.address, name), name)
     board = stack.enter_context(closing(SimavrBoard(firmware)))
     return SimavrLine(board)
-
-
-def _open_port(device: DeviceUri, baud: int, stack: ExitStack) -> Transport:
-    if device.kind is DeviceKind.EMULATOR_PTY:
-        server = BoardServer(SerialLine(UnoEmulator()), PtyPort(), RealClock())
-        device = parse_device_uri(stack.enter_context(BackgroundServer(server)).uri)
-    return open_transport(device, baud)
 
 
 _ON_ITS_OWN = {

@@ -253,7 +253,8 @@ def check_board(client: Client, clock: Clock, description: Description) -> Itera
     yield _state(client.read_state())
     yield _eeprom(identity)
     yield good("last faults", _faults(client.read_fault_log(), identity.boot_id))
-    yield _configuration(identity, differences(client.read_config(), board_config(description)))
+    wanted = board_config(description).for_board(identity.axes)
+    yield _configuration(identity, differences(client.read_config(), wanted))
     for _ in range(_TRIPS):
         client.read_state()
     clock.sleep_until_us(clock.now_us() + _LISTEN_US)

@@ -184,6 +184,7 @@ def _tracker(uri: TrackerUri, description: Description, seed: int) -> Iterator[F
     with eyes.running(clock):
         # Anonymous spheres are labelled without a rotation if none was registered.
         unregistered = description.registration is None
-        tracker = eyes.tracker(clock, lambda: np.zeros(2), in_camera_frame=unregistered)
+        straight_rad = np.zeros(description.robot.motors)
+        tracker = eyes.tracker(clock, lambda: straight_rad, in_camera_frame=unregistered)
         eyes.wait_until_tracking(clock)
         yield from check_tracker(tracker, clock, description)

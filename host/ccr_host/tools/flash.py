@@ -1,4 +1,4 @@
-"""`ccr-host flash`: upload the firmware to an UNO and check that it answers."""
+"""`ccr-host flash`: upload the firmware to a board and check that it answers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from serial.tools import list_ports
@@ -20,12 +20,37 @@ from ccr_host.link.board import drawn_session
 from ccr_host.link.client import Client
 from ccr_host.link.messages import HelloReply
 from ccr_host.link.transport import open_transport, parse_device_uri
-from ccr_host.sim.simavr.flash_image import RELEASED_FIRMWARE, read_flash_image
+from ccr_host.sim.simavr.flash_image import BoardName, read_flash_image, released_firmware
 
-_UNO: Final = frozenset(
-    {(0x2341, 0x0043), (0x2341, 0x0001), (0x2A03, 0x0043), (0x2341, 0x0243), (0x2341, 0x006A)}
-)
-"""USB vendor and product ids, from boards.txt of the Arduino core."""
+
+class _Kind(NamedTuple):
+    """What flashing a kind of board takes."""
+
+    shown: str
+    usb: frozenset[tuple[int, int]]
+    """USB vendor and product ids, from boards.txt of the Arduino core."""
+    avrdude: tuple[str, ...]
+    """Chip and protocol of its boot loader."""
+
+
+_KINDS: Final[dict[BoardName, _Kind]] = {
+    "uno": _Kind(
+        "UNO",
+        frozenset(
+            {(0x2341, 0x0043), (0x2341, 0x0001), (0x2A03, 0x0043), (0x2341, 0x0243)}
+            | {(0x2341, 0x006A)}
+        ),
+        ("-p", "m328p", "-c", "arduino"),
+    ),
+    "mega2560": _Kind(
+        "Mega 2560",
+        frozenset(
+            {(0x2341, 0x0010), (0x2341, 0x0042), (0x2A03, 0x0010), (0x2A03, 0x0042)}
+            | {(0x2341, 0x0210), (0x2341, 0x0242)}
+        ),
+        ("-p", "m2560", "-c", "wiring"),
+    ),
+}
 _BRIDGE: Final = frozenset({(0x1A86, 0x7523), (0x0403, 0x6001), (0x10C4, 0xEA60)})
 """USB-to-serial chips of compatible boards and many other devices: CH340, FT232R, CP2102."""
 
@@ -38,27 +63,30 @@ class PortInfo(Protocol):
     pid: int | None
 
 
-def choose_port(given: str | None, ports: Iterable[PortInfo] | None = None) -> str:
-    """The given port, or the only one that can be an UNO.
+def choose_port(
+    given: str | None, ports: Iterable[PortInfo] | None = None, board: BoardName = "uno"
+) -> str:
+    """The given port, or the only one that can be the board.
 
     Args:
         given: path of a port, not necessarily USB; None to search for one.
         ports: ports to choose from; None for those of this machine.
+        board: the kind of board.
 
     Raises:
         ConfigError: several ports match.
         DeviceError: no port matches, or it cannot be opened.
     """
     if given is None:
-        given = _only_candidate(list_ports.comports() if ports is None else ports)
+        given = _only_candidate(_KINDS[board], list_ports.comports() if ports is None else ports)
     open_transport(parse_device_uri(f"serial:{given}")).close()
     return given
 
 
-def _only_candidate(ports: Iterable[PortInfo]) -> str:
+def _only_candidate(kind: _Kind, ports: Iterable[PortInfo]) -> str:
     known = list(ports)
-    for kind in (_UNO, _BRIDGE):
-        fitting = [port.device for port in known if (port.vid, port.pid) in kind]
+    for ids in (kind.usb, _BRIDGE):
+        fitting = [port.device for port in known if (port.vid, port.pid) in ids]
         if len(fitting) == 1:
             return fitting[0]
         if fitting:
@@ -66,13 +94,13 @@ def _only_candidate(ports: Iterable[PortInfo]) -> str:
                 f"several boards: {', '.join(sorted(fitting))}", "name one with --port"
             )
     raise DeviceError(
-        "no UNO found among the USB ports", "plug it in, or name its port with --port"
+        f"no {kind.shown} found among the USB ports", "plug it in, or name its port with --port"
     )
 
 
 _UPLOAD_TIMEOUT_S = 600
 """The first build may download a tool chain."""
-_OPTIBOOT_BAUD = "115200"
+_BOOT_LOADER_BAUD = "115200"
 _CHECKOUT = Path(__file__).parents[3]
 _INSTALL_AVRDUDE: Final = {
     "darwin": "brew install avrdude",
@@ -87,12 +115,13 @@ def find_project() -> Path | None:
     return next((folder for folder in folders if (folder / "platformio.ini").exists()), None)
 
 
-def upload_project(port: str, project: Path, *, pio: str = "pio") -> None:
+def upload_project(port: str, project: Path, board: BoardName = "uno", *, pio: str = "pio") -> None:
     """Build the firmware if necessary and upload it: `pio run -t upload`.
 
     Args:
         port: port of the board.
         project: folder of platformio.ini.
+        board: the kind of board.
         pio: PlatformIO's program.
 
     Raises:
@@ -102,22 +131,27 @@ def upload_project(port: str, project: Path, *, pio: str = "pio") -> None:
     program = shutil.which(pio)
     if program is None:
         raise ConfigError(f"{pio} is not installed", "pip install platformio")
-    _run([program, "run", "-t", "upload", "--upload-port", port], project, port)
+    _run([program, "run", "-e", board, "-t", "upload", "--upload-port", port], project, port)
 
 
-def upload_file(port: str, firmware: Path) -> None:
+def upload_file(port: str, firmware: Path, board: BoardName = "uno") -> None:
     """Upload an ELF or HEX file through the boot loader and verify it.
 
     Raises:
-        ConfigError: not a file for an UNO, or avrdude is not installed.
+        ConfigError: not a file for the board, or avrdude is not installed.
         DeviceError: the upload failed.
     """
-    read_flash_image(firmware)
+    built_for = read_flash_image(firmware, board).board
+    if built_for != board:
+        raise ConfigError(
+            f"firmware {firmware}: built for the {_KINDS[built_for].shown}",
+            f"give --board {built_for}, or a file for the {_KINDS[board].shown}",
+        )
     kind = "e" if firmware.suffix == ".elf" else "i"
     _run(
         [
             *_avrdude(),
-            *("-q", "-D", "-p", "m328p", "-c", "arduino", "-b", _OPTIBOOT_BAUD),
+            *("-q", "-D", *_KINDS[board].avrdude, "-b", _BOOT_LOADER_BAUD),
             *("-P", port, "-U", f"flash:w:{firmware}:{kind}"),
         ],
         Path.cwd(),
@@ -182,6 +216,7 @@ class FlashReport:
 def flash_board(
     port: str | None = None,
     firmware: Path | None = None,
+    board: BoardName = "uno",
     *,
     project: Path | None = None,
     pio: str = "pio",
@@ -192,6 +227,7 @@ def flash_board(
         port: port of the board; None to search for it.
         firmware: HEX or ELF file for avrdude; None to build the project with PlatformIO, or, if
             there is no project, to use the file that came with this installation.
+        board: the kind of board.
         project: folder of platformio.ini; None for the current folder or the host's checkout.
         pio: PlatformIO's program.
 
@@ -200,12 +236,12 @@ def flash_board(
         DeviceError: no board, the upload failed, or the board does not answer.
         SpecMismatchError: the board was built from another spec than this host.
     """
-    chosen = choose_port(port)
+    chosen = choose_port(port, board=board)
     project = project or find_project()
     if firmware is not None or project is None:
-        upload_file(chosen, firmware or RELEASED_FIRMWARE)
+        upload_file(chosen, firmware or released_firmware(board), board)
     else:
-        upload_project(chosen, project, pio=pio)
+        upload_project(chosen, project, board, pio=pio)
     return FlashReport(chosen, say_hello(chosen))
 
 

@@ -188,7 +188,7 @@ def open_monitor(
     with ExitStack() as stack:
         client: Client | None = None
         if device is not None:
-            transport = connect_board(device, eyes.scene, clock, description.link.baud, stack)
+            transport = connect_board(device, eyes.scene, clock, description, stack)
         elif eyes.scene is not None:
             clock.attach(eyes.scene)
         stack.enter_context(eyes.running(clock))
@@ -197,16 +197,17 @@ def open_monitor(
             client = stack.enter_context(Client(transport, clock, session))
             clock.attach(client)
             client.connect()
-        tracker = eyes.tracker(clock, lambda: _angles(client), in_camera_frame=not registered)
+        motors = description.robot.motors
+        tracker = eyes.tracker(
+            clock,
+            lambda: np.zeros(motors) if client is None else believed_rad(client, motors),
+            in_camera_frame=not registered,
+        )
         board = None if client is None else (str(device), client)
         check = MarkerCheck(description, in_robot_frame=registered)
         monitor = Monitor(clock, tracker, board, check, registered=registered)
         clock.attach(monitor)
         yield monitor
-
-
-def _angles(client: Client | None) -> NDArray[np.float64]:
-    return np.zeros(2) if client is None else believed_rad(client)
 
 
 def _listed(markers_mm: NDArray[np.float64]) -> list[list[float] | None]:

@@ -14,6 +14,7 @@ from ccr_host.link import messages as m
 from ccr_host.sim.serving.server import BackgroundServer
 from ccr_host.sim.simavr.serve import open_pty_server
 from ccr_host.tools.flash import choose_port, flash_board, say_hello, upload_file, upload_project
+from tests.conformance.firmware_build import firmware_elf
 from tests.served import wait_until_left
 
 CHECKOUT = Path(__file__).parents[3]
@@ -112,6 +113,24 @@ def test_file_that_is_not_firmware_is_rejected_before_the_board_is_touched(devic
     image.write_text("nonsense")
     with pytest.raises(ConfigError, match="neither an ELF file for AVR nor Intel HEX"):
         upload_file(device("ttyACM0"), image)
+
+
+def test_a_mega_is_found_by_its_own_ids_and_flashed_with_its_own_boot_loader(
+    device, image, monkeypatch, tmp_path, capfd
+):
+    mega = Port(device("ttyACM1"), vid=0x2341, pid=0x0042)
+    boards = [Port(device("ttyACM0"), vid=0x2341, pid=0x0043), mega]
+    assert choose_port(None, boards, "mega2560") == mega.device
+    avrdude = tmp_path / "bin/avrdude"
+    avrdude.parent.mkdir()
+    avrdude.write_text('#!/bin/sh\necho "$@"\n')
+    avrdude.chmod(0o755)
+    monkeypatch.setenv("PATH", str(avrdude.parent), prepend=os.pathsep)
+    elf = firmware_elf(board="mega2560")
+    upload_file(mega.device, elf, "mega2560")
+    assert "-p m2560 -c wiring" in capfd.readouterr().err
+    with pytest.raises(ConfigError, match=r"built for the Mega 2560 .give --board mega2560"):
+        upload_file(mega.device, elf)
 
 
 def test_failed_upload_is_a_device_error(device, tmp_path):

@@ -102,16 +102,38 @@ def test_configure_sets_only_what_differs(rig, config):
         assert client.read_config() == changed
 
 
-@pytest.mark.parametrize("axes", [1, 6, 12])
-def test_a_board_with_another_number_of_axes_is_refused_before_anything_is_set(
+def test_a_board_with_fewer_axes_than_motors_is_refused_before_anything_is_set(make_rig, config):
+    rig = make_rig(axes=1)
+    with rig.client() as client:
+        assert client.connect().axes == 1
+        with pytest.raises(DeviceError, match=r"drives 1 servo, .* 2 motors .*--board mega2560"):
+            client.configure(config)
+        assert client.read_config().slew.slew_cdeg_tick == (0,)
+
+
+@pytest.mark.parametrize("axes", [3, 6, 12])
+def test_axes_without_a_motor_stay_at_rest_and_are_not_seen_above_the_client(
     make_rig, config, axes
 ):
+    rest_cdeg = config.limits.rest_cdeg[1]
     rig = make_rig(axes=axes)
-    with rig.client() as client:
-        assert client.connect().axes == axes
-        with pytest.raises(DeviceError, match=f"the board has {axes} axes, .* 2 motors"):
-            client.configure(config)
-        assert client.read_config().slew.slew_cdeg_tick == (0,) * axes
+    seen = []
+    with rig.client(on_telemetry=lambda report, _: seen.append(report)) as client:
+        client.connect()
+        client.configure(config)
+        assert client.read_config() == config.for_board(axes)
+        seen.clear()
+        client.arm()
+        assert client.accepted_rad.shape == (2,)
+        client.set_target((0.2, -0.3), ramp_ms=0, validity_ms=VALIDITY_MS)
+        rig.wait(PERIOD_US)
+        client.poll()
+        assert client.accepted_rad == pytest.approx((0.2, -0.3), abs=1e-4)
+        report = rig.board.report()
+        assert report.target_cdeg[2:] == (rest_cdeg,) * (axes - 2)
+        assert all(len(one.setpoint_cdeg) == 2 for one in (client.read_state(), *seen))
+        assert client.telemetry.report.target_cdeg == report.target_cdeg[:2]
+        assert client.statistics.clamped_targets == 0
 
 
 def test_saved_configuration_survives_a_reset(rig, config):

@@ -27,6 +27,8 @@ class ServedBoard:
     """HOST:PORT, or None for a pseudo-terminal."""
     eeprom_file: Path | None
     """EEPROM kept across runs; None for an erased EEPROM each time."""
+    axes: int
+    """Number of servos that it drives."""
     boot_loader_us: int
     """Time for which the board does not listen after its port was opened."""
 
@@ -60,7 +62,7 @@ def open_board(board: ServedBoard) -> Served:
     Raises:
         ConfigError: the address or the file cannot be used.
     """
-    line, port = SerialLine(_uno(board)), _port(board.tcp_address, "--tcp")
+    line, port = SerialLine(_emulator(board)), _port(board.tcp_address, "--tcp")
     server = BoardServer(line, port, RealClock(), boot_loader_us=board.boot_loader_us)
     return Served(server, server.uri)
 
@@ -82,11 +84,11 @@ def open_board_with_camera(board: ServedBoard, camera: ServedCamera) -> Served:
         paced=camera.tcp_address is None,
     )
     scene = TwinScene(make_plant(camera.plant, description), polaris.device.sensor)
-    uno = SerialLine(_uno(board))
+    line = SerialLine(_emulator(board))
     board_port = _port(board.tcp_address, "--tcp")
     camera_port = _port(camera.tcp_address, "--polaris-tcp")
     server = BoardServer(
-        WorldLine(uno, CoSimulation(uno, scene)),
+        WorldLine(line, CoSimulation(line, scene)),
         board_port,
         RealClock(),
         boot_loader_us=board.boot_loader_us,
@@ -95,8 +97,9 @@ def open_board_with_camera(board: ServedBoard, camera: ServedCamera) -> Served:
     return Served(server, server.uri, _tracker_uri(camera_port))
 
 
-def _uno(board: ServedBoard) -> UnoEmulator:
-    return UnoEmulator(EepromFile(board.eeprom_file) if board.eeprom_file else None)
+def _emulator(board: ServedBoard) -> UnoEmulator:
+    eeprom = EepromFile(board.eeprom_file) if board.eeprom_file else None
+    return UnoEmulator(eeprom, axes=board.axes)
 
 
 def _port(tcp_address: str | None, option: str) -> PtyPort | TcpPort:

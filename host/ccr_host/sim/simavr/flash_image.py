@@ -7,18 +7,27 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.user_file import read_bytes
 
-_BUILT = Path(".pio/build/uno/firmware.elf")
+BoardName = Literal["uno", "mega2560"]
 _CHECKOUT = Path(__file__).parents[4]
-RELEASED_FIRMWARE = Path(__file__).parents[2] / "firmware" / "uno.hex"
-"""Put into the package by scripts/release; missing in a checkout."""
+_UNO_AXES = 2
 
 
-def find_firmware(given: str = "") -> Path:
+def board_for(motors: int) -> BoardName:
+    """The smallest board that drives so many servos."""
+    return "uno" if motors <= _UNO_AXES else "mega2560"
+
+
+def released_firmware(board: BoardName) -> Path:
+    """The file that scripts/release puts into the package; missing in a checkout."""
+    return Path(__file__).parents[2] / "firmware" / f"{board}.hex"
+
+
+def find_firmware(given: str = "", board: BoardName = "uno") -> Path:
     """The firmware's ELF or HEX file: the given one, else the build of `pio run`, else the release.
 
     Raises:
@@ -26,11 +35,13 @@ def find_firmware(given: str = "") -> Path:
     """
     if given:
         return Path(given)
-    for file in (Path.cwd() / _BUILT, _CHECKOUT / _BUILT, RELEASED_FIRMWARE):
+    built = Path(f".pio/build/{board}/firmware.elf")
+    for file in (Path.cwd() / built, _CHECKOUT / built, released_firmware(board)):
         if file.exists():
             return file
     raise ConfigError(
-        f"simavr: no firmware binary {_BUILT}", "build it with pio run, or write simavr:FILE.elf"
+        f"simavr: no firmware binary {built}",
+        f"build it with pio run -e {board}, or write simavr:FILE.elf",
     )
 
 
@@ -40,8 +51,8 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "ccr-host"
 
 
-FLASH_BYTES: Final = {"uno": 32 * 1024, "mega2560": 256 * 1024}
-_BOARDS: Final = {5: "uno", 6: "mega2560"}
+FLASH_BYTES: Final[dict[BoardName, int]] = {"uno": 32 * 1024, "mega2560": 256 * 1024}
+_BOARDS: Final[dict[int, BoardName]] = {5: "uno", 6: "mega2560"}
 """Boards by the architecture that is in the flags of an ELF file: avr5, avr6."""
 _ARCHITECTURE: Final = 0x7F
 _MOST_BYTES = 16_000_000
@@ -63,12 +74,12 @@ class FlashImage:
         segments: byte address and content of each segment.
         symbols: byte addresses by name: functions in flash, variables in the data space; empty
             unless read from an ELF file.
-        board: the board that it is for; a HEX file, which does not say so, is taken for an UNO's.
+        board: the board that it is for.
     """
 
     segments: tuple[tuple[int, bytes], ...]
     symbols: dict[str, int] = field(default_factory=dict)
-    board: str = "uno"
+    board: BoardName = "uno"
 
     @property
     def start(self) -> int:
@@ -76,19 +87,23 @@ class FlashImage:
         return min(address for address, _ in self.segments)
 
 
-def read_flash_image(path: Path) -> FlashImage:
+def read_flash_image(path: Path, board: BoardName = "uno") -> FlashImage:
     """Read an ELF or HEX file, recognised by its content.
+
+    Args:
+        path: of the file.
+        board: what a HEX file is for, as it does not say so.
 
     Raises:
         ConfigError: the file cannot be read, is not for one of the boards, or is too long for it.
     """
     content = read_bytes(path, "firmware", "build it first: pio run", _MOST_BYTES)
     try:
-        image = _read_elf(content) if content[:4] == _ELF_MAGIC[:4] else _read_hex(content)
+        image = _read_elf(content) if content[:4] == _ELF_MAGIC[:4] else _read_hex(content, board)
     except (ValueError, IndexError, struct.error) as error:
         raise ConfigError(
             f"firmware {path}: neither an ELF file for AVR nor Intel HEX ({error})",
-            "give firmware.elf or firmware.hex of a build for the UNO",
+            "give firmware.elf or firmware.hex of a build for the board",
         ) from None
     room = FLASH_BYTES[image.board]
     if any(address + len(data) > room for address, data in image.segments):
@@ -158,7 +173,7 @@ _HEX_SEGMENT = 2
 _HEX_LINEAR = 4
 
 
-def _read_hex(content: bytes) -> FlashImage:
+def _read_hex(content: bytes, board: BoardName) -> FlashImage:
     segments: list[tuple[int, bytes]] = []
     base = 0
     for number, line in enumerate(content.decode("ascii").split(), start=1):
@@ -177,4 +192,4 @@ def _read_hex(content: bytes) -> FlashImage:
             break
     if not segments:
         raise ValueError("contains no program")
-    return FlashImage(tuple(segments))
+    return FlashImage(tuple(segments), board=board)

@@ -14,19 +14,25 @@ class SimavrCoSimulation:
 
     A servo acts on a pulse when it has ended. The robot has no effect on the board, so the board
     runs ahead by a slice of the clock, and the pulses of that slice are then applied to the robot.
+
+    Args:
+        line: the line to the board.
+        scene: the robot and its camera.
+        servos: those of the robot, at the first pins.
     """
 
-    def __init__(self, line: SimavrLine, scene: TwinScene) -> None:
+    def __init__(self, line: SimavrLine, scene: TwinScene, servos: int = 2) -> None:
         self._line = line
         self._scene = scene
         self._pulses: list[Pulse] = []
-        self._half_us = [0] * len(line.board.pulses_half_us)
+        self._half_us = [0] * servos
         line.board.observe_pulses(self._pulses.append)
 
     def advance_to(self, time_us: int) -> None:
         """Advance line, board, servos, structure and camera to ``time_us``."""
         self._line.advance_to(time_us)
-        for pulse in sorted(self._pulses, key=lambda pulse: pulse.end_cycle):
+        fitting = [pulse for pulse in self._pulses if pulse.pin < len(self._half_us)]
+        for pulse in sorted(fitting, key=lambda pulse: pulse.end_cycle):
             self._scene.advance_to(self._line.board.time_us(pulse.end_cycle))
             self._half_us[pulse.pin] = pulse.half_us
             self._scene.set_pulses_half_us(tuple(self._half_us))

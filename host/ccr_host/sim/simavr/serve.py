@@ -1,4 +1,4 @@
-"""Serves a simulated UNO in real time, so that other programs can use it like a real board."""
+"""Serves a simulated board in real time, so that other programs can use it like a real board."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ from ccr_host.sim.board.eeprom import EepromFile
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.server import BoardServer
 from ccr_host.sim.simavr.board import SimavrBoard
-from ccr_host.sim.simavr.flash_image import FlashImage, cache_folder, read_flash_image
+from ccr_host.sim.simavr.flash_image import (
+    BoardName,
+    FlashImage,
+    cache_folder,
+    read_flash_image,
+)
 from ccr_host.sim.simavr.line import SimavrLine
 
 _FOLDER = Path("bootloaders/optiboot")
@@ -112,22 +117,29 @@ class FlashableLine(SimavrLine):
 
 
 def open_pty_server(
-    firmware: Path | None, *, eeprom_file: Path | None = None, boot_loader: bool = True
+    firmware: Path | None,
+    board_name: BoardName = "uno",
+    *,
+    eeprom_file: Path | None = None,
+    boot_loader: bool = True,
 ) -> BoardServer:
     """Create a board on a pseudo-terminal; opening the terminal resets the board.
 
     Args:
         firmware: initial flash content; None for an UNO that has to be flashed first.
+        board_name: what a HEX file is for.
         eeprom_file: EEPROM kept across runs; None for an erased EEPROM each time.
-        boot_loader: whether optiboot is in the flash, so that avrdude can upload; it waits a second
-            for an upload after each reset.
+        boot_loader: whether optiboot is in the flash of an UNO, so that avrdude can upload; it
+            waits a second for an upload after each reset. A Mega is simulated without one.
 
     Raises:
         ConfigError: a file cannot be used.
         DeviceError: the simulator is not available.
     """
+    image = read_flash_image(firmware, board_name) if firmware else _IDLE_SKETCH
+    boot_loader = boot_loader and image.board == "uno"
     board = SimavrBoard(
-        read_flash_image(firmware) if firmware else _IDLE_SKETCH,
+        image,
         boot_loader=optiboot() if boot_loader else None,
         eeprom=EepromFile(eeprom_file) if eeprom_file else None,
     )
