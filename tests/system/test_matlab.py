@@ -15,7 +15,7 @@ from ccr_host.core.clock import RealClock
 from ccr_host.description import schema
 from ccr_host.link.board_config import board_config
 from ccr_host.record.log.reader import RunRecording
-from ccr_host.record.log.tables import TABLES, arrays
+from ccr_host.record.log.tables import arrays, tables_of
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.serial_line import SerialLine
@@ -138,7 +138,10 @@ def test_octave_reads_the_exported_tables(ccr_host: CcrHost, short_path: str) ->
     )
     *counts, errors, texts = octave(str(script)).splitlines()
     assert {name: int(count) for name, count in map(str.split, counts)} == ended.summary
-    tables = {table.name: arrays(RunRecording(ccr_host.folder / "kept"), table) for table in TABLES}
+    recording = RunRecording(ccr_host.folder / "kept")
+    tables = {
+        table.name: arrays(recording, table) for table in tables_of(recording.description.robot)
+    }
     assert np.array(errors.split(), dtype=float) == pytest.approx(tables["steps"]["error_mm"])
     *outcomes, event = texts.split("|")
     assert outcomes == tables["steps"]["outcome"].tolist()

@@ -18,8 +18,7 @@ from ccr_host.core.user_file import replacing
 from ccr_host.record.log.files import LOG_PREFIX, LogFiles, log_files
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.record.log.sinks import DirectSink
-from ccr_host.record.log.tables import TABLES, Row, Table, rows
-from ccr_host.record.log.topics import LOG_TOPICS
+from ccr_host.record.log.tables import Row, Table, rows, tables_of
 
 
 def finish_log(recording: RunRecording, folder: Path) -> int:
@@ -35,11 +34,11 @@ def finish_log(recording: RunRecording, folder: Path) -> int:
     Raises:
         ConfigError: the folder holds a log or cannot be written, or the log cannot be read.
     """
-    by_name = {topic.name: topic for topic in LOG_TOPICS}
+    by_name = {topic.name: topic for topic in recording.topics}
     count = 0
     if any(folder.glob("*.mcap")):
         raise ConfigError(f"--out {folder}: holds a log", "name another folder")
-    sink = DirectSink(LogFiles(folder, LOG_PREFIX, LOG_TOPICS), LOG_TOPICS)
+    sink = DirectSink(LogFiles(folder, LOG_PREFIX, recording.topics), recording.topics)
     try:
         try:
             for message in recording.messages():
@@ -88,16 +87,17 @@ def export(recording: RunRecording, form: Format, folder: Path) -> Sequence[tupl
     Raises:
         ConfigError: a file cannot be written, the log cannot be read, or a package is missing.
     """
-    counts = dict.fromkeys((table.name for table in TABLES), 0)
+    tables = tables_of(recording.description.robot)
+    counts = dict.fromkeys((table.name for table in tables), 0)
     try:
         with ExitStack() as stack:
-            drafts = [stack.enter_context(replacing(folder / f"{t.name}.{form}")) for t in TABLES]
+            drafts = [stack.enter_context(replacing(folder / f"{t.name}.{form}")) for t in tables]
             files: dict[str, _TableFile] = {}
-            for table, draft in zip(TABLES, drafts, strict=True):
+            for table, draft in zip(tables, drafts, strict=True):
                 file = _open(form, draft, table)
                 stack.callback(file.close)
                 files[table.name] = file
-            for table, row in rows(recording):
+            for table, row in rows(recording, tables):
                 files[table.name].add(row)
                 counts[table.name] += 1
     except OSError as error:

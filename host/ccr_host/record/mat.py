@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.user_file import replacing
 from ccr_host.record.log.reader import RunRecording
-from ccr_host.record.log.tables import TABLES, arrays
+from ccr_host.record.log.tables import arrays, tables_of
 
 MAT_FILE = "run.mat"
 
@@ -32,7 +32,7 @@ def write_mat(recording: RunRecording, folder: Path) -> dict[str, int]:
     """
     structs = {
         table.name: {name: _column(column) for name, column in arrays(recording, table).items()}
-        for table in TABLES
+        for table in tables_of(recording.description.robot)
     }
     try:
         with replacing(folder / MAT_FILE) as draft, draft.open("wb") as file:

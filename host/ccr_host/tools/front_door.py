@@ -22,7 +22,7 @@ from ccr_host.description.schema import Description
 from ccr_host.record.folder import TIMING_FILE, ResultFolder
 from ccr_host.record.keep import execute_logged, keep_result
 from ccr_host.record.log.reader import RunRecording
-from ccr_host.record.log.tables import TABLES, Arrays, arrays
+from ccr_host.record.log.tables import Arrays, arrays, tables_of
 from ccr_host.record.report import read_run
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import execute_quietly, reference_of
@@ -74,10 +74,12 @@ class Run:
         Raises:
             ConfigError: no such table, or the log cannot be read.
         """
-        for table in TABLES:
+        recording = RunRecording(self.folder)
+        tables = tables_of(recording.description.robot)
+        for table in tables:
             if table.name == name:
-                return arrays(RunRecording(self.folder), table)
-        known = ", ".join(table.name for table in TABLES)
+                return arrays(recording, table)
+        known = ", ".join(table.name for table in tables)
         raise ConfigError(f"no table {name} in the log of a run", f"one of {known}")
 
 

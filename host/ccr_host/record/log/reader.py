@@ -29,7 +29,7 @@ from ccr_host.record.log.files import (
     log_files,
 )
 from ccr_host.record.log.mcap_parts import MOST_FILE_BYTES, Damage, McapParts, Part
-from ccr_host.record.log.topics import LOG_TOPICS, SOLVE_TIME, TIMING_TOPICS, Topic
+from ccr_host.record.log.topics import LOG_TOPICS, SOLVE_TIME, TIMING_TOPICS, Topic, topics_of
 from ccr_host.record.log.visuals import PHASE
 from ccr_host.robot.reference import Reference
 from ccr_host.run.observer import RunObserver, RunSetup, StepRecord
@@ -90,13 +90,23 @@ class RunRecording:
         Raises:
             ConfigError: a file cannot be read, or holds what is no message of ours.
         """
-        names = {topic.name for topic in wanted or LOG_TOPICS}
+        yield from self._read(self.topics, {topic.name for topic in wanted or LOG_TOPICS})
+
+    @cached_property
+    def topics(self) -> Sequence[Topic]:
+        """What the log consists of; of any robot, if the setup cannot be read."""
+        try:
+            return topics_of(self.description.robot)
+        except ConfigError:
+            return LOG_TOPICS
+
+    def _read(self, ours: Sequence[Topic], names: set[str]) -> Iterator[LogMessage]:
         for path in self._files:
             given = set()
-            for message in _messages(path, LOG_TOPICS, names):
+            for message in _messages(path, ours, names):
                 given.add(message.topic)
                 yield message
-            names -= given & _REPEATED
+            names = names - (given & _REPEATED)
 
     def solve_times_us(self) -> dict[int, float]:
         """The controller's computing time by step; none in virtual time without the folder."""
@@ -116,7 +126,7 @@ class RunRecording:
     @cached_property
     def setup(self) -> dict[str, Any]:
         """What was run, and the versions that ran it."""
-        for message in self.messages(topics.SETUP):
+        for message in self._read(LOG_TOPICS, {topics.SETUP.name}):
             return message.content
         raise _unusable(self.source, self.end.trouble or "not the log of a run")
 
@@ -131,7 +141,7 @@ class RunRecording:
         except (KeyError, TypeError, ValidationError):
             raise self.foreign("options") from None
 
-    @property
+    @cached_property
     def description(self) -> Description:
         """Description of the robot in the run."""
         try:

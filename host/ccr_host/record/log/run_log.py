@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -22,7 +22,7 @@ from ccr_host.record.folder import remove_earlier_run, versions
 from ccr_host.record.log import topics, visuals
 from ccr_host.record.log.files import LOG_PREFIX, TIMING_PREFIX, LogFiles
 from ccr_host.record.log.sinks import BackgroundSink, DirectSink, Sink
-from ccr_host.record.log.topics import LOG_TOPICS, TIMING_TOPICS, Topic
+from ccr_host.record.log.topics import TIMING_TOPICS, Topic, topics_of
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits, Workspace
@@ -42,10 +42,16 @@ def open_run_log(folder: Path, *, realtime: bool) -> Iterator[RunLog]:
         realtime: write from a background thread, and put machine timings into the same files.
     """
 
-    def open_sinks() -> tuple[Sink, Sink | None]:
+    def open_sinks(of_robot: Sequence[Topic]) -> tuple[Sink, Sink | None]:
         with suppress(OSError):  # if it stays so, the log has the same trouble
             remove_earlier_run(folder)
-        return _realtime_sinks(folder) if realtime else _repeatable_sinks(folder)
+        if realtime:
+            return BackgroundSink(LogFiles(folder, LOG_PREFIX, of_robot), of_robot), None
+        log, timing = (
+            DirectSink(LogFiles(folder, prefix, of), of)
+            for prefix, of in ((LOG_PREFIX, of_robot), (TIMING_PREFIX, TIMING_TOPICS))
+        )
+        return log, timing
 
     run_log = RunLog(open_sinks)
     try:
@@ -53,18 +59,6 @@ def open_run_log(folder: Path, *, realtime: bool) -> Iterator[RunLog]:
     finally:
         with signals_deferred():
             run_log.close()
-
-
-def _realtime_sinks(folder: Path) -> tuple[Sink, Sink | None]:
-    return BackgroundSink(LogFiles(folder, LOG_PREFIX, LOG_TOPICS), LOG_TOPICS), None
-
-
-def _repeatable_sinks(folder: Path) -> tuple[Sink, Sink | None]:
-    log, timing = (
-        DirectSink(LogFiles(folder, prefix, of), of)
-        for prefix, of in ((LOG_PREFIX, LOG_TOPICS), (TIMING_PREFIX, TIMING_TOPICS))
-    )
-    return log, timing
 
 
 Array = NDArray[np.float64]
@@ -85,11 +79,12 @@ class RunLog(RunObserver):
     an earlier run in its place.
 
     Args:
-        open_sinks: opens what takes all that repeats with the seed in virtual time, and what takes
-            that which measures the machine; None where that may stand in the log itself.
+        open_sinks: opens what takes all that repeats with the seed in virtual time, given its
+            topics, and what takes that which measures the machine; None where that may stand in the
+            log itself.
     """
 
-    def __init__(self, open_sinks: Callable[[], tuple[Sink, Sink | None]]) -> None:
+    def __init__(self, open_sinks: Callable[[Sequence[Topic]], tuple[Sink, Sink | None]]) -> None:
         self._open_sinks = open_sinks
         self._log: Sink | None = None
         self._timing: Sink | None = None
@@ -105,6 +100,7 @@ class RunLog(RunObserver):
 
     def begin(self, setup: RunSetup) -> None:
         reference = setup.reference
+        self._topics = topics_of(setup.description.robot)
         content = {
             "versions": versions(),
             "options": vars(setup.options),
@@ -255,7 +251,7 @@ class RunLog(RunObserver):
             self._log.write(*message)
 
     def _start(self) -> None:
-        self._log, self._timing = self._open_sinks()
+        self._log, self._timing = self._open_sinks(self._topics)
         for message in self._waiting:
             self._log.write(*message)
         self._waiting.clear()

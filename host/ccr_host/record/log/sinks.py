@@ -51,7 +51,7 @@ class _Packer:
 
     def __init__(self, topics: Sequence[Topic]) -> None:
         self.chunk = Chunk()
-        self._channels = {topic: number for number, topic in enumerate(topics, 1)}
+        self._channels = {topic.name: number for number, topic in enumerate(topics, 1)}
         self._sequences = [0] * (len(topics) + 1)
         self._repeated: dict[int, bytes] = {}
         self._repeated_in_chunk: dict[int, bytes] = {}
@@ -65,7 +65,7 @@ class _Packer:
         elif time_us >= self._due_us or self.chunk.size >= CHUNK_BYTES:
             full = self.take()
             self._due_us = time_us + CHUNK_US
-        channel = self._channels[topic]
+        channel = self._channels[topic.name]
         sequence = self._sequences[channel] = self._sequences[channel] + 1
         if topic.repeated:
             self._repeated_in_chunk[channel] = content

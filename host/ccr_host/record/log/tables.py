@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.base import Outcome
+from ccr_host.description.schema import Robot
 from ccr_host.link.framing import decode_single_frame
 from ccr_host.link.messages import MESSAGES, PayloadError
 from ccr_host.record.log import topics
@@ -22,8 +23,6 @@ Row = dict[str, Cell]
 Json = dict[str, Any]
 Arrays = dict[str, NDArray[Any]]
 """Columns of a table by name."""
-
-_MARKERS = ("m1", "m2", "m3")
 
 
 class Column(NamedTuple):
@@ -58,14 +57,16 @@ def _vector(name: str, values: Sequence[float] | None) -> Row:
     }
 
 
-def _motor_columns(stem: str, unit: str, kind: type, meaning: str) -> dict[str, Column]:
-    return {f"{stem}_{n}_{unit}": Column(kind, f"{meaning}, motor {n}") for n in (1, 2)}
+def _motor_columns(
+    robot: Robot, stem: str, unit: str, kind: type, meaning: str
+) -> dict[str, Column]:
+    motors = range(1, robot.motors + 1)
+    return {f"{stem}_{n}_{unit}": Column(kind, f"{meaning}, motor {n}") for n in motors}
 
 
-def _pair(name: str, values: list[float] | None) -> Row:
-    first, second = values or (None, None)
+def _per_motor(name: str, values: Sequence[float] | None) -> Row:
     stem, unit = name.rsplit("_", 1)
-    return {f"{stem}_1_{unit}": first, f"{stem}_2_{unit}": second}
+    return {f"{stem}_{n}_{unit}": value for n, value in enumerate(values or (), 1)}
 
 
 _TIME = {"time_us": Column(int, "when, on the run's clock")}
@@ -83,25 +84,26 @@ def _step(message: LogMessage) -> Row:
         **_vector("target", content["target_mm"]),
         **_vector("measured", content["measured_mm"]),
         **_vector("true", content["true_mm"]),
-        **_pair("q_rad", content["q_rad"]),
+        **_per_motor("q_rad", content["q_rad"]),
         **_plain(content, "error_mm", "measured_age_us", "solve_us"),
     }
 
 
-_STEP_COLUMNS: Columns = {
-    **_TIME,
-    "step": Column(int, "number of the step, from 0"),
-    "time_s": Column(float, "of the step on the path's clock"),
-    **_OUTCOME,
-    "late": Column(bool, "the command missed its deadline; the last one was repeated"),
-    **_vector_columns("target", "desired tip"),
-    **_vector_columns("measured", "measured tip at the end of the step, empty if lost"),
-    **_vector_columns("true", "the simulated robot's tip, empty on a real one"),
-    **_motor_columns("q", "rad", float, "command"),
-    "error_mm": Column(float, "distance of measured and desired tip"),
-    "measured_age_us": Column(int, "age of the measurement"),
-    "solve_us": Column(float, "computing time of the controller"),
-}
+def _step_columns(robot: Robot) -> Columns:
+    return {
+        **_TIME,
+        "step": Column(int, "number of the step, from 0"),
+        "time_s": Column(float, "of the step on the path's clock"),
+        **_OUTCOME,
+        "late": Column(bool, "the command missed its deadline; the last one was repeated"),
+        **_vector_columns("target", "desired tip"),
+        **_vector_columns("measured", "measured tip at the end of the step, empty if lost"),
+        **_vector_columns("true", "the simulated robot's tip, empty on a real one"),
+        **_motor_columns(robot, "q", "rad", float, "command"),
+        "error_mm": Column(float, "distance of measured and desired tip"),
+        "measured_age_us": Column(int, "age of the measurement"),
+        "solve_us": Column(float, "computing time of the controller"),
+    }
 
 
 def _command(message: LogMessage) -> Row:
@@ -112,8 +114,8 @@ def _command(message: LogMessage) -> Row:
         **_plain(content, "step", "outcome", "detail"),
         **_vector("tip", content["tip_mm"]),
         **_plain(content, "tip_age_us"),
-        **_pair("accepted_rad", content["accepted_rad"]),
-        **_pair("command_rad", content["command_rad"]),
+        **_per_motor("accepted_rad", content["accepted_rad"]),
+        **_per_motor("command_rad", content["command_rad"]),
         **_plain(content, "ramp_s"),
         "horizon": len(predicted),
         **_vector("predicted", predicted[0] if predicted else None),
@@ -121,59 +123,61 @@ def _command(message: LogMessage) -> Row:
     }
 
 
-_COMMAND_COLUMNS: Columns = {
-    **_TIME,
-    "step": Column(int, "for which it was computed, empty while the robot is led to the path"),
-    **_OUTCOME,
-    **_vector_columns("tip", "measured tip as the controller was told, empty if lost"),
-    "tip_age_us": Column(int, "age of that measurement"),
-    **_motor_columns("accepted", "rad", float, "command that the board had accepted before"),
-    **_motor_columns("command", "rad", float, "command"),
-    "ramp_s": Column(float, "time in which the board goes there"),
-    "horizon": Column(int, "steps that were predicted"),
-    **_vector_columns("predicted", "first of the predicted tips, empty without a prediction"),
-    "iterations": Column(int, "of the solver, empty where there is none"),
-}
+def _command_columns(robot: Robot) -> Columns:
+    accepted = "command that the board had accepted before"
+    return {
+        **_TIME,
+        "step": Column(int, "for which it was computed, empty while the robot is led to the path"),
+        **_OUTCOME,
+        **_vector_columns("tip", "measured tip as the controller was told, empty if lost"),
+        "tip_age_us": Column(int, "age of that measurement"),
+        **_motor_columns(robot, "accepted", "rad", float, accepted),
+        **_motor_columns(robot, "command", "rad", float, "command"),
+        "ramp_s": Column(float, "time in which the board goes there"),
+        "horizon": Column(int, "steps that were predicted"),
+        **_vector_columns("predicted", "first of the predicted tips, empty without a prediction"),
+        "iterations": Column(int, "of the solver, empty where there is none"),
+    }
 
 
 def _sample(message: LogMessage) -> Row:
     row: Row = {"time_us": message.time_us, "exposed_us": message.content["exposed_us"]}
-    for name, position_mm in zip(_MARKERS, message.content["markers_mm"], strict=True):
-        row |= _vector(name, position_mm)
+    for number, position_mm in enumerate(message.content["markers_mm"], 1):
+        row |= _vector(f"m{number}", position_mm)
     return row
 
 
-_SAMPLE_COLUMNS: dict[str, Column] = {
-    **_TIME,
-    "exposed_us": Column(int, "when it was exposed, on the run's clock"),
-}
-for _name in _MARKERS:
-    _SAMPLE_COLUMNS |= _vector_columns(_name, f"marker {_name.upper()}, empty if lost")
+def _sample_columns(robot: Robot) -> Columns:
+    columns = {**_TIME, "exposed_us": Column(int, "when it was exposed, on the run's clock")}
+    for marker in robot.markers:
+        columns |= _vector_columns(marker.lower(), f"marker {marker}, empty if lost")
+    return columns
 
 
 def _state(message: LogMessage) -> Row:
     content = message.content
     row: Row = {"time_us": message.time_us}
     for name, value in content.items():
-        row |= _pair(name, value) if isinstance(value, list) else {name: value}
+        row |= _per_motor(name, value) if isinstance(value, list) else {name: value}
     return row
 
 
-_STATE_COLUMNS: Columns = {
-    **_TIME,
-    "tick": Column(int, "the board's clock, in ticks of 20 ms"),
-    "state": Column(str, "state of the board"),
-    "fault": Column(str, "latched fault, or none"),
-    "flags": Column(int, "status flags, see the protocol"),
-    "target_sequence": Column(int, "sequence number of the newest target"),
-    "target_age_ms": Column(int, "age of that target"),
-    **_motor_columns("target", "cdeg", int, "target, 0.01 deg"),
-    **_motor_columns("setpoint", "cdeg", int, "setpoint on its way there, 0.01 deg"),
-    **_motor_columns("pulse_half", "us", int, "pulse width in units of 0.5 us"),
-    "link_errors": Column(int, "damaged frames that the board has seen"),
-    "free_stack_bytes": Column(int, "least memory left so far"),
-    "supply_dv": Column(int, "servo supply, 0.1 V; 0 where it is not measured"),
-}
+def _state_columns(robot: Robot) -> Columns:
+    return {
+        **_TIME,
+        "tick": Column(int, "the board's clock, in ticks of 20 ms"),
+        "state": Column(str, "state of the board"),
+        "fault": Column(str, "latched fault, or none"),
+        "flags": Column(int, "status flags, see the protocol"),
+        "target_sequence": Column(int, "sequence number of the newest target"),
+        "target_age_ms": Column(int, "age of that target"),
+        **_motor_columns(robot, "target", "cdeg", int, "target, 0.01 deg"),
+        **_motor_columns(robot, "setpoint", "cdeg", int, "setpoint on its way there, 0.01 deg"),
+        **_motor_columns(robot, "pulse_half", "us", int, "pulse width in units of 0.5 us"),
+        "link_errors": Column(int, "damaged frames that the board has seen"),
+        "free_stack_bytes": Column(int, "least memory left so far"),
+        "supply_dv": Column(int, "servo supply, 0.1 V; 0 where it is not measured"),
+    }
 
 
 def _frame(message: LogMessage) -> Row:
@@ -201,38 +205,53 @@ def _event(message: LogMessage) -> Row:
 
 _EVENT_COLUMNS: Columns = {**_TIME, "text": Column(str, "what happened")}
 
-TABLES = (
-    Table("steps", "one row a control step, at its end", (topics.STEP,), _STEP_COLUMNS, _step),
-    Table(
-        "commands",
-        "one row a call of the controller",
-        (topics.CONTROL,),
-        _COMMAND_COLUMNS,
-        _command,
-    ),
-    Table(
-        "samples",
-        "one row a measurement of the tracker",
-        (topics.SAMPLE,),
-        _SAMPLE_COLUMNS,
-        _sample,
-    ),
-    Table("states", "one row a report of the board", (topics.STATE,), _STATE_COLUMNS, _state),
-    Table(
-        "frames",
-        "one row a frame, both ways",
-        (topics.SENT, topics.RECEIVED),
-        _FRAME_COLUMNS,
-        _frame,
-    ),
-    Table("events", "phases, faults, interruptions", (topics.EVENT,), _EVENT_COLUMNS, _event),
-)
+
+def tables_of(robot: Robot) -> tuple[Table, ...]:
+    """The tables of a robot's log."""
+    return (
+        Table(
+            "steps",
+            "one row a control step, at its end",
+            (topics.STEP,),
+            _step_columns(robot),
+            _step,
+        ),
+        Table(
+            "commands",
+            "one row a call of the controller",
+            (topics.CONTROL,),
+            _command_columns(robot),
+            _command,
+        ),
+        Table(
+            "samples",
+            "one row a measurement of the tracker",
+            (topics.SAMPLE,),
+            _sample_columns(robot),
+            _sample,
+        ),
+        Table(
+            "states",
+            "one row a report of the board",
+            (topics.STATE,),
+            _state_columns(robot),
+            _state,
+        ),
+        Table(
+            "frames",
+            "one row a frame, both ways",
+            (topics.SENT, topics.RECEIVED),
+            _FRAME_COLUMNS,
+            _frame,
+        ),
+        Table("events", "phases, faults, interruptions", (topics.EVENT,), _EVENT_COLUMNS, _event),
+    )
 
 
 def dictionary() -> str:
-    """All columns as Markdown, as docs/logs.md has them."""
+    """All columns for two motors as Markdown, as docs/logs.md has them."""
     lines: list[str] = []
-    for table in TABLES:
+    for table in tables_of(Robot()):
         lines += [
             f"### {table.name}: {table.meaning}",
             "",
@@ -266,7 +285,7 @@ def _array(cells: Sequence[Cell], kind: type) -> NDArray[Any]:
     return np.array(cells, dtype=kind if is_complete else np.float64)
 
 
-def rows(recording: RunRecording, tables: Sequence[Table] = TABLES) -> Iterator[tuple[Table, Row]]:
+def rows(recording: RunRecording, tables: Sequence[Table]) -> Iterator[tuple[Table, Row]]:
     """Rows of these tables, in the order of the log.
 
     Raises:
@@ -278,7 +297,7 @@ def rows(recording: RunRecording, tables: Sequence[Table] = TABLES) -> Iterator[
     for message in recording.messages(*wanted):
         table = by_topic[message.topic]
         try:
-            row = table.row(message)
+            row = dict.fromkeys(table.columns) | table.row(message)
         except (KeyError, ValueError, TypeError):
             raise recording.foreign(f"messages on {message.topic}") from None
         if "solve_us" in row:

@@ -8,13 +8,15 @@ log uses. Foxglove's Python packages carry them for Protobuf and FlatBuffers alo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 from pydantic_core import SchemaValidator, core_schema
 
 from ccr_host.control.base import Outcome
+from ccr_host.description.schema import Robot
 
 Schema = dict[str, Any]
 
@@ -25,6 +27,8 @@ TEXT: Schema = {"type": "string"}
 FLAG: Schema = {"type": "boolean"}
 OBJECT: Schema = {"type": "object"}
 _GREATEST = 2**53
+_MOTORS, _MARKERS = "motors", "markers"
+"""Lengths of arrays that depend on the robot."""
 
 
 def record(title: str, /, **fields: Schema) -> Schema:
@@ -32,8 +36,8 @@ def record(title: str, /, **fields: Schema) -> Schema:
     return {"title": title, "type": "object", "properties": fields, "required": list(fields)}
 
 
-def array(items: Schema, length: int | None = None) -> Schema:
-    """An array of any or of a given length."""
+def array(items: Schema, length: int | str | None = None) -> Schema:
+    """An array of any length, of a given one, or of one that depends on the robot."""
     bounds = {} if length is None else {"minItems": length, "maxItems": length}
     return {"type": "array", "items": items, **bounds}
 
@@ -159,7 +163,7 @@ _HEADER = record("std_msgs/Header", seq=COUNT, stamp=TIME, frame_id=TEXT)
 DIAGNOSTIC_ARRAY = record("diagnostic_msgs/DiagnosticArray", header=_HEADER, status=array(_STATUS))
 
 _POINT_MM = described(array(NUMBER, 3), "f of (10): y, x and z of a path, in this order")
-_ANGLES_RAD = array(NUMBER, 2)
+_ANGLES_RAD = array(NUMBER, _MOTORS)
 _TIME_US = described(INTEGER, "on the run's clock")
 _OUTCOME: Schema = {"type": "string", "enum": [outcome.value for outcome in Outcome]}
 
@@ -169,15 +173,23 @@ class Topic:
     """One kind of message."""
 
     name: str
-    schema: Schema
+    form: Schema
+    """Its schema, with names for the lengths that depend on the robot."""
     repeated: bool = False
     """Whether every file of a log begins with it, so that each can be read alone."""
+    sizes: Mapping[str, int] = field(default_factory=dict)
+    """Those lengths; arrays whose length is not among them may have any."""
 
     @property
     def schema_name(self) -> str:
         """Name by which a viewer knows the schema."""
-        title: str = self.schema["title"]
+        title: str = self.form["title"]
         return title
+
+    @cached_property
+    def schema(self) -> Schema:
+        """Its JSON schema."""
+        return _sized(self.form, self.sizes)
 
     def is_message(self, content: object) -> bool:
         """Whether content is of the types that the schema names."""
@@ -186,6 +198,23 @@ class Topic:
     @cached_property
     def _validator(self) -> SchemaValidator:
         return validator(self.schema)
+
+
+def _sized(schema: Schema, sizes: Mapping[str, int]) -> Schema:
+    """A schema with the lengths in place of their names."""
+    found: Schema = {}
+    for key, value in schema.items():
+        if isinstance(value, dict):
+            found[key] = _sized(value, sizes)
+        elif key in ("minItems", "maxItems") and isinstance(value, str):
+            if value in sizes:
+                found[key] = sizes[value]
+        elif key == "description":
+            names = [f"M{number + 1}" for number in range(sizes.get(_MARKERS, 0))]
+            found[key] = value.replace("{markers}", ", ".join(names))
+        else:
+            found[key] = value
+    return found
 
 
 _REFERENCE = record(
@@ -237,9 +266,9 @@ STATE = Topic(
         flags=COUNT,
         target_sequence=COUNT,
         target_age_ms=COUNT,
-        target_cdeg=array(INTEGER, 2),
-        setpoint_cdeg=array(INTEGER, 2),
-        pulse_half_us=array(INTEGER, 2),
+        target_cdeg=array(INTEGER, _MOTORS),
+        setpoint_cdeg=array(INTEGER, _MOTORS),
+        pulse_half_us=array(INTEGER, _MOTORS),
         link_errors=COUNT,
         free_stack_bytes=COUNT,
         supply_dv=COUNT,
@@ -261,7 +290,9 @@ SAMPLE = Topic(
     record(
         "ccr.Sample",
         exposed_us=_TIME_US,
-        markers_mm=described(array(array(nullable(NUMBER), 3), 3), "M1, M2, M3; null where lost"),
+        markers_mm=described(
+            array(array(nullable(NUMBER), 3), _MARKERS), "{markers}; null where lost"
+        ),
     ),
 )
 CONTROL = Topic(
@@ -309,6 +340,13 @@ LOG_TOPICS = (
     SETUP, REFERENCE, EVENT, INPUTS, SENT, RECEIVED, STATE, MARKER_FRAME, SAMPLE,
     CONTROL, STEP, POSE_MEASURED, POSE_DESIRED, TRANSFORMS, DESIRED_PATH, SCENE, DIAGNOSTICS,
 )  # fmt: skip
+
+
+def topics_of(robot: Robot) -> tuple[Topic, ...]:
+    """The topics of a robot's log."""
+    sizes = {_MOTORS: robot.motors, _MARKERS: len(robot.markers)}
+    return tuple(replace(topic, sizes=sizes) for topic in LOG_TOPICS)
+
 
 SOLVE_TIME = Topic("/timing/solve", record("ccr.SolveTime", step=COUNT, solve_us=NUMBER))
 TIMING_TOPICS = (SOLVE_TIME,)
