@@ -16,7 +16,7 @@ import argparse
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.robot.paths import path_names
+from ccr_host.robot.paths import PAPER_PATHS
 from ccr_host.run.execute import execute
 from ccr_host.run.observer import RunObserver, true_errors_mm
 from ccr_host.run.options import RunOptions
@@ -42,7 +42,7 @@ def main() -> None:
     base = arguments.robot, tuple(arguments.overrides), arguments.seed
     print("| path | disturbance | maximum mm | back after s | push's end: back after s |")
     print("|---|---|---|---|---|")
-    for path in path_names():
+    for path in PAPER_PATHS:
         alone_mm = errors_mm(path, *base)
         loaded_mm = errors_mm(path, *base, f"twin.payload_g={PAYLOAD_G}")
         for start_s in PAYLOAD_STARTS_S:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ccr_host.control.base import Command, Observation, Outcome
 from ccr_host.control.registry import baseline_names, controller_names
 from ccr_host.description.schema import Description
-from ccr_host.robot.paths import path_names
+from ccr_host.robot.paths import PAPER_PATHS
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import execute, reference_of
@@ -129,7 +129,7 @@ def main() -> None:
     arguments = parser.parse_args()
     base = RunOptions(path="", robot=arguments.robot, overrides=tuple(arguments.overrides))
     static_map = static_map_of(base.description(), default_cache())
-    paths = path_names()
+    paths = PAPER_PATHS
     for rate_hz in arguments.rate:
         runs = [replace(base, path=path, rate_hz=rate_hz) for path in paths]
         floors_mm = [

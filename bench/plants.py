@@ -39,7 +39,7 @@ from ccr_host.core.version import __version__
 from ccr_host.description.schema import Description
 from ccr_host.description.source import shipped_descriptions
 from ccr_host.record.folder import ResultFolder
-from ccr_host.robot.paths import path_names
+from ccr_host.robot.paths import PAPER_PATHS
 from ccr_host.robot.reference import Reference
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
@@ -232,7 +232,7 @@ def main() -> None:
     parser.add_argument("--twins", type=int, default=100)
     parser.add_argument("--robot", nargs="*", default=shipped_descriptions())
     parser.add_argument("--rate", type=float, nargs="+", default=[1.0, 20.0])
-    parser.add_argument("--path", nargs="+", default=path_names())
+    parser.add_argument("--path", nargs="+", default=PAPER_PATHS)
     parser.add_argument("--controller", nargs="+", default=[*controller_names(), *baseline_names()])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int)

@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 
 from ccr_host.core.clock import Stopwatch
-from ccr_host.robot.paths import path_names
+from ccr_host.robot.paths import PAPER_PATHS
 from ccr_host.tools.sweep.job import Row
 from ccr_host.tools.sweep.plan import SweepPlan
 from ccr_host.tools.sweep.workers import local_workers, run_jobs
@@ -28,7 +28,7 @@ def main() -> None:
     parser.add_argument("--twins", type=int, default=6)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     arguments = parser.parse_args()
-    jobs = SweepPlan(seed=1, paths=tuple(path_names())).jobs(range(arguments.twins), DRIVES)
+    jobs = SweepPlan(seed=1, paths=PAPER_PATHS).jobs(range(arguments.twins), DRIVES)
     rows: list[Row] = []
     for workers in arguments.workers:
         with local_workers(workers) as client:

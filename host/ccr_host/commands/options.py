@@ -109,7 +109,7 @@ RobotOption = Annotated[
     typer.Option(
         metavar="FILE",
         help="Robot description, or a shipped one: default, dirty, hard, ideal, loose-tendons, "
-        "paper, soft, tool-tip.",
+        "paper, single, soft, three-spatial, tool-tip, two-spatial.",
         autocompletion=complete_robots,
     ),
 ]

@@ -102,7 +102,7 @@ def sweep(
     from ccr_host.core.plugins import import_optional
     from ccr_host.core.stop_signals import signals_deferred
     from ccr_host.record.folder import ResultFolder
-    from ccr_host.robot.paths import path_names
+    from ccr_host.robot.paths import PAPER_PATHS
     from ccr_host.tools.sweep.plan import SweepPlan, read_twins
 
     given = None if twins is None else read_twins(twins)
@@ -110,7 +110,7 @@ def sweep(
     count = known if runs is None else runs
     if given is not None and max([count - 1, *(only or ())]) >= len(given):
         raise ConfigError(f"--twins {twins}: has {len(given)} twins", "ask for no more")
-    plan = SweepPlan(seed, tuple(path or path_names()), robot, tuple(overrides or ()), given, plant)
+    plan = SweepPlan(seed, tuple(path or PAPER_PATHS), robot, tuple(overrides or ()), given, plant)
     names, rates = controller or _DEFAULT_CONTROLLERS, rate or _DEFAULT_RATES_HZ
     drives = [(rate_hz, name) for rate_hz in rates for name in names]
     jobs = plan.jobs(only or range(count), drives)

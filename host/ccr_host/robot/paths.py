@@ -1,7 +1,9 @@
-"""Desired paths: the paper's three (16)-(18), and files.
+"""Desired paths: the paper's three (16)-(18), some in space for robots of any size, and files.
 
-A path prescribes two lateral coordinates: its y is f[0] of (10), its z is f[2]. The third,
-along the robot, follows from (10) at the nearest reachable configuration, unless a file gives it.
+A path prescribes two lateral coordinates: its y is f[0] of (10), its z is f[2]. The third, x along
+the robot, is f[1]; it follows from (10) at the nearest reachable configuration unless the path
+prescribes it too. The paths in space are in parts of the robot's length, which they take to reach
+along -x when it is straight.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from ccr_host.robot.path_file import SampledPath, read_path_file
 from ccr_host.robot.reference import MAX_SAMPLES, Reference
 from ccr_host.robot.workspace import MotorLimits, Workspace
 
-__all__ = ["MAX_SAMPLES", "Reference", "load_path", "path_names"]
+__all__ = ["MAX_SAMPLES", "PAPER_PATHS", "Reference", "load_path", "path_names"]
 
 FloatArray = NDArray[np.float64]
 
@@ -33,33 +35,91 @@ MAX_RATE_HZ = 1000.0
 _LONGEST_TITLE = 60
 
 
+_Line = tuple[FloatArray, FloatArray, FloatArray | None]
+"""y, z and x of the samples, mm; x may be left to the robot."""
+
+
 @dataclass(frozen=True)
 class _Shape:
     duration_s: float
-    lateral_mm: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-    """Map times, s, to path y and z, mm."""
+    line_mm: Callable[[FloatArray, float], _Line]
+    """The line at times, s, for a robot of some length, mm."""
 
 
-def _ellipse(t: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _ellipse(t: FloatArray, _: float) -> _Line:
     phase = math.pi * t / 40.0
-    return 35.0 * np.cos(phase), 45.0 * np.sin(phase)
+    return 35.0 * np.cos(phase), 45.0 * np.sin(phase), None
 
 
-def _eight(t: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _eight(t: FloatArray, _: float) -> _Line:
     sine, cosine = np.sin(math.pi * t / 40.0), np.cos(math.pi * t / 40.0)
     z = 48.0 * np.sign(cosine) * cosine**2
-    return z * sine, z
+    return z * sine, z, None
 
 
-def _star(t: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _star(t: FloatArray, _: float) -> _Line:
     fast, slow = math.pi * t / 10.0, math.pi * t / 25.0
-    return 25.0 * (0.4 * np.sin(fast) - np.sin(slow)), 25.0 * (0.4 * np.cos(fast) + np.cos(slow))
+    y, z = 0.4 * np.sin(fast) - np.sin(slow), 0.4 * np.cos(fast) + np.cos(slow)
+    return 25.0 * y, 25.0 * z, None
 
 
+def _swing(t: FloatArray, length_mm: float) -> _Line:
+    """To and fro in the plane of one segment."""
+    return np.zeros_like(t), 0.3 * length_mm * np.sin(math.pi * t / 20.0), None
+
+
+def _circle(t: FloatArray, length_mm: float) -> _Line:
+    phase = math.pi * t / 40.0
+    radius_mm = 0.3 * length_mm
+    return radius_mm * np.cos(phase), radius_mm * np.sin(phase), np.full_like(t, -0.85 * length_mm)
+
+
+def _helix(t: FloatArray, length_mm: float) -> _Line:
+    """Three turns, towards the base and back to the first point."""
+    phase = math.pi * t / 40.0
+    radius_mm = 0.25 * length_mm
+    along_mm = (-0.8 - 0.1 * np.cos(phase)) * length_mm
+    return radius_mm * np.cos(3.0 * phase), radius_mm * np.sin(3.0 * phase), along_mm
+
+
+def _dome_eight(t: FloatArray, length_mm: float) -> _Line:
+    """A figure of eight on the dome that the tip of one arc of constant curvature reaches."""
+    phase = math.pi * t / 40.0
+    bend_rad = np.sin(phase)
+    way_rad = 0.5 * np.cos(phase)
+    aside_mm = length_mm * bend_rad * 0.5 * np.sinc(bend_rad / (2.0 * math.pi)) ** 2
+    along_mm = -length_mm * np.sinc(bend_rad / math.pi)
+    return aside_mm * np.cos(way_rad), aside_mm * np.sin(way_rad), along_mm
+
+
+_PEN = (
+    (-0.1, 0.8), (-0.3, 1.0), (-0.7, 1.0), (-0.9, 0.8), (-0.9, 0.2), (-0.7, 0.0), (-0.3, 0.0),
+    (-0.1, 0.2), (0.1, 0.0), (0.1, 1.0), (0.6, 1.0), (0.8, 0.8), (0.8, 0.7), (0.6, 0.5), (0.1, 0.5),
+    (0.5, 0.5), (0.8, 0.0), (-0.1, 0.8),
+)  # fmt: skip
+"""C and R, drawn without lifting the pen, and the way back; widths and heights."""
+
+
+def _letters(t: FloatArray, length_mm: float) -> _Line:
+    """Two letters at constant speed, in a plane across the robot."""
+    corners = np.array(_PEN)
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    y, z = (np.interp(t / 100.0 * way[-1], way, column) for column in corners.T)
+    size_mm = 0.3 * length_mm
+    return size_mm * y, size_mm * (z - 0.5), np.full_like(t, -0.85 * length_mm)
+
+
+PAPER_PATHS = ("ellipse", "8shape", "star")
+"""Those with published results; lateral, for the paper's robot."""
 _SHAPES = {
     "ellipse": _Shape(80.0, _ellipse),
     "8shape": _Shape(80.0, _eight),
     "star": _Shape(100.0, _star),
+    "swing": _Shape(80.0, _swing),
+    "circle": _Shape(80.0, _circle),
+    "helix": _Shape(80.0, _helix),
+    "dome8": _Shape(80.0, _dome_eight),
+    "letters": _Shape(100.0, _letters),
 }
 
 
@@ -90,8 +150,8 @@ def load_path(
     if name_or_file in _SHAPES:
         shape = _SHAPES[name_or_file]
         time_s = _clock(name_or_file, shape.duration_s * rate_hz, rate_hz)
-        y, z = shape.lateral_mm(time_s)
-        return _reference(name_or_file, rate_hz, SampledPath(time_s, y, z, None), model, limits)
+        line = SampledPath(time_s, *shape.line_mm(time_s, sum(model.lengths_mm)))
+        return _reference(name_or_file, rate_hz, line, model, limits)
     rows = read_path_file(_existing_file(name_or_file))
     duration_s = float(rows.time_s[-1]) - float(rows.time_s[0])
     # A file includes both ends, so the last row is a sample too.
@@ -136,7 +196,9 @@ def _clock(name: str, samples: float, rate_hz: float) -> FloatArray:
 def _reference(
     name: str, rate_hz: float, path: SampledPath, model: ConstantCurvature, limits: MotorLimits
 ) -> Reference:
-    nearest = Workspace(model, limits).nearest(np.stack([path.y_mm, path.z_mm], axis=-1))
+    lateral = [path.y_mm, path.z_mm]
+    given = lateral if path.x_mm is None else [path.y_mm, path.x_mm, path.z_mm]
+    nearest = Workspace(model, limits).nearest(np.stack(given, axis=-1))
     along = model.tip_mm(nearest.q_rad)[:, 1] if path.x_mm is None else path.x_mm
     return Reference(
         name=name,

@@ -31,9 +31,10 @@ class Reference:
     """A desired path, one sample per control period.
 
     ``time_s`` (N,) starts at 0. ``target_mm`` (N, 3) is the desired tip in the frame of (10): the
-    path's own lateral coordinates f[0] and f[2] even where they cannot be reached. ``q_rad``
-    (N, 2) are the nearest reachable motor angles, ``unavoidable_mm`` (N,) the lateral distance
-    that remains there according to the model. All laps are identical.
+    path's own coordinates even where they cannot be reached: f[0] and f[2], and f[1] if it has
+    that too. ``q_rad`` (N, n) are the nearest reachable motor angles, ``unavoidable_mm`` (N,) the
+    distance that remains there, in the path's own coordinates, according to the model. All laps
+    are identical.
     """
 
     name: str
@@ -64,7 +65,8 @@ class Reference:
             return self
         steps_mm = np.linalg.norm(np.diff(self.target_mm, axis=0), axis=1)
         gap_mm = float(np.linalg.norm(self.target_mm[-1] - self.target_mm[0]))
-        if gap_mm > max(float(steps_mm.max()), _SMALL_GAP_MM):
+        # With a margin for rounding: where a path is symmetric, the gap is as long as its steps.
+        if gap_mm > max(1.000001 * float(steps_mm.max()), _SMALL_GAP_MM):
             raise ConfigError(
                 f"path {self.name} ends {gap_mm:.1f} mm from its start: {laps} laps are impossible",
                 "close the path, or omit --laps",

@@ -9,8 +9,9 @@ import pytest
 
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Robot, Servo
+from ccr_host.description.schema import load as load_description
 from ccr_host.robot.kinematics import ConstantCurvature
-from ccr_host.robot.paths import load_path, path_names
+from ccr_host.robot.paths import PAPER_PATHS, load_path, path_names
 from ccr_host.robot.workspace import MotorLimits
 
 MODEL = ConstantCurvature(Robot())
@@ -69,7 +70,7 @@ def test_rate_multiplies_the_samples_and_keeps_the_duration(name, rate_hz):
     assert fast.time_s == pytest.approx(np.arange(len(fast)) / rate_hz)
 
 
-@pytest.mark.parametrize("name", path_names())
+@pytest.mark.parametrize("name", [*PAPER_PATHS, "swing"])
 def test_third_coordinate_comes_from_the_model_at_the_nearest_configuration(name):
     reference = load(name, 5.0)
     tip = MODEL.tip_mm(reference.q_rad)
@@ -77,6 +78,41 @@ def test_third_coordinate_comes_from_the_model_at_the_nearest_configuration(name
     assert np.hypot(*(tip - reference.target_mm)[:, [0, 2]].T) == pytest.approx(
         reference.unavoidable_mm, abs=1e-9
     )
+
+
+@pytest.mark.parametrize(
+    ("robot", "name"),
+    [
+        ("single", "swing"),
+        *[
+            (robot, name)
+            for robot in ("two-spatial", "three-spatial")
+            for name in ("circle", "helix", "dome8", "letters")
+        ],
+    ],
+)
+def test_robots_reach_the_paths_of_their_kind_and_return_to_the_start(robot, name):
+    description = load_description(robot)
+    model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
+    reference = load_path(name, 2.0, model, limits)
+    assert reference.unreachable_steps == 0
+    assert model.tip_mm(reference.q_rad) == pytest.approx(reference.target_mm, abs=0.01)
+    steps_mm = np.linalg.norm(np.diff(reference.target_mm, axis=0), axis=1)
+    gap_mm = np.linalg.norm(reference.target_mm[-1] - reference.target_mm[0])
+    assert gap_mm < 1.5 * steps_mm.max()
+    if robot != "three-spatial":  # which has configurations of equal effort far from each other
+        assert np.abs(np.diff(reference.q_rad, axis=0)).max() < np.radians(15.0)
+
+
+def test_the_dome_is_what_one_arc_reaches():
+    target_mm = load("dome8").target_mm
+    length_mm = sum(MODEL.lengths_mm)
+    aside_mm = np.hypot(target_mm[:, 0], target_mm[:, 2])
+    bend_rad = 2.0 * np.arctan2(aside_mm, -target_mm[:, 1])
+    arc_mm = np.where(bend_rad > 0, bend_rad * np.hypot(aside_mm, target_mm[:, 1]), 0.0)
+    chord = 2.0 * np.sin(bend_rad / 2.0)
+    bent = bend_rad > 1e-3
+    assert arc_mm[bent] / chord[bent] == pytest.approx(length_mm)
 
 
 def test_file_is_resampled_linearly_from_its_first_row(tmp_path):
