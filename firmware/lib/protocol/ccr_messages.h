@@ -31,39 +31,39 @@ constexpr uint8_t kMaxEncodedFrame = kMaxDecodedFrame + 1;  ///< Without the del
 
 /// Period of the control tick and of the servo pulses. [us]
 constexpr uint16_t kTickUs = 20000U;
-/// From the start of a pulse frame to its control tick. No pulse lasts longer than 2.5 ms, so at
-/// the tick the pins are low and a pulse can be enabled or disabled without cutting it; what the
-/// tick computes is latched 2 ms later, at the start of the next frame. [us]
+/// Time from the start of a pulse frame to its control tick. No pulse is longer than 2.5 ms, so at
+/// the tick all pins are low and pulses can be switched on or off without cutting one short; the
+/// widths that the tick computes take effect 2 ms later, at the start of the next frame. [us]
 constexpr uint16_t kTickPhaseUs = 18000U;
-/// Length of the self-test after a reset: control tick 5, the sixth, ends it. [tick]
+/// Duration of the self-test after a reset: control tick 5, the sixth, ends it. [tick]
 constexpr uint8_t kBootTicks = 5U;
-/// Within this time a repeated request is answered from memory instead of being executed again.
+/// A request repeated within this time is answered from memory instead of being executed again.
 /// [tick]
 constexpr uint8_t kRetryWindowTicks = 50U;
-/// The way to rest takes no longer whatever is configured: 270 deg in the smallest steps that slew
-/// and relax slew may have, and 6 s to brake and to speed up with the least acceleration. [ms]
+/// Longest time to reach the rest pose with any configuration: 270 deg at the lowest slew and relax
+/// slew allowed, plus 6 s to brake and accelerate at the lowest acceleration. [ms]
 constexpr uint16_t kWayToRestMs = 60000U;
-/// From a reset until the board takes requests; what comes before that is lost. [us]
+/// Time from a reset until the board accepts requests; anything received earlier is lost. [us]
 constexpr uint16_t kListensAfterUs = 2000U;
-/// So many may a host have sent without having read their answers (REQ-5): the longest answers to
-/// them and two reports fit into send_bytes. [request]
+/// Number of requests that a host may have sent without having received their replies (REQ-5): the
+/// longest replies to them and two reports fit into send_bytes. [request]
 constexpr uint8_t kOutstandingRequests = 5U;
-/// And no more bytes than these, frames as they are on the wire: they fit where the board keeps
-/// what it has received. [byte]
+/// Number of bytes that these requests may have in total, as encoded frames: they fit into the
+/// receive buffer. [byte]
 constexpr uint8_t kOutstandingBytes = kIsLarge ? 127U : 63U;
-/// Room for frames that wait to be sent. One that finds none is dropped and counted. All but the
-/// answer to `stop` leave room for that. [byte]
+/// Size of the send buffer. A frame that does not fit is dropped and counted. All frames except the
+/// reply to `stop` leave room for that reply. [byte]
 constexpr uint16_t kSendBytes = kIsLarge ? 1023U : 255U;
-/// In so many ticks in a row the servos' supply has to be too low for a fault: longer than servos
-/// take to start. [tick]
+/// Number of consecutive ticks with too low a servo supply that raise the fault: longer than the
+/// inrush of starting servos. [tick]
 constexpr uint8_t kSagTicks = 10U;
-/// Of the fault log in EEPROM (LOG-1). [byte]
+/// Address of the fault log in EEPROM (LOG-1). [byte]
 constexpr uint16_t kFaultLogAddress = 320U;
-/// So many of the last faults are kept. [record]
+/// Number of faults kept in the log. [record]
 constexpr uint8_t kFaultLogRecords = 8U;
-/// Of the eight steps in which the LED shows the state (LED-1). [tick]
+/// Duration of each of the eight steps in which the LED shows the state (LED-1). [tick]
 constexpr uint8_t kLedStepTicks = 8U;
-/// Half the period in which the LED blinks on request (LED-2). [tick]
+/// Half the period of the blinking on request (LED-2). [tick]
 constexpr uint8_t kBlinkStepTicks = 4U;
 /// No pulse is ever shorter, whatever the calibration says. [0.5 us]
 constexpr uint16_t kPulseFloorHalfUs = 1000U;
@@ -86,13 +86,13 @@ enum class State : uint8_t {
   kBoot = 0,
   /// Ready. No pulses.
   kDisarmed = 1,
-  /// Servos are enabled one after the other at the last setpoint, then led slowly to rest.
+  /// Servos are enabled one after another at the last setpoint, then moved slowly to rest.
   kArming = 2,
-  /// Follows fresh targets.
+  /// Follows targets.
   kActive = 3,
-  /// Armed without a fresh target: the setpoint stands still.
+  /// Armed, but without a valid target: the setpoint does not move.
   kHold = 4,
-  /// The host stayed silent: slow return to the rest pose. A fresh target ends it.
+  /// The host has been silent: slow return to the rest pose. A new target ends it.
   kRelaxing = 5,
   /// The host asked to disarm: slow return to the rest pose, then no pulses.
   kDisarming = 6,
@@ -106,13 +106,13 @@ constexpr bool is_state(uint8_t value) {
   return value <= 8U;
 }
 
-/// What moves the board from state to state; never on the wire.
+/// Cause of a change of state; never on the wire.
 enum class Event : uint8_t {
-  /// `boot_ticks` after a reset, nothing wrong.
+  /// `boot_ticks` after a reset, without a fault.
   kSelfTestPassed = 0,
   /// `arm` accepted.
   kArmRequested = 1,
-  /// All servos have pulses and the setpoint is at rest.
+  /// All servos have pulses, and the setpoint is at rest.
   kAxesEnabled = 2,
   /// `set_target` accepted.
   kTargetAccepted = 3,
@@ -136,7 +136,7 @@ enum class Event : uint8_t {
 enum class Fault : uint8_t {
   /// No fault.
   kNone = 0,
-  /// No fresh target through `hold` and `relaxing`; the robot is at rest.
+  /// No target arrived during `hold` and `relaxing`; the robot is at rest.
   kLinkLoss = 1,
   /// The hardware watchdog has reset the board.
   kWatchdogReset = 2,
@@ -150,7 +150,7 @@ enum class Fault : uint8_t {
   kEepromFailed = 6,
   /// An invariant of the firmware did not hold.
   kInternal = 7,
-  /// The board has restarted while it made pulses, and the boot loader has hidden why.
+  /// The board restarted while it generated pulses, and the boot loader has cleared the cause.
   kResetWhileArmed = 8,
   /// The emergency-stop input is open: pressed, or its wire is broken.
   kEmergencyStop = 9,
@@ -164,7 +164,7 @@ constexpr bool is_fault(uint8_t value) {
 
 /// Why the board last started.
 enum class ResetCause : uint8_t {
-  /// The boot loader has hidden it.
+  /// The boot loader has cleared the cause.
   kUnknown = 0,
   /// Supply switched on.
   kPowerOn = 1,
@@ -184,7 +184,7 @@ constexpr bool is_reset_cause(uint8_t value) {
 enum class NackCode : uint8_t {
   /// No request has this id.
   kUnknownId = 1,
-  /// The payload is not of the length this id has.
+  /// The payload does not have the length of this message.
   kBadLength = 2,
   /// The session is not the open one. Detail: 0.
   kBadSession = 3,
@@ -192,17 +192,17 @@ enum class NackCode : uint8_t {
   kBadState = 4,
   /// A field is out of its range. Detail: index of the field in the payload, from 0.
   kOutOfRange = 5,
-  /// Each field is in range but they contradict each other. Detail: the axis.
+  /// Each field is in range, but together they are contradictory. Detail: the axis.
   kInconsistent = 6,
-  /// The host was built from another spec: it may identify, read and stop.
+  /// The host was built from another spec: it may only identify, read and stop.
   kSpecMismatch = 7,
-  /// Some configuration group was neither loaded from EEPROM nor set. Detail: the missing groups.
+  /// A configuration group was neither loaded from EEPROM nor set. Detail: the missing groups.
   kNotConfigured = 8,
-  /// A save is being written to EEPROM: `arm`, `save_config` and whatever sets a configuration
-  /// group have to wait. Or no tick has taken the pulses away yet: `clear_fault` has to wait for
-  /// one. Or a byte is being written to EEPROM: `get_fault_record` has to wait.
+  /// Repeat the request later. `arm`, `save_config` and requests that set a configuration group: a
+  /// save is being written to EEPROM. `clear_fault`: no tick has switched off the pulses yet.
+  /// `get_fault_record`: a byte is being written to EEPROM.
   kBusy = 9,
-  /// The emergency-stop input is open: `clear_fault` has to wait until it is closed.
+  /// The emergency-stop input is open: close it before `clear_fault`.
   kEmergencyStopOpen = 10,
 };
 
@@ -212,11 +212,11 @@ constexpr bool is_nack_code(uint8_t value) {
 
 /// What was found in EEPROM at boot.
 enum class EepromStatus : uint8_t {
-  /// Neither slot was ever written.
+  /// Neither slot has ever been written.
   kBlank = 0,
   /// The newest slot was good, or one was good and the other blank.
   kLoaded = 1,
-  /// One slot is corrupt; the other one was loaded.
+  /// One slot is corrupt; the other was loaded.
   kOneSlotBad = 2,
   /// Nothing could be loaded and at least one slot is corrupt: arming is refused until the host
   /// configures the board.
@@ -229,15 +229,13 @@ constexpr bool is_eeprom_status(uint8_t value) {
 
 /// Details of the state.
 namespace status_flags {
-/// The last tick commanded a pulse for axis 1; those of all axes are in `pulse_half_us`.
+/// The last tick commanded a pulse for axis 1; `pulse_half_us` tells for all axes.
 constexpr uint8_t kAxis1Pulses = 0x01;
 /// The last tick commanded a pulse for axis 2, if there is one.
 constexpr uint8_t kAxis2Pulses = 0x02;
-/// The setpoint has not reached its goal: the target in `active`, the rest pose while it is led
-/// there.
+/// The setpoint has not reached its goal: the target in `active`, otherwise the rest pose.
 constexpr uint8_t kMoving = 0x04;
-/// The last accepted target was outside the angle limits, or its pulse outside the calibrated ones,
-/// and was clamped.
+/// The last accepted target was clamped to the angle limits, or its pulse to the pulse limits.
 constexpr uint8_t kClamped = 0x08;
 /// A save is being written.
 constexpr uint8_t kEepromBusy = 0x10;
@@ -245,17 +243,17 @@ constexpr uint8_t kEepromBusy = 0x10;
 constexpr uint8_t kConfigured = 0x20;
 /// A session is open.
 constexpr uint8_t kSessionOpen = 0x40;
-/// A configuration group was set since the last save or load.
+/// A configuration group has been set since the last save or load.
 constexpr uint8_t kUnsaved = 0x80;
 }  // namespace status_flags
 
 /// What this board can do.
 namespace capabilities {
-/// Keeps its configuration.
+/// Stores its configuration.
 constexpr uint16_t kEeprom = 0x01;
 /// Pulses come from a timer, not from software.
 constexpr uint16_t kHardwarePulses = 0x02;
-/// Reports the minimum of free stack.
+/// Reports the least free stack.
 constexpr uint16_t kStackMonitor = 0x04;
 }  // namespace capabilities
 
@@ -269,7 +267,7 @@ constexpr uint8_t kSlew = 0x02;
 constexpr uint8_t kWatchdog = 0x04;
 /// `set_calibration`
 constexpr uint8_t kCalibration = 0x08;
-/// `set_equipment`; missing only where no slot of EEPROM could be loaded and one is corrupt
+/// `set_equipment`; missing only if no EEPROM slot could be loaded and one is corrupt
 constexpr uint8_t kEquipment = 0x10;
 }  // namespace config_groups
 
@@ -287,11 +285,11 @@ constexpr int8_t kNone = -1;
 struct Limits {
   enum : uint8_t { kSize = 6 * kAxes };
 
-  /// Least angle of the servo. [0.01 deg] -13500 to 13500.
+  /// Lower limit of the servo angle. [0.01 deg] -13500 to 13500.
   int16_t angle_min_cdeg[kAxes];
-  /// Greatest angle of the servo. [0.01 deg] -13500 to 13500.
+  /// Upper limit of the servo angle. [0.01 deg] -13500 to 13500.
   int16_t angle_max_cdeg[kAxes];
-  /// Pose to which the robot is led when it is armed, relaxed or disarmed. [0.01 deg] -13500 to
+  /// Pose to which the robot moves when it is armed, relaxed or disarmed. [0.01 deg] -13500 to
   /// 13500.
   int16_t rest_cdeg[kAxes];
 };
@@ -365,12 +363,12 @@ inline int8_t inconsistent_axis(const Limits& value) {
   return kNone;
 }
 
-/// How fast the setpoint may move.
+/// Limit of the setpoint's rate.
 struct Slew {
   enum : uint8_t { kSize = 2 * kAxes };
 
-  /// Greatest change of the setpoint in one 20 ms tick. The least value bounds the way to rest
-  /// (WDG-6). [0.01 deg/tick] 10 to 2000.
+  /// Largest change of the setpoint in one 20 ms tick. The lowest value bounds the time to reach
+  /// rest (WDG-6). [0.01 deg/tick] 10 to 2000.
   uint16_t slew_cdeg_tick[kAxes];
 };
 static_assert(Slew::kSize == sizeof(Slew::slew_cdeg_tick) && uint8_t{Slew::kSize} <= kMaxPayload,
@@ -411,12 +409,12 @@ inline int8_t inconsistent_axis(const Slew&) {
   return kNone;
 }
 
-/// How fast the setpoint may change its speed. Zeros, which are not missing, set no limit.
+/// Limit of the setpoint's acceleration. The default, zeros, sets no limit.
 struct Acceleration {
   enum : uint8_t { kSize = 2 * kAxes };
 
-  /// Greatest change of the setpoint's step from one tick to the next; 0: any. [0.01 deg/tick^2] 0
-  /// to 2000.
+  /// Largest change of the setpoint's step from one tick to the next; 0: no limit. [0.01
+  /// deg/tick^2] 0 to 2000.
   uint16_t acceleration_cdeg_tick2[kAxes];
 };
 static_assert(Acceleration::kSize == sizeof(Acceleration::acceleration_cdeg_tick2) &&
@@ -457,16 +455,16 @@ inline int8_t inconsistent_axis(const Acceleration&) {
   return kNone;
 }
 
-/// Staged reaction to a silent host. None of it can be switched off.
+/// Staged reaction to a silent host. It cannot be switched off.
 struct Watchdog {
   enum : uint8_t { kSize = 6 };
 
-  /// Length of `hold` before `relaxing`. [ms] 20 to 60000.
+  /// Duration of `hold` before `relaxing`. [ms] 20 to 60000.
   uint16_t relax_after_ms;
-  /// Speed of the slow return to rest, also while arming and disarming. The lesser of this and the
-  /// slew limit counts. [0.01 deg/tick] 10 to 500.
+  /// Rate of the slow return to rest, also while arming and disarming. The lower of this and the
+  /// slew limit applies. [0.01 deg/tick] 10 to 500.
   uint16_t relax_slew_cdeg_tick;
-  /// Wait after each servo is enabled. [ms] 20 to 5000.
+  /// Pause after enabling each servo. [ms] 20 to 5000.
   uint16_t arm_axis_ms;
 };
 static_assert(Watchdog::kSize == sizeof(Watchdog::relax_after_ms) +
@@ -522,9 +520,9 @@ struct Calibration {
   /// Change of the pulse for +90 deg; negative where the servo turns the other way. [0.5 us] -4000
   /// to 4000.
   int16_t per_90_deg_half_us[kAxes];
-  /// Least pulse this servo may get. [0.5 us] 1000 to 5000.
+  /// Shortest pulse for this servo. [0.5 us] 1000 to 5000.
   uint16_t pulse_min_half_us[kAxes];
-  /// Greatest pulse this servo may get. [0.5 us] 1000 to 5000.
+  /// Longest pulse for this servo. [0.5 us] 1000 to 5000.
   uint16_t pulse_max_half_us[kAxes];
 };
 static_assert(Calibration::kSize == sizeof(Calibration::neutral_half_us) +
@@ -612,17 +610,17 @@ inline int8_t inconsistent_axis(const Calibration& value) {
 }
 
 /// The board's name, and what is wired to it. It belongs to the board, not to a robot's
-/// description; zeros are a board without a name to which only the servos are wired.
+/// description. Zeros: a board without a name to which only servos are wired.
 struct Equipment {
   enum : uint8_t { kSize = 19 };
 
-  /// ASCII, filled up with zeros. Any bytes are kept; the host judges them.
+  /// ASCII, padded with zeros. The board stores any bytes; the host checks them.
   uint8_t board_name[16];
   /// 1: a switch is wired to the emergency-stop input, closed unless it is pressed. 0 to 1.
   uint8_t emergency_stop;
-  /// Servo supply at which the divider gives 5 V; 0: none is wired. [0.1 V]
+  /// Servo supply at which the divider outputs 5 V; 0: no divider is wired. [0.1 V]
   uint8_t supply_full_dv;
-  /// Below it the servo supply is too low; 0: never. [0.1 V]
+  /// Lowest permitted servo supply; 0: no limit. [0.1 V]
   uint8_t supply_min_dv;
 };
 static_assert(Equipment::kSize == sizeof(Equipment::board_name) + sizeof(Equipment::emergency_stop)
@@ -668,22 +666,22 @@ inline int8_t inconsistent_axis(const Equipment&) {
   return kNone;
 }
 
-/// A fault as it is kept in EEPROM. Whoever reads it judges `check`: one that was never written, or
-/// not to its end, has another.
+/// A fault as stored in EEPROM. The reader verifies `check`, which is wrong for a record that was
+/// never written, or not completely.
 struct FaultRecord {
   enum : uint8_t { kSize = 14 };
 
-  /// Counts faults; after 0xFFFF comes 0.
+  /// Counts faults; 0 follows 0xFFFF.
   uint16_t number;
   /// The fault.
   uint8_t fault;
-  /// State after the tick before.
+  /// State at the end of the previous tick.
   uint8_t state;
-  /// As in `hello_reply`: the start in which it came.
+  /// As in `hello_reply`: the start during which it occurred.
   uint16_t boot_id;
-  /// Tick in which it was seen, as a report numbers it. [tick]
+  /// Tick in which it was detected, numbered as in reports. [tick]
   uint32_t tick;
-  /// CRC-32 (ISO-HDLC) of the bytes before.
+  /// CRC-32 (ISO-HDLC) of the preceding bytes.
   uint32_t check;
 };
 static_assert(FaultRecord::kSize == sizeof(FaultRecord::number) + sizeof(FaultRecord::fault) +
@@ -728,7 +726,7 @@ inline int8_t inconsistent_axis(const FaultRecord&) {
 }
 
 /// Tick, setpoint, pulses, supply and the flags `axis_1_pulses`, `axis_2_pulses` and `moving` are
-/// those of the last control tick; all else is current.
+/// those of the last control tick; the rest is current.
 struct StateReport {
   enum : uint8_t { kSize = 15 + 6 * kAxes };
 
@@ -742,22 +740,22 @@ struct StateReport {
   uint8_t flags;
   /// Sequence number of the last accepted target; 0 before the first.
   uint8_t target_sequence;
-  /// Control ticks since the last accepted target, as a time: 20 in the report of the first tick
-  /// after it; 65535 before the first target and when it is older. [ms]
+  /// Time since the last accepted target in whole control ticks: 20 in the report of the first tick
+  /// after it; 65535 before the first target, or if longer. [ms]
   uint16_t target_age_ms;
   /// Last accepted target, after clamping; 0 before the first. [0.01 deg]
   int16_t target_cdeg[kAxes];
-  /// Where ramp and slew limit stand. A setpoint that `set_limits` has clamped shows from the next
-  /// tick on. [0.01 deg]
+  /// Angle that ramp and slew limit have reached. Clamping by `set_limits` is reported from the
+  /// next tick on. [0.01 deg]
   int16_t setpoint_cdeg[kAxes];
-  /// Pulses that the last tick computed, latched at the start of the next frame; 0 is no pulse.
-  /// [0.5 us]
+  /// Pulses computed by the last tick, output from the start of the next frame; 0: no pulse. [0.5
+  /// us]
   uint16_t pulse_half_us[kAxes];
   /// bad_crc + bad_encoding + bad_size + overruns, wrapping.
   uint16_t link_errors;
-  /// Least free stack so far; 65535 where it is not measured. [byte]
+  /// Least free stack so far; 65535 if it is not measured. [byte]
   uint16_t free_stack_bytes;
-  /// Servo supply in the last tick; 0 where none is wired. [0.1 V]
+  /// Servo supply in the last tick; 0 without a divider. [0.1 V]
   uint8_t supply_dv;
 };
 static_assert(StateReport::kSize == sizeof(StateReport::tick) + sizeof(StateReport::state) +
@@ -830,7 +828,8 @@ inline int8_t inconsistent_axis(const StateReport&) {
   return kNone;
 }
 
-/// Asks who is there. The layout of `hello` and `hello_reply` is the same in all protocol versions.
+/// Asks for the identity of the board. The layout of `hello` and `hello_reply` is the same in all
+/// protocol versions.
 struct Hello {
   enum : uint8_t { kId = 0x01, kSize = 5 };
 
@@ -883,7 +882,7 @@ struct HelloReply {
   uint32_t spec_hash;
   /// Major, minor, patch.
   uint8_t firmware_version[3];
-  /// Counts resets; a change tells the host that the board has restarted.
+  /// Counts resets, so that the host notices a restart.
   uint16_t boot_id;
   /// Why it last started.
   ResetCause reset_cause;
@@ -891,9 +890,9 @@ struct HelloReply {
   EepromStatus eeprom_status;
   /// What it can do. Bits of `capabilities`.
   uint16_t capabilities;
-  /// Number of servos: the count of the fields that have one element for each axis.
+  /// Number of servos, which is the length of fields with one element per axis.
   uint8_t axes;
-  /// Longest payload it takes. [byte]
+  /// Longest payload it accepts. [byte]
   uint8_t max_payload;
   /// Period of the control tick. [us]
   uint16_t tick_us;
@@ -959,15 +958,16 @@ inline int8_t inconsistent_axis(const HelloReply&) {
   return kNone;
 }
 
-/// Opens a session and ends any other: what the other host sends from then on is refused. The state
-/// stays as it is, the telemetry stream and the memory of answered requests are cleared.
+/// Opens a session and ends any other, so that requests of another host are refused from then on.
+/// The state does not change; the telemetry stream ends and the memory of answered requests is
+/// cleared.
 struct OpenSession {
   enum : uint8_t { kId = 0x02, kSize = 6 };
 
-  /// Hash of the spec the host was built from; another one is refused.
+  /// Hash of the spec the host was built from; must be that of the board.
   uint32_t spec_hash;
-  /// Chosen at random by the host. Every request that changes something carries it, so that neither
-  /// noise nor a host that was superseded is obeyed. 1 to 65535.
+  /// Chosen at random by the host. Every request that changes something carries it, so that the
+  /// board obeys neither noise nor a superseded host. 1 to 65535.
   uint16_t session;
 };
 static_assert(OpenSession::kSize == sizeof(OpenSession::spec_hash) + sizeof(OpenSession::session) &&
@@ -1058,7 +1058,7 @@ inline int8_t inconsistent_axis(const SessionReply&) {
 struct ClockSync {
   enum : uint8_t { kId = 0x03, kSize = 4 };
 
-  /// Anything; comes back. [us]
+  /// Any value; returned in the reply. [us]
   uint32_t host_time_us;
 };
 static_assert(ClockSync::kSize == sizeof(ClockSync::host_time_us) && uint8_t{ClockSync::kSize} <=
@@ -1194,7 +1194,7 @@ inline int8_t inconsistent_axis(const StateReply&) {
   return kNone;
 }
 
-/// Reads what has been counted since the reset. All counters wrap.
+/// Reads the counters, which start at 0 at a reset and wrap.
 struct GetCounters {
   enum : uint8_t { kId = 0x05, kSize = 0 };
 };
@@ -1219,7 +1219,7 @@ inline int8_t inconsistent_axis(const GetCounters&) {
   return kNone;
 }
 
-/// What has been counted since the reset.
+/// The counters since the reset.
 struct CountersReply {
   enum : uint8_t { kId = 0x85, kSize = 30 };
 
@@ -1229,11 +1229,11 @@ struct CountersReply {
   uint16_t bad_crc;
   /// Frames that are not COBS.
   uint16_t bad_encoding;
-  /// Frames too short or too long to be one.
+  /// Frames that are too short or too long.
   uint16_t bad_size;
   /// Bytes lost because they were not read in time.
   uint16_t overruns;
-  /// Frames not sent because they found no room in send_bytes.
+  /// Frames that were not sent because the send buffer was full.
   uint16_t replies_dropped;
   /// Requests refused.
   uint16_t nacks;
@@ -1312,13 +1312,13 @@ inline int8_t inconsistent_axis(const CountersReply&) {
   return kNone;
 }
 
-/// Starts or ends the stream of `telemetry`.
+/// Starts or stops the stream of `telemetry`.
 struct SetTelemetry {
   enum : uint8_t { kId = 0x06, kSize = 3 };
 
   /// The open session.
   uint16_t session;
-  /// One report in so many ticks; 0 ends the stream. [tick]
+  /// Ticks per report; 0 stops the stream. [tick]
   uint8_t period_ticks;
 };
 static_assert(SetTelemetry::kSize == sizeof(SetTelemetry::session) +
@@ -1356,12 +1356,12 @@ inline int8_t inconsistent_axis(const SetTelemetry&) {
   return kNone;
 }
 
-/// Lets the LED blink, so that one board of several is found. Needs no session and changes nothing
+/// Makes the LED blink to identify one of several boards. Needs no session and changes nothing
 /// else.
 struct Blink {
   enum : uint8_t { kId = 0x08, kSize = 1 };
 
-  /// How long the LED blinks, from the next tick on; 0 ends it. [s] 0 to 60.
+  /// Duration of the blinking from the next tick on; 0 stops it. [s] 0 to 60.
   uint8_t duration_s;
 };
 static_assert(Blink::kSize == sizeof(Blink::duration_s) && uint8_t{Blink::kSize} <= kMaxPayload,
@@ -1403,7 +1403,7 @@ inline int8_t inconsistent_axis(const Blink&) {
 struct GetFaultRecord {
   enum : uint8_t { kId = 0x09, kSize = 1 };
 
-  /// Of the record in EEPROM; the numbers tell which is the newest. 0 to 7.
+  /// Place of the record in EEPROM; the records' numbers tell which is the newest. 0 to 7.
   uint8_t place;
 };
 static_assert(GetFaultRecord::kSize == sizeof(GetFaultRecord::place) &&
@@ -1441,7 +1441,7 @@ inline int8_t inconsistent_axis(const GetFaultRecord&) {
   return kNone;
 }
 
-/// The record, whatever is there.
+/// The record as it is in EEPROM.
 struct FaultRecordReply {
   enum : uint8_t { kId = 0x89, kSize = 14 };
 
@@ -1478,7 +1478,7 @@ inline int8_t inconsistent_axis(const FaultRecordReply&) {
   return kNone;
 }
 
-/// Enables the servos one after the other. Refused while the configuration is incomplete or being
+/// Enables the servos one after another. Refused while the configuration is incomplete or being
 /// saved.
 struct Arm {
   enum : uint8_t { kId = 0x10, kSize = 2 };
@@ -1518,8 +1518,8 @@ inline int8_t inconsistent_axis(const Arm&) {
   return kNone;
 }
 
-/// Leads the robot slowly to rest, then takes the pulses away. In `disarmed` and `disarming` it
-/// changes nothing.
+/// Moves the robot slowly to rest, then switches off the pulses. No effect in `disarmed` and
+/// `disarming`.
 struct Disarm {
   enum : uint8_t { kId = 0x11, kSize = 2 };
 
@@ -1558,7 +1558,7 @@ inline int8_t inconsistent_axis(const Disarm&) {
   return kNone;
 }
 
-/// Emergency stop: takes the pulses away at the next frame. Needs no session.
+/// Emergency stop: switches off the pulses at the next frame. Needs no session.
 struct Stop {
   enum : uint8_t { kId = 0x12, kSize = 0 };
 };
@@ -1582,8 +1582,8 @@ inline int8_t inconsistent_axis(const Stop&) {
   return kNone;
 }
 
-/// Acknowledges a fault or a stop, once the pulses are gone. The board is then disarmed; it never
-/// arms itself.
+/// Acknowledges a fault or a stop once the pulses are off. The board is then disarmed; it never
+/// arms by itself.
 struct ClearFault {
   enum : uint8_t { kId = 0x13, kSize = 2 };
 
@@ -1622,7 +1622,8 @@ inline int8_t inconsistent_axis(const ClearFault&) {
   return kNone;
 }
 
-/// New target of all axes. The latest wins. Only this feeds the link watchdog.
+/// New target of all axes, which replaces the previous one. No other message feeds the link
+/// watchdog.
 struct SetTarget {
   enum : uint8_t { kId = 0x20, kSize = 6 + 2 * kAxes };
 
@@ -1630,10 +1631,10 @@ struct SetTarget {
   uint16_t session;
   /// Servo angles; clamped to the angle limits. [0.01 deg] -18000 to 18000.
   int16_t target_cdeg[kAxes];
-  /// The setpoint goes there in a straight line over this time, or as fast as the slew limit lets
-  /// it. [ms] 0 to 10000.
+  /// The setpoint moves there linearly in this time, or more slowly if the slew limit requires it.
+  /// [ms] 0 to 10000.
   uint16_t ramp_ms;
-  /// Unless another target follows within this time the board holds. [ms] 20 to 10000.
+  /// The board holds its pose if no other target follows within this time. [ms] 20 to 10000.
   uint16_t validity_ms;
 };
 static_assert(SetTarget::kSize == sizeof(SetTarget::session) + sizeof(SetTarget::target_cdeg) +
@@ -1690,7 +1691,7 @@ inline int8_t inconsistent_axis(const SetTarget&) {
   return kNone;
 }
 
-/// What was really accepted.
+/// The target as accepted.
 struct TargetReply {
   enum : uint8_t { kId = 0xA0, kSize = 2 + 2 * kAxes };
 
@@ -1802,7 +1803,7 @@ inline int8_t inconsistent_axis(const LimitsReply& value) {
   return inconsistent_axis(value.limits);
 }
 
-/// Sets the angle limits. The remembered setpoint is clamped to them.
+/// Sets the angle limits. The stored setpoint is clamped to them.
 struct SetLimits {
   enum : uint8_t { kId = 0x31, kSize = 2 + 6 * kAxes };
 
@@ -2155,9 +2156,9 @@ inline int8_t inconsistent_axis(const SetCalibration& value) {
   return inconsistent_axis(value.calibration);
 }
 
-/// Starts to write the configuration in use to the older EEPROM slot, one byte a control tick.
-/// `ack` tells that it has begun; `eeprom_busy` in the state falls when it is done. Refused while
-/// the configuration is incomplete.
+/// Starts to write the configuration in use to the older EEPROM slot, one byte per control tick.
+/// `ack` means that writing has begun; `eeprom_busy` is cleared when it is done. Refused while the
+/// configuration is incomplete.
 struct SaveConfig {
   enum : uint8_t { kId = 0x38, kSize = 2 };
 
@@ -2404,13 +2405,13 @@ inline int8_t inconsistent_axis(const SetAcceleration&) {
   return kNone;
 }
 
-/// Done, or begun.
+/// The request was executed, or its execution has begun.
 struct Ack {
   enum : uint8_t { kId = 0x70, kSize = 2 };
 
   /// Id of the request.
   uint8_t request;
-  /// State after it.
+  /// State after the request.
   State state;
 };
 static_assert(Ack::kSize == sizeof(Ack::request) + sizeof(Ack::state) && uint8_t{Ack::kSize} <=
@@ -2446,7 +2447,7 @@ inline int8_t inconsistent_axis(const Ack&) {
   return kNone;
 }
 
-/// Refused; nothing has changed.
+/// The request was refused; nothing has changed.
 struct Nack {
   enum : uint8_t { kId = 0x71, kSize = 3 };
 
@@ -2492,7 +2493,8 @@ inline int8_t inconsistent_axis(const Nack&) {
   return kNone;
 }
 
-/// The state, unasked. Its sequence number counts reports, so that the host sees lost ones.
+/// The state, sent periodically. Its sequence number counts reports, so that the host can detect
+/// lost ones.
 struct Telemetry {
   enum : uint8_t { kId = 0xC1, kSize = 15 + 6 * kAxes };
 

@@ -36,46 +36,46 @@ MAX_PAYLOAD: Final = BySize(48, 98, 2)
 TICK_US: Final = 20000
 """Period of the control tick and of the servo pulses. [us]"""
 TICK_PHASE_US: Final = 18000
-"""From the start of a pulse frame to its control tick. No pulse lasts longer than 2.5 ms, so at the
-tick the pins are low and a pulse can be enabled or disabled without cutting it; what the tick
-computes is latched 2 ms later, at the start of the next frame. [us]
+"""Time from the start of a pulse frame to its control tick. No pulse is longer than 2.5 ms, so at
+the tick all pins are low and pulses can be switched on or off without cutting one short; the
+widths that the tick computes take effect 2 ms later, at the start of the next frame. [us]
 """
 BOOT_TICKS: Final = 5
-"""Length of the self-test after a reset: control tick 5, the sixth, ends it. [tick]"""
+"""Duration of the self-test after a reset: control tick 5, the sixth, ends it. [tick]"""
 RETRY_WINDOW_TICKS: Final = 50
-"""Within this time a repeated request is answered from memory instead of being executed again.
+"""A request repeated within this time is answered from memory instead of being executed again.
 [tick]
 """
 WAY_TO_REST_MS: Final = 60000
-"""The way to rest takes no longer whatever is configured: 270 deg in the smallest steps that slew
-and relax slew may have, and 6 s to brake and to speed up with the least acceleration. [ms]
+"""Longest time to reach the rest pose with any configuration: 270 deg at the lowest slew and relax
+slew allowed, plus 6 s to brake and accelerate at the lowest acceleration. [ms]
 """
 LISTENS_AFTER_US: Final = 2000
-"""From a reset until the board takes requests; what comes before that is lost. [us]"""
+"""Time from a reset until the board accepts requests; anything received earlier is lost. [us]"""
 OUTSTANDING_REQUESTS: Final = 5
-"""So many may a host have sent without having read their answers (REQ-5): the longest answers to
-them and two reports fit into send_bytes. [request]
+"""Number of requests that a host may have sent without having received their replies (REQ-5): the
+longest replies to them and two reports fit into send_bytes. [request]
 """
 OUTSTANDING_BYTES: Final = BySize(63, 127, 2)
-"""And no more bytes than these, frames as they are on the wire: they fit where the board keeps what
-it has received. [byte]
+"""Number of bytes that these requests may have in total, as encoded frames: they fit into the
+receive buffer. [byte]
 """
 SEND_BYTES: Final = BySize(255, 1023, 2)
-"""Room for frames that wait to be sent. One that finds none is dropped and counted. All but the
-answer to `stop` leave room for that. [byte]
+"""Size of the send buffer. A frame that does not fit is dropped and counted. All frames except the
+reply to `stop` leave room for that reply. [byte]
 """
 SAG_TICKS: Final = 10
-"""In so many ticks in a row the servos' supply has to be too low for a fault: longer than servos
-take to start. [tick]
+"""Number of consecutive ticks with too low a servo supply that raise the fault: longer than the
+inrush of starting servos. [tick]
 """
 FAULT_LOG_ADDRESS: Final = 320
-"""Of the fault log in EEPROM (LOG-1). [byte]"""
+"""Address of the fault log in EEPROM (LOG-1). [byte]"""
 FAULT_LOG_RECORDS: Final = 8
-"""So many of the last faults are kept. [record]"""
+"""Number of faults kept in the log. [record]"""
 LED_STEP_TICKS: Final = 8
-"""Of the eight steps in which the LED shows the state (LED-1). [tick]"""
+"""Duration of each of the eight steps in which the LED shows the state (LED-1). [tick]"""
 BLINK_STEP_TICKS: Final = 4
-"""Half the period in which the LED blinks on request (LED-2). [tick]"""
+"""Half the period of the blinking on request (LED-2). [tick]"""
 PULSE_FLOOR_HALF_US: Final = 1000
 """No pulse is ever shorter, whatever the calibration says. [0.5 us]"""
 PULSE_CEILING_HALF_US: Final = 5000
@@ -106,13 +106,13 @@ class State(IntEnum):
     DISARMED = 1
     """Ready. No pulses."""
     ARMING = 2
-    """Servos are enabled one after the other at the last setpoint, then led slowly to rest."""
+    """Servos are enabled one after another at the last setpoint, then moved slowly to rest."""
     ACTIVE = 3
-    """Follows fresh targets."""
+    """Follows targets."""
     HOLD = 4
-    """Armed without a fresh target: the setpoint stands still."""
+    """Armed, but without a valid target: the setpoint does not move."""
     RELAXING = 5
-    """The host stayed silent: slow return to the rest pose. A fresh target ends it."""
+    """The host has been silent: slow return to the rest pose. A new target ends it."""
     DISARMING = 6
     """The host asked to disarm: slow return to the rest pose, then no pulses."""
     FAULT = 7
@@ -122,14 +122,14 @@ class State(IntEnum):
 
 
 class Event(IntEnum):
-    """What moves the board from state to state; never on the wire."""
+    """Cause of a change of state; never on the wire."""
 
     SELF_TEST_PASSED = 0
-    """`boot_ticks` after a reset, nothing wrong."""
+    """`boot_ticks` after a reset, without a fault."""
     ARM_REQUESTED = 1
     """`arm` accepted."""
     AXES_ENABLED = 2
-    """All servos have pulses and the setpoint is at rest."""
+    """All servos have pulses, and the setpoint is at rest."""
     TARGET_ACCEPTED = 3
     """`set_target` accepted."""
     TARGET_EXPIRED = 4
@@ -154,7 +154,7 @@ class Fault(IntEnum):
     NONE = 0
     """No fault."""
     LINK_LOSS = 1
-    """No fresh target through `hold` and `relaxing`; the robot is at rest."""
+    """No target arrived during `hold` and `relaxing`; the robot is at rest."""
     WATCHDOG_RESET = 2
     """The hardware watchdog has reset the board."""
     BROWN_OUT_RESET = 3
@@ -168,7 +168,7 @@ class Fault(IntEnum):
     INTERNAL = 7
     """An invariant of the firmware did not hold."""
     RESET_WHILE_ARMED = 8
-    """The board has restarted while it made pulses, and the boot loader has hidden why."""
+    """The board restarted while it generated pulses, and the boot loader has cleared the cause."""
     EMERGENCY_STOP = 9
     """The emergency-stop input is open: pressed, or its wire is broken."""
     SUPPLY_LOW = 10
@@ -179,7 +179,7 @@ class ResetCause(IntEnum):
     """Why the board last started."""
 
     UNKNOWN = 0
-    """The boot loader has hidden it."""
+    """The boot loader has cleared the cause."""
     POWER_ON = 1
     """Supply switched on."""
     EXTERNAL = 2
@@ -199,7 +199,7 @@ class NackCode(IntEnum):
     UNKNOWN_ID = 1
     """No request has this id."""
     BAD_LENGTH = 2
-    """The payload is not of the length this id has."""
+    """The payload does not have the length of this message."""
     BAD_SESSION = 3
     """The session is not the open one. Detail: 0."""
     BAD_STATE = 4
@@ -207,30 +207,29 @@ class NackCode(IntEnum):
     OUT_OF_RANGE = 5
     """A field is out of its range. Detail: index of the field in the payload, from 0."""
     INCONSISTENT = 6
-    """Each field is in range but they contradict each other. Detail: the axis."""
+    """Each field is in range, but together they are contradictory. Detail: the axis."""
     SPEC_MISMATCH = 7
-    """The host was built from another spec: it may identify, read and stop."""
+    """The host was built from another spec: it may only identify, read and stop."""
     NOT_CONFIGURED = 8
-    """Some configuration group was neither loaded from EEPROM nor set. Detail: the missing groups.
-    """
+    """A configuration group was neither loaded from EEPROM nor set. Detail: the missing groups."""
     BUSY = 9
-    """A save is being written to EEPROM: `arm`, `save_config` and whatever sets a configuration
-    group have to wait. Or no tick has taken the pulses away yet: `clear_fault` has to wait for
-    one. Or a byte is being written to EEPROM: `get_fault_record` has to wait.
+    """Repeat the request later. `arm`, `save_config` and requests that set a configuration group: a
+    save is being written to EEPROM. `clear_fault`: no tick has switched off the pulses yet.
+    `get_fault_record`: a byte is being written to EEPROM.
     """
     EMERGENCY_STOP_OPEN = 10
-    """The emergency-stop input is open: `clear_fault` has to wait until it is closed."""
+    """The emergency-stop input is open: close it before `clear_fault`."""
 
 
 class EepromStatus(IntEnum):
     """What was found in EEPROM at boot."""
 
     BLANK = 0
-    """Neither slot was ever written."""
+    """Neither slot has ever been written."""
     LOADED = 1
     """The newest slot was good, or one was good and the other blank."""
     ONE_SLOT_BAD = 2
-    """One slot is corrupt; the other one was loaded."""
+    """One slot is corrupt; the other was loaded."""
     BOTH_BAD = 3
     """Nothing could be loaded and at least one slot is corrupt: arming is refused until the host
     configures the board.
@@ -241,16 +240,13 @@ class StatusFlags(IntFlag):
     """Details of the state."""
 
     AXIS_1_PULSES = 0x01
-    """The last tick commanded a pulse for axis 1; those of all axes are in `pulse_half_us`."""
+    """The last tick commanded a pulse for axis 1; `pulse_half_us` tells for all axes."""
     AXIS_2_PULSES = 0x02
     """The last tick commanded a pulse for axis 2, if there is one."""
     MOVING = 0x04
-    """The setpoint has not reached its goal: the target in `active`, the rest pose while it is led
-    there.
-    """
+    """The setpoint has not reached its goal: the target in `active`, otherwise the rest pose."""
     CLAMPED = 0x08
-    """The last accepted target was outside the angle limits, or its pulse outside the calibrated
-    ones, and was clamped.
+    """The last accepted target was clamped to the angle limits, or its pulse to the pulse limits.
     """
     EEPROM_BUSY = 0x10
     """A save is being written."""
@@ -259,18 +255,18 @@ class StatusFlags(IntFlag):
     SESSION_OPEN = 0x40
     """A session is open."""
     UNSAVED = 0x80
-    """A configuration group was set since the last save or load."""
+    """A configuration group has been set since the last save or load."""
 
 
 class Capabilities(IntFlag):
     """What this board can do."""
 
     EEPROM = 0x01
-    """Keeps its configuration."""
+    """Stores its configuration."""
     HARDWARE_PULSES = 0x02
     """Pulses come from a timer, not from software."""
     STACK_MONITOR = 0x04
-    """Reports the minimum of free stack."""
+    """Reports the least free stack."""
 
 
 class ConfigGroups(IntFlag):
@@ -285,18 +281,18 @@ class ConfigGroups(IntFlag):
     CALIBRATION = 0x08
     """`set_calibration`"""
     EQUIPMENT = 0x10
-    """`set_equipment`; missing only where no slot of EEPROM could be loaded and one is corrupt"""
+    """`set_equipment`; missing only if no EEPROM slot could be loaded and one is corrupt"""
 
 
 class Limits(Payload, name="limits"):
     """Angle limits and rest pose of each axis."""
 
     angle_min_cdeg: tuple[int, ...] = wire("h", -13500, 13500, "deg", 0.01, count=AXES)
-    """Least angle of the servo."""
+    """Lower limit of the servo angle."""
     angle_max_cdeg: tuple[int, ...] = wire("h", -13500, 13500, "deg", 0.01, count=AXES)
-    """Greatest angle of the servo."""
+    """Upper limit of the servo angle."""
     rest_cdeg: tuple[int, ...] = wire("h", -13500, 13500, "deg", 0.01, count=AXES)
-    """Pose to which the robot is led when it is armed, relaxed or disarmed."""
+    """Pose to which the robot moves when it is armed, relaxed or disarmed."""
 
     def inconsistent_axis(self) -> int | None:
         for axis in range(len(self.angle_min_cdeg)):
@@ -311,32 +307,32 @@ class Limits(Payload, name="limits"):
 
 
 class Slew(Payload, name="slew"):
-    """How fast the setpoint may move."""
+    """Limit of the setpoint's rate."""
 
     slew_cdeg_tick: tuple[int, ...] = wire("H", 10, 2000, "deg/tick", 0.01, count=AXES)
-    """Greatest change of the setpoint in one 20 ms tick. The least value bounds the way to rest
-    (WDG-6).
+    """Largest change of the setpoint in one 20 ms tick. The lowest value bounds the time to reach
+    rest (WDG-6).
     """
 
 
 class Acceleration(Payload, name="acceleration"):
-    """How fast the setpoint may change its speed. Zeros, which are not missing, set no limit."""
+    """Limit of the setpoint's acceleration. The default, zeros, sets no limit."""
 
     acceleration_cdeg_tick2: tuple[int, ...] = wire("H", 0, 2000, "deg/tick^2", 0.01, count=AXES)
-    """Greatest change of the setpoint's step from one tick to the next; 0: any."""
+    """Largest change of the setpoint's step from one tick to the next; 0: no limit."""
 
 
 class Watchdog(Payload, name="watchdog"):
-    """Staged reaction to a silent host. None of it can be switched off."""
+    """Staged reaction to a silent host. It cannot be switched off."""
 
     relax_after_ms: int = wire("H", 20, 60000, "ms")
-    """Length of `hold` before `relaxing`."""
+    """Duration of `hold` before `relaxing`."""
     relax_slew_cdeg_tick: int = wire("H", 10, 500, "deg/tick", 0.01)
-    """Speed of the slow return to rest, also while arming and disarming. The lesser of this and the
-    slew limit counts.
+    """Rate of the slow return to rest, also while arming and disarming. The lower of this and the
+    slew limit applies.
     """
     arm_axis_ms: int = wire("H", 20, 5000, "ms")
-    """Wait after each servo is enabled."""
+    """Pause after enabling each servo."""
 
 
 class Calibration(Payload, name="calibration"):
@@ -351,9 +347,9 @@ class Calibration(Payload, name="calibration"):
     per_90_deg_half_us: tuple[int, ...] = wire("h", -4000, 4000, "us", 0.5, count=AXES)
     """Change of the pulse for +90 deg; negative where the servo turns the other way."""
     pulse_min_half_us: tuple[int, ...] = wire("H", 1000, 5000, "us", 0.5, count=AXES)
-    """Least pulse this servo may get."""
+    """Shortest pulse for this servo."""
     pulse_max_half_us: tuple[int, ...] = wire("H", 1000, 5000, "us", 0.5, count=AXES)
-    """Greatest pulse this servo may get."""
+    """Longest pulse for this servo."""
 
     def inconsistent_axis(self) -> int | None:
         for axis in range(len(self.neutral_half_us)):
@@ -371,45 +367,46 @@ class Calibration(Payload, name="calibration"):
 class Equipment(Payload, name="equipment"):
     """The board's name, and what is wired to it.
 
-    It belongs to the board, not to a robot's description; zeros are a board without a name to which
-    only the servos are wired.
+    It belongs to the board, not to a robot's description. Zeros: a board without a name to which
+    only servos are wired.
     """
 
     board_name: tuple[int, ...] = wire("B", 0, 255, count=16)
-    """ASCII, filled up with zeros. Any bytes are kept; the host judges them."""
+    """ASCII, padded with zeros. The board stores any bytes; the host checks them."""
     emergency_stop: int = wire("B", 0, 1)
     """1: a switch is wired to the emergency-stop input, closed unless it is pressed."""
     supply_full_dv: int = wire("B", 0, 255, "V", 0.1)
-    """Servo supply at which the divider gives 5 V; 0: none is wired."""
+    """Servo supply at which the divider outputs 5 V; 0: no divider is wired."""
     supply_min_dv: int = wire("B", 0, 255, "V", 0.1)
-    """Below it the servo supply is too low; 0: never."""
+    """Lowest permitted servo supply; 0: no limit."""
 
 
 class FaultRecord(Payload, name="fault_record"):
-    """A fault as it is kept in EEPROM.
+    """A fault as stored in EEPROM.
 
-    Whoever reads it judges `check`: one that was never written, or not to its end, has another.
+    The reader verifies `check`, which is wrong for a record that was never written, or not
+    completely.
     """
 
     number: int = wire("H", 0, 65535)
-    """Counts faults; after 0xFFFF comes 0."""
+    """Counts faults; 0 follows 0xFFFF."""
     fault: int = wire("B", 0, 255)
     """The fault."""
     state: int = wire("B", 0, 255)
-    """State after the tick before."""
+    """State at the end of the previous tick."""
     boot_id: int = wire("H", 0, 65535)
-    """As in `hello_reply`: the start in which it came."""
+    """As in `hello_reply`: the start during which it occurred."""
     tick: int = wire("I", 0, 4294967295, "tick")
-    """Tick in which it was seen, as a report numbers it."""
+    """Tick in which it was detected, numbered as in reports."""
     check: int = wire("I", 0, 4294967295)
-    """CRC-32 (ISO-HDLC) of the bytes before."""
+    """CRC-32 (ISO-HDLC) of the preceding bytes."""
 
 
 class StateReport(Payload, name="state_report"):
     """Payload of `state_report`.
 
     Tick, setpoint, pulses, supply and the flags `axis_1_pulses`, `axis_2_pulses` and `moving` are
-    those of the last control tick; all else is current.
+    those of the last control tick; the rest is current.
     """
 
     tick: int = wire("I", 0, 4294967295, "tick")
@@ -423,23 +420,23 @@ class StateReport(Payload, name="state_report"):
     target_sequence: int = wire("B", 0, 255)
     """Sequence number of the last accepted target; 0 before the first."""
     target_age_ms: int = wire("H", 0, 65535, "ms")
-    """Control ticks since the last accepted target, as a time: 20 in the report of the first tick
-    after it; 65535 before the first target and when it is older.
+    """Time since the last accepted target in whole control ticks: 20 in the report of the first
+    tick after it; 65535 before the first target, or if longer.
     """
     target_cdeg: tuple[int, ...] = wire("h", -32768, 32767, "deg", 0.01, count=AXES)
     """Last accepted target, after clamping; 0 before the first."""
     setpoint_cdeg: tuple[int, ...] = wire("h", -32768, 32767, "deg", 0.01, count=AXES)
-    """Where ramp and slew limit stand. A setpoint that `set_limits` has clamped shows from the next
-    tick on.
+    """Angle that ramp and slew limit have reached. Clamping by `set_limits` is reported from the
+    next tick on.
     """
     pulse_half_us: tuple[int, ...] = wire("H", 0, 65535, "us", 0.5, count=AXES)
-    """Pulses that the last tick computed, latched at the start of the next frame; 0 is no pulse."""
+    """Pulses computed by the last tick, output from the start of the next frame; 0: no pulse."""
     link_errors: int = wire("H", 0, 65535)
     """bad_crc + bad_encoding + bad_size + overruns, wrapping."""
     free_stack_bytes: int = wire("H", 0, 65535, "byte")
-    """Least free stack so far; 65535 where it is not measured."""
+    """Least free stack so far; 65535 if it is not measured."""
     supply_dv: int = wire("B", 0, 255, "V", 0.1)
-    """Servo supply in the last tick; 0 where none is wired."""
+    """Servo supply in the last tick; 0 without a divider."""
 
 
 class Request(payload.Request):
@@ -449,7 +446,7 @@ class Request(payload.Request):
 
 
 class Hello(Request, name="hello", number=0x01, reply=0x81, retry="repeat"):
-    """Asks who is there.
+    """Asks for the identity of the board.
 
     The layout of `hello` and `hello_reply` is the same in all protocol versions.
     """
@@ -470,7 +467,7 @@ class HelloReply(Message, name="hello_reply", number=0x81):
     firmware_version: tuple[int, int, int] = wire("B", 0, 255, count=3)
     """Major, minor, patch."""
     boot_id: int = wire("H", 0, 65535)
-    """Counts resets; a change tells the host that the board has restarted."""
+    """Counts resets, so that the host notices a restart."""
     reset_cause: ResetCause = wire("B", 0, 255, of=ResetCause)
     """Why it last started."""
     eeprom_status: EepromStatus = wire("B", 0, 255, of=EepromStatus)
@@ -478,26 +475,28 @@ class HelloReply(Message, name="hello_reply", number=0x81):
     capabilities: Capabilities = wire("H", 0, 65535, of=Capabilities)
     """What it can do."""
     axes: int = wire("B", 0, 255)
-    """Number of servos: the count of the fields that have one element for each axis."""
+    """Number of servos, which is the length of fields with one element per axis."""
     max_payload: int = wire("B", 0, 255, "byte")
-    """Longest payload it takes."""
+    """Longest payload it accepts."""
     tick_us: int = wire("H", 0, 65535, "us")
     """Period of the control tick."""
 
 
 class OpenSession(Request, name="open_session", number=0x02, reply=0x82, retry="repeat"):
-    """Opens a session and ends any other: what the other host sends from then on is refused.
+    """Payload of `open_session`.
 
-    The state stays as it is, the telemetry stream and the memory of answered requests are cleared.
+    Opens a session and ends any other, so that requests of another host are refused from then on.
+    The state does not change; the telemetry stream ends and the memory of answered requests is
+    cleared.
     """
 
     ALLOWED_STATES = frozenset(State) - {State.BOOT}
 
     spec_hash: int = wire("I", 0, 4294967295)
-    """Hash of the spec the host was built from; another one is refused."""
+    """Hash of the spec the host was built from; must be that of the board."""
     session: int = wire("H", 1, 65535)
-    """Chosen at random by the host. Every request that changes something carries it, so that
-    neither noise nor a host that was superseded is obeyed.
+    """Chosen at random by the host. Every request that changes something carries it, so that the
+    board obeys neither noise nor a superseded host.
     """
 
 
@@ -516,7 +515,7 @@ class ClockSync(Request, name="clock_sync", number=0x03, reply=0x83, retry="repe
     """Reads the board's clock, to relate it to the host's."""
 
     host_time_us: int = wire("I", 0, 4294967295, "us")
-    """Anything; comes back."""
+    """Any value; returned in the reply."""
 
 
 class ClockReply(Message, name="clock_reply", number=0x83):
@@ -539,11 +538,11 @@ class StateReply(Message, name="state_reply", number=0x87):
 
 
 class GetCounters(Request, name="get_counters", number=0x05, reply=0x85, retry="repeat"):
-    """Reads what has been counted since the reset. All counters wrap."""
+    """Reads the counters, which start at 0 at a reset and wrap."""
 
 
 class CountersReply(Message, name="counters_reply", number=0x85):
-    """What has been counted since the reset."""
+    """The counters since the reset."""
 
     frames_accepted: int = wire("I", 0, 4294967295)
     """Frames with a good CRC."""
@@ -552,11 +551,11 @@ class CountersReply(Message, name="counters_reply", number=0x85):
     bad_encoding: int = wire("H", 0, 65535)
     """Frames that are not COBS."""
     bad_size: int = wire("H", 0, 65535)
-    """Frames too short or too long to be one."""
+    """Frames that are too short or too long."""
     overruns: int = wire("H", 0, 65535)
     """Bytes lost because they were not read in time."""
     replies_dropped: int = wire("H", 0, 65535)
-    """Frames not sent because they found no room in send_bytes."""
+    """Frames that were not sent because the send buffer was full."""
     nacks: int = wire("H", 0, 65535)
     """Requests refused."""
     repeats_answered: int = wire("H", 0, 65535)
@@ -576,24 +575,24 @@ class CountersReply(Message, name="counters_reply", number=0x85):
 class SetTelemetry(
     Request, name="set_telemetry", number=0x06, reply=0x70, retry="once", session=True
 ):
-    """Starts or ends the stream of `telemetry`."""
+    """Starts or stops the stream of `telemetry`."""
 
     ALLOWED_STATES = frozenset(State) - {State.BOOT}
 
     session: int = wire("H", 0, 65535)
     """The open session."""
     period_ticks: int = wire("B", 0, 255, "tick")
-    """One report in so many ticks; 0 ends the stream."""
+    """Ticks per report; 0 stops the stream."""
 
 
 class Blink(Request, name="blink", number=0x08, reply=0x70, retry="repeat"):
-    """Lets the LED blink, so that one board of several is found.
+    """Makes the LED blink to identify one of several boards.
 
     Needs no session and changes nothing else.
     """
 
     duration_s: int = wire("B", 0, 60, "s")
-    """How long the LED blinks, from the next tick on; 0 ends it."""
+    """Duration of the blinking from the next tick on; 0 stops it."""
 
 
 class GetFaultRecord(Request, name="get_fault_record", number=0x09, reply=0x89, retry="repeat"):
@@ -603,17 +602,17 @@ class GetFaultRecord(Request, name="get_fault_record", number=0x09, reply=0x89, 
     """
 
     place: int = wire("B", 0, 7)
-    """Of the record in EEPROM; the numbers tell which is the newest."""
+    """Place of the record in EEPROM; the records' numbers tell which is the newest."""
 
 
 class FaultRecordReply(Message, name="fault_record_reply", number=0x89):
-    """The record, whatever is there."""
+    """The record as it is in EEPROM."""
 
     record: FaultRecord = nested(FaultRecord)
 
 
 class Arm(Request, name="arm", number=0x10, reply=0x70, retry="once", session=True):
-    """Enables the servos one after the other.
+    """Enables the servos one after another.
 
     Refused while the configuration is incomplete or being saved.
     """
@@ -625,9 +624,9 @@ class Arm(Request, name="arm", number=0x10, reply=0x70, retry="once", session=Tr
 
 
 class Disarm(Request, name="disarm", number=0x11, reply=0x70, retry="once", session=True):
-    """Leads the robot slowly to rest, then takes the pulses away.
+    """Moves the robot slowly to rest, then switches off the pulses.
 
-    In `disarmed` and `disarming` it changes nothing.
+    No effect in `disarmed` and `disarming`.
     """
 
     ALLOWED_STATES = frozenset(State) - {State.BOOT, State.FAULT, State.STOPPED}
@@ -637,13 +636,13 @@ class Disarm(Request, name="disarm", number=0x11, reply=0x70, retry="once", sess
 
 
 class Stop(Request, name="stop", number=0x12, reply=0x70, retry="repeat"):
-    """Emergency stop: takes the pulses away at the next frame. Needs no session."""
+    """Emergency stop: switches off the pulses at the next frame. Needs no session."""
 
 
 class ClearFault(Request, name="clear_fault", number=0x13, reply=0x70, retry="once", session=True):
-    """Acknowledges a fault or a stop, once the pulses are gone.
+    """Acknowledges a fault or a stop once the pulses are off.
 
-    The board is then disarmed; it never arms itself.
+    The board is then disarmed; it never arms by itself.
     """
 
     ALLOWED_STATES = frozenset({State.FAULT, State.STOPPED})
@@ -653,7 +652,10 @@ class ClearFault(Request, name="clear_fault", number=0x13, reply=0x70, retry="on
 
 
 class SetTarget(Request, name="set_target", number=0x20, reply=0xA0, retry="never", session=True):
-    """New target of all axes. The latest wins. Only this feeds the link watchdog."""
+    """New target of all axes, which replaces the previous one.
+
+    No other message feeds the link watchdog.
+    """
 
     ALLOWED_STATES = frozenset({State.ACTIVE, State.HOLD, State.RELAXING})
 
@@ -662,15 +664,14 @@ class SetTarget(Request, name="set_target", number=0x20, reply=0xA0, retry="neve
     target_cdeg: tuple[int, ...] = wire("h", -18000, 18000, "deg", 0.01, count=AXES)
     """Servo angles; clamped to the angle limits."""
     ramp_ms: int = wire("H", 0, 10000, "ms")
-    """The setpoint goes there in a straight line over this time, or as fast as the slew limit lets
-    it.
+    """The setpoint moves there linearly in this time, or more slowly if the slew limit requires it.
     """
     validity_ms: int = wire("H", 20, 10000, "ms")
-    """Unless another target follows within this time the board holds."""
+    """The board holds its pose if no other target follows within this time."""
 
 
 class TargetReply(Message, name="target_reply", number=0xA0):
-    """What was really accepted."""
+    """The target as accepted."""
 
     state: State = wire("B", 0, 255, of=State)
     """State."""
@@ -691,7 +692,7 @@ class LimitsReply(Message, name="limits_reply", number=0xB0):
 
 
 class SetLimits(Request, name="set_limits", number=0x31, reply=0x70, retry="once", session=True):
-    """Sets the angle limits. The remembered setpoint is clamped to them."""
+    """Sets the angle limits. The stored setpoint is clamped to them."""
 
     ALLOWED_STATES = frozenset({State.DISARMED, State.FAULT, State.STOPPED})
 
@@ -765,10 +766,10 @@ class SetCalibration(
 
 
 class SaveConfig(Request, name="save_config", number=0x38, reply=0x70, retry="once", session=True):
-    """Starts to write the configuration in use to the older EEPROM slot, one byte a control tick.
+    """Starts to write the configuration in use to the older EEPROM slot, one byte per control tick.
 
-    `ack` tells that it has begun; `eeprom_busy` in the state falls when it is done. Refused while
-    the configuration is incomplete.
+    `ack` means that writing has begun; `eeprom_busy` is cleared when it is done. Refused while the
+    configuration is incomplete.
     """
 
     ALLOWED_STATES = frozenset({State.DISARMED, State.FAULT, State.STOPPED})
@@ -822,16 +823,16 @@ class SetAcceleration(
 
 
 class Ack(Message, name="ack", number=0x70):
-    """Done, or begun."""
+    """The request was executed, or its execution has begun."""
 
     request: int = wire("B", 0, 255)
     """Id of the request."""
     state: State = wire("B", 0, 255, of=State)
-    """State after it."""
+    """State after the request."""
 
 
 class Nack(Message, name="nack", number=0x71):
-    """Refused; nothing has changed."""
+    """The request was refused; nothing has changed."""
 
     request: int = wire("B", 0, 255)
     """Id of the request."""
@@ -842,7 +843,10 @@ class Nack(Message, name="nack", number=0x71):
 
 
 class Telemetry(Message, name="telemetry", number=0xC1):
-    """The state, unasked. Its sequence number counts reports, so that the host sees lost ones."""
+    """The state, sent periodically.
+
+    Its sequence number counts reports, so that the host can detect lost ones.
+    """
 
     report: StateReport = nested(StateReport)
 
