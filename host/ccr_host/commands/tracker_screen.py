@@ -13,7 +13,6 @@ from rich.text import Text
 from ccr_host.robot.reference import PATH_AXES
 from ccr_host.tools.monitor import LinkView, MonitorView
 from ccr_host.tracking.registration import Registration
-from ccr_host.tracking.tracker import MARKERS
 
 
 def registration_table(found: Registration) -> Table:
@@ -53,11 +52,15 @@ def _markers(view: MonitorView) -> Table:
     if view.sample is None:
         table.add_row("no sample yet", "", "", "", "")
         return table
-    for name, place in zip(MARKERS, view.sample.markers_mm, strict=True):
+    markers_mm = view.sample.markers_mm
+    for number, place in enumerate(markers_mm, 1):
         lost = bool(np.isnan(place).any())
-        table.add_row(name, *(["-"] * 3 if lost else [f"{v:.2f}" for v in place[order]]), "")
+        table.add_row(
+            f"M{number}", *(["-"] * 3 if lost else [f"{v:.2f}" for v in place[order]]), ""
+        )
     tip = view.sample.tip_mm
-    table.add_row("f = M3 - M1", *(f"{v:.2f}" for v in tip[order]), f"{np.linalg.norm(tip):.2f}")
+    numbers = [f"{v:.2f}" for v in (*tip[order], np.linalg.norm(tip))]
+    table.add_row(f"f = M{len(markers_mm)} - M1", *numbers)
     return table
 
 

@@ -13,7 +13,6 @@ from ccr_host.description.schema import Description
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.tracking.tracker import (
-    MARKERS,
     FloatArray,
     FrameCount,
     MarkerFrame,
@@ -28,20 +27,21 @@ _UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 class ReplayTracker(StartsAndStops):
     """Delivers each recorded sample once its time has come; time 0 is the first exposure.
 
-    The markers were labelled when they were recorded, so they come as tools M1, M2 and M3.
+    The markers were labelled when they were recorded, so they come as tools with their names.
 
     Args:
-        description: tells the latency, between an exposure and its delivery.
+        description: tells the markers, and the latency between an exposure and its delivery.
         address: folder of a run, or one file of its log.
 
     Raises:
-        ConfigError: no such file, or no samples in it.
+        ConfigError: no such file, no samples in it, or samples of another number of markers.
     """
 
     def __init__(self, description: Description, address: str) -> None:
         self.name = f"replay:{address}"
         self._latency_us = round(description.tracker.latency_ms * 1000)
-        self._samples = deque(_read(Path(address)))
+        self._markers = description.robot.markers
+        self._samples = deque(_read(Path(address), len(self._markers)))
         self._start_us: int | None = None
         self._frames = FrameCount()
         self._running = False
@@ -75,7 +75,7 @@ class ReplayTracker(StartsAndStops):
                 return
             _, markers_mm = self._samples.popleft()
             poses = (Pose(marker_mm, _UNTURNED) for marker_mm in markers_mm)
-            self._frames.add_poses(exposed_us, dict(zip(MARKERS, poses, strict=True)))
+            self._frames.add_poses(exposed_us, dict(zip(self._markers, poses, strict=True)))
 
     def newest_frame(self) -> MarkerFrame | None:
         """Newest frame, whatever its age; None before the first."""
@@ -85,21 +85,26 @@ class ReplayTracker(StartsAndStops):
         self._running = False
 
 
-def _read(path: Path) -> list[tuple[int, FloatArray]]:
-    """Exposure times in us and markers, (3, 3), in order of time."""
+def _read(path: Path, markers: int) -> list[tuple[int, FloatArray]]:
+    """Exposure times in us and markers, (markers, 3), in order of time."""
     recorded = RunRecording(path).messages(topics.SAMPLE)
-    samples = [_sample(path, message.content) for message in recorded]
+    samples = [_sample(path, message.content, markers) for message in recorded]
     if not samples:
         raise ConfigError(f"recording {path}: no samples in it", "give the log of another run")
     return sorted(samples, key=lambda sample: sample[0])
 
 
-def _sample(path: Path, content: dict[str, Any]) -> tuple[int, FloatArray]:
+def _sample(path: Path, content: dict[str, Any], markers: int) -> tuple[int, FloatArray]:
     try:
         markers_mm = np.array(content["markers_mm"], dtype=np.float64)
         exposed_us = content["exposed_us"]
-        if not isinstance(exposed_us, int) or markers_mm.shape != (len(MARKERS), 3):
+        if not isinstance(exposed_us, int) or markers_mm.shape != (len(markers_mm), 3):
             raise ValueError
     except (ValueError, KeyError, TypeError):
         raise ConfigError(f"recording {path}: not the log of a run", "record it again") from None
+    if len(markers_mm) != markers:
+        raise ConfigError(
+            f"recording {path}: {len(markers_mm)} markers, the robot has {markers}",
+            "give the description of the robot that was recorded: --robot",
+        )
     return exposed_us, markers_mm

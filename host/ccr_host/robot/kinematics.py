@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -92,10 +92,17 @@ def bending_of_motors(robot: Robot) -> FloatArray:
     return bending
 
 
-@lru_cache(maxsize=64)
-def chain_of(robot: Robot, order: int) -> Chain:
-    """The constants of a robot for jets up to an order."""
-    segments = robot.chain
+@lru_cache(maxsize=256)
+def chain_of(robot: Robot, order: int, start: int = 0, end: int | None = None) -> Chain:
+    """The constants of a robot for jets up to an order.
+
+    Args:
+        robot: the robot.
+        order: of the highest derivatives.
+        start: number, from 0, of the first segment; the jets' point is seen from the marker there.
+        end: number of the segment after the last one, at whose end the point is; by default all.
+    """
+    segments = robot.chain[start:end]
     offset = np.array([0.0, robot.marker_offset_mm, 0.0, 1.0])
     base = np.eye(4)
     base[:3, :3] = PAPER_FRAME
@@ -123,7 +130,8 @@ def chain_of(robot: Robot, order: int) -> Chain:
         shapes.append(np.ascontiguousarray(shape.reshape(len(shape), -1)))
         kept.append(np.array([place[product] for product in later]))
     first = np.cumsum([0, *sizes[:0:-1]])
-    bending = np.ascontiguousarray(bending_of_motors(robot).T)
+    before = len(freedom_of(robot.chain[:start]))
+    bending = np.ascontiguousarray(bending_of_motors(robot)[before:][: sum(sizes)].T)
     is_planar = any(segment.bends == "plane" for segment in segments)
     return Chain(bending, is_planar, first, tuple(shapes[::-1]), tuple(kept[::-1]))
 
@@ -204,6 +212,8 @@ class ConstantCurvature:
         self._robot = geometry
         segments = geometry.chain
         self._freedom = freedom_of(segments)
+        self.segment_of_freedom = np.nonzero(self._freedom.any(axis=2))[1]
+        """Number of the segment that each degree of freedom bends, from 0, (D,)."""
         self._bending = bending_of_motors(geometry)
         self.lengths_mm = tuple(segment.length_mm for segment in segments)
         self.marker_offset_mm = geometry.marker_offset_mm
@@ -213,10 +223,37 @@ class ConstantCurvature:
         """The constants for ``jets``."""
         return chain_of(self._robot, order)
 
+    @cached_property
+    def _until_marker(self) -> list[Chain]:
+        """The first segment, the first two, and so on."""
+        ends = range(1, len(self.lengths_mm) + 1)
+        return [chain_of(self._robot, 1, end=end) for end in ends]
+
     def bending_rad(self, q_rad: ArrayLike) -> FloatArray:
         """Degrees of freedom, theta = k L of planar segments (4), (5); (..., n) -> (..., D)."""
         bending: FloatArray = np.asarray(q_rad, dtype=np.float64) @ self._bending.T
         return bending
+
+    def markers_mm(self, bending_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Markers relative to M1 and their derivatives by the degrees of freedom.
+
+        Args:
+            bending_rad: degrees of freedom of the first segments or of all, (N, D).
+
+        Returns:
+            The ends of these segments in the frame of (10), mm, (N, S, 3), and mm/rad,
+            (N, S, 3, D).
+        """
+        poses, freedoms = bending_rad.shape
+        parts = [part for part in self._until_marker if part.bending.shape[1] <= freedoms]
+        places = np.empty((poses, len(parts), 3))
+        slopes = np.zeros((poses, len(parts), 3, freedoms))
+        for number, part in enumerate(parts):
+            own = part.bending.shape[1]
+            jet = jets(part, np.ascontiguousarray(bending_rad[:, :own]))
+            places[:, number] = jet[:, 0]
+            slopes[:, number, :, :own] = jet[:, 1:].swapaxes(1, 2)
+        return places, slopes
 
     def tip_mm(self, q_rad: ArrayLike) -> FloatArray:
         """Tip's marker relative to M1, f of (10); ``q_rad`` (..., n) -> (..., 3)."""

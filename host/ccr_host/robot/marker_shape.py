@@ -1,4 +1,4 @@
-"""Segment lengths measured from three markers, independent of the camera's pose."""
+"""Segment lengths measured from the markers, independent of the camera's pose."""
 
 from __future__ import annotations
 
@@ -17,30 +17,48 @@ of up to 2.3 mm."""
 
 
 def seen_lengths_mm(markers_mm: Array, robot: Robot) -> Array:
-    """Lengths of both segments, mm, (2,), of a robot whose segment 2 is straight.
+    """Lengths of the segments, mm, (S,), of a robot whose last segment is straight.
 
-    Then M3 - M2 is the end tangent of segment 1, which a circular arc of any bending angle turns by
-    twice the angle between M3 - M2 and M2 - M1. Whether it bends towards the markers or away from
-    them is not observable; the solution closer to the length in the model is returned.
+    Then the vector from its first marker to its second is the end tangent of the segment before it.
+    A circular arc turns its tangents at both ends by the same angle to its chord, so each end
+    tangent gives the length and the end tangent of the segment before. The vector between its two
+    markers is along the chord, too, and longer or shorter by the turn of the markers' offset. Which
+    of these is not observable; the solution closest to the length in the model is returned.
 
     Args:
-        markers_mm: M1, M2 and M3, one per row, (3, 3), in any frame.
+        markers_mm: M1, M2 and so on, one per row, (S + 1, 3), in any frame.
         robot: geometry in the model.
     """
-    first, second = np.diff(markers_mm, axis=0)
-    chord_mm, length_2_mm = (float(np.linalg.norm(vector)) for vector in (first, second))
-    half_rad = math.acos(float(np.clip(first @ second / (chord_mm * length_2_mm), -1.0, 1.0)))
-    offset_mm = 2.0 * robot.marker_offset_mm * math.sin(half_rad)
-    believed_mm = robot.segment_lengths_mm[0]
-    bent = float(np.sinc(half_rad / np.pi))
-    lengths_mm = ((chord_mm + offset_mm) / bent, (chord_mm - offset_mm) / bent)
-    length_1_mm = min(lengths_mm, key=lambda length_mm: abs(length_mm - believed_mm))
-    return np.array([length_1_mm, length_2_mm])
+    vectors = np.diff(markers_mm, axis=0)
+    chords_mm = np.linalg.norm(vectors, axis=1)
+    directions = vectors / chords_mm[:, None]
+    tangent, lengths_mm = directions[-1], np.empty(len(chords_mm))
+    for number in reversed(range(len(chords_mm))):
+        segment, direction = robot.chain[number], directions[number]
+        half_rad = math.acos(float(np.clip(direction @ tangent, -1.0, 1.0)))
+        turned_mm = 2.0 * robot.marker_offset_mm * math.sin(half_rad)
+        is_spatial = segment.bends == "space"
+        if not is_spatial:
+            turned_mm *= abs(math.sin(math.radians(segment.direction_deg)))
+        ends_mm = (chords_mm[number] + np.array([-turned_mm, turned_mm])) / np.sinc(
+            half_rad / np.pi
+        )
+        nearest_mm = np.clip(segment.length_mm, *ends_mm)
+        nearer = np.argmin(np.abs(ends_mm - segment.length_mm))
+        lengths_mm[number] = nearest_mm if is_spatial else ends_mm[nearer]
+        tangent = 2.0 * (direction @ tangent) * direction - tangent
+    return lengths_mm
+
+
+def described_lengths_mm(robot: Robot) -> Array:
+    """Lengths of the segments in the model, mm, (S,)."""
+    return np.array([segment.length_mm for segment in robot.chain])
 
 
 def wrong_segments(markers_mm: Array, robot: Robot) -> list[int]:
-    """Segments (0 or 1) whose measured length differs from the model; see ``seen_lengths_mm``."""
+    """Segments, from 0, whose measured length differs from the model; see ``seen_lengths_mm``."""
     absolute_mm, share = _TOLERANCE
-    off_mm = np.abs(seen_lengths_mm(markers_mm, robot) - robot.segment_lengths_mm)
-    allowed_mm = absolute_mm + share * np.array(robot.segment_lengths_mm)
+    described_mm = described_lengths_mm(robot)
+    off_mm = np.abs(seen_lengths_mm(markers_mm, robot) - described_mm)
+    allowed_mm = absolute_mm + share * described_mm
     return [int(segment) for segment in np.flatnonzero(off_mm > allowed_mm)]

@@ -18,11 +18,11 @@ class Rests:
     """Rests in the order in which the robot visited them, moving straight from one to the next."""
 
     start_rad: FloatArray
-    """Motor angles before the first rest, (2,)."""
+    """Motor angles before the first rest, (n,)."""
     q_rad: FloatArray
-    """Motor angles commanded at each rest, (N, 2)."""
+    """Motor angles commanded at each rest, (N, n)."""
     markers_mm: FloatArray
-    """M1, M2 and M3, one per row, (N, 3, 3), in any common frame; NaN for markers not seen."""
+    """M1, M2 and so on, one per row, (N, S + 1, 3), in any common frame; NaN for those not seen."""
     count: FloatArray
     """Number of exposures averaged at each rest, (N,)."""
 
@@ -30,24 +30,23 @@ class Rests:
     def of_vectors(
         cls, start_rad: FloatArray, q_rad: FloatArray, vectors_mm: FloatArray, count: FloatArray
     ) -> Rests:
-        """Rests from M2 and M3 relative to M1, (N, 2, 3), with M1 as the origin."""
-        q_rad, vectors_mm = q_rad.reshape(-1, 2), vectors_mm.reshape(-1, 2, 3)
+        """Rests from M2 and so on relative to M1, (N, S, 3), with M1 as the origin."""
         markers_mm = np.concatenate([np.zeros_like(vectors_mm[:, :1]), vectors_mm], axis=1)
         return cls(start_rad, q_rad, markers_mm, count)
 
     @property
     def vectors_mm(self) -> FloatArray:
-        """M2 and M3 relative to M1, (N, 2, 3)."""
+        """M2 and so on relative to M1, (N, S, 3)."""
         vectors: FloatArray = self.markers_mm[:, 1:] - self.markers_mm[:, :1]
         return vectors
 
     @property
     def tip_mm(self) -> FloatArray:
-        """M3 relative to M1, (N, 3)."""
-        return self.vectors_mm[:, 1]
+        """The last marker relative to M1, (N, 3)."""
+        return self.vectors_mm[:, -1]
 
     def ways(self) -> FloatArray:
-        """Sign of each motor's last motion before each rest, (N, 2); 0 before it moved."""
+        """Sign of each motor's last motion before each rest, (N, n); 0 before it moved."""
         ways = np.sign(np.diff(self.q_rad, axis=0, prepend=self.start_rad[None]))
         for number in range(1, len(ways)):
             ways[number] += (ways[number] == 0.0) * ways[number - 1]
@@ -56,16 +55,17 @@ class Rests:
     def hysteresis_mm(self) -> FloatArray:
         """Half the distance between the tips of a pose that a motor approached from both sides.
 
-        (2,), one mean per motor, while the other motor came from the same side both times; NaN if
+        (n,), one mean per motor, while the other motors came from the same side both times; NaN if
         there was no such pose.
         """
         ways, tip_mm = self.ways(), self.tip_mm
         first, second = np.triu_indices(len(ways), k=1)
         same = np.abs(self.q_rad[first] - self.q_rad[second]).max(axis=1) < _SAME_RAD
-        found = np.full(2, np.nan)
-        for motor, other in ((0, 1), (1, 0)):
+        found = np.full(ways.shape[1], np.nan)
+        for motor in range(len(found)):
             opposite = ways[first, motor] * ways[second, motor] < 0.0
-            pairs = same & opposite & (ways[first, other] == ways[second, other])
+            others_alike = np.delete(ways[first] == ways[second], motor, axis=1).all(axis=1)
+            pairs = same & opposite & others_alike
             if pairs.any():
                 apart_mm = tip_mm[first[pairs]] - tip_mm[second[pairs]]
                 found[motor] = 0.5 * np.linalg.norm(apart_mm, axis=1).mean()

@@ -18,7 +18,8 @@ Array = NDArray[np.float64]
 OnPose = Callable[[int, int], None]
 """Called with the number of poses done and the total."""
 OnRest = Callable[[int, Array], None]
-"""Called at rest, with the stop's number and the markers of all exposures there, (n, 3, 3)."""
+"""Called at rest, with the stop's number and the markers of all exposures there,
+(exposures, S + 1, 3)."""
 
 _SPEED_RAD_S = math.radians(25.0)
 """Average speed of the motors between poses; 120 mm/s at the tip, which excites little ringing."""
@@ -41,7 +42,7 @@ def visit(
     on_pose: OnPose,
     on_rest: OnRest = lambda *_: None,
 ) -> Rests:
-    """Arm, measure at each stop, (K, 2), return to the pose reached by arming, disarm.
+    """Arm, measure at each stop, (K, n), return to the pose reached by arming, disarm.
 
     Stops at which a marker was not seen are left out; vectors are in the tracker's frame.
 
@@ -71,14 +72,14 @@ def visit(
     on_pose(len(stops_rad), len(stops_rad))
     return Rests(
         start_rad,
-        np.array(q_rad).reshape(-1, 2),
-        np.array(markers_mm).reshape(-1, 3, 3),
+        np.array(q_rad).reshape(-1, len(start_rad)),
+        np.array(markers_mm).reshape(-1, len(check.names), 3),
         np.array(count),
     )
 
 
 def move_to(rig: Rig, start_rad: Array, target_rad: Array) -> Array:
-    """Lead an armed robot smoothly from one pose to another, (2,) each; return the last command.
+    """Lead an armed robot smoothly from one pose to another, (n,) each; return the last command.
 
     Raises:
         DeviceError: the board was lost or latched a fault.
@@ -95,7 +96,7 @@ def move_to(rig: Rig, start_rad: Array, target_rad: Array) -> Array:
 
 
 def command(rig: Rig, q_rad: Array) -> None:
-    """Send a pose, (2,), and wait for the period in which the board leads the servos there.
+    """Send a pose, (n,), and wait for the period in which the board leads the servos there.
 
     Raises:
         DeviceError: the board was lost or latched a fault.
@@ -117,7 +118,7 @@ class _RestMotion:
         self._q_rad = q_rad
 
     def move_to(self, target_rad: Array) -> None:
-        """Go to motor angles, (2,), smoothly.
+        """Go to motor angles, (n,), smoothly.
 
         Raises:
             DeviceError: the board was lost or latched a fault.
@@ -125,7 +126,9 @@ class _RestMotion:
         self._q_rad = move_to(self._rig, self._q_rad, target_rad)
 
     def measure_at_rest(self) -> Array | None:
-        """Wait for rest; return the markers of all exposures, (n, 3, 3), None if they are not seen.
+        """Wait for rest; return the markers of all exposures, None if they are not seen.
+
+        Their shape is (exposures, S + 1, 3).
 
         Raises:
             RegistrationError: the robot does not come to rest.
@@ -164,7 +167,7 @@ def _is_complete(sample: Sample) -> bool:
 
 
 def _without_outliers(markers_mm: Array) -> Array:
-    """The exposures whose markers are all near the median, (n, 3, 3)."""
+    """The exposures whose markers are all near the median, (exposures, S + 1, 3)."""
     distances = np.linalg.norm(markers_mm - np.median(markers_mm, axis=0), axis=2)
     kept: Array = markers_mm[np.all(distances < _OUTLIER_MM, axis=1)]
     return kept if len(kept) >= _MIN_SAMPLES else markers_mm

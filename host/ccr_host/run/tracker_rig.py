@@ -15,7 +15,6 @@ from ccr_host.core.clock import NEVER_US, Clock
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.plugins import Guard, make_plugin
 from ccr_host.description.schema import Description
-from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.camera import change_faults, faults_of, make_polaris
 from ccr_host.sim.polaris.line import PolarisLine
 from ccr_host.sim.robot.plant import TWIN
@@ -27,6 +26,7 @@ from ccr_host.tracking.sources.aruco import (
     TagDetector,
     Webcam,
     load_camera_file,
+    tag_names,
 )
 from ccr_host.tracking.sources.igtl import IgtlTracker
 from ccr_host.tracking.sources.ndi.driver import NdiSettings, NdiTracker
@@ -253,9 +253,10 @@ def open_tracker(
             return NdiTracker(name, tcp_opener(uri.address), settings)
         case TrackerKind.IGTL:
             host, port = uri.host_and_port
-            return IgtlTracker(host, port, latency_us=latency_us)
+            markers = description.robot.markers
+            return IgtlTracker(host, port, expected_tools=markers, latency_us=latency_us)
         case TrackerKind.ARUCO:
-            return _aruco(uri, description.tracker, latency_us)
+            return _aruco(uri, description, latency_us)
         case TrackerKind.REPLAY | TrackerKind.OWN:
             address = (uri.address,) if uri.address else ()
             methods = ("start", "stop", "advance_to", "newest_frame")
@@ -267,13 +268,15 @@ def open_tracker(
     raise ConfigError(f"tracker {uri}: needs the twin", "use it with an emulated board")
 
 
-def _aruco(uri: TrackerUri, tracker: Tracker, latency_us: int) -> RawTracker:
+def _aruco(uri: TrackerUri, description: Description, latency_us: int) -> RawTracker:
+    tracker = description.tracker
     if tracker.camera_file is None or tracker.tag_size_mm is None:
         raise ConfigError(
             f"tracker {uri}: calibration or size of the tags is missing",
             "set tracker.camera_file and tracker.tag_size_mm",
         )
     camera = load_camera_file(Path(tracker.camera_file))
-    detector = TagDetector(camera, ArucoSettings(tracker.tag_size_mm))
+    tags = tag_names(description.robot.markers)
+    detector = TagDetector(camera, ArucoSettings(tracker.tag_size_mm, tags=tags))
     number = int(uri.address)
     return ArucoTracker(str(uri), lambda: Webcam(number), detector, latency_us)

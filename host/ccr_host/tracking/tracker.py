@@ -19,22 +19,21 @@ from ccr_host.core.errors import TrackerError
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-MARKERS = ("M1", "M2", "M3")
-
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One exposure of the three markers."""
+    """One exposure of all markers."""
 
     exposed_us: int
     """Time of exposure on the run's clock."""
     markers_mm: NDArray[np.float64]
-    """(3, 3): the positions of M1 (base), M2 (end of segment 1) and M3 (tip), one per row."""
+    """(S + 1, 3): the positions of M1 (base) and of a marker at the end of every segment, one per
+    row. A marker that is neither M1 nor the last one, the tip, may be lost: NaN."""
 
     @property
     def tip_mm(self) -> NDArray[np.float64]:
-        """(3,): f_m of the paper, M3 - M1."""
-        tip: NDArray[np.float64] = self.markers_mm[2] - self.markers_mm[0]
+        """(3,): f_m of the paper, the last marker relative to M1."""
+        tip: NDArray[np.float64] = self.markers_mm[-1] - self.markers_mm[0]
         return tip
 
     @property

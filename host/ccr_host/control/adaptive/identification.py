@@ -275,8 +275,8 @@ class RestSurvey:
         """The rests measured so far."""
         return Rests.of_vectors(
             self.start_rad,
-            np.array(self._setpoints_rad),
-            np.array([np.median(seen, axis=0) for seen in self._markers_mm]),
+            np.array(self._setpoints_rad).reshape(-1, 2),
+            np.array([np.median(seen, axis=0) for seen in self._markers_mm]).reshape(-1, 2, 3),
             np.array([float(len(seen)) for seen in self._markers_mm]),
         )
 

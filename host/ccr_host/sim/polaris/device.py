@@ -158,8 +158,8 @@ _PASSIVE_PORT = re.compile(r"[*0-9A-F]{8}[*0-9][*1][*0-9A-Z]{2}[*0-9]{2}")
 _STATUS_DIAGNOSTIC = 0x0100
 _STATUS_TEMPERATURE = 0x0200
 
-MARKER_PARTS = {"CCR-M1": 0, "CCR-M2": 1, "CCR-M3": 2}
-"""Part numbers of the tools at the robot's markers; any other tool is out of sight."""
+_MARKER_PART = re.compile(r"CCR-M([1-9]\d?)")
+"""Part number of the tool at a marker of the robot; any other tool is out of sight."""
 
 
 class Mode(Enum):
@@ -315,7 +315,7 @@ class PolarisDevice:
         frame = image.count - self._count_offset if image else 0
         if is_within(self._time_us, self.sensor.faults.wrong_frames_us):
             frame += WRONG_FRAMES_OFFSET
-        marker = MARKER_PARTS.get(handle.part_number)
+        marker = None if image is None else _marker_of(handle, image)
         if image is None or marker is None or not image.visible[marker]:
             return ToolLine(handle.number, handle.status, frame)
         position_mm = image.markers_mm[marker]
@@ -334,11 +334,18 @@ class PolarisDevice:
             return StrayList(np.zeros((0, 3)), np.zeros(0, dtype=bool))
         shown = np.append(image.visible, np.ones(len(image.phantoms_mm), dtype=bool))
         for handle in self.handles.enabled():
-            if (marker := MARKER_PARTS.get(handle.part_number)) is not None:
+            if (marker := _marker_of(handle, image)) is not None:
                 shown[marker] = False
         order = np.argsort(image.ranks[: len(shown)][shown])
         points_mm = np.vstack([image.markers_mm, image.phantoms_mm])[shown][order]
         return StrayList(points_mm, is_in_volume(points_mm))
+
+
+def _marker_of(handle: PortHandle, image: Image) -> int | None:
+    """Number of the marker, from 0, at which a tool is; None if it is at none of the robot's."""
+    match = _MARKER_PART.fullmatch(handle.part_number)
+    number = int(match[1]) - 1 if match else len(image.markers_mm)
+    return number if number < len(image.markers_mm) else None
 
 
 def _parse(line: bytes) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""Checks that M1, M2 and M3 are where they can be on the robot, and are not swapped.
+"""Checks that the markers are where they can be on the robot, and are not swapped.
 
 Of a camera that names bodies (tools, tags, devices of a server), positions are trusted, but not
 names, which are assigned by people. A robot of the described geometry cannot do the following,
@@ -6,7 +6,8 @@ whatever its tendons, its load and the camera:
 
 - Two markers are further apart than the segments between them allow, or, at rest, where no segment
   is bent by more than `_REST_BENDING_RAD`, nearer than such a bending allows.
-- At rest M3 is on the side of M1 opposite to the one on which the backbone leaves the base.
+- At rest M3, or M2 if it is the last, is on the side of M1 opposite to the one on which the
+  backbone leaves the base. Further segments may lead anywhere.
 - Two markers change places from one sample to the next.
 
 The tolerance of a distance is `_LENGTH_TOLERANCE` of it (print; sweeps draw as much around a
@@ -16,32 +17,32 @@ description), `_GLUE_MM` for each of its two markers, and `_SIGMAS` times the ca
 from __future__ import annotations
 
 import math
-from itertools import permutations
+from itertools import combinations, permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import TrackerError
 from ccr_host.description.schema import Description, Robot
-from ccr_host.robot.arc import arc_derivatives
-from ccr_host.robot.marker_shape import seen_lengths_mm
-from ccr_host.tracking.tracker import MARKERS, Sample
+from ccr_host.robot.kinematics import chain_of, freedom_of, jets
+from ccr_host.robot.marker_shape import described_lengths_mm, seen_lengths_mm
+from ccr_host.tracking.tracker import Sample
 
 Array = NDArray[np.float64]
 Order = tuple[int, ...]
-"""Which of the three seen markers are M1, M2 and M3."""
+"""Which of the seen markers are M1, M2 and so on."""
 
-_AS_NAMED: Order = (0, 1, 2)
-_EXCHANGES: tuple[Order, ...] = tuple(order for order in permutations(_AS_NAMED))[1:]
-_TURNED_ROUND: Order = (2, 1, 0)
-_FROM, _TO = (0, 1, 0), (1, 2, 2)
-"""The three pairs of markers."""
-
+_MOST_MOVED = 3
+"""Markers that are exchanged at a time, except for a robot that is named from the other end."""
 _LENGTH_TOLERANCE = 0.1
 _GLUE_MM = 1.0
 _SIGMAS = 4.0
 _REST_BENDING_RAD = math.radians(120.0)
 """More than the paper's paths need, as a robot may have been left in such a pose."""
+_LEADING = 2
+"""Segments over which such a bending does not lead back to the base."""
+_MOST_POSES, _FINEST = 14_641, 60
+"""Poses of a grid, and steps of 2 deg to either side."""
 _REVERSED = 0.34
 """Sine by which M3 is beyond the base: more than even such a bending makes."""
 _JUMP_RATIO = 0.3
@@ -65,14 +66,21 @@ class MarkerCheck:
     """
 
     def __init__(self, description: Description, *, in_robot_frame: bool = True) -> None:
-        self._robot = description.robot
+        self._robot = robot = description.robot
+        self.names = robot.markers
+        """Of the markers."""
+        self._as_named: Order = tuple(range(len(robot.markers)))
+        self._turned_round = self._as_named[::-1]
+        self._exchanges = _exchanges(self._as_named)
+        self._from, self._to = np.array(list(combinations(self._as_named, 2))).T
+        """The pairs of markers."""
         self._points_away = in_robot_frame
         """Whether M3 must be where the backbone leaves the base for."""
         tolerance_mm = 2 * _GLUE_MM + _SIGMAS * description.tracker.noise_mm
-        self._low_mm, self._high_mm = _bounds_mm(description.robot, tolerance_mm)
+        self._low_mm, self._high_mm = self._bounds_mm(tolerance_mm)
         self._moves = False
         self._last: Array | None = None
-        """(3, 3): markers that fitted."""
+        """(S + 1, 3): markers that fitted."""
         self._misfits = 0
         self._misfit_since_us = 0
 
@@ -105,29 +113,32 @@ class MarkerCheck:
         return False
 
     def trouble(self, markers_mm: Array) -> tuple[str, str] | None:
-        """Cause and cure if markers, (3, 3), NaN if lost, cannot be this robot's, else None."""
+        """Cause and cure if markers, (S + 1, 3), NaN if lost, cannot be this robot's, else None."""
         if (jump := self._jump(markers_mm)) is not None:
-            return f"markers {_names(jump)} have changed places", _RENAME
+            return f"markers {self._shown(jump)} have changed places", _RENAME
         fits, is_reversed = self._fits(markers_mm), self._points_away and _is_reversed(markers_mm)
         if fits and not is_reversed:
             return None
         exchange = self._exchange(markers_mm)
         told = self._told(markers_mm)
         if exchange is not None:
-            return f"markers {_names(exchange)} are exchanged: {told}", _RENAME
+            return f"markers {self._shown(exchange)} are exchanged: {told}", _RENAME
         if not fits:
             return (
                 f"the markers are not those of this robot: {told}",
-                "check robot.segment_lengths_mm, which body is M1, M2, M3, and tracker.tag_size_mm",
+                f"check the lengths in [robot], which body is {', '.join(self.names)}, and "
+                "tracker.tag_size_mm",
             )
-        if self._gain_mm(markers_mm, _TURNED_ROUND) < -2 * _GLUE_MM:
+        side = self.names[: _LEADING + 1][-1]
+        if self._gain_mm(markers_mm, self._turned_round) < -2 * _GLUE_MM:
             return (
-                f"the camera is turned: M3 is on the other side of the base than at rest ({told})",
+                f"the camera is turned: {side} is on the other side of the base than at rest "
+                f"({told})",
                 "find out how the camera stands: ccr-host register",
             )
         return (
-            f"markers M1 and M3 are exchanged, or the camera is turned: M3 is on the other side of "
-            f"the base than at rest ({told})",
+            f"markers {self._shown(self._turned_round)} are exchanged, or the camera is turned: "
+            f"{side} is on the other side of the base than at rest ({told})",
             f"{_RENAME}; or find out how the camera stands: ccr-host register",
         )
 
@@ -135,7 +146,7 @@ class MarkerCheck:
         """Find the swap of names that fits the robot, and its lengths clearly better."""
         fitting = [
             order
-            for order in _EXCHANGES
+            for order in self._exchanges
             if self._fits(markers_mm[list(order)])
             and not (self._points_away and _is_reversed(markers_mm[list(order)]))
         ]
@@ -147,14 +158,14 @@ class MarkerCheck:
     def _gain_mm(self, markers_mm: Array, order: Order) -> float:
         """By how much a swap brings the segments closer to their lengths; NaN if unknown."""
         named, exchanged = (
-            seen_lengths_mm(markers_mm[list(one)], self._robot) - self._robot.segment_lengths_mm
-            for one in (_AS_NAMED, order)
+            seen_lengths_mm(markers_mm[list(one)], self._robot) - described_lengths_mm(self._robot)
+            for one in (self._as_named, order)
         )
         return float(np.abs(named).sum() - np.abs(exchanged).sum())
 
     def _fits(self, markers_mm: Array) -> bool:
         """Whether the distances fit the robot; those of lost markers, NaN, always do."""
-        distances = _lengths_mm(markers_mm[_TO, :] - markers_mm[_FROM, :])
+        distances = self._distances_mm(markers_mm)
         if np.logical_or.reduce(distances > self._high_mm):
             return False
         return self._moves or not np.logical_or.reduce(distances < self._low_mm)
@@ -167,52 +178,81 @@ class MarkerCheck:
         if np.add.reduce(np.fmax(own_mm, 0.0)) <= _JUMP_MM:
             return None
         moved_mm = _lengths_mm(markers_mm[:, None] - self._last)
-        for order in _EXCHANGES:
-            others_mm = moved_mm[list(order), _AS_NAMED]
-            moved = [place for place in _AS_NAMED if order[place] != place]
+        for order in self._exchanges:
+            others_mm = moved_mm[list(order), self._as_named]
+            moved = [place for place in self._as_named if order[place] != place]
             limit_mm = _JUMP_RATIO * (own_mm[moved].sum() - _JUMP_MM)
             if others_mm[moved].sum() < limit_mm:
                 return order
         return None
 
+    def _distances_mm(self, markers_mm: Array) -> Array:
+        return _lengths_mm(markers_mm[self._to, :] - markers_mm[self._from, :])
+
     def _told(self, markers_mm: Array) -> str:
+        distances_mm = self._distances_mm(markers_mm)
         seen = ", ".join(
-            f"{MARKERS[start]}-{MARKERS[end]} {distance:.0f} mm"
-            for start, end, distance in zip(
-                _FROM, _TO, _lengths_mm(markers_mm[_TO, :] - markers_mm[_FROM, :]), strict=True
-            )
+            f"{self.names[start]}-{self.names[end]} {distance:.0f} mm"
+            for start, end, distance in zip(self._from, self._to, distances_mm, strict=True)
             if not math.isnan(distance)
         )
-        described = " and ".join(f"{length:g}" for length in self._robot.segment_lengths_mm)
+        described = " and ".join(f"{length:g}" for length in described_lengths_mm(self._robot))
         return f"{seen}, segments of {described} mm"
 
+    def _shown(self, order: Order) -> str:
+        *most, last = (self.names[place] for place in self._as_named if order[place] != place)
+        return f"{', '.join(most)} and {last}"
 
-def _bounds_mm(geometry: Robot, tolerance_mm: float) -> tuple[Array, Array]:
-    """Least and greatest distances, (3,) each, with both segments bent up to the limit."""
-    angles = np.linspace(-_REST_BENDING_RAD, _REST_BENDING_RAD, 121)
-    length_1, length_2 = geometry.segment_lengths_mm
-    arc, turn = arc_derivatives(angles)[0], np.exp(1j * angles)
-    to_2 = length_1 * arc + 1j * geometry.marker_offset_mm * (turn - 1)
-    to_3 = to_2[:, None] + length_2 * arc.real * turn[:, None]
-    ranges = (np.abs(to_2), length_2 * np.abs(arc), np.hypot(np.abs(to_3), length_2 * arc.imag))
-    least, most = (np.array([extreme(one) for one in ranges]) for extreme in (np.min, np.max))
-    return (
-        least * (1 - _LENGTH_TOLERANCE) - tolerance_mm,
-        most * (1 + _LENGTH_TOLERANCE) + tolerance_mm,
-    )
+    def _bounds_mm(self, tolerance_mm: float) -> tuple[Array, Array]:
+        """Least and greatest distances of the pairs, each segment bent up to the limit.
+
+        The least ones over more than two segments are not used.
+        """
+        near = {
+            (first, end): _extremes_mm(self._robot, first, end)
+            for first, end in zip(self._from, self._to, strict=True)
+            if end - first <= _LEADING
+        }
+        low, high = [], []
+        for first, end in zip(self._from, self._to, strict=True):
+            least_mm, most_mm = near.get((first, end), (-math.inf, 0.0))
+            if (first, end) not in near:
+                most_mm = sum(near[place, place + 1][1] for place in range(first, end))
+            low.append(least_mm * (1 - _LENGTH_TOLERANCE) - tolerance_mm)
+            high.append(most_mm * (1 + _LENGTH_TOLERANCE) + tolerance_mm)
+        return np.array(low), np.array(high)
+
+
+def _exchanges(as_named: Order) -> tuple[Order, ...]:
+    """Names given to the wrong markers, in a fixed order."""
+    found = {as_named[::-1]}
+    for moved in combinations(as_named, min(_MOST_MOVED, len(as_named))):
+        for given in permutations(moved):
+            order = list(as_named)
+            for place, marker in zip(moved, given, strict=True):
+                order[place] = marker
+            found.add(tuple(order))
+    return tuple(sorted(found - {as_named}))
+
+
+def _extremes_mm(robot: Robot, first: int, end: int) -> tuple[float, float]:
+    """Least and greatest distance of two markers over a grid of poses of the segments between."""
+    freedom = freedom_of(robot.chain[first:end])
+    steps = int(_MOST_POSES ** (1.0 / len(freedom))) // 2
+    angles = np.linspace(-_REST_BENDING_RAD, _REST_BENDING_RAD, 2 * min(steps, _FINEST) + 1)
+    poses = np.stack(np.meshgrid(*[angles] * len(freedom)), axis=-1).reshape(-1, len(freedom))
+    bent_rad = np.linalg.norm(np.tensordot(poses, freedom, axes=1), axis=-1).max(axis=-1)
+    poses = poses[bent_rad <= _REST_BENDING_RAD * (1.0 + 1e-9)]
+    distances_mm = _lengths_mm(jets(chain_of(robot, 0, first, end), poses)[:, 0])
+    return float(distances_mm.min()), float(distances_mm.max())
 
 
 def _is_reversed(markers_mm: Array) -> bool:
-    tip_mm = markers_mm[2] - markers_mm[0]
-    return bool(tip_mm[1] > _REVERSED * np.linalg.norm(tip_mm))
+    there_mm = markers_mm[: _LEADING + 1][-1] - markers_mm[0]
+    return bool(there_mm[1] > _REVERSED * np.linalg.norm(there_mm))
 
 
 def _lengths_mm(vectors_mm: Array) -> Array:
     """Norm of each vector, (..., 3); numpy.linalg.norm takes five times as long for so few."""
     lengths: Array = np.sqrt(np.add.reduce(vectors_mm * vectors_mm, axis=-1))
     return lengths
-
-
-def _names(order: Order) -> str:
-    *most, last = (MARKERS[place] for place in _AS_NAMED if order[place] != place)
-    return f"{', '.join(most)} and {last}"

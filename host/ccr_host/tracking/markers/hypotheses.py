@@ -8,19 +8,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.tracking.markers.motion_models import (
-    M2_ROWS,
-    M3_ROWS,
     Belief,
     Expectation,
     MotionModel,
-    Seed,
     corrected,
+    rows_of,
 )
 
 Array = NDArray[np.float64]
@@ -52,6 +51,9 @@ _BASE_CREEP_MM = 0.1
 """Creep of base or camera that the memory of M1 follows."""
 _BASE_MEMORY = 40
 """Frames over which the place of M1 is averaged."""
+_MOST_BRANCHES = 32
+"""Choices for the first markers that are continued, the likeliest ones; with two moving markers
+there are hardly ever as many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,28 +82,32 @@ class Base:
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A history of the three markers, and their points in the newest frame."""
+    """A history of all markers, and their points in the newest frame."""
 
     score: float
     base: Base
+    model: MotionModel
     belief: Belief
-    points: tuple[int, int, int]
-    """Indices of M1, M2 and M3 in the newest frame, or `MISSING`."""
-    harm_mm: tuple[float, float]
-    """Errors of M2 and M3 if their points in the newest frame were phantoms."""
-    hidden_frames: tuple[int, int]
-    """Number of frames for which M2 and M3 have been hidden."""
+    points: tuple[int, ...]
+    """Indices of M1, M2 and so on in the newest frame, or `MISSING`."""
+    harm_mm: tuple[float, ...]
+    """Errors of M2 and so on if their points in the newest frame were phantoms."""
+    hidden_frames: tuple[int, ...]
+    """Number of frames for which M2 and so on have been hidden."""
     complete_frames: int
-    """Number of frames so far in which all three markers were seen."""
-    expected_mm: Array
-    """(6,): M2 and M3 relative to M1 after the newest frame."""
+    """Number of frames so far in which all markers were seen."""
+
+    @cached_property
+    def expected_mm(self) -> Array:
+        """(3 S,): M2 and so on relative to M1 after the newest frame."""
+        return self.model.expected_mm(self.belief)
 
     def resembles(self, other: Hypothesis) -> bool:
         """Whether both agree on the positions of the markers, and will continue to agree."""
         return bool(
             np.max(np.abs(self.expected_mm - other.expected_mm)) < 4.0 * _NOISE_MM
             and np.max(np.abs(self.base.place_mm - other.base.place_mm)) < 4.0 * _NOISE_MM
-            and self.points[2] == other.points[2]
+            and self.points[2:] == other.points[2:]
         )
 
 
@@ -115,9 +121,9 @@ class Scene:
     camera_to_robot: Array
     """(3, 3)."""
     q_rad: Array
-    """(2,): believed motor angles."""
+    """(n,): believed motor angles."""
     motor_motion_rad: Array
-    """(2,): their recent motion."""
+    """(n,): their recent motion."""
     phantoms: float
     """Expected number of phantoms within `NEAR_MM` of a marker."""
     clean: bool
@@ -133,62 +139,68 @@ class Scene:
         return (self.points_mm - base.place_mm) @ self.camera_to_robot.T
 
 
-class _Choice(NamedTuple):
-    """A possible label of a marker."""
+class _Branch(NamedTuple):
+    """Possible labels of the first moving markers."""
 
-    point: int
+    points: tuple[int, ...]
     gain: float
     """Increase of the score."""
-    harm_mm: float
+    harm_mm: tuple[float, ...]
     after: Expectation
-    """The belief given this label."""
+    """The belief given these labels."""
 
 
-def continuations(
-    parent: Hypothesis, scene: Scene, duration_s: float, model: MotionModel
-) -> Iterator[Hypothesis]:
-    """All continuations of a hypothesis by the frame."""
+def continuations(parent: Hypothesis, scene: Scene, duration_s: float) -> Iterator[Hypothesis]:
+    """The continuations of a hypothesis by the frame."""
     index, base, score = _find_base(parent, scene)
+    model = parent.model
     before = model.moved(parent.belief, duration_s, scene.motor_motion_rad)
     expected = model.expect(before)
     relative = scene.relative(base)
     trunk = replace(parent, score=score, base=base, belief=before)
-    seen_2, seen_3 = (_probability_seen(hidden) for hidden in parent.hidden_frames)
-    density = scene.log_phantoms
-    for two in _choices(M2_ROWS, expected, relative, seen_2, density, index):
-        for three in _choices(M3_ROWS, two.after, relative, seen_3, density, index, two.point):
-            child = _with_labels(trunk, index, two, three, expected, relative, model)
-            if model.holds(child.belief):
-                yield child
+    branches = [_Branch((index,), 0.0, (), expected)]
+    for marker, hidden in enumerate(parent.hidden_frames, 1):
+        seen = _probability_seen(hidden)
+        branches = [
+            longer
+            for branch in branches
+            for longer in _lengthened(branch, rows_of(marker), relative, seen, scene.log_phantoms)
+        ]
+        if len(branches) > _MOST_BRANCHES:
+            branches = sorted(branches, key=lambda one: -one.gain)[:_MOST_BRANCHES]
+    for branch in branches:
+        child = _with_labels(trunk, branch, expected, relative)
+        if model.holds(child.belief):
+            yield child
 
 
-def jumps(parent: Hypothesis, scene: Scene, model: MotionModel) -> Iterator[Hypothesis]:
+def jumps(parent: Hypothesis, scene: Scene) -> Iterator[Hypothesis]:
     """Continuations in which the robot is suddenly elsewhere, on the same base.
 
     In a clean view they are believed at once, if they are certain; otherwise they must be confirmed
     like a birth.
     """
     index, base, score = _find_base(parent, scene)
-    relative = scene.relative(base)
     log_prior = _LOG_JUMP_IN_CLEAN_VIEW if scene.clean else _LOG_JUMP
     trunk = replace(parent, score=score + log_prior, base=base)
-    for labels, seed in _seeded(relative, index, scene.q_rad, model):
-        jumped = _planted(trunk, labels, seed, scene, model)
-        if scene.clean and MISSING not in labels:
+    for jumped in _planted([trunk], [index], scene):
+        if scene.clean and MISSING not in jumped.points:
             complete_frames = parent.complete_frames + 1
-            jumped = replace(jumped, complete_frames=complete_frames, harm_mm=(0.0, 0.0))
-        yield jumped
+            harm_mm = (0.0,) * len(jumped.harm_mm)
+            yield replace(jumped, complete_frames=complete_frames, harm_mm=harm_mm)
+        else:
+            yield jumped
 
 
 def births(scene: Scene, model: MotionModel) -> Iterator[Hypothesis]:
     """Hypotheses on the robot in a frame, without a history."""
-    for index, place_mm in enumerate(scene.points_mm):
-        base = Base(place_mm, 1, scene.time_us)
-        score = math.log(_SEEN) - scene.log_phantoms - math.log(_ROOM_MM3)
-        relative = scene.relative(base)
-        for labels, seed in _seeded(relative, index, scene.q_rad, model):
-            trunk = Hypothesis(score, base, seed.belief, labels, (0.0, 0.0), (0, 0), 0, np.zeros(6))
-            yield _planted(trunk, labels, seed, scene, model)
+    score = math.log(_SEEN) - scene.log_phantoms - math.log(_ROOM_MM3)
+    nothing = Belief(np.zeros(0), np.zeros((0, 0)), np.zeros(0))
+    trunks = [
+        Hypothesis(score, Base(place_mm, 1, scene.time_us), model, nothing, (), (), (), 0)
+        for place_mm in scene.points_mm
+    ]
+    yield from _planted(trunks, list(range(len(trunks))), scene)
 
 
 def _find_base(parent: Hypothesis, scene: Scene) -> tuple[int, Base, float]:
@@ -210,16 +222,13 @@ def _probability_seen(hidden_frames: int) -> float:
     return max(_SEEN / (1.0 + 0.5 * hidden_frames), _HIDDEN_LONG)
 
 
-def _choices(
-    rows: slice,
-    expected: Expectation,
-    points_mm: Array,
-    seen: float,
-    log_phantoms: float,
-    *taken: int,
-) -> Iterator[_Choice]:
-    """The possible points of a marker, and that it is missing."""
-    yield _Choice(MISSING, math.log(1.0 - seen), math.inf, expected)
+def _lengthened(
+    branch: _Branch, rows: slice, points_mm: Array, seen: float, log_phantoms: float
+) -> Iterator[_Branch]:
+    """A branch with the possible points of one more marker, and with its being missing."""
+    expected = branch.after
+    missing, harmed = (*branch.points, MISSING), (*branch.harm_mm, math.inf)
+    yield _Branch(missing, branch.gain + math.log(1.0 - seen), harmed, expected)
     if len(points_mm) == 0:
         return
     own = expected.covariance_mm2[rows, rows] + _NOISE_MM**2 * np.eye(3)
@@ -230,87 +239,62 @@ def _choices(
     gain = expected.covariance_mm2[:, rows] @ inverse
     remaining = expected.covariance_mm2 - gain @ expected.covariance_mm2[rows, :]
     widest_mm = math.sqrt(float(np.linalg.eigvalsh(own)[-1]))
-    for index in np.flatnonzero(squares < _GATE):
-        if int(index) not in taken:
+    for index in np.flatnonzero(squares < _GATE).tolist():
+        if index not in branch.points:
             mean = expected.mean_mm + gain @ misses[index]
-            after = Expectation(mean, remaining, expected.jacobian)
             harm_mm = float(np.linalg.norm(misses[index])) + 2.0 * widest_mm
-            yield _Choice(int(index), constant - 0.5 * float(squares[index]), harm_mm, after)
+            yield _Branch(
+                (*branch.points, index),
+                branch.gain + constant - 0.5 * float(squares[index]),
+                (*branch.harm_mm, harm_mm),
+                Expectation(mean, remaining, expected.jacobian),
+            )
 
 
 def _with_labels(
-    trunk: Hypothesis,
-    base_index: int,
-    two: _Choice,
-    three: _Choice,
-    expected: Expectation,
-    relative: Array,
-    model: MotionModel,
+    trunk: Hypothesis, branch: _Branch, expected: Expectation, relative: Array
 ) -> Hypothesis:
-    labels = (base_index, two.point, three.point)
-    seen = [
-        (np.arange(rows.start, rows.stop), relative[point])
-        for rows, point in ((M2_ROWS, two.point), (M3_ROWS, three.point))
-        if point != MISSING
-    ]
-    belief = trunk.belief
-    if seen:
-        rows = np.concatenate([row for row, _ in seen])
-        places = np.concatenate([place for _, place in seen])
+    belief, model = trunk.belief, trunk.model
+    points = branch.points[1:]
+    seen = np.flatnonzero(np.array(points) != MISSING)
+    if len(seen):
+        rows = (3 * seen[:, None] + np.arange(3)).ravel()
+        places = relative[np.array(points)[seen]].ravel()
         mean, covariance = corrected(belief, expected, rows, places, _NOISE_MM)
         belief = model.settled(belief, mean, covariance)
-        expected = model.expect(belief)
+    hidden = zip(trunk.hidden_frames, points, strict=True)
     return replace(
         trunk,
-        score=trunk.score + two.gain + three.gain,
+        score=trunk.score + branch.gain,
         belief=belief,
-        points=labels,
-        harm_mm=(two.harm_mm, three.harm_mm),
-        hidden_frames=(
-            _hidden(trunk.hidden_frames[0], labels[1]),
-            _hidden(trunk.hidden_frames[1], labels[2]),
-        ),
-        complete_frames=trunk.complete_frames + (MISSING not in labels),
-        expected_mm=expected.mean_mm,
+        points=branch.points,
+        harm_mm=branch.harm_mm,
+        hidden_frames=tuple(n + 1 if point == MISSING else 0 for n, point in hidden),
+        complete_frames=trunk.complete_frames + (MISSING not in branch.points),
     )
 
 
-def _hidden(frames_before: int, point: int) -> int:
-    return frames_before + 1 if point == MISSING else 0
+def _planted(trunks: list[Hypothesis], bases: list[int], scene: Scene) -> Iterator[Hypothesis]:
+    """Hypotheses with the robot's pose at all points of the frame that its shape allows.
 
-
-def _seeded(
-    relative: Array, base_index: int, q_rad: Array, model: MotionModel
-) -> Iterator[tuple[tuple[int, int, int], Seed]]:
-    from_1 = np.linalg.norm(relative, axis=1)
-    between = np.linalg.norm(relative[:, None] - relative[None], axis=2)
-    near_1 = _within(from_1, model.bounds.between_1_and_2)
-    fits = near_1[:, None] & _within(between, model.bounds.between_2_and_3)
-    if base_index != MISSING:
-        fits[:, base_index] = False
-    for point_2, point_3 in np.argwhere(fits).tolist():
-        for seed in model.seeds(relative[point_2], relative[point_3], q_rad):
-            yield (base_index, point_2, point_3), seed
-
-
-def _within(distances: Array, interval: tuple[float, float]) -> NDArray[np.bool_]:
-    return np.asarray((distances >= interval[0]) & (distances <= interval[1]))
-
-
-def _planted(
-    trunk: Hypothesis,
-    labels: tuple[int, int, int],
-    seed: Seed,
-    scene: Scene,
-    model: MotionModel,
-) -> Hypothesis:
-    return replace(
-        trunk,
-        score=trunk.score + 2.0 * (math.log(_SEEN) - scene.log_phantoms) + seed.log_density,
-        belief=seed.belief,
-        points=labels,
-        harm_mm=(math.inf, math.inf),
-        hidden_frames=(0, 0),
-        complete_frames=1 if MISSING not in labels else 0,
-        expected_mm=model.expect(seed.belief).mean_mm,
-    )
+    Args:
+        trunks: what they have in common, with one of several bases each.
+        bases: the point that each base is, or `MISSING`.
+        scene: the frame.
+    """
+    if not trunks or len(scene.points_mm) == 0:
+        return
+    relative = np.stack([scene.relative(trunk.base) for trunk in trunks])
+    for seed in trunks[0].model.seeds(relative, bases, scene.q_rad):
+        trunk, points = trunks[seed.view], (bases[seed.view], *seed.points)
+        moving = len(seed.points)
+        found = moving * (math.log(_SEEN) - scene.log_phantoms)
+        yield replace(
+            trunk,
+            score=trunk.score + found + seed.log_density,
+            belief=seed.belief,
+            points=points,
+            harm_mm=(math.inf,) * moving,
+            hidden_frames=(0,) * moving,
+            complete_frames=1 if MISSING not in points else 0,
+        )

@@ -1,8 +1,8 @@
-"""Labelling: finds M1, M2 and M3 among the points of a camera.
+"""Labelling: finds M1, M2 and so on among the points of a camera.
 
-Single spheres have no identity, but M1 does not move; M2 and M3 are connected to M1 by the robot,
-which has only two degrees of freedom; and markers persist while phantoms do not. So the three are
-not labelled frame by frame. A few hypotheses about the whole history are maintained
+Single spheres have no identity, but M1 does not move; the others are connected to M1 by the robot,
+which has few degrees of freedom; and markers persist while phantoms do not. So markers are not
+labelled frame by frame. A few hypotheses about the whole history are maintained
 (``hypotheses``). Each frame continues each of them in all possible ways (all labels together, since
 every marker constrains the others). A marker is only reported if the hypotheses that disagree about
 it are together less likely than `DOUBT`. Every doubtful marker counts as lost.
@@ -28,7 +28,6 @@ from ccr_host.tracking.markers.hypotheses import (
     jumps,
 )
 from ccr_host.tracking.markers.motion_models import ChainModel, FreeModel, MotionModel
-from ccr_host.tracking.tracker import MARKERS
 
 Array = NDArray[np.float64]
 
@@ -60,7 +59,7 @@ _PHANTOMS_FLOOR = 0.3
 _PHANTOM_FRAMES = 100
 """Number of frames over which phantoms are averaged."""
 _CLEAN_FRAMES = 40
-"""Frames without a fourth point after which phantoms count as rare; a single one ends that."""
+"""Frames without surplus points after which phantoms count as rare; a single one ends that."""
 _PHANTOM_MARGIN = 3.0
 """Safety factor of the number of phantoms, as a mistake is worse than a lost frame."""
 
@@ -71,21 +70,15 @@ class Labelled:
 
     exposed_us: int
     markers_mm: Array
-    """(3, 3): M1, M2 and M3 in the camera's frame, one per row; NaN if lost. M1 is the mean of its
-    latest sightings."""
+    """(S + 1, 3): M1, M2 and so on in the camera's frame, one per row; NaN if lost. M1 is the mean
+    of its latest sightings."""
     base_age_us: int
     """Time since M1 itself was seen."""
 
     @property
-    def lost(self) -> tuple[str, ...]:
-        """Names of the markers that are not certain."""
-        gone = np.isnan(self.markers_mm[:, 0])
-        return tuple(name for name, is_gone in zip(MARKERS, gone, strict=True) if is_gone)
-
-    @property
     def tip_mm(self) -> Array | None:
-        """(3,): M3 - M1 in the camera's frame; None unless both are certain."""
-        tip: Array = self.markers_mm[2] - self.markers_mm[0]
+        """(3,): last marker - M1 in the camera's frame; None unless both are certain."""
+        tip: Array = self.markers_mm[-1] - self.markers_mm[0]
         return None if np.isnan(tip[0]) else tip
 
 
@@ -106,7 +99,8 @@ class Labeller:
         self._hypotheses: list[Hypothesis] = []
         self._time_us: int | None = None
         self._q_rad: Array | None = None
-        self._stir_rad: Array = np.zeros(2)
+        self._markers = len(geometry.markers)
+        self._stir_rad: Array = np.zeros(geometry.motors)
         self._phantoms = _PHANTOMS_AT_START
         self._clean_frames = 0
 
@@ -116,7 +110,7 @@ class Labeller:
         Args:
             exposed_us: time of exposure, later than that of the previous frame.
             points_mm: (n, 3), in the camera's frame, in any order.
-            q_rad: (2,), believed motor angles at the exposure.
+            q_rad: (n,), believed motor angles at the exposure.
 
         Raises:
             ValueError: the time is not later.
@@ -132,10 +126,10 @@ class Labeller:
         return self._verdict(scene)
 
     def _scene(self, points: Array, exposed_us: int, q_rad: Array, duration_s: float) -> Scene:
-        moved = np.zeros(2) if self._q_rad is None else np.abs(q_rad - self._q_rad)
+        moved = np.zeros_like(q_rad) if self._q_rad is None else np.abs(q_rad - self._q_rad)
         self._q_rad = q_rad
         self._stir_rad = self._stir_rad * math.exp(-duration_s / _STIR_S) + moved
-        self._clean_frames = self._clean_frames + 1 if len(points) <= len(MARKERS) else 0
+        self._clean_frames = self._clean_frames + 1 if len(points) <= self._markers else 0
         clean = self._clean_frames >= _CLEAN_FRAMES
         expected = 0.0 if clean else _PHANTOM_MARGIN * self._phantoms
         return Scene(
@@ -149,14 +143,14 @@ class Labeller:
         )
 
     def _count_phantoms(self, scene: Scene) -> None:
-        """Count the points near M2 or M3 that the best hypothesis does not use, or all."""
+        """Count the points near a moving marker that the best hypothesis does not use, or all."""
         found = float(len(scene.points_mm))
         if self._hypotheses:
             best = self._hypotheses[0]
             left_over = np.delete(
                 scene.relative(best.base), [p for p in best.points if p != MISSING], axis=0
             )
-            distances = np.linalg.norm(left_over[:, None] - best.expected_mm.reshape(2, 3), axis=2)
+            distances = np.linalg.norm(left_over[:, None] - best.expected_mm.reshape(-1, 3), axis=2)
             found = float(np.max(np.sum(distances < NEAR_MM, axis=0)))
         self._phantoms += (found - self._phantoms) / _PHANTOM_FRAMES
 
@@ -165,18 +159,18 @@ class Labeller:
             child
             for parent in self._hypotheses
             if scene.time_us - parent.base.seen_us <= BASE_MEMORY_US
-            for child in continuations(parent, scene, duration_s, self._model)
+            for child in continuations(parent, scene, duration_s)
         ]
         best = max(grown, key=lambda one: one.score, default=None)
         if best is None or best.complete_frames < _PROVEN_FRAMES:
             grown.extend(births(scene, self._model))
         if best is not None and MISSING in best.points[1:]:
             parent = max(self._hypotheses, key=lambda one: one.score)
-            grown.extend(jumps(parent, scene, self._model))
+            grown.extend(jumps(parent, scene))
         return grown
 
     def _verdict(self, scene: Scene) -> Labelled:
-        markers = np.full((3, 3), np.nan)
+        markers = np.full((self._markers, 3), np.nan)
         if not self._hypotheses:
             return Labelled(scene.time_us, markers, 0)
         best = self._hypotheses[0]
@@ -185,7 +179,7 @@ class Labeller:
             _same_base(best, self._hypotheses)
         ):
             markers[0] = best.base.place_mm
-            for marker in (1, 2):
+            for marker in range(1, self._markers):
                 point = best.points[marker]
                 agreeing = [one.points[marker] == point for one in self._hypotheses]
                 harmless = best.harm_mm[marker - 1] <= HARMLESS_MM / min(1.0, scene.phantoms)

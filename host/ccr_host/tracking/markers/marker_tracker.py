@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 from ccr_host.description.schema import Robot
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.tracking.markers.labelling import Labeller
-from ccr_host.tracking.tracker import MARKERS, MarkerFrame, NamedTracker, Sample, TrackerHealth
+from ccr_host.tracking.tracker import MarkerFrame, NamedTracker, Sample, TrackerHealth
 
 Array = NDArray[np.float64]
 
 BelievedAngles = Callable[[], Array]
-"""Returns the believed motor angles at present, rad, (2,)."""
+"""Returns the believed motor angles at present, rad, (n,)."""
 
 
 class MarkerTracker:
     """Processes every new frame of a camera; a frame that shows the tip becomes a sample.
 
-    Attach it to the clock after the camera. Bodies named M1 to M3 are used as the markers; if the
-    camera names none of them, its points are labelled. Points outside its volume are not used. M2
-    of a sample may be lost (NaN).
+    Attach it to the clock after the camera. Bodies named M1, M2 and so on are used as the
+    markers; if the camera names none of them, its points are labelled. Points outside its volume
+    are not used. All markers of a sample but M1 and the tip may be lost (NaN).
 
     Args:
         camera: the camera, which its owner starts.
@@ -44,13 +44,14 @@ class MarkerTracker:
         self.name = camera.name
         self._camera = camera
         self._camera_to_robot = camera_to_robot
+        self._markers = geometry.markers
         self._labeller = Labeller(geometry, camera_to_robot)
         self._believed_rad = believed_rad
         self._beliefs = SetpointHistory(believed_rad())
         """The motor angles that were believed when an older frame was exposed."""
         self._names_markers = False
         self._frame: MarkerFrame | None = None
-        self._lost: tuple[str, ...] = MARKERS
+        self._lost = geometry.markers
         self._sample: Sample | None = None
 
     @property
@@ -80,8 +81,10 @@ class MarkerTracker:
         self._frame = frame
         markers_mm = self._markers_mm(frame)
         gone = np.isnan(markers_mm[:, 0])
-        self._lost = tuple(name for name, is_gone in zip(MARKERS, gone, strict=True) if is_gone)
-        if not (gone[0] or gone[2]):
+        self._lost = tuple(
+            name for name, is_gone in zip(self._markers, gone, strict=True) if is_gone
+        )
+        if not (gone[0] or gone[-1]):
             if self._camera_to_robot is not None:
                 markers_mm = markers_mm @ self._camera_to_robot.T
             self._sample = Sample(frame.exposed_us, markers_mm)
@@ -98,22 +101,26 @@ class MarkerTracker:
             told = [f"camera: {health.state}", health.last_error, *told]
         elif self._lost:
             seen, outside = len(frame.points_mm) + len(frame.tools), int(frame.out_of_volume.sum())
-            told.append(f"of M1, M2, M3 the newest frame lacks {', '.join(self._lost)}")
+            told.append(
+                f"of {', '.join(self._markers)} the newest frame lacks {', '.join(self._lost)}"
+            )
             told.append(f"it shows {seen} markers and tools")
             if outside:
                 told.append(f"{outside} of them outside the camera's volume")
             unnamed = len(frame.points_mm) - outside
-            if unnamed >= len(MARKERS) and MARKERS[0] in self._lost and not self._names_markers:
+            base, *_ = self._markers
+            if unnamed >= len(self._markers) and base in self._lost and not self._names_markers:
                 told.append("if they are the robot's, find out how the camera stands: register")
         return "; ".join(text for text in told if text)
 
     def _markers_mm(self, frame: MarkerFrame) -> Array:
-        """The markers, (3, 3), in the camera's frame; NaN if lost."""
-        named = {name: pose for name, pose in frame.tools.items() if name in MARKERS}
+        """The markers, (S + 1, 3), in the camera's frame; NaN if lost."""
+        markers = self._markers
+        named = {name: pose for name, pose in frame.tools.items() if name in markers}
         self._names_markers |= bool(named)
         if self._names_markers:
             unseen = np.full(3, np.nan)
-            return np.array([named[m].position_mm if m in named else unseen for m in MARKERS])
+            return np.array([named[m].position_mm if m in named else unseen for m in markers])
         points_mm = frame.points_mm[~frame.out_of_volume]
         believed_rad = self._beliefs.at(frame.exposed_us * 1e-6)
         found = self._labeller.label(frame.exposed_us, points_mm, believed_rad)

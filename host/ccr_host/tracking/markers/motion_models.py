@@ -3,11 +3,12 @@
 Two models share one interface. `ChainModel` needs the camera's rotation and models the whole robot;
 `FreeModel` needs no rotation and models distances only. Both treat motor motion only as a hint that
 something moves, because slack and gravity determine how far the tip moves.
+
+The robot has S segments, hence S + 1 markers, and D degrees of freedom.
 """
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,7 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.description.schema import Robot
-from ccr_host.robot.arc import arc_derivatives_at
+from ccr_host.robot.kinematics import ConstantCurvature, bending_of_motors
+from ccr_host.tracking.markers.shapes import (
+    Distances,
+    Shapes,
+    Steps,
+    Tolerances,
+    levers_mm,
+    within,
+)
 
 Array = NDArray[np.float64]
 
@@ -27,23 +36,8 @@ _CALMING = 0.7
 """Decay of the agitation per frame: ringing a few frames ago still widens the gates."""
 _MOTOR_SHARE = 0.5
 """Standard deviation of the motion caused by a motor, as a fraction of (4), (5)."""
-_BELIEVED_BENDING_SIGMA_RAD = 0.7
-"""Slack, sag and servo lag between believed and true bending; 0.3 to 0.5 were seen on the twin."""
-
-_MODEL_MM = 2.5
-"""Deviation of M2 from constant curvature: sag, rotation error, glue."""
-_SEGMENT_2_MM = 1.0
-"""The same for M3 relative to M2."""
 _LIMIT = 3.5
 """Standard deviations beyond which a pose cannot be this robot's."""
-_SPHERE_MM = 11.5
-"""Two of NDI's passive spheres cannot be closer to each other."""
-_ROOM_MM2 = 280.0 * 120.0
-"""About the area that M2 and M3 sweep together along their two degrees of freedom, mm x mm."""
-
-
-M2_ROWS = slice(0, 3)
-M3_ROWS = slice(3, 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,19 +49,25 @@ class Belief:
     covariance: Array
     """(n, n)."""
     agitation: Array
-    """(2,): decaying maximum of recent deviations from the expected pose; units of the model."""
+    """Decaying maximum of recent deviations from the expected pose; shape and units of the model's
+    own."""
 
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """Expected position of M2 and M3 relative to M1: six coordinates."""
+    """Expected positions of all markers but M1, relative to M1: 3 S coordinates."""
 
     mean_mm: Array
-    """(6,): M2, M3."""
+    """(3 S,): M2, M3, and so on."""
     covariance_mm2: Array
-    """(6, 6), excluding the camera's noise."""
+    """(3 S, 3 S), excluding the camera's noise."""
     jacobian: Array
-    """(6, n): derivative of the expectation with respect to the state."""
+    """(3 S, n): derivative of the expectation with respect to the state."""
+
+
+def rows_of(marker: int) -> slice:
+    """Coordinates of a marker in an expectation; M2 is number 1."""
+    return slice(3 * marker - 3, 3 * marker)
 
 
 def expectation(belief: Belief, mean_mm: Array, jacobian: Array) -> Expectation:
@@ -76,9 +76,9 @@ def expectation(belief: Belief, mean_mm: Array, jacobian: Array) -> Expectation:
 
 
 def corrected(
-    belief: Belief, expected: Expectation, rows: Array, seen_mm: Array, noise_mm: float
+    belief: Belief, expected: Expectation, rows: NDArray[np.intp], seen_mm: Array, noise_mm: float
 ) -> tuple[Array, Array]:
-    """Kalman update with some of the six coordinates; returns the new mean and covariance.
+    """Kalman update with some of the coordinates; returns the new mean and covariance.
 
     Args:
         belief: prior belief.
@@ -97,45 +97,38 @@ def corrected(
     return mean, 0.5 * (covariance + covariance.T)
 
 
-class Bounds(NamedTuple):
-    """Bounds of the distances between markers for every pose and camera, mm."""
-
-    between_1_and_2: tuple[float, float]
-    between_2_and_3: tuple[float, float]
-
-    @classmethod
-    def of(cls, geometry: Robot) -> Bounds:
-        """Bounds of a robot, with tolerance for glue, noise and sag."""
-        length_1, length_2 = geometry.segment_lengths_mm
-        offset = geometry.marker_offset_mm
-        # A chord is never longer than its arc; past 1.2 half turns nothing of use is reached.
-        return cls(
-            (_SPHERE_MM, math.hypot(length_1, 2.0 * offset) + 4.0 * _MODEL_MM),
-            (_SPHERE_MM, length_2 + 2.0 * _SEGMENT_2_MM),
-        )
-
-
 class Seed(NamedTuple):
-    """A pose derived from one pair of points."""
+    """A pose derived from points of one frame."""
 
+    view: int
+    """Number of the base from which the points are seen."""
+    points: tuple[int, ...]
+    """Indices of the points of M2, M3, and so on."""
     belief: Belief
     log_density: float
-    """Logarithm of the prior density of that pair, in 1/mm^6."""
+    """Logarithm of the prior density of these points, in 1/mm^(3 S)."""
 
 
 class MotionModel(Protocol):
-    """Prior of M2 and M3 relative to M1."""
+    """Prior of all markers but M1, relative to M1."""
 
-    bounds: Bounds
+    def seeds(self, points_mm: Array, taken: list[int], q_rad: Array) -> Iterator[Seed]:
+        """Poses that put the markers at points of a frame, without any history.
 
-    def seeds(self, marker_2_mm: Array, marker_3_mm: Array, q_rad: Array) -> Iterator[Seed]:
-        """Poses that put M2 and M3 at two points, without any history."""
+        Args:
+            points_mm: (B, N, 3), the frame's points relative to each of B possible bases.
+            taken: the point that each base is, or -1.
+            q_rad: believed motor angles, (n,).
+        """
 
     def moved(self, belief: Belief, duration_s: float, motor_motion_rad: Array) -> Belief:
-        """The belief after `duration_s`, during which the motors were commanded to move, (2,)."""
+        """The belief after `duration_s`, during which the motors were commanded to move, (n,)."""
 
     def expect(self, belief: Belief) -> Expectation:
         """Expected marker positions of a belief."""
+
+    def expected_mm(self, belief: Belief) -> Array:
+        """Their mean alone, (3 S,)."""
 
     def settled(self, before: Belief, mean: Array, covariance: Array) -> Belief:
         """The belief with a corrected mean and covariance; updates the agitation."""
@@ -145,222 +138,174 @@ class MotionModel(Protocol):
 
 
 class ChainModel:
-    """Constant curvature with free bending angles and slowly varying offsets.
+    """Constant curvature with free degrees of freedom and slowly varying offsets.
 
-    State: theta_1, theta_2; offset of M2 from its curve; offset of M3 from its modelled position
-    relative to M2. It discriminates well because, whatever the tendons do, M2 moves on a curve and
-    M3 - M2 on a small surface: a pair of points has to satisfy four constraints, and each marker
-    gives information on the other.
+    State: the degrees of freedom; of each marker its offset from its modelled position relative to
+    the marker before it. It discriminates well because, whatever the tendons do, each marker moves
+    on a curve or a surface relative to the one before it: points have to satisfy one or two
+    constraints each, and each marker gives information on the others.
     Vectors are in the robot's frame.
     """
 
-    _FLOOR_RAD = np.array([0.003, 0.006])
-    _OFFSET_WALK_MM = 0.12
-    _OFFSET_WALK_2_MM = 0.06
-    _OFFSET_PER_RAD = np.array([2.5, 2.0])
+    _FLOOR_RAD = 0.003, 0.006
+    """Of all segments but the last, whose end shows its bending less, and of the last."""
+    _OFFSET_WALK_MM = 0.12, 0.06
+    _OFFSET_PER_RAD = 2.5, 2.0
     """Change of the offsets with the bending angles, mm/rad."""
     _START_RAD = 0.03
-    _NOISE_RAD = np.array([0.004, 0.006])
+    _START_OFFSET_MM = 0.5, 0.3
+    _NOISE_RAD = 0.004, 0.006
     """Size of the corrections caused by the camera's noise alone."""
+    _SWEEP_RAD = 2.57
+    """The markers sweep this times their lever along each degree of freedom."""
 
     def __init__(self, geometry: Robot) -> None:
-        self.bounds = Bounds.of(geometry)
-        self._length_1, self._length_2 = geometry.segment_lengths_mm
-        self._offset = geometry.marker_offset_mm
-        self._gain = geometry.pulley_radius_mm / geometry.tendon_radius_mm
+        self._model = model = ConstantCurvature(geometry)
+        tolerances = Tolerances.of(geometry)
+        self._deviation_mm = tolerances.deviation_mm
+        self._shapes = Shapes(geometry, Steps(self._deviation_mm), _LIMIT)
+        self._segment = segment = model.segment_of_freedom
+        self._freedoms, self._segments = len(segment), len(self._deviation_mm)
+        self._by_motors = np.abs(bending_of_motors(geometry))
+        self._by_offsets = np.kron(np.tri(self._segments), np.eye(3))
+        """The offset of a marker moves all later ones as well."""
+        is_last = np.arange(self._segments) == self._segments - 1
+        self._walk_mm, self._per_rad, self._start_mm = (
+            np.where(is_last, pair[1], pair[0])
+            for pair in (self._OFFSET_WALK_MM, self._OFFSET_PER_RAD, self._START_OFFSET_MM)
+        )
+        self._floor_rad, self._noise_rad = (
+            np.where(is_last[segment], pair[1], pair[0])
+            for pair in (self._FLOOR_RAD, self._NOISE_RAD)
+        )
+        constrained = 3 * self._segments - self._freedoms
+        tip_levers_mm = levers_mm(geometry)[-1]
+        self._log_room = 0.5 * constrained * math.log(2.0 * math.pi)
+        self._log_room += float(np.log(self._SWEEP_RAD * tip_levers_mm).sum())
+        # A segment leaves two constraints if it is planar, one if it is spatial.
+        left = 3 - np.bincount(segment)
+        self._log_room += float(left @ np.log(self._deviation_mm))
 
-    def seeds(self, marker_2_mm: Array, marker_3_mm: Array, q_rad: Array) -> Iterator[Seed]:
-        along = marker_3_mm - marker_2_mm
-        across, sagittal = float(along[0]), complex(-along[1], along[2])
-        # The chord of an arc points along half its angle; past a half turn its end turns back.
-        for side in (1.0, -1.0):
-            tangent = side * sagittal
-            theta_1 = cmath.phase(tangent) if tangent else 0.0
-            theta_2 = 2.0 * math.atan2(across, side * abs(sagittal))
-            seed = self._seed(theta_1, theta_2, marker_2_mm, marker_3_mm, q_rad)
-            if seed is not None:
-                yield seed
-
-    def _seed(
-        self, theta_1: float, theta_2: float, marker_2: Array, marker_3: Array, q_rad: Array
-    ) -> Seed | None:
-        place_2, place_3, _ = self._places(theta_1, theta_2)
-        offset_2 = marker_2 - place_2
-        offset_3 = marker_3 - marker_2 - (place_3 - place_2)
-        # Two components of M2's offset count, and one of M3's: the others determined the angles.
-        misfits = np.array([offset_2[0], np.hypot(*offset_2[1:])]) / _MODEL_MM
-        misfit_3 = float(np.linalg.norm(offset_3)) / _SEGMENT_2_MM
-        beyond = (np.array([theta_1, theta_2]) - self._gain * q_rad) / _BELIEVED_BENDING_SIGMA_RAD
-        if max(np.max(np.abs(misfits)), misfit_3, np.max(np.abs(beyond))) > _LIMIT:
-            return None
-        exponent = -0.5 * float(misfits @ misfits + misfit_3**2 + beyond @ beyond)
-        constants = math.log(_MODEL_MM**2 * _SEGMENT_2_MM**2 * _ROOM_MM2 * (2 * math.pi) ** 2)
-        mean = np.concatenate([[theta_1, theta_2], offset_2, offset_3])
-        covariance = np.diag([self._START_RAD**2] * 2 + [0.5**2] * 3 + [0.3**2] * 3)
-        belief = Belief(mean, covariance, np.full(2, self._START_RAD))
-        return Seed(belief, exponent - constants)
+    def seeds(self, points_mm: Array, taken: list[int], q_rad: Array) -> Iterator[Seed]:
+        for found in self._shapes.among(points_mm, taken, self._model.bending_rad(q_rad)):
+            offsets = self._offsets(found.seen_mm, found.bending_rad)
+            mean = np.concatenate([found.bending_rad, offsets.ravel()])
+            deviation = [self._START_RAD] * self._freedoms, np.repeat(self._start_mm, 3)
+            covariance = np.diag(np.concatenate(deviation) ** 2)
+            agitation = np.full(self._freedoms, self._START_RAD)
+            belief = Belief(mean, covariance, agitation)
+            yield Seed(found.view, found.points, belief, -0.5 * found.cost - self._log_room)
 
     def moved(self, belief: Belief, duration_s: float, motor_motion_rad: Array) -> Belief:
         frames = duration_s / FRAME_S
-        stir = _MOTOR_SHARE * self._gain * np.abs(motor_motion_rad)
-        turn = np.hypot(np.hypot(self._FLOOR_RAD, belief.agitation), stir) * math.sqrt(frames)
-        walk = np.hypot(
-            np.array([self._OFFSET_WALK_MM, self._OFFSET_WALK_2_MM]) * math.sqrt(frames),
-            self._OFFSET_PER_RAD * turn,
-        )
+        stir = _MOTOR_SHARE * self._by_motors @ np.abs(motor_motion_rad)
+        turn = np.hypot(np.hypot(self._floor_rad, belief.agitation), stir) * math.sqrt(frames)
+        of_segment = np.sqrt(np.bincount(self._segment, turn**2))
+        walk = np.hypot(self._walk_mm * math.sqrt(frames), self._per_rad * of_segment)
         covariance = belief.covariance.copy()
-        covariance[np.diag_indices(8)] += np.repeat([*turn, *walk], [1, 1, 3, 3]) ** 2
+        covariance[np.diag_indices(len(covariance))] += (
+            np.concatenate([turn, np.repeat(walk, 3)]) ** 2
+        )
         return Belief(belief.mean, covariance, belief.agitation * _CALMING**frames)
 
     def expect(self, belief: Belief) -> Expectation:
-        theta_1, theta_2 = belief.mean[:2]
-        place_2, place_3, jacobian = self._places(float(theta_1), float(theta_2))
-        offset_2, offset_3 = belief.mean[2:5], belief.mean[5:8]
-        mean = np.concatenate([place_2 + offset_2, place_3 + offset_2 + offset_3])
-        return expectation(belief, mean, jacobian)
+        places, slopes = self._model.markers_mm(belief.mean[None, : self._freedoms])
+        by_bending = slopes[0].reshape(len(self._by_offsets), -1)
+        mean = places[0].ravel() + self._by_offsets @ belief.mean[self._freedoms :]
+        return expectation(belief, mean, np.hstack([by_bending, self._by_offsets]))
+
+    def expected_mm(self, belief: Belief) -> Array:
+        places, _ = self._model.markers_mm(belief.mean[None, : self._freedoms])
+        mean_mm: Array = places[0].ravel() + self._by_offsets @ belief.mean[self._freedoms :]
+        return mean_mm
 
     def settled(self, before: Belief, mean: Array, covariance: Array) -> Belief:
-        surprise = np.maximum(np.abs(mean[:2] - before.mean[:2]) - self._NOISE_RAD, 0.0)
+        change = np.abs(mean - before.mean)[: self._freedoms]
+        surprise = np.maximum(change - self._noise_rad, 0.0)
         return Belief(mean, covariance, np.maximum(before.agitation, surprise))
 
     def holds(self, belief: Belief) -> bool:
-        offset_2, offset_3 = belief.mean[2:5], belief.mean[5:8]
-        return bool(
-            np.linalg.norm(offset_2) < _LIMIT * _MODEL_MM
-            and np.linalg.norm(offset_3) < _LIMIT * _SEGMENT_2_MM
-        )
+        offsets = belief.mean[self._freedoms :].reshape(-1, 3)
+        return bool(np.all(np.linalg.norm(offsets, axis=1) < _LIMIT * self._deviation_mm))
 
-    def _places(self, theta_1: float, theta_2: float) -> tuple[Array, Array, Array]:
-        """Modelled M2 and M3, (3,) each, and their Jacobian with respect to the state, (6, 8)."""
-        arc_1, slope_1 = arc_derivatives_at(theta_1)[:2]
-        arc_2, slope_2 = arc_derivatives_at(theta_2)[:2]
-        turn = cmath.exp(1j * theta_1)
-        place_2 = self._length_1 * arc_1 + 1j * self._offset * (turn - 1.0)
-        by_1 = self._length_1 * slope_1 - self._offset * turn
-        along_2 = self._length_2 * arc_2.real * turn
-        by_2 = self._length_2 * slope_2.real * turn
-        jacobian = np.zeros((6, 8))
-        jacobian[1:3, 0] = -by_1.real, by_1.imag
-        end_by_1 = by_1 + 1j * along_2
-        jacobian[4:6, 0] = -end_by_1.real, end_by_1.imag
-        jacobian[3:6, 1] = self._length_2 * slope_2.imag, -by_2.real, by_2.imag
-        jacobian[:3, 2:5] = jacobian[3:, 2:5] = jacobian[3:, 5:] = np.eye(3)
-        end = place_2 + along_2
-        return (
-            np.array([0.0, -place_2.real, place_2.imag]),
-            np.array([self._length_2 * arc_2.imag, -end.real, end.imag]),
-            jacobian,
-        )
+    def _offsets(self, seen_mm: Array, bending_rad: Array) -> Array:
+        places, _ = self._model.markers_mm(bending_rad[None])
+        offsets: Array = np.diff(seen_mm - places[0], axis=0, prepend=0.0)
+        return offsets
 
 
 class FreeModel:
-    """Two points with velocities, initialised where the three distances fit a pose of the robot.
+    """Points with velocities, initialised where all distances fit a pose of the robot.
 
-    State: positions of M2 and M3, and their displacement per frame. It needs no rotation because
-    distances do not depend on one.
+    State: positions of all markers but M1, and their displacement per frame. It needs no rotation
+    because distances do not depend on one.
     """
 
-    _FLOOR_MM = np.array([0.1, 0.15])
+    _FLOOR_MM = 0.1, 0.15
+    """Of M2 and of the tip; between them in equal steps."""
     _START_MM = 1.5
     _NOISE_MM = 0.2
     """Size of the corrections caused by the camera's noise alone."""
     _PUSH = 0.5
     """Change of the displacement per frame, as a fraction of the change of position."""
-    _SURFACE_MM = 3.0
-    """Deviation of |M3 - M1| in (10) from a sagging robot's, given |M2 - M1| and |M3 - M2|."""
     _SHELL_MM2 = 4.0 * math.pi * 50.0**2
     """Area on which M2 can lie about M1 when nothing is known about the camera's rotation."""
     _RING_MM = 2.0 * math.pi * 30.0
     """Length of the ring on which M3 can then lie at given distances."""
-    _RANGES_MM2 = 50.0 * 20.0
-    """Ranges of |M2 - M1| and |M3 - M2|."""
+    _RANGE_MM = 32.0
+    """Range of a distance over one degree of freedom."""
 
     def __init__(self, geometry: Robot) -> None:
-        self.bounds = Bounds.of(geometry)
-        self._length_1, self._length_2 = geometry.segment_lengths_mm
-        self._offset = geometry.marker_offset_mm
-        self._gain = geometry.pulley_radius_mm / geometry.tendon_radius_mm
-        # Largest swing of M2 and M3 with their segments' bending, mm/rad.
-        reach = self._length_1 + self._offset
-        self._levers_mm = np.array([[reach, 0.0], [reach + self._length_2, self._length_2]])
-        self._table_rad = np.linspace(-math.pi, math.pi, 721)
-        self._distance_12 = np.array([abs(self._place_2(t)) for t in self._table_rad])
+        self._model = ConstantCurvature(geometry)
+        self._by_motors = np.abs(bending_of_motors(geometry))
+        self._levers_mm = levers_mm(geometry)
+        self._bounds_mm = Tolerances.of(geometry).bounds_mm
+        distances = Distances(Tolerances.of(geometry).deviation_mm)
+        self._shapes = Shapes(geometry, distances, _LIMIT)
+        self._segments, freedoms = self._levers_mm.shape
+        self._floor_mm = np.linspace(*self._FLOOR_MM, self._segments)
+        room_mm = self._SHELL_MM2 * (self._RING_MM if self._segments > 1 else 1.0)
+        turns = min(3 * self._segments - 1, 3)
+        ranges = min(freedoms, 3 * self._segments - turns)
+        constrained = 3 * self._segments - turns - ranges
+        surface_mm = distances.surface_mm * math.sqrt(2.0 * math.pi)
+        self._log_room = math.log(room_mm) + ranges * math.log(self._RANGE_MM)
+        self._log_room += constrained * math.log(surface_mm)
 
-    def seeds(self, marker_2_mm: Array, marker_3_mm: Array, q_rad: Array) -> Iterator[Seed]:
-        distance_12 = float(np.linalg.norm(marker_2_mm))
-        distance_13 = float(np.linalg.norm(marker_3_mm))
-        distance_23 = float(np.linalg.norm(marker_3_mm - marker_2_mm))
-        believed = self._gain * q_rad
-        theta_1 = self._bending_1(distance_12, float(believed[0]))
-        theta_2 = self._bending_2(distance_23)
-        if theta_1 is None or theta_2 is None:
-            return
-        place_3 = self._place_2(theta_1) + self._length_2 * arc_derivatives_at(theta_2)[
-            0
-        ].real * cmath.exp(1j * theta_1)
-        across = self._length_2 * arc_derivatives_at(theta_2)[0].imag
-        misfit = (math.hypot(abs(place_3), across) - distance_13) / self._SURFACE_MM
-        beyond = (
-            np.array([theta_1 - believed[0], theta_2 - abs(believed[1])])
-            / _BELIEVED_BENDING_SIGMA_RAD
-        )
-        if max(abs(misfit), float(np.max(np.abs(beyond)))) > _LIMIT:
-            return
-        exponent = -0.5 * float(misfit**2 + beyond @ beyond)
-        room = self._SHELL_MM2 * self._RING_MM * self._RANGES_MM2
-        constants = math.log(self._SURFACE_MM * math.sqrt(2 * math.pi) * room)
-        mean = np.concatenate([marker_2_mm, marker_3_mm, np.zeros(6)])
-        covariance = np.diag([0.3**2] * 6 + [self._START_MM**2] * 6)
-        yield Seed(Belief(mean, covariance, np.full(2, self._START_MM)), exponent - constants)
+    def seeds(self, points_mm: Array, taken: list[int], q_rad: Array) -> Iterator[Seed]:
+        for found in self._shapes.among(points_mm, taken, self._model.bending_rad(q_rad)):
+            size = found.seen_mm.size
+            mean = np.concatenate([found.seen_mm.ravel(), np.zeros(size)])
+            covariance = np.diag([0.3**2] * size + [self._START_MM**2] * size)
+            belief = Belief(mean, covariance, np.full(self._segments, self._START_MM))
+            yield Seed(found.view, found.points, belief, -0.5 * found.cost - self._log_room)
 
     def moved(self, belief: Belief, duration_s: float, motor_motion_rad: Array) -> Belief:
-        frames = duration_s / FRAME_S
-        stir = _MOTOR_SHARE * self._gain * self._levers_mm @ np.abs(motor_motion_rad)
-        kick = np.hypot(np.hypot(self._FLOOR_MM, belief.agitation), stir)
-        step = np.eye(12)
-        step[:6, 6:] = frames * np.eye(6)
+        frames, size = duration_s / FRAME_S, 3 * self._segments
+        stir = _MOTOR_SHARE * self._levers_mm @ self._by_motors @ np.abs(motor_motion_rad)
+        kick = np.hypot(np.hypot(self._floor_mm, belief.agitation), stir)
+        step = np.eye(2 * size)
+        step[:size, size:] = frames * np.eye(size)
         covariance = step @ belief.covariance @ step.T
         variance = np.repeat(kick, 3) ** 2
-        covariance[np.diag_indices(12)] += frames * np.concatenate(
+        covariance[np.diag_indices(2 * size)] += frames * np.concatenate(
             [variance, self._PUSH**2 * variance]
         )
         return Belief(step @ belief.mean, covariance, belief.agitation * _CALMING**frames)
 
     def expect(self, belief: Belief) -> Expectation:
-        return expectation(belief, belief.mean[:6], np.eye(6, 12))
+        size = 3 * self._segments
+        return expectation(belief, belief.mean[:size], np.eye(size, 2 * size))
+
+    def expected_mm(self, belief: Belief) -> Array:
+        return belief.mean[: 3 * self._segments]
 
     def settled(self, before: Belief, mean: Array, covariance: Array) -> Belief:
-        change = (mean[:6] - before.mean[:6]).reshape(2, 3)
+        change = (mean - before.mean)[: 3 * self._segments].reshape(-1, 3)
         surprise = np.linalg.norm(change, axis=1) / math.sqrt(3.0) - self._NOISE_MM
         return Belief(mean, covariance, np.maximum(before.agitation, surprise))
 
     def holds(self, belief: Belief) -> bool:
-        marker_2, marker_3 = belief.mean[:3], belief.mean[3:6]
-        distances = (np.linalg.norm(marker_2), np.linalg.norm(marker_3 - marker_2))
-        return all(
-            low <= distance <= high
-            for distance, (low, high) in zip(distances, self.bounds, strict=True)
-        )
-
-    def _place_2(self, theta_1: float) -> complex:
-        arc = arc_derivatives_at(theta_1)[0]
-        return self._length_1 * arc + 1j * self._offset * (cmath.exp(1j * theta_1) - 1.0)
-
-    def _bending_1(self, distance_mm: float, believed_rad: float) -> float | None:
-        """The bending angle closest to the believed one among those that fit |M2 - M1|."""
-        fits = np.abs(self._distance_12 - distance_mm) < _MODEL_MM
-        if not np.any(fits):
-            return None
-        candidates = self._table_rad[fits]
-        return float(candidates[np.argmin(np.abs(candidates - believed_rad))])
-
-    def _bending_2(self, distance_mm: float) -> float | None:
-        """Magnitude of the bending: |M3 - M2| = L_2 sinc(theta_2 / 2), never more than L_2."""
-        share = distance_mm / self._length_2
-        if share > 1.0 + 2.0 * _SEGMENT_2_MM / self._length_2:
-            return None
-        angles = np.linspace(0.0, 1.2 * math.pi, 400)
-        shares = np.sinc(angles / (2.0 * math.pi))
-        nearest = int(np.argmin(np.abs(shares - share)))
-        misfit_mm = abs(shares[nearest] - share) * self._length_2
-        return float(angles[nearest]) if misfit_mm < 2.0 * _SEGMENT_2_MM else None
+        places = belief.mean[: 3 * self._segments].reshape(-1, 3)
+        apart_mm = np.linalg.norm(np.diff(places, axis=0, prepend=0.0), axis=1)
+        return bool(within(apart_mm, self._bounds_mm).all())

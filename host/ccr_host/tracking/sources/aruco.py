@@ -6,7 +6,7 @@ The frame is OpenCV's: x to the right, y down, z away from the camera, mm.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -56,8 +56,14 @@ class ArucoSettings:
     """Edge of the black square."""
     dictionary: str = "DICT_APRILTAG_36h11"
     """Name of the OpenCV dictionary."""
-    tags: Mapping[int, str] = field(default_factory=lambda: {0: "M1", 1: "M3", 2: "M2"})
-    """Names by tag number; f of (10) needs M1 (base) and M3 (tip), registration M2 as well."""
+    tags: Mapping[int, str] = field(default_factory=lambda: tag_names(("M1", "M2", "M3")))
+    """Names by tag number."""
+
+
+def tag_names(markers: Sequence[str]) -> dict[int, str]:
+    """Markers by tag number: 0 is the base, 1 the tip, which f of (10) needs; then the others."""
+    first, *between, last = markers
+    return dict(enumerate((first, last, *between)))
 
 
 @dataclass(frozen=True, eq=False)

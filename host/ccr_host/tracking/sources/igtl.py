@@ -78,7 +78,7 @@ class IgtlTracker(StartsAndStops):
         host: str,
         port: int,
         *,
-        expected_tools: Sequence[str] = ("M1", "M2", "M3"),
+        expected_tools: Sequence[str],
         latency_us: int = DEFAULT_LATENCY_US,
         open_stream: Callable[[], Stream] | None = None,
     ) -> None:

@@ -30,7 +30,7 @@ class Camera:
     def __init__(self, tracker: Tracker, rng: np.random.Generator) -> None:
         self._tracker = tracker
         self._rng = rng
-        # M3 - M1 contains six independent errors.
+        # The tip relative to M1 contains six independent errors.
         self._noise_per_coordinate_mm = tracker.noise_mm / math.sqrt(6)
         self._robot_to_camera = np.eye(3)
         if any(tracker.rotation_deg):  # scipy's rotations take 0.2 s to load
@@ -59,12 +59,12 @@ class Camera:
         return max(self._shutter.stated_us + self._latency_us, self._shutter.next_look_us)
 
     def expose(self, time_us: int, markers_mm: Array) -> None:
-        """Expose the markers, (3, 3), one per row, in the robot's frame."""
+        """Expose the markers, (S + 1, 3), one per row, in the robot's frame."""
         stated_us = self._shutter.stated_us
         picture_mm = self._shutter.look(markers_mm)
         if picture_mm is None:
             return
-        noise_mm = self._noise_per_coordinate_mm * self._rng.standard_normal((3, 3))
+        noise_mm = self._noise_per_coordinate_mm * self._rng.standard_normal(picture_mm.shape)
         dropped = self._rng.random() < self._tracker.dropout
         if not dropped:
             seen_mm = picture_mm @ self._robot_to_camera.T + noise_mm

@@ -12,32 +12,36 @@ ALL = ("M1", "M2", "M3")
 PROVEN = 12
 
 
+def lost(found) -> tuple[str, ...]:
+    return tuple(name for name, at in zip(ALL, found.markers_mm, strict=True) if np.isnan(at[0]))
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("view", ["camera", "unregistered_camera"])
 def test_three_markers_at_rest_are_told_apart_within_a_second(view, rest, rest_q, request):
     found = request.getfixturevalue(view).show_again(rest, PROVEN, q_rad=rest_q)
-    assert found.lost == ()
+    assert lost(found) == ()
     np.testing.assert_allclose(found.markers_mm, rest, atol=0.8)
     np.testing.assert_allclose(found.tip_mm, rest[2] - rest[0], atol=0.8)
 
 
 @pytest.mark.long
 def test_a_single_frame_is_never_enough(camera, rest, rest_q):
-    assert camera.show(rest, q_rad=rest_q).lost == ALL
+    assert lost(camera.show(rest, q_rad=rest_q)) == ALL
 
 
 def test_no_points_give_no_markers(camera):
     found = camera.show_again(np.zeros((3, 3)), 3, hidden=(0, 1, 2))
-    assert found.lost == ALL
+    assert lost(found) == ALL
     assert found.tip_mm is None
 
 
 def test_a_hidden_tip_is_lost_at_once_and_found_again(camera, rest, rest_q):
     camera.show_again(rest, PROVEN, q_rad=rest_q)
     hidden = camera.show(rest, q_rad=rest_q, hidden=(2,))
-    assert hidden.lost == ("M3",)
+    assert lost(hidden) == ("M3",)
     assert hidden.tip_mm is None
-    assert camera.show_again(rest, 2, q_rad=rest_q).lost == ()
+    assert lost(camera.show_again(rest, 2, q_rad=rest_q)) == ()
 
 
 @pytest.mark.parametrize("away_mm", [4.0, 8.0, 20.0])
@@ -73,19 +77,19 @@ def test_a_robot_pushed_far_while_hidden_is_found_again(camera, slow_motion, res
     elsewhere = slow_motion.markers_mm[300]
     assert np.linalg.norm(elsewhere[2] - rest[2]) > 20.0
     found = camera.show_again(elsewhere, 15, q_rad=slow_motion.q_rad[300])
-    assert found.lost == ()
+    assert lost(found) == ()
     np.testing.assert_allclose(found.markers_mm, elsewhere, atol=0.8)
 
 
 def test_motor_angles_that_are_wrong_by_20_deg_do_no_harm(camera, rest, rest_q):
     found = camera.show_again(rest, PROVEN, q_rad=rest_q + np.radians([20.0, -20.0]))
-    assert found.lost == ()
+    assert lost(found) == ()
     np.testing.assert_allclose(found.markers_mm, rest, atol=0.8)
 
 
 def test_three_spheres_that_are_no_robot_are_never_labelled(camera, rest, rest_q):
     stretched = rest * np.array([1.0, 1.6, 1.0])
-    assert camera.show_again(stretched, 40, q_rad=rest_q).lost == ALL
+    assert lost(camera.show_again(stretched, 40, q_rad=rest_q)) == ALL
 
 
 def test_time_that_goes_back_is_refused(camera, rest):

@@ -12,6 +12,7 @@ from ccr_host.tracking.sources.igtl import IgtlTracker
 from tests.patience import PATIENCE_S
 
 STEP_US = 50_000
+MARKERS = ("M1", "M2", "M3")
 
 
 @dataclass
@@ -56,6 +57,7 @@ class Rig:
     def __init__(self, **keys) -> None:
         self.streams: list[Stream] = []
         self.clock = VirtualClock()
+        keys = {"expected_tools": MARKERS} | keys
         self.tracker = IgtlTracker("localhost", 1, open_stream=self._open, **keys)
         self.clock.attach(self.tracker)
         self.tracker.start()
@@ -292,7 +294,7 @@ def test_real_server_that_goes_away_and_comes_back():
                 )
             clock.sleep_until_us(clock.now_us() + STEP_US)
 
-    tracker = IgtlTracker("127.0.0.1", port)
+    tracker = IgtlTracker("127.0.0.1", port, expected_tools=MARKERS)
     clock.attach(tracker)
     with tracker:
         stream_until(6)

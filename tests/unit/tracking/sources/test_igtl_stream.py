@@ -144,7 +144,7 @@ def test_foreign_server_is_one_clear_error(kind, capfd):
     patience_us = 3_500_000 if "no new" in told else PATIENCE_S * 1_000_000
     with foreign_server(kind) as port:
         clock = RealClock()
-        tracker = IgtlTracker("127.0.0.1", port)
+        tracker = IgtlTracker("127.0.0.1", port, expected_tools=("M1", "M2", "M3"))
         clock.attach(tracker)
         with tracker, pytest.raises(TrackerError) as refusal:
             wait_until_tracking(tracker, clock, timeout_us=patience_us)

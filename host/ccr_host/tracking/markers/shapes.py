@@ -1,0 +1,324 @@
+"""Which points of a frame can be the markers of a robot, by its shape alone.
+
+Points are taken for M1, M2 and so on, one marker after the other. Each time, the degrees of freedom
+of the segments so far are fitted to the points, and only points that some pose explains are kept:
+of many points very few chains are left after two segments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.description.schema import Robot
+from ccr_host.robot.chain import PAPER_FRAME, bend_of
+from ccr_host.robot.kinematics import ConstantCurvature, freedom_of
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+_BELIEVED_BENDING_SIGMA_RAD = 0.7
+"""Slack, sag and servo lag between believed and true bending; 0.3 to 0.5 were seen on the twin."""
+_DEVIATION_MM, _DEVIATION_SHARE = (2.5, 1.0), (0.042, 0.022)
+"""Deviation of a marker from constant curvature, relative to the marker before it: sag, rotation
+error, glue, at least, and as a share of a long segment. First of all segments whose bending shows
+in where the next one points, then of the last."""
+_MARGIN = 4.0, 2.0
+"""Deviations by which a distance may be beyond the geometry's."""
+_SPHERE_MM = 11.5
+"""Two of NDI's passive spheres cannot be closer to each other."""
+_STARTS_RAD = 0.0, 0.7, 1.4, 2.1, 2.8
+_DIRECTIONS = 8
+_STEPS = 12
+_DONE_RAD = 3e-3
+_DAMPING_FIRST, _DAMPING_FALL, _DAMPING_RISE = 1e-3, 0.1, 10.0
+_MOST = 1500
+"""Chains of points that are kept at a time, the best ones."""
+
+
+class Tolerances(NamedTuple):
+    """How far a robot may be from its description, mm."""
+
+    deviation_mm: Array
+    """(S,): standard deviation of each marker relative to the one before it."""
+    bounds_mm: Array
+    """(S, 2): bounds of the distance between the two, for every pose and camera."""
+
+    @classmethod
+    def of(cls, geometry: Robot) -> Tolerances:
+        """Tolerances of a robot: glue, noise and sag."""
+        lengths_mm = np.array([segment.length_mm for segment in geometry.chain])
+        is_last = np.arange(len(lengths_mm)) == len(lengths_mm) - 1
+        least_mm, share, margin = (
+            np.where(is_last, of_last, of_others)
+            for of_others, of_last in (_DEVIATION_MM, _DEVIATION_SHARE, _MARGIN)
+        )
+        deviation_mm = np.maximum(least_mm, share * lengths_mm)
+        # A chord is never longer than its arc, and turns the offset by half a turn at most.
+        swing_mm = 2.0 * _swung_offset_mm(geometry).max(axis=0)
+        most_mm = np.hypot(lengths_mm, swing_mm) + margin * deviation_mm
+        return cls(deviation_mm, np.stack([np.full_like(most_mm, _SPHERE_MM), most_mm], axis=1))
+
+
+def levers_mm(geometry: Robot) -> Array:
+    """Largest motion of each marker with each degree of freedom, mm/rad, (S, D)."""
+    ends_mm = np.cumsum([segment.length_mm for segment in geometry.chain])
+    swung_mm = _swung_offset_mm(geometry)
+    number = ConstantCurvature(geometry).segment_of_freedom
+    starts_mm = np.concatenate([[0.0], ends_mm])[number]
+    levers = ends_mm[:, None] - starts_mm + swung_mm.max(axis=1)
+    return np.where(np.arange(len(ends_mm))[:, None] >= number, levers, 0.0)
+
+
+def _swung_offset_mm(geometry: Robot) -> Array:
+    """Part of the markers' offset that a degree of freedom turns, per segment, (D, S)."""
+    swung: Array = geometry.marker_offset_mm * np.abs(freedom_of(geometry.chain)[..., 1])
+    return swung
+
+
+def within(values: Array, bounds: Array) -> NDArray[np.bool_]:
+    """Whether values are in an interval, (..., 2), its ends included."""
+    return np.asarray((values >= bounds[..., 0]) & (values <= bounds[..., 1]))
+
+
+class Misfit(Protocol):
+    """How much K markers are elsewhere than a pose says, in standard deviations."""
+
+    def of(self, places_mm: Array, seen_mm: Array) -> Array:
+        """Misfits, (..., M), of markers relative to M1, (..., K, 3) each."""
+
+    def slopes(self, places_mm: Array, slopes_mm: Array) -> Array:
+        """Derivatives of the misfits, (N, M, D), from those of the places, (N, K, 3, D)."""
+
+    def worst(self, misfits: Array) -> Array:
+        """The largest misfit of each pose, (N,)."""
+
+
+class Steps(Misfit):
+    """Of the vector from each marker to the next, in the robot's frame.
+
+    Args:
+        deviation_mm: see `Tolerances`.
+    """
+
+    def __init__(self, deviation_mm: Array) -> None:
+        self._deviation_mm = deviation_mm
+
+    def of(self, places_mm: Array, seen_mm: Array) -> Array:
+        steps = np.diff(places_mm - seen_mm, axis=-2, prepend=0.0)
+        misfits = steps / self._deviation_mm[: steps.shape[-2], None]
+        return misfits.reshape(*misfits.shape[:-2], -1)
+
+    def slopes(self, places_mm: Array, slopes_mm: Array) -> Array:
+        steps = np.diff(slopes_mm, axis=1, prepend=0.0)
+        slopes: Array = steps / self._deviation_mm[: steps.shape[1], None, None]
+        return slopes.reshape(len(slopes), -1, slopes.shape[-1])
+
+    def worst(self, misfits: Array) -> Array:
+        largest: Array = np.linalg.norm(misfits.reshape(len(misfits), -1, 3), axis=2).max(axis=1)
+        return largest
+
+
+class Distances(Misfit):
+    """Of the distances between all markers, which no turn of the camera changes.
+
+    Args:
+        deviation_mm: see `Tolerances`.
+    """
+
+    surface_mm = 3.0
+    """Deviation of the distance of markers that are no neighbours."""
+
+    def __init__(self, deviation_mm: Array) -> None:
+        self._deviation_mm = deviation_mm
+
+    def of(self, places_mm: Array, seen_mm: Array) -> Array:
+        first, second, deviation_mm = self._pairs(places_mm.shape[-2])
+        expected, seen = (
+            np.linalg.norm(
+                _from_base(one)[..., second, :] - _from_base(one)[..., first, :], axis=-1
+            )
+            for one in (places_mm, seen_mm)
+        )
+        misfits: Array = (expected - seen) / deviation_mm
+        return misfits
+
+    def slopes(self, places_mm: Array, slopes_mm: Array) -> Array:
+        first, second, deviation_mm = self._pairs(places_mm.shape[-2])
+        places, by = _from_base(places_mm), np.pad(slopes_mm, ((0, 0), (1, 0), (0, 0), (0, 0)))
+        apart = places[:, second] - places[:, first]
+        towards = apart / np.maximum(np.linalg.norm(apart, axis=-1, keepdims=True), 1e-9)
+        slopes = np.einsum("npi,npid->npd", towards, by[:, second] - by[:, first])
+        scaled: Array = slopes / deviation_mm[:, None]
+        return scaled
+
+    def worst(self, misfits: Array) -> Array:
+        largest: Array = np.abs(misfits).max(axis=1)
+        return largest
+
+    def _pairs(self, markers: int) -> tuple[IntArray, IntArray, Array]:
+        first, second = np.triu_indices(markers + 1, k=1)
+        neighbours = self._deviation_mm[second - 1]
+        return first, second, np.where(second == first + 1, neighbours, self.surface_mm)
+
+
+def _from_base(places_mm: Array) -> Array:
+    """Places with that of M1, the origin, before them, (..., K, 3) -> (..., K + 1, 3)."""
+    return np.concatenate([np.zeros_like(places_mm[..., :1, :]), places_mm], axis=-2)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Points that can be the markers."""
+
+    view: int
+    """Number of the base from which they are seen."""
+    points: tuple[int, ...]
+    """Their indices, of M2 first."""
+    seen_mm: Array
+    """(S, 3): where they are, relative to M1."""
+    bending_rad: Array
+    """(D,): the pose that explains them best."""
+    cost: float
+    """Sum of the squares of all misfits, and of the bending beyond the believed one."""
+
+
+class Shapes:
+    """Looks for the robot among points.
+
+    Args:
+        geometry: the robot.
+        misfit: what a pose has to explain.
+        limit: standard deviations up to which it does.
+    """
+
+    def __init__(self, geometry: Robot, misfit: Misfit, limit: float) -> None:
+        self._model = ConstantCurvature(geometry)
+        self._misfit = misfit
+        self._limit = limit
+        self._bounds_mm = Tolerances.of(geometry).bounds_mm
+        self._freedom = freedom_of(geometry.chain)
+        offset_mm = np.array([0.0, geometry.marker_offset_mm, 0.0])
+        self._starts: list[tuple[Array, Array]] = []
+        """Of each segment, degrees of freedom, (G, d), and its marker seen from its base, (G, 3),
+        relative to where the marker would be there."""
+        for number, segment in enumerate(geometry.chain):
+            free = _starts_rad(segment.bends == "space")
+            own = self._freedom[self._model.segment_of_freedom == number, number]
+            bend = bend_of(free @ own)
+            ends_mm = segment.length_mm * bend.end + bend.turn @ offset_mm - offset_mm
+            self._starts.append((free, ends_mm))
+
+    def among(self, points_mm: Array, taken: list[int], believed_rad: Array) -> Iterator[Found]:
+        """All chains of points that the robot can explain.
+
+        Args:
+            points_mm: (B, N, 3): the points, seen from each of B bases.
+            taken: the point that is the base itself, or -1, of each base.
+            believed_rad: the believed degrees of freedom, (D,).
+        """
+        view: IntArray = np.arange(len(points_mm))
+        chosen: IntArray = np.array(taken, dtype=np.intp)[:, None]
+        bending_rad: Array = np.zeros((len(view), 0))
+        cost: Array = np.zeros(len(view))
+        for number, bounds_mm in enumerate(self._bounds_mm):
+            row, point = self._next(points_mm[view], chosen, number, bounds_mm)
+            if not len(row):
+                return
+            view, chosen = view[row], np.column_stack([chosen[row], point])
+            seen_mm = points_mm[view[:, None], chosen[:, 1:]]
+            bending_rad = self._started(seen_mm, bending_rad[row], number, believed_rad)
+            bending_rad, worst, cost = self._fitted(seen_mm, bending_rad, believed_rad)
+            kept = np.flatnonzero(worst <= self._limit)
+            kept = kept[np.argsort(cost[kept], kind="stable")[:_MOST]]
+            view, chosen = view[kept], chosen[kept]
+            bending_rad, cost = bending_rad[kept], cost[kept]
+        for index, labels in enumerate(chosen[:, 1:]):
+            seen = points_mm[view[index], labels]
+            points = tuple(labels.tolist())
+            yield Found(int(view[index]), points, seen, bending_rad[index], float(cost[index]))
+
+    def _next(
+        self, points_mm: Array, chosen: IntArray, number: int, bounds_mm: Array
+    ) -> tuple[IntArray, IntArray]:
+        """Rows of chains, and points that are as far from their last marker as a segment allows."""
+        rows = np.arange(len(chosen))
+        last = points_mm[rows, chosen[:, -1]][:, None] if number else 0.0
+        fits = within(np.linalg.norm(points_mm - last, axis=2), bounds_mm)
+        for column in chosen.T:
+            fits[rows[column >= 0], column[column >= 0]] = False
+        row, point = np.nonzero(fits)
+        return row, point
+
+    def _started(
+        self, seen_mm: Array, before_rad: Array, number: int, believed_rad: Array
+    ) -> Array:
+        """A first guess of the bending of one more segment, (N, D')."""
+        free, ends_mm = self._starts[number]
+        own = before_rad.shape[1]
+        frame = np.broadcast_to(PAPER_FRAME, (len(seen_mm), 3, 3))
+        for bend in np.moveaxis(np.tensordot(before_rad, self._freedom[:own, :number], 1), 1, 0):
+            frame = frame @ bend_of(bend).turn
+        before_mm = self._model.markers_mm(before_rad)[0] if number else seen_mm[:, :0]
+        places_mm = np.repeat(before_mm[:, None], len(free), axis=1)
+        last_mm = before_mm[:, None, -1] if number else 0.0
+        ends = last_mm + ends_mm @ np.swapaxes(frame, 1, 2)
+        misfits = self._misfit.of(
+            np.concatenate([places_mm, ends[:, :, None]], axis=2), seen_mm[:, None]
+        )
+        beyond = (free - believed_rad[own : own + free.shape[1]]) / _BELIEVED_BENDING_SIGMA_RAD
+        best = np.argmin((misfits**2).sum(axis=2) + (beyond**2).sum(axis=1), axis=1)
+        return np.concatenate([before_rad, free[best]], axis=1)
+
+    def _fitted(
+        self, seen_mm: Array, start_rad: Array, believed_rad: Array
+    ) -> tuple[Array, Array, Array]:
+        """Least squares by Levenberg and Marquardt's method.
+
+        Returns:
+            Degrees of freedom, (N, D'), the largest misfits, (N,), and costs, (N,).
+        """
+        bending_rad, freedoms = start_rad, start_rad.shape[1]
+        believed_rad = believed_rad[:freedoms]
+        misfits, slopes = self._look(seen_mm, bending_rad, believed_rad)
+        damping = np.full(len(bending_rad), _DAMPING_FIRST)
+        for _ in range(_STEPS):
+            square = np.swapaxes(slopes, 1, 2) @ slopes
+            square += damping[:, None, None] * square * np.eye(freedoms)
+            gradient = np.swapaxes(slopes, 1, 2) @ misfits[:, :, None]
+            step_rad = np.linalg.solve(square, gradient)[:, :, 0]
+            if np.abs(step_rad).max() < _DONE_RAD:
+                break
+            trial_rad = bending_rad - step_rad
+            trial, trial_slopes = self._look(seen_mm, trial_rad, believed_rad)
+            better = (trial**2).sum(axis=1) < (misfits**2).sum(axis=1)
+            bending_rad = np.where(better[:, None], trial_rad, bending_rad)
+            misfits = np.where(better[:, None], trial, misfits)
+            slopes = np.where(better[:, None, None], trial_slopes, slopes)
+            damping = damping * np.where(better, _DAMPING_FALL, _DAMPING_RISE)
+        of_shape, beyond = misfits[:, :-freedoms], misfits[:, -freedoms:]
+        worst = np.maximum(self._misfit.worst(of_shape), np.abs(beyond).max(axis=1))
+        return bending_rad, worst, (misfits**2).sum(axis=1)
+
+    def _look(self, seen_mm: Array, bending_rad: Array, believed_rad: Array) -> tuple[Array, Array]:
+        """Misfits of the points and of the bending, (N, M + D'), and their derivatives."""
+        places_mm, slopes_mm = self._model.markers_mm(bending_rad)
+        beyond = (bending_rad - believed_rad) / _BELIEVED_BENDING_SIGMA_RAD
+        misfits = np.concatenate([self._misfit.of(places_mm, seen_mm), beyond], axis=1)
+        slopes = self._misfit.slopes(places_mm, slopes_mm)
+        by_beyond = np.eye(bending_rad.shape[1]) / _BELIEVED_BENDING_SIGMA_RAD
+        repeated = np.broadcast_to(by_beyond, (len(slopes), *by_beyond.shape))
+        return misfits, np.concatenate([slopes, repeated], axis=1)
+
+
+def _starts_rad(is_spatial: bool) -> Array:
+    """Degrees of freedom of a segment from which its fit may start, (G, 1) or (G, 2)."""
+    if not is_spatial:
+        return np.array([sign * start for start in _STARTS_RAD for sign in (1.0, -1.0)])[1:, None]
+    angles = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return np.concatenate([np.zeros((1, 2)), *[start * ring for start in _STARTS_RAD[1:]]])
