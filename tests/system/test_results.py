@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 from pathlib import Path
@@ -36,6 +37,8 @@ def with_small_files(folder: Path, kilobytes: int, *words: str) -> Ended:
     ended = subprocess.run(
         ["bash", "-c", f'ulimit -f {kilobytes}; exec "$0" "$@"', COMMAND, *words],
         cwd=folder,
+        # Python would not notice that it has kept half of a module's bytecode.
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
         text=True,
         timeout=PATIENCE_S,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,6 +25,7 @@ AGE_US = 50_000
 TipOf = Callable[[np.ndarray], np.ndarray | None]
 
 
+@lru_cache
 def reference_of(name: str, rate_hz: float) -> Reference:
     return load_path(name, rate_hz, BELIEVED, LIMITS)
 

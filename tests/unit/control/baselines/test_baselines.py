@@ -22,8 +22,6 @@ from tests.unit.control.baselines.plant import (
 )
 
 PEERS = baseline_names()
-SLOW = reference_of("star", 1.0)
-FAST = reference_of("ellipse", 20.0)
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
 near = st.floats(-120.0, 120.0)
@@ -40,7 +38,7 @@ observations = st.tuples(
 @given(seen=st.lists(observations, min_size=1, max_size=12), is_slow=st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_commands_stay_finite_within_limits_and_slew_whatever_is_observed(name, seen, is_slow):
-    reference = SLOW if is_slow else FAST
+    reference = reference_of("star", 1.0) if is_slow else reference_of("ellipse", 20.0)
     controller = make_controller(name, DESCRIPTION)
     last_rad = controller.start(reference).q_rad
     most_rad = SLEW_RAD_S * reference.period_s + 1e-9
