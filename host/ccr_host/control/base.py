@@ -57,7 +57,7 @@ class Observation:
     tip_age_us: int
     """Time from the exposure of ``tip_mm`` to ``time_us``; 0 without a tip."""
     q_rad: FloatArray
-    """Motor angles commanded last, as the board accepted them, (2,)."""
+    """Motor angles commanded last, as the board accepted them, (motors,)."""
     middle_mm: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     """M2 - M1, the end of segment 1, in the picture of ``tip_mm``, (3,); NaN where not seen."""
     earlier: tuple[Picture, ...] = ()
@@ -79,7 +79,7 @@ class Command:
     """Motor angles to move to, and the motion that the controller predicts."""
 
     q_rad: FloatArray
-    """(2,), within the motor limits."""
+    """(motors,), within their limits."""
     predicted_mm: FloatArray
     """Predicted tip at the end of this period and of any further planned ones, (k, 3)."""
     outcome: Outcome
@@ -125,8 +125,12 @@ LONGEST_RAMP_S = 10.0
 """The longest ramp that the protocol can carry."""
 
 
-def checked(answer: object) -> Command:
+def checked(answer: object, motors: int) -> Command:
     """Validate a controller's answer and convert its numbers to arrays.
+
+    Args:
+        answer: of the controller.
+        motors: number of motors of the robot.
 
     Raises:
         ValueError: it is not a command, or cannot be executed; limits are not checked.
@@ -139,8 +143,8 @@ def checked(answer: object) -> Command:
         raise ValueError(f"ramp_s = {answer.ramp_s}, which is not in 0..{LONGEST_RAMP_S:g}")
     q_rad = _finite("q_rad", answer.q_rad)
     predicted_mm = _finite("predicted_mm", answer.predicted_mm)
-    if q_rad.shape != (2,):
-        raise ValueError(f"q_rad of shape {q_rad.shape} instead of (2,)")
+    if q_rad.shape != (motors,):
+        raise ValueError(f"q_rad of shape {q_rad.shape} instead of {(motors,)}")
     if predicted_mm.shape[1:] != (3,):
         raise ValueError(f"predicted_mm of shape {predicted_mm.shape} instead of (k, 3)")
     return replace(answer, q_rad=q_rad, predicted_mm=predicted_mm)

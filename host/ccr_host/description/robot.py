@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from ccr_host.description.section import (
     Direction,
@@ -165,6 +171,13 @@ class Robot(Section):
             self.__dict__["segment_lengths_mm"] = tuple(s.length_mm for s in self.segments)
             self.__dict__["tendon_radius_mm"] = max(s.tendon_radius_mm for s in self.segments)
         return self
+
+    @model_serializer(mode="wrap")
+    def _as_described(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = handler(self)
+        if self.segments:
+            del written["segment_lengths_mm"], written["tendon_radius_mm"]
+        return written
 
     @model_validator(mode="after")
     def _motors_are_counted_from_1(self) -> Robot:

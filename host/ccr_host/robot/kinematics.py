@@ -218,11 +218,6 @@ class ConstantCurvature:
         self.lengths_mm = tuple(segment.length_mm for segment in segments)
         self.marker_offset_mm = geometry.marker_offset_mm
         self.motors = self._bending.shape[1]
-        stiffness = np.array([segment.stiffness for segment in segments])
-        of_freedom = (self._freedom**2).sum(axis=2) @ stiffness
-        self.energy: FloatArray = (self._bending.T * of_freedom) @ self._bending
-        """Twice the energy of the bending over the squares of the motor angles, (n, n), over the
-        stiffness of the first segment."""
 
     def chain(self, order: int = MOST_DERIVATIVES) -> Chain:
         """The constants for ``jets``."""
@@ -289,7 +284,7 @@ class ConstantCurvature:
         The origin is marker 1, so the backbone starts at (0, 0, -d_m). ``q_rad`` (..., n) ->
         (..., points, 3), evenly spaced along the length.
         """
-        bends = np.tensordot(self.bending_rad(q_rad), self._freedom, axes=1)
+        bends = self.bends_rad(self.bending_rad(q_rad))
         ends = np.cumsum(self.lengths_mm)
         along = np.linspace(0.0, ends[-1], points)
         line = np.zeros((*bends.shape[:-2], points, 3))
@@ -302,6 +297,22 @@ class ConstantCurvature:
             turn = turn @ bend_of(bends[..., number, :]).turn
         turned: FloatArray = line @ PAPER_FRAME.T
         return turned
+
+    def bends_rad(self, bending_rad: FloatArray) -> FloatArray:
+        """Bending vector of each segment, as long as its angle; (..., D) -> (..., S, 2)."""
+        bends: FloatArray = np.tensordot(bending_rad, self._freedom, axes=1)
+        return bends
+
+    def disk_turns(self, bending_rad: FloatArray) -> FloatArray:
+        """Orientation of the base and of each segment's last disk in the frame of (10).
+
+        The columns of each matrix are the disk's axes: z along the backbone, y towards its marker.
+        ``bending_rad`` (D,) -> (S + 1, 3, 3).
+        """
+        turns = [PAPER_FRAME]
+        for turn in bend_of(self.bends_rad(bending_rad)).turn:
+            turns.append(turns[-1] @ turn)
+        return np.array(turns)
 
     def _jets(self, q_rad: ArrayLike, order: int) -> FloatArray:
         y = self.bending_rad(q_rad)

@@ -38,14 +38,14 @@ class SetpointHistory:
     """The last commands as linear ramps; times in s.
 
     Args:
-        q_rad: setpoint before the first command, (2,), without a path step.
+        q_rad: setpoint before the first command, (n,), without a path step.
     """
 
     def __init__(self, q_rad: FloatArray) -> None:
         self.restart(q_rad)
 
     def restart(self, q_rad: FloatArray) -> None:
-        """Clear the history, as if the setpoint had always been ``q_rad``, (2,)."""
+        """Clear the history, as if the setpoint had always been ``q_rad``, (n,)."""
         self._ramps = deque([_Ramp(-math.inf, 0.0, q_rad, q_rad, None, None)])
         self._jolts: deque[tuple[float, float]] = deque(maxlen=_MOST_JOLTS)
 
@@ -56,7 +56,7 @@ class SetpointHistory:
 
         Args:
             time_s: time, not before that of the last command.
-            q_rad: commanded motor angles, (2,).
+            q_rad: commanded motor angles, (n,).
             ramp_s: duration of the ramp.
             index: path step that it aims at, if any.
         """
@@ -69,7 +69,7 @@ class SetpointHistory:
             self._jolts.append((time_s, jolt_rad))
 
     def at(self, time_s: float) -> FloatArray:
-        """Setpoint at ``time_s``, rad, (2,)."""
+        """Setpoint at ``time_s``, rad, (n,)."""
         ramp = self._ramp_at(time_s)
         share = ramp.share(time_s)
         return (
@@ -85,10 +85,10 @@ class SetpointHistory:
         return ramp.from_index + share * (ramp.to_index - ramp.from_index)
 
     def rate_at(self, time_s: float) -> FloatArray:
-        """Rate of the setpoint, rad/s, (2,)."""
+        """Rate of the setpoint, rad/s, (n,)."""
         ramp = self._ramp_at(time_s)
         if not 0.0 <= time_s - ramp.start_s < ramp.duration_s:
-            return np.zeros(2)
+            return np.zeros(len(ramp.to_rad))
         return (ramp.to_rad - ramp.from_rad) / ramp.duration_s
 
     def jolt_at(self, time_s: float) -> float:
@@ -100,7 +100,7 @@ class SetpointHistory:
         )
 
     def corners(self, from_s: float, to_s: float) -> list[FloatArray]:
-        """Setpoints at the starts of the ramps between two times and at the end, (2,) each."""
+        """Setpoints at the starts of the ramps between two times and at the end, (n,) each."""
         begun = [ramp.from_rad for ramp in self._ramps if from_s < ramp.start_s < to_s]
         return [*begun, self.at(to_s)]
 

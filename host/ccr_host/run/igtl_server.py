@@ -24,7 +24,6 @@ from ccr_host.core.plugins import import_optional
 from ccr_host.core.standard_streams import warn
 from ccr_host.link.messages import StateReport
 from ccr_host.robot.backbone import (
-    disk_turns,
     fitted_bending_rad,
     marker_feet_mm,
     measured_backbone_mm,
@@ -109,10 +108,11 @@ class RunPicture(RunObserver):
         return found
 
     def _shape(self, pyigtl: Any, model: ConstantCurvature, sample: Sample) -> Iterator[Any]:  # noqa: ANN401
-        commanded_rad = np.zeros(2) if self._commanded_rad is None else self._commanded_rad
+        straight_rad = np.zeros(model.motors)
+        commanded_rad = straight_rad if self._commanded_rad is None else self._commanded_rad
         markers_mm, time_s = sample.markers_mm, sample.exposed_us * 1e-6
         bending_rad = fitted_bending_rad(model, markers_mm, model.bending_rad(commanded_rad))
-        turns = disk_turns(bending_rad)
+        turns = model.disk_turns(bending_rad)
         yield _transform(pyigtl, "TipToBase", turns[-1], sample.tip_mm, time_s)
         for number, disk_mm in enumerate(marker_feet_mm(model, markers_mm, bending_rad)):
             yield _transform(pyigtl, f"Disk{number}ToBase", turns[number], disk_mm, time_s)

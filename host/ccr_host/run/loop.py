@@ -125,7 +125,7 @@ class _PathRun:
         rig, clock = self._rig, self._rig.clock
         self._begin("planning")
         start = self._controller.start
-        command = _usable(start, self._answer_of(start, self._reference, None)[0])
+        command = self._usable(start, self._answer_of(start, self._reference, None)[0])
         self._begin("looking for the markers")
         self._watch.wait_for_markers()
         self._begin("arming")
@@ -266,7 +266,7 @@ class _PathRun:
                 led, _ = self._answer_of(controller.approach, observation, command)
                 if led is None:
                     return command
-                command = _usable(controller.approach, led)
+                command = self._usable(controller.approach, led)
                 self._observer.phase(due_us, command.phase or phase)
                 self._observer.control(due_us, observation, command)
             self._sent_us = clock.now_us()
@@ -301,7 +301,7 @@ class _PathRun:
 
         solve = self._controller.step
         answer, solve_us = self._answer_of(solve, observation, last)
-        command = _usable(solve, answer)
+        command = self._usable(solve, answer)
         self._observer.control(now_us, observation, command)
         if self._rig.clock.now_us() - due_us > _SOLVE_SHARE_OF_PERIOD * self._period_us:
             return _repeat(last, "command late"), solve_us, True
@@ -377,16 +377,15 @@ class _PathRun:
         self._on_step(step, self._steps, record)
         self._records.append(record)
 
+    def _usable(self, method: Callable[[A], object], answer: object) -> Command:
+        try:
+            return checked(answer, self._reference.q_rad.shape[1])
+        except ValueError as error:
+            cause = f"{_name_of(method)} has answered {error}{_DISARMED}"
+            raise CodeError(cause, _CURE) from None
+
     def _begin(self, phase: str) -> None:
         self._observer.phase(self._rig.clock.now_us(), Phase(phase))
-
-
-def _usable(method: Callable[[A], object], answer: object) -> Command:
-    try:
-        return checked(answer)
-    except ValueError as error:
-        cause = f"{_name_of(method)} has answered {error}{_DISARMED}"
-        raise CodeError(cause, _CURE) from None
 
 
 def _name_of(method: Callable[[A], object]) -> str:

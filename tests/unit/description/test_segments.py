@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.description.schema import Robot, parse
+from ccr_host.description.schema import Description, Robot, load, parse
 
 SEGMENT = """
 [[robot.segments]]
@@ -112,3 +114,9 @@ def test_values_that_do_not_match_the_robot_are_refused(more, told):
     with pytest.raises(ConfigError) as refused:
         parse(text)
     assert told in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["single", "two-spatial", "three-spatial", "default"])
+def test_a_description_that_was_written_out_is_read_again(name: str) -> None:
+    description = load(name)
+    assert Description.model_validate(json.loads(description.model_dump_json())) == description

@@ -11,6 +11,7 @@ from ccr_host.robot.backbone import (
     turns_to,
 )
 from ccr_host.robot.kinematics import ConstantCurvature
+from tests.unit.robot.random_robots import random_robot
 
 MODEL = ConstantCurvature(Robot())
 ANGLE = st.floats(-0.8, 0.8)
@@ -56,6 +57,26 @@ def test_the_curve_goes_through_what_was_measured_even_where_the_model_does_not_
     np.testing.assert_allclose(curve_mm[[0, 20, 40]], feet_mm, atol=1e-9)
     stalks_mm = np.linalg.norm(seen_mm - feet_mm, axis=1)
     np.testing.assert_allclose(stalks_mm, MODEL.marker_offset_mm, atol=1e-9)
+
+
+@settings(deadline=None)
+@given(st.integers(1, 4), st.integers(0, 2**31))
+def test_markers_of_any_robot_give_back_its_shape(segments: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, segments)
+    model = ConstantCurvature(robot)
+    bending_rad = rng.uniform(-0.6, 0.6, model.bending_rad(np.zeros(robot.motors)).shape)
+    seen_mm = np.zeros((segments + 1, 3))
+    seen_mm[1:] = model.markers_mm(bending_rad[None])[0][0]
+    fitted_rad = fitted_bending_rad(model, seen_mm + np.array((7.0, -3.0, 1.0)), bending_rad + 0.05)
+    np.testing.assert_allclose(model.markers_mm(fitted_rad[None])[0][0], seen_mm[1:], atol=1e-3)
+    curve_mm = measured_backbone_mm(model, seen_mm, fitted_rad, points=41)
+    assert curve_mm.shape == (41, 3)
+    feet_mm = marker_feet_mm(model, seen_mm, fitted_rad)
+    np.testing.assert_allclose(curve_mm[[0, -1]], feet_mm[[0, -1]], atol=1e-9)
+    np.testing.assert_allclose(feet_mm[0], (0.0, 0.0, -robot.marker_offset_mm), atol=1e-9)
+    steps_mm = np.linalg.norm(np.diff(curve_mm, axis=0), axis=1)
+    np.testing.assert_allclose(steps_mm.sum(), sum(model.lengths_mm), rtol=0.01)
 
 
 @given(st.lists(st.floats(-1, 1), min_size=3, max_size=3))

@@ -16,7 +16,6 @@ import pytest
 from ccr_host.control.base import Command, Outcome, Phase
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema
-from ccr_host.robot.backbone import disk_turns
 from ccr_host.robot.chain import PAPER_FRAME, bend_of
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.run import igtl_server
@@ -101,7 +100,7 @@ def test_pyigtl_reads_poses_points_and_state(
 def test_disks_are_turned_as_the_chain_of_segments_is(bending_rad: tuple[float, float]) -> None:
     theta_1, theta_2 = bending_rad
     first, second = bend_of((0.0, theta_1)).turn, bend_of((theta_2, 0.0)).turn
-    base, middle, tip = disk_turns(np.array(bending_rad))
+    base, middle, tip = ConstantCurvature(schema.Robot()).disk_turns(np.array(bending_rad))
     assert base == pytest.approx(PAPER_FRAME)
     assert middle == pytest.approx(PAPER_FRAME @ first)
     along = PAPER_FRAME @ first @ second @ (0.0, 0.0, 1.0)
