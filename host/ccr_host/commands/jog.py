@@ -40,10 +40,10 @@ def jog_panel(
         title: title of the panel.
         asked: question that Enter answers; empty for none.
     """
-    from ccr_host.tools.jog import HELP, HELP_BACK
+    from ccr_host.tools.jog import HELP_BACK
 
     question = Text(f"\n{asked}", style="bold") if asked else Text()
-    keys = (*HELP, HELP_BACK) if asked else HELP
+    keys = [*view.target.help, *([HELP_BACK] if asked else [])]
     return Panel(
         Group(
             _motors(view), _state(view), _tip(view, simulated_tip), Text(), _keys(keys), question
@@ -59,7 +59,8 @@ def _motors(view: JogView) -> Table:
     target = view.target
     asked = np.degrees(target.q_rad)
     lower, upper = np.degrees(target.limits.lower_rad), np.degrees(target.limits.upper_rad)
-    for axis in (0, 1):
+    many = len(asked) > len(target.moved)
+    for axis in range(len(asked)):
         board = pulse = "-"
         if view.report is not None:
             board = f"{view.report.setpoint_cdeg[axis] / 100:.2f}"
@@ -67,7 +68,7 @@ def _motors(view: JogView) -> Table:
             pulse = f"{half_us / 2:.1f}" if half_us else "none"
         share = (asked[axis] - lower[axis]) / (upper[axis] - lower[axis])
         table.add_row(
-            f"motor {axis + 1}",
+            f"motor {axis + 1}" + (" <" if many and axis in target.moved else ""),
             f"{asked[axis]:.2f}",
             board,
             pulse,

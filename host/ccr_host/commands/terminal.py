@@ -31,7 +31,7 @@ _TERMS = {
     "tip error": "distance between measured and desired tip at the end of each step",
     "paper": "mean tip error of the paper's robot in the same experiment",
     "true": "tip error of the simulated robot itself, without the camera's errors",
-    "floor": "smallest mean true error possible with any motion of the two motors",
+    "floor": "smallest mean true error possible with any motion of the motors",
     "ratio": "mean true error over floor",
 }
 """Terms used in the tables, and their explanations."""
@@ -288,10 +288,10 @@ def reach_table(reach: Mapping[str, Any]) -> Table:
     table.add_row("mean unavoidable error (mm)", _mm(reach["floor_mean_error_mm"]))
     table.add_row("largest unavoidable error (mm)", _mm(reach["floor_max_error_mm"]))
     table.add_row("  at time (s)", f"{reach['floor_max_at_s']:g}")
-    for axis in (0, 1):
-        low, high = reach["motor_range_deg"][axis]
-        table.add_row(f"motor {axis + 1} (deg)", f"{low:.1f} .. {high:.1f}")
-        table.add_row("  largest step (deg)", f"{reach['motor_step_max_deg'][axis]:.1f}")
+    motors = zip(reach["motor_range_deg"], reach["motor_step_max_deg"], strict=True)
+    for number, ((low, high), step) in enumerate(motors, start=1):
+        table.add_row(f"motor {number} (deg)", f"{low:.1f} .. {high:.1f}")
+        table.add_row("  largest step (deg)", f"{step:.1f}")
     return table
 
 

@@ -102,7 +102,7 @@ def write_comparison_figure(file: Path, groups: Sequence[Sequence[PlottedRun]]) 
 
 
 def write_workspace_figure(file: Path, reference: Reference, workspace: Workspace) -> None:
-    """Draw a path over the region that two motors reach.
+    """Draw a path over the region that the robot reaches.
 
     Args:
         file: PNG to write; PDF and SVG come beside it.
@@ -125,7 +125,7 @@ def write_workspace_figure(file: Path, reference: Reference, workspace: Workspac
             nearest[:, across], nearest[:, Z], style, color="black", ms=4, label="nearest reachable"
         )
     _draw_legend(figure)
-    figure.suptitle(f"{plain(reference.name)}: reach of two motors")
+    figure.suptitle(f"{plain(reference.name)}: reach of {_motors(reference)}")
     save_figure(figure, file)
 
 
@@ -206,7 +206,7 @@ def _draw_error(axes: Axes, runs: Sequence[PlottedRun]) -> None:
             color=UNREACHABLE,
             alpha=0.3,
             lw=0,
-            label="unavoidable for two motors",
+            label=f"unavoidable for {_motors(longest)}",
         )
     _draw_papers_means(axes, runs)
     axes.set_xlabel("time (s)")
@@ -214,6 +214,11 @@ def _draw_error(axes: Axes, runs: Sequence[PlottedRun]) -> None:
     axes.set_ylim(bottom=0)
     axes.set_xlim(0, longest.time_s[-1] or longest.period_s)
     axes.grid(alpha=0.3)
+
+
+def _motors(reference: Reference) -> str:
+    motors = reference.q_rad.shape[1]
+    return {1: "one motor", 2: "two motors"}.get(motors, f"{motors} motors")
 
 
 def _draw_papers_means(axes: Axes, runs: Sequence[PlottedRun]) -> None:

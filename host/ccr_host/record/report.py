@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 _DASH = "-"
 _MOST_BYTES = 4_000_000
+_LEGEND_ROWS = 4
 _FIGURES = (
     *("mean_error_mm", "p95_error_mm", "max_error_mm", "true_mean_error_mm"),
     *("twin_floor_mean_error_mm", "tracker_lost_steps", "missed_deadlines"),
@@ -172,12 +173,12 @@ def health_svg(run: RecordedRun) -> str:
 def _draw_motors(axes: Axes, run: RecordedRun, time_s: list[float]) -> None:
     angles_deg = np.degrees([record.q_rad for record in run.records])
     servo = run.setup.description.servo
-    for axis, colour in enumerate(MOTORS):
+    for axis, colour in enumerate(MOTORS[: angles_deg.shape[1]]):
         axes.plot(time_s, angles_deg[:, axis], color=colour, label=f"motor {axis + 1}")
         for limit in (servo.angle_min_deg[axis], servo.angle_max_deg[axis]):
             axes.axhline(limit, color=LIMIT, lw=0.8, ls=":")
     axes.set_ylabel("command (deg), limits dotted")
-    axes.legend(loc="upper right")
+    axes.legend(loc="upper right", ncols=-(-angles_deg.shape[1] // _LEGEND_ROWS))
     axes.grid(alpha=0.3)
 
 

@@ -114,7 +114,7 @@ class Robot:
 
     @property
     def angles_deg(self) -> NDArray[np.float64]:
-        """Motor angles in degrees, (2,), as last accepted by the board.
+        """Motor angles in degrees, (motors,), as last accepted by the board.
 
         Raises:
             DeviceError: the robot is not armed.
@@ -131,11 +131,11 @@ class Robot:
         """Move smoothly to motor angles and return when the robot is there.
 
         Args:
-            q_deg: degrees, (2,).
+            q_deg: degrees, (motors,).
             settle_s: how long to hold the pose before returning.
 
         Raises:
-            ConfigError: not two finite angles, or outside the motor limits; nothing moves.
+            ConfigError: not one finite angle for each motor, or outside the limits; nothing moves.
             DeviceError: the robot is not armed.
         """
         q_rad, rig = self._checked(q_deg), self._armed()

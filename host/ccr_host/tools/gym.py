@@ -49,9 +49,9 @@ class RobotEnv(gymnasium.Env):
 
     - Action, (motors,), -1 .. 1: motor angles, from the lower to the upper limit of each servo.
       The board moves there within the period, as fast as ``servo.slew_deg_s`` allows.
-    - Observation, float32: measured tip (3) and middle (3), targets (3 each), in lengths of the
-      robot; the accepted action (motors); the age of the measurement in s. The axes are those of
-      f in (10).
+    - Observation, float32: measured tip (3) and ends of the other segments (3 each), targets (3
+      each), in lengths of the robot; the accepted action (motors); the age of the measurement in s.
+      The axes are those of f in (10).
     - Reward: minus the distance of the true tip from the target, in lengths of the robot. A step
       is rewarded for the target of the observation before it.
     - ``info``: ``error_mm`` (true), ``tip_mm`` (measured), ``target_mm``, ``time_s``.
@@ -100,10 +100,12 @@ class RobotEnv(gymnasium.Env):
         self._targets = targets
         self._period_us = round(1e6 / rate_hz)
         self._limits = MotorLimits.of(self.description.servo)
-        self._length_mm = float(sum(self.description.robot.segment_lengths_mm))
+        segments = self.description.robot.chain
+        self._length_mm = float(sum(segment.length_mm for segment in segments))
+        self._markers_mm = np.zeros((len(segments) + 1, 3))
         motors = len(self._limits.lower_rad)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (motors,), np.float32)
-        size = 6 + 3 * targets + motors + 1
+        size = 3 * len(segments) + 3 * targets + motors + 1
         self.observation_space = gymnasium.spaces.Box(-_BOUND, _BOUND, (size,), np.float32)
         self._rig_stack = ExitStack()
         weakref.finalize(self, self._rig_stack.close)
@@ -130,7 +132,7 @@ class RobotEnv(gymnasium.Env):
         self._watch = MarkerWatch(self._rig, self._twin, self._period_us, None)
         self._watch.wait_for_markers()
         self._watch.start()
-        self._markers_mm = np.zeros((3, 3))
+        self._markers_mm = np.zeros_like(self._markers_mm)
         return self._observation(), self._info()
 
     def step(
@@ -196,7 +198,8 @@ class RobotEnv(gymnasium.Env):
             self._markers_mm = np.where(seen, sample.markers_mm, self._markers_mm)
             age_s = (self._rig.clock.now_us() - sample.exposed_us) * 1e-6
         targets = [self._target_mm(self._step + ahead) for ahead in range(self._targets)]
-        positions_mm = np.concatenate([self._tip_mm(), self._middle_mm(), *targets])
+        others_mm = self._markers_mm[1:-1] - self._markers_mm[0]
+        positions_mm = np.concatenate([self._tip_mm(), *others_mm, *targets])
         low, high = self._limits.lower_rad, self._limits.upper_rad
         accepted = 2.0 * (self._rig.client.accepted_rad - low) / (high - low) - 1.0
         flat = np.concatenate([positions_mm / self._length_mm, accepted, [age_s]])
@@ -215,12 +218,8 @@ class RobotEnv(gymnasium.Env):
         }
 
     def _tip_mm(self) -> Array:
-        tip_mm: Array = self._markers_mm[2] - self._markers_mm[0]
+        tip_mm: Array = self._markers_mm[-1] - self._markers_mm[0]
         return tip_mm
-
-    def _middle_mm(self) -> Array:
-        middle_mm: Array = self._markers_mm[1] - self._markers_mm[0]
-        return middle_mm
 
 
 class ReachEnv(RobotEnv):

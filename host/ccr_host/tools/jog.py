@@ -22,19 +22,21 @@ from ccr_host.tracking.tracker import Sample
 STEPS_DEG = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
 _FIRST_STEP = 2
 
-HELP = (
-    ("up, down", "motor 1"),
-    ("right, left", "motor 2"),
+_HELP = (
     ("+, -", "larger or smaller step"),
     ("0", "go to the rest pose"),
     ("space, Esc", "STOP: no more pulses"),
     ("c", "clear a stop or a fault and arm again"),
     ("q", "disarm and quit"),
 )
+_ARROWS = ("up, down", "right, left")
+_PAIR = len(_ARROWS)
+"""Number of motors that the arrows move."""
 
 HELP_BACK = ("b, Backspace", "back to the previous question")
 
-_MOVES = {UP: (1, 0), DOWN: (-1, 0), RIGHT: (0, 1), LEFT: (0, -1)}
+_MOVES = {UP: (0, 1), DOWN: (0, -1), RIGHT: (1, 1), LEFT: (1, -1)}
+"""Which of both motors an arrow moves, and its direction."""
 
 
 class KeyAction(enum.Enum):
@@ -66,23 +68,49 @@ class JogTarget:
     """Commanded motor angles, and the step of one key press."""
 
     q_rad: NDArray[np.float64]
-    """Commanded angles, (2,)."""
+    """Commanded angles, (motors,)."""
     limits: MotorLimits
     rest_rad: NDArray[np.float64]
-    """Rest pose, (2,)."""
+    """Rest pose, (motors,)."""
     step: int = _FIRST_STEP
     """Index into `STEPS_DEG`."""
+    pair: int = 0
+    """Which two motors the arrows move: 0 the first two, 1 the next two, and so on."""
 
     @property
     def step_deg(self) -> float:
         """Angle by which one key press moves a motor."""
         return STEPS_DEG[self.step]
 
+    @property
+    def moved(self) -> range:
+        """The motors that the arrows move, from 0."""
+        first = _PAIR * self.pair
+        return range(first, min(first + _PAIR, len(self.q_rad)))
+
+    @property
+    def help(self) -> list[tuple[str, str]]:
+        """Keys and what they do."""
+        arrows = [(keys, f"motor {n + 1}") for keys, n in zip(_ARROWS, self.moved, strict=False)]
+        pairs = self._pairs
+        others = [(f"1 .. {pairs}", "the two motors that the arrows move")] if pairs > 1 else []
+        return [*arrows, *others, *_HELP]
+
+    @property
+    def _pairs(self) -> int:
+        return -(-len(self.q_rad) // _PAIR)
+
     def after(self, key: str) -> JogTarget:
         """The target after a key press; unassigned keys have no effect."""
         if key in _MOVES:
-            motion_rad = np.radians(self.step_deg) * np.array(_MOVES[key])
+            which, way = _MOVES[key]
+            if which >= len(self.moved):
+                return self
+            motion_rad = np.zeros(len(self.q_rad))
+            motion_rad[self.moved[which]] = way * np.radians(self.step_deg)
             return replace(self, q_rad=self.limits.clip(self.q_rad + motion_rad))
+        if key in [str(number + 1) for number in range(self._pairs)]:
+            return replace(self, pair=int(key) - 1)
         if key in ("+", "-"):
             step = self.step + (1 if key == "+" else -1)
             return replace(self, step=min(max(step, 0), len(STEPS_DEG) - 1))

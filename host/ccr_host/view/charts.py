@@ -61,6 +61,7 @@ class Charts:
         servo, control = setup.description.servo, setup.description.control
         self._limits_deg = sorted({*servo.angle_min_deg, *servo.angle_max_deg})
         self._stale_ms = float(control.stale_after_ms)
+        self._motors = setup.description.robot.motors
         self._knows_truth = _sees_simulated_robot(setup.options.tracker)
         self._end_s = _FIRST_END_S
         own, first = palette.of_controller(setup.options.controller), palette.MOTORS[0]
@@ -75,7 +76,7 @@ class Charts:
         self._angles = _Chart(
             gui,
             "motor angles (deg)",
-            *(Curve(f"motor {n}", colour) for n, colour in enumerate(palette.MOTORS, start=1)),
+            *(Curve(f"motor {n + 1}", palette.MOTORS[n]) for n in range(self._motors)),
             *(Curve(f"limit {deg:g}", palette.LIMIT, dash=(6, 4)) for deg in self._limits_deg),
         )
         self._solve = _Chart(gui, "controller (ms a step)", Curve("computing time", first))

@@ -75,8 +75,8 @@ class BoardState(NamedTuple):
     state: State
     fault: Fault
     setpoint_rad: FloatArray
-    """(2,): where ramp and slew limit stand."""
-    pulses_us: tuple[float, float]
+    """(motors,): where ramp and slew limit stand."""
+    pulses_us: tuple[float, ...]
     """0 is no pulse."""
 
 
@@ -96,11 +96,16 @@ class LinkHealth(NamedTuple):
 
 
 class LinkHistory:
-    """Takes in every frame, in order."""
+    """Takes in every frame, in order.
 
-    def __init__(self) -> None:
+    Args:
+        motors: of the robot, at the first axes of the board.
+    """
+
+    def __init__(self, motors: int = 2) -> None:
+        self._motors = motors
         self._decoders = {"sent": FrameDecoder(), "received": FrameDecoder()}
-        self._board = GrowingTable(7)
+        self._board = GrowingTable(3 + 2 * motors)
         self._health = GrowingTable(len(LinkHealth._fields))
         self._round_trips = GrowingTable(2)
         self._counts = dict.fromkeys(("sent", "received", "retries", "lost_telemetry"), 0)
@@ -132,8 +137,8 @@ class LinkHistory:
             at_us,
             State(int(state)),
             Fault(int(fault)),
-            np.array(numbers[:2]),
-            (numbers[2], numbers[3]),
+            np.array(numbers[: self._motors]),
+            tuple(numbers[self._motors :]),
         )
 
     def health_at(self, time_us: float) -> LinkHealth | None:
@@ -142,8 +147,8 @@ class LinkHistory:
         return LinkHealth(*rows[-1]) if len(rows) else None
 
     def setpoints_until(self, time_us: float) -> FloatArray:
-        """(n, 3): time in us, both setpoints in rad."""
-        return self._board.until(time_us)[:, [0, 3, 4]]
+        """(n, 1 + motors): time in us, setpoints in rad."""
+        return self._board.until(time_us)[:, [0, *range(3, 3 + self._motors)]]
 
     def round_trips_until(self, time_us: float) -> FloatArray:
         """(n, 2): time and duration, us."""
@@ -194,8 +199,8 @@ class LinkHistory:
         )
 
     def _keep(self, report: StateReport, time_us: int) -> None:
-        setpoint_rad = cdeg_to_rad(report.setpoint_cdeg)
-        pulses_us = (half_us / 2 for half_us in report.pulse_half_us)
+        setpoint_rad = cdeg_to_rad(report.setpoint_cdeg[: self._motors])
+        pulses_us = (half_us / 2 for half_us in report.pulse_half_us[: self._motors])
         self._board.append((time_us, report.state, report.fault, *setpoint_rad, *pulses_us))
         trips = self._round_trips.rows
         newest_us = trips[-1, 1] if len(trips) else np.nan
@@ -239,7 +244,7 @@ class Moment:
     horizon_mm: FloatArray
     """(k, 3): where the newest command expects the tip, from the end of its period on."""
     markers_mm: FloatArray | None
-    """(3, 3), newest whole sample, M1 is the origin; None where it is too old to be believed."""
+    """(markers, 3), newest whole sample, M1 is the origin; None where it is too old to believe."""
     markers_age_us: float
     """Age of that sample; NaN before the first."""
     board: BoardState | None
@@ -268,6 +273,9 @@ class RunHistory(RunObserver):
     def begin(self, setup: RunSetup) -> None:
         self.setup = setup
         self._stale_us = setup.description.control.stale_after_ms * 1000.0
+        robot = setup.description.robot
+        self.link = LinkHistory(robot.motors)
+        self._samples = GrowingTable(1 + 3 * len(robot.markers))
 
     def frame(self, direction: str, time_us: int, data: bytes) -> None:
         self.link.frame(direction, time_us, data)
@@ -318,7 +326,7 @@ class RunHistory(RunObserver):
             phase=next((one for at_us, one in reversed(self._phases) if at_us <= time_us), None),
             record=self._records[len(steps) - 1] if len(steps) else None,
             horizon_mm=self._horizons_mm[commands - 1] if commands else np.empty((0, 3)),
-            markers_mm=samples[-1, 1:].reshape(3, 3) if age_us <= self._stale_us else None,
+            markers_mm=samples[-1, 1:].reshape(-1, 3) if age_us <= self._stale_us else None,
             markers_age_us=age_us,
             board=self.link.board_at(time_us),
             link=self.link.health_at(time_us),

@@ -151,7 +151,7 @@ class Page:
     def _draw_slow_parts(self, moment: Moment, dropped_batches: int) -> None:
         full_scale_mm = error_full_scale_mm(moment.steps.error_mm)
         self._scene.show_trail(moment, full_scale_mm)
-        self._legend.content = legend_html(full_scale_mm, self._setup.options.controller)
+        self._legend.content = legend_html(full_scale_mm, self._setup)
         self._status.content = status_html(self._setup, moment, dropped_batches)
         self._charts.show(self._history, moment)
 

@@ -131,7 +131,7 @@ class RobotScene:
             "/trail", _NO_SEGMENTS, np.zeros((0, 2, 3), np.uint8), thickness=4,
             thickness_units="screen",
         )  # fmt: skip
-        self._markers = [_add_marker(scene, number) for number in (1, 2, 3)]
+        self._markers = [_add_marker(scene, name) for name in setup.description.robot.markers]
         radius = _TARGET_RADIUS_MM / SCENE_UNIT_MM
         self._target = scene.add_icosphere(
             "/target", radius, plan, subdivisions=1, wireframe=True, visible=False
@@ -151,7 +151,8 @@ class RobotScene:
 
     def show(self, moment: Moment) -> None:
         """Move robot, target and horizon to a moment."""
-        commanded_rad = np.zeros(2) if moment.board is None else moment.board.setpoint_rad
+        board, straight_rad = moment.board, np.zeros(self._model.motors)
+        commanded_rad = straight_rad if board is None else board.setpoint_rad
         backbone_mm = self._model.backbone_mm(commanded_rad, _BACKBONE_POINTS)
         self._commanded.points = joined(backbone_mm)
         for measured in (self._measured, self._stalks, *self._markers):
@@ -199,13 +200,13 @@ def _line(scene: SceneApi, name: str, colour: palette.Rgb, pixels: float) -> Lin
     )
 
 
-def _add_marker(scene: SceneApi, number: int) -> IcosphereHandle:
+def _add_marker(scene: SceneApi, name: str) -> IcosphereHandle:
     marker = scene.add_icosphere(
-        f"/markers/M{number}", _MARKER_RADIUS_MM / SCENE_UNIT_MM, palette.MARKER, subdivisions=2
+        f"/markers/{name}", _MARKER_RADIUS_MM / SCENE_UNIT_MM, palette.MARKER, subdivisions=2
     )
     scene.add_label(
-        f"/markers/M{number}/name",
-        f"M{number}",
+        f"/markers/{name}/name",
+        name,
         position=(0.0, 0.0, 1.5 * _MARKER_RADIUS_MM / SCENE_UNIT_MM),
         anchor="bottom-center",
         font_screen_scale=0.8,

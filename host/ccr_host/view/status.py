@@ -34,11 +34,12 @@ def status_html(setup: RunSetup, moment: Moment, dropped_batches: int = 0) -> st
     return f'<table style="font-size:0.8em;line-height:1.45;margin:0 0.9em">{cells}</table>'
 
 
-def legend_html(full_scale_mm: float, controller: str) -> str:
+def legend_html(full_scale_mm: float, setup: RunSetup) -> str:
     """What the colours of the scene mean."""
+    controller, markers = setup.options.controller, setup.description.robot.markers
     entries = (
         (palette.MEASURED, "backbone through the measured markers"),
-        (palette.MARKER, "markers M1, M2, M3"),
+        (palette.MARKER, f"markers {', '.join(markers)}"),
         (palette.DESIRED, "desired path"),
         (palette.UNREACHABLE, "desired path out of reach"),
         (palette.of_controller(controller), f"target, and plan of {_text(controller)}"),
@@ -90,8 +91,8 @@ def _board(moment: Moment) -> str:
     colour = _BAD if board.state in _TROUBLED_STATES else _GOOD
     state = _coloured(board.state.name.lower(), colour)
     fault = "" if board.fault is Fault.NONE else _coloured(f" {board.fault.name.lower()}", _BAD)
-    first, second = board.pulses_us
-    pulses = f"pulses {first:g}, {second:g} us" if first or second else "no pulses"
+    widths = ", ".join(f"{pulse_us:g}" for pulse_us in board.pulses_us)
+    pulses = f"pulses {widths} us" if any(board.pulses_us) else "no pulses"
     return f"<b>{state}</b>{fault}, {pulses}"
 
 

@@ -98,4 +98,6 @@ def test_markers_that_have_not_been_seen_for_long_are_not_shown() -> None:
 
 
 def test_the_legend_names_the_ends_of_the_scale() -> None:
-    assert "7.5 or more" in legend_html(7.5, "mpc")
+    options = RunOptions("8shape")
+    setup = RunSetup(options, schema.load(), reference_of(options))
+    assert "7.5 or more" in legend_html(7.5, setup)
