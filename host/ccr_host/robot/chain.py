@@ -63,14 +63,12 @@ def planar_functions(theta_rad: FloatArray) -> FloatArray:
 
 
 def spatial_functions(bend_rad: FloatArray) -> FloatArray:
-    """b_x^i b_y^j c_k, the last c_k being 1, (N, 2) -> (N, all i, j, k)."""
-    poses = len(bend_rad)
+    """b_x^i b_y^j c_k for all ``TERMS``, (N, 2) -> (N, terms)."""
     x, y = bend_rad[:, :1], bend_rad[:, 1:]
     stumpff = np.cos(np.sqrt(x * x + y * y) * NODES) @ STUMPFF
     x_powers, y_powers = x**EXPONENTS, y**EXPONENTS
-    powers = x_powers.reshape(poses, -1, 1) * y_powers.reshape(poses, 1, -1)
-    functions: FloatArray = powers.reshape(poses, -1, 1) * stumpff.reshape(poses, 1, -1)
-    return functions.reshape(poses, -1)
+    functions: FloatArray = x_powers[:, TERMS[0]] * y_powers[:, TERMS[1]] * stumpff[:, TERMS[2]]
+    return functions
 
 
 def exponents(is_spatial: bool, order: int) -> list[Exponents]:
@@ -124,7 +122,7 @@ class _Polynomial:
     """
 
     def __init__(self, terms: dict[tuple[int, int, int], float]) -> None:
-        self._terms = terms
+        self.terms = terms
 
     def differentiated(self, by_x: int, by_y: int) -> _Polynomial:
         function = self
@@ -133,14 +131,11 @@ class _Polynomial:
         return function
 
     def row(self) -> FloatArray:
-        row = np.zeros((_POWERS, _POWERS, _STUMPFFS + 1))
-        for term, coefficient in self._terms.items():
-            row[term] = coefficient
-        return row.ravel()
+        return np.array([self.terms.get((i, j, k), 0.0) for i, j, k in TERMS.T.tolist()])
 
     def _slope(self, axis: int) -> _Polynomial:
         terms: dict[tuple[int, int, int], float] = {}
-        for (i, j, k), coefficient in self._terms.items():
+        for (i, j, k), coefficient in self.terms.items():
             power = (i, j)[axis]
             less = (i - 1, j, k) if axis == 0 else (i, j - 1, k)
             more = (i + 1, j) if axis == 0 else (i, j + 1)
@@ -179,6 +174,20 @@ def _spatial(length_mm: float) -> list[list[_Polynomial]]:
         [{}, {}, {}, one],
     ]
     return [[_Polynomial(terms) for terms in row] for row in rows]
+
+
+def _terms_of_spatial_segments() -> NDArray[np.int64]:
+    """The i, j and k that occur in transforms and their derivatives, (3, terms)."""
+    derivatives = exponents(is_spatial=True, order=MOST_DERIVATIVES)
+    functions = [function for row in _spatial(1.0) for function in row]
+    occurring = {
+        t for f in functions for order in derivatives for t in f.differentiated(*order).terms
+    }
+    return np.ascontiguousarray(np.array(sorted(occurring), dtype=np.int64).T)
+
+
+TERMS = _terms_of_spatial_segments()
+"""A third of all products of powers and c_k up to the highest of each."""
 
 
 def exact_direction(angle_rad: float) -> tuple[float, float]:
