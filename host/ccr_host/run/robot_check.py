@@ -1,4 +1,8 @@
-"""Checks that the robot is the described one, before its path and along it."""
+"""Checks that the robot is the described one, before its path and along it.
+
+Of two planar segments with a motor each, by the static model of `adaptive`; `response_check` is for
+any other robot.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +28,7 @@ from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.options import RunOptions
+from ccr_host.run.response_check import ResponseCheck
 
 _REACH_RAD = np.radians(20.0)
 """Travel of each motor: beyond slack and a wrong zero, and half of what paths need."""
@@ -55,7 +60,7 @@ class ProbeLaw(Law):
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
         super().start(path, history)
-        self._survey = RestSurvey(self._scaling, self._predict)
+        self._survey = RestSurvey(np.zeros(2))
         self.fit: StaticsFit | None = None
         """Fit of the model to the rests; None before all are known."""
 
@@ -161,9 +166,15 @@ class RobotCheck:
         return rests if is_misfit(found, rests, fit.scaling) else None
 
 
+MotionCheck = RobotCheck | ResponseCheck
+
+
 def motion_check(
     options: RunOptions, controller: Controller, description: Description, reference: Reference
-) -> RobotCheck | None:
+) -> MotionCheck | None:
     """The check of the motion, None if the run does not ask for it."""
-    wanted = options.effective_checks == "motion"
-    return RobotCheck(description, controller, reference) if wanted else None
+    if options.effective_checks != "motion":
+        return None
+    if description.robot.segments:
+        return ResponseCheck(description, reference)
+    return RobotCheck(description, controller, reference)

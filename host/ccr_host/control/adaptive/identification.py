@@ -246,18 +246,14 @@ def tour_stops_rad(p: Parameters, limits: MotorLimits) -> FloatArray:
 
 
 class RestSurvey:
-    """Collects measurements and prepares the fit of the model to them.
+    """Collects the measurements of a robot that goes from rest to rest, any robot's.
 
     Args:
-        scaling: prior of the parameters.
-        predict: replaces ``predicted_mm`` in the fit.
+        start_rad: motor angles before the tour, (n,).
     """
 
-    def __init__(self, scaling: Scaling, predict: Predict | None = None) -> None:
-        self.start_rad = np.zeros(2)
-        """Motor angles before the tour, (2,)."""
-        self._predict = predict
-        self._scaling = scaling
+    def __init__(self, start_rad: FloatArray) -> None:
+        self.start_rad = start_rad
         self._setpoints_rad: list[FloatArray] = []
         self._markers_mm: list[list[FloatArray]] = []
 
@@ -272,17 +268,13 @@ class RestSurvey:
         self._markers_mm[-1].append(np.stack([measurement.middle_mm, measurement.tip_mm]))
 
     def rests(self) -> Rests:
-        """The rests measured so far."""
+        """The rests measured so far; their markers are M1, M2 and the tip."""
         return Rests.of_vectors(
             self.start_rad,
-            np.array(self._setpoints_rad).reshape(-1, 2),
+            np.array(self._setpoints_rad).reshape(-1, len(self.start_rad)),
             np.array([np.median(seen, axis=0) for seen in self._markers_mm]).reshape(-1, 2, 3),
             np.array([float(len(seen)) for seen in self._markers_mm]),
         )
-
-    def fits(self) -> tuple[StaticsFit, StaticsFit] | None:
-        """Prepare the fits to the measured rests; None if they are not suitable."""
-        return fits_to(self._scaling, self.rests(), self._predict)
 
 
 def fits_to(

@@ -86,7 +86,7 @@ class AdaptiveLaw(Law):
         super().start(path, history)
         self.fit: StaticsFit | None = None
         """The fit that the path was planned with; None if the rests were not suitable."""
-        self._survey = RestSurvey(self._scaling, self._model.predicted_mm)
+        self._survey = RestSurvey(np.zeros(2))
         self._is_surveying = True
         self._estimator = Estimator(self._scaling, None, Tuning(), self._model)
         self._memory = LapMemory(path.reference.lap_steps, path.period_s)
@@ -100,14 +100,14 @@ class AdaptiveLaw(Law):
     def stages(self) -> Iterator[Stage]:
         """Tour the rests unless they are known, fit the model, move to the first point."""
         here_rad = self.history.at(math.inf)
-        fits = None
+        fits, predict = None, self._model.predicted_mm
         if self._identified is not None:
-            fits = fits_to(self._scaling, self._identified, self._model.predicted_mm)
+            fits = fits_to(self._scaling, self._identified, predict)
         if fits is None:
             self._survey.start_rad = here_rad
             stops_rad = tour_stops_rad(self._estimator.parameters, self._limits)
             yield Stage("exploring the robot", smooth_moves(here_rad, stops_rad, _TOUR_REST_S))
-            fits, here_rad = self._survey.fits(), stops_rad[-1]
+            fits, here_rad = fits_to(self._scaling, self.rests, predict), stops_rad[-1]
             yield Stage("identifying the robot", here_rad[None], is_motion=False)
         for fit in fits or ():
             while fit.improve():
