@@ -210,7 +210,7 @@ class Tracker(Section):
     """The camera: how the twin simulates it, and settings of real ones."""
 
     noise_mm: Annotated[float, within(0, 100)] = 0.25
-    """RMS length of the error of the measured vector M3 - M1."""
+    """RMS length of the error of the measured vector from M1 to the tip's marker."""
     rate_hz: Annotated[float, within(0.1, 1000)] = 20.0
     """Exposures per second."""
     latency_ms: Annotated[float, within(0, 10_000)] = 40.0
@@ -218,7 +218,7 @@ class Tracker(Section):
     dropout: Annotated[float, within(0, 0.999)] = 0.0
     """Fraction of exposures without a sample."""
     outliers: Annotated[float, within(0, 0.5)] = 0.0
-    """Fraction of exposures in which one marker, any of the three, is seen in a wrong place."""
+    """Fraction of exposures in which one marker, any of them, is seen in a wrong place."""
     outlier_mm: Annotated[float, within(0, 1000)] = 5.0
     """Distance of that place from the true one, in any direction."""
     frame_jitter_ms: Annotated[float, within(0, 1000)] = 0.0
@@ -234,8 +234,8 @@ class Tracker(Section):
     registration says, so that no error is left after it.
     """
     tool_files: dict[str, str] = Field(default_factory=dict)
-    """Tool definitions (.rom) of a Polaris by name: M1, M2, M3 are the markers, any other only
-    switches on the illuminators."""
+    """Tool definitions (.rom) of a Polaris by name: M1, M2 and so on are the markers, any other
+    only switches on the illuminators."""
     camera_file: str | None = None
     """Calibration file of a webcam, as written by OpenCV or ROS."""
     tag_size_mm: Annotated[float, within(1, 1000)] | None = None

@@ -8,9 +8,14 @@ from hypothesis import strategies as st
 from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.device import Mode, PolarisDevice
 from ccr_host.sim.polaris.faults import PolarisFaults
-from ccr_host.sim.polaris.sensor import Exposer, PositionSensor
+from ccr_host.sim.polaris.sensor import Exposer, Placement, PositionSensor
 from ccr_host.tracking.sources.ndi.replies import ToolState, encode_command, parse_tx
-from ccr_host.tracking.sources.ndi.rom import dummy_passive_rom, rom_blocks
+from ccr_host.tracking.sources.ndi.rom import (
+    DUMMY_MARKERS_MM,
+    dummy_passive_rom,
+    make_passive_rom,
+    rom_blocks,
+)
 
 MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)])
 
@@ -18,14 +23,19 @@ MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)
 class Host:
     """Sends commands; time advances only on request."""
 
-    def __init__(self, faults: PolarisFaults | None = None, latency_us: int = 0) -> None:
+    def __init__(
+        self,
+        faults: PolarisFaults | None = None,
+        latency_us: int = 0,
+        markers_mm: np.ndarray = MARKERS_MM,
+    ) -> None:
         sensor = PositionSensor(
             np.random.default_rng(1),
             Tracker(noise_mm=0.0, latency_ms=latency_us / 1000),
             faults=faults or PolarisFaults(),
         )
         self.device = PolarisDevice(sensor)
-        self.exposer = Exposer(sensor, lambda _: MARKERS_MM)
+        self.exposer = Exposer(sensor, lambda _: markers_mm)
         self.time_us = 0
 
     def __call__(self, name: str, arguments: str = "") -> str:
@@ -36,15 +46,15 @@ class Host:
         self.time_us += duration_ms * 1000
         self.exposer.advance_to(self.time_us)
 
-    def load_dummy(self) -> str:
+    def load(self, rom: bytes) -> str:
         handle = self("PHRQ", "*********1****")
-        for address, block in rom_blocks(dummy_passive_rom()):
+        for address, block in rom_blocks(rom):
             assert self("PVWR", f"{handle}{address:04X}{block.hex().upper()}") == "OKAY"
         return handle
 
     def track(self, *, enable: bool = True) -> None:
         assert self("INIT") == "OKAY"
-        handle = self.load_dummy()
+        handle = self.load(dummy_passive_rom())
         if enable:
             assert self("PINIT", handle) == "OKAY"
             assert self("PENA", handle + "D") == "OKAY"
@@ -62,6 +72,26 @@ def test_start_up_and_tracking():
     assert len(reply.strays_mm) == 3
     assert host("TSTOP") == "OKAY"
     assert host("TX", "1801") == "ERROR0C"
+
+
+@pytest.mark.parametrize("segments", [1, 2, 4])
+def test_tools_by_name_are_at_the_markers_of_a_robot_of_any_size(segments):
+    markers_mm = np.arange(3.0 * segments + 3.0).reshape(-1, 3) - (0.0, 0.0, 5.0)
+    host = Host(markers_mm=markers_mm)
+    assert host("INIT") == "OKAY"
+    for number in range(1, segments + 3):
+        handle = host.load(make_passive_rom(np.array(DUMMY_MARKERS_MM), f"CCR-M{number}"))
+        assert host("PINIT", handle) == "OKAY"
+        assert host("PENA", handle + "D") == "OKAY"
+    assert host("TSTART", "80") == "OKAY"
+    host.wait_ms(200)
+    reply = parse_tx(host("TX", "1801"))
+    *seen, absent = (tool.state for tool in reply.tools)
+    assert seen == [ToolState.TRACKED] * (segments + 1)
+    assert absent is ToolState.MISSING
+    assert len(reply.strays_mm) == 0
+    places_mm = [tool.pose.position_mm for tool in reply.tools[:-1]]
+    np.testing.assert_allclose(places_mm, Placement().to_camera(markers_mm), atol=0.01)
 
 
 def test_illuminators_stay_dark_without_an_enabled_passive_tool():
@@ -146,7 +176,7 @@ def test_set_up_commands_are_refused_while_tracking(name):
 def test_damaged_tool_definition_fails_at_pinit():
     host = Host()
     host("INIT")
-    handle = host.load_dummy()
+    handle = host.load(dummy_passive_rom())
     host("PVWR", f"{handle}0040" + "FF" * 64)
     assert host("PINIT", handle) == "ERROR13"
 
@@ -167,7 +197,7 @@ def test_handles_run_out_and_are_freed():
 def test_phsr_selects_by_state():
     host = Host()
     host("INIT")
-    first = host.load_dummy()
+    first = host.load(dummy_passive_rom())
     assert host("PHSR", "02") == f"01{first}001"
     host("PINIT", first)
     assert host("PHSR", "02") == "00"
