@@ -7,6 +7,8 @@ python docs/draw_robot.py --robot my-robot.toml --out my-robot.svg
 from __future__ import annotations
 
 import argparse
+import itertools
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,7 +26,14 @@ RIM_MM = 2.0
 SHOWN_DEG = 9.0
 """Motor angle of the bent poses."""
 INK, PALE, SHADE, MARKER = "#222222", "#999999", "#e6e6e6", "#e0c200"
-MOTORS = ("#0072b2", "#b03a7f")
+MOTORS = ("#0072b2", "#b03a7f", "#009e73", "#d55e00", "#56b4e9", "#7a4fa3", "#8c6d00", "#333333")
+"""Colours, from the first again after the last."""
+
+_Z = 2
+"""Number of the paths' z among the coordinates of a backbone."""
+_SAME_MM = 1e-6
+_ASIDE_MM = 20.0
+"""Between the names of motors whose motions end side by side."""
 
 Point = tuple[float, float]
 
@@ -87,137 +96,164 @@ class View:
 
 def robot_svg(description: Description) -> str:
     """The drawing as SVG text."""
+    robot = description.robot
+    beyond_px = 160 + SCALE * (sum(robot.segment_lengths_mm) + 78)
+    apart_mm = 2 * robot.pulley_radius_mm + 14
+    width_px = max(beyond_px + 200, 160 + SCALE * apart_mm * robot.motors)
     views = (
-        _from_the_side(description),
-        _from_above(description),
-        _from_the_tip(description),
-        _pulleys(description),
+        _along(description, "from the side, y away from you", (160, 215), (2, 1), "z"),
+        _along(description, "from above, z towards you", (160, 470), (1, 2), "y"),
+        _from_the_tip(description, (beyond_px, 215)),
+        _pulleys(description, (180, 720)),
     )
     drawn = [line for view in views for line in view.elements]
-    return "\n".join([*_HEAD, *drawn, "</svg>", ""])
+    head = [line.replace("WIDTH", f"{width_px:.0f}") for line in _HEAD]
+    return "\n".join([*head, *drawn, "</svg>", ""])
 
 
-def holes_mm(tendon_radius_mm: float) -> dict[int, Point]:
-    """Where the tendons pass through a disk, along the paths' y and z."""
-    r_c = tendon_radius_mm
-    return {1: (0.0, r_c), 2: (r_c, 0.0), 3: (0.0, -r_c), 4: (-r_c, 0.0)}
+def holes_mm(description: Description) -> list[Point]:
+    """Where the tendons pass through the disks of segment 1, along the paths' y and z."""
+    radius_mm = description.robot.chain[0].tendon_radius_mm
+    angles = [math.radians(tendon.angle_deg) for _, tendon in description.robot.tendons]
+    return [(radius_mm * math.cos(angle), radius_mm * math.sin(angle)) for angle in angles]
 
 
-def _from_the_side(description: Description) -> View:
-    robot = description.robot
-    base_to_1, whole = robot.segment_lengths_mm[0], sum(robot.segment_lengths_mm)
-    d_m, r_c = robot.marker_offset_mm, robot.tendon_radius_mm
-    view = View("from the side, y away from you", (80, 215), (whole / 2, 43))
-    bent = _backbone_mm(description, (SHOWN_DEG, 0.0))
-    _draw_bent(view, bent[:, [0, 2]], whole, d_m + 3, "motor 1 +", MOTORS[0])
+def _along(
+    description: Description, title: str, origin_px: Point, coordinates: tuple[int, int], up: str
+) -> View:
+    """The straight robot and each motor's motion, mostly along the first of two coordinates."""
+    robot, (shown, hidden) = description.robot, coordinates
+    ends_mm = [0.0, *itertools.accumulate(robot.segment_lengths_mm)]
+    d_m, whole = robot.marker_offset_mm, ends_mm[-1]
+    view = View(title, origin_px, (whole / 2, 43 if shown == _Z else 22))
+    start_mm = (d_m if shown == _Z else robot.tendon_radius_mm) + 3
+    all_bent = [_backbone_mm(description, motor) for motor in range(robot.motors)]
+    in_view = [
+        motor
+        for motor, bent in enumerate(all_bent)
+        if abs(bent[-1, shown]) > abs(bent[-1, hidden]) - _SAME_MM
+    ]
+    for place, motor in enumerate(in_view):
+        aside_mm = _ASIDE_MM * (place % 2)
+        _draw_bent(view, all_bent[motor][:, [0, shown]], (whole, start_mm), motor, aside_mm)
     _draw_straight(view, description)
-    for z_mm, number in ((r_c, 1), (-r_c, 3)):
-        _draw_tendon(view, z_mm, base_to_1, number, MOTORS[0])
-    for number, along_mm in enumerate((0.0, base_to_1, whole), start=1):
-        view.line((along_mm, 0), (along_mm, d_m))
-        view.circle((along_mm, d_m), 2.2, MARKER)
-        view.text((along_mm - 3.2, d_m + 1), f"M{number}", anchor="end")
-    view.measure((0, -10), (base_to_1, -10), f"L_1 = {base_to_1:g} mm", (base_to_1 / 2, -14))
-    middle_2 = (base_to_1 + whole) / 2
-    view.measure((base_to_1, -10), (whole, -10), f"L_2 = {whole - base_to_1:g} mm", (middle_2, -14))
-    view.measure((whole + 6, 0), (whole + 6, d_m), f"d_m = {d_m:g} mm", (whole + 19, d_m / 2))
-    view.axes((-12, -22), "-x", "z")
+    holes = zip(robot.tendons, holes_mm(description), strict=True)
+    for number, ((segment, tendon), place) in enumerate(holes, start=1):
+        beside_mm = place[shown - 1]
+        if abs(beside_mm) > abs(place[hidden - 1]) - _SAME_MM:
+            ends = -9 - 3 * segment, ends_mm[segment + 1]
+            _draw_tendon(view, beside_mm, ends, number, _colour(tendon.motor - 1))
+    for name, along_mm in zip(robot.markers, ends_mm, strict=True):
+        aside_mm = d_m if shown == _Z else 0.0
+        view.line((along_mm, 0), (along_mm, aside_mm))
+        view.circle((along_mm, aside_mm), 2.2, MARKER)
+        if shown == _Z:
+            view.text((along_mm - 3.2, aside_mm + 1), name, anchor="end")
+    if shown == _Z:
+        for number, (near, far) in enumerate(itertools.pairwise(ends_mm), start=1):
+            words = f"L_{number} = {far - near:g} mm"
+            view.measure((near, -10), (far, -10), words, ((near + far) / 2, -14))
+        beside = (-18, 0), (-18, d_m)
+        view.measure(*beside, f"d_m = {d_m:g} mm", (-21, d_m + 2))
+    view.axes((-12, -22), "-x", up)
     return view
 
 
-def _from_above(description: Description) -> View:
-    whole, r_c = sum(description.robot.segment_lengths_mm), description.robot.tendon_radius_mm
-    view = View("from above, z towards you", (80, 470), (whole / 2, 22))
-    bent = _backbone_mm(description, (0.0, SHOWN_DEG))
-    _draw_bent(view, bent[:, [0, 1]], whole, r_c + 1, "motor 2 +", MOTORS[1])
-    _draw_straight(view, description)
-    for y_mm, number in ((r_c, 2), (-r_c, 4)):
-        _draw_tendon(view, y_mm, whole, number, MOTORS[1])
-    for along_mm in (0.0, description.robot.segment_lengths_mm[0], whole):
-        view.circle((along_mm, 0), 2.2, MARKER)
-    view.axes((-12, -22), "-x", "y")
-    return view
-
-
-def _from_the_tip(description: Description) -> View:
-    r_c, d_m = description.robot.tendon_radius_mm, description.robot.marker_offset_mm
-    view = View("a disk from the tip, x away from you", (760, 215), (0, 43))
+def _from_the_tip(description: Description, origin_px: Point) -> View:
+    r_c, d_m = description.robot.chain[0].tendon_radius_mm, description.robot.marker_offset_mm
+    view = View("a disk of segment 1 from the tip, x away from you", origin_px, (0, 43))
     view.circle((0, 0), r_c + RIM_MM, SHADE)
     view.line((0, 0), (0, d_m))
     view.circle((0, d_m), 2.2, MARKER)
     view.text((3.2, d_m - 1), "marker", anchor="start")
     outside = (r_c + RIM_MM + 2.5) / r_c
-    for number, (y_mm, z_mm) in holes_mm(r_c).items():
-        colour = MOTORS[(number - 1) % 2]
+    holes = zip(description.robot.tendons, holes_mm(description), strict=True)
+    for number, ((_, tendon), (y_mm, z_mm)) in enumerate(holes, start=1):
+        colour = _colour(tendon.motor - 1)
         view.circle((y_mm, z_mm), 0.9, "white", colour)
-        aside = (2.5, outside * z_mm) if y_mm == 0 else (outside * y_mm, -1.0)
-        view.text(aside, str(number), colour)
-    view.measure((-1.2, 0), (-1.2, r_c), f"r_c = {r_c:g} mm", (-12, r_c + RIM_MM + 1))
+        aside = 2.5 if abs(y_mm) < _SAME_MM and z_mm > 0 else 0.0
+        view.text((outside * y_mm + aside, outside * z_mm - 1.0), str(number), colour)
+    view.measure((-1.2, 0), (-1.2, r_c), f"r_c = {r_c:g} mm", (-14, r_c + RIM_MM + 1))
     view.axes((-22, -22), "y", "z")
     return view
 
 
-def _pulleys(description: Description) -> View:
-    radius_mm = description.robot.pulley_radius_mm
+def _pulleys(description: Description, origin_px: Point) -> View:
+    robot = description.robot
+    radius_mm = robot.pulley_radius_mm
     apart = 2 * radius_mm + 14
-    view = View(
-        "the pulleys, turned to a positive angle", (760 - SCALE * apart / 2, 470), (apart / 2, 22)
-    )
-    for motor, (pulled, released) in enumerate(((1, 3), (2, 4))):
-        x_mm, colour = motor * apart, MOTORS[motor]
+    title_mm = (max(apart / 2, (robot.motors - 1) * apart / 2), radius_mm + 6)
+    view = View("the pulleys, turned to a positive angle", origin_px, title_mm)
+    for motor in range(robot.motors):
+        x_mm, colour = motor * apart, _colour(motor)
         view.circle((x_mm, 0), radius_mm, SHADE)
         view.text((x_mm, -1), f"motor {motor + 1} +", colour)
-        edges = (x_mm - radius_mm, x_mm + radius_mm)
-        view.line((edges[0], -22), (edges[0], 0), colour=colour, width=1.6, ends=("end arrow",))
-        view.line((edges[1], 0), (edges[1], -22), colour=colour, width=1.6, ends=("end arrow",))
-        view.text((edges[0] + 1.5, -20), f"{pulled} is wound up", colour, "start")
-        view.text((edges[1] - 1.5, -25), f"{released} is let out", colour, "end")
-    view.measure((0, 4), (radius_mm, 4), f"r_p = {radius_mm:g} mm", (0, 14.5))
+        for winding, side, words in ((1, -1, "wound up"), (-1, 1, "let out")):
+            wound = [
+                str(number)
+                for number, (_, tendon) in enumerate(robot.tendons, start=1)
+                if (tendon.motor, tendon.winding) == (motor + 1, winding)
+            ]
+            if not wound:
+                continue
+            edge = x_mm + side * radius_mm
+            ends = ((edge, -22), (edge, 0))[::-side]
+            view.line(*ends, colour=colour, width=1.6, ends=("end arrow",))
+            anchor = "start" if winding > 0 else "end"
+            at = (edge - 1.5 * side, -20 if winding > 0 else -25)
+            view.text(at, f"{', '.join(wound)} is {words}", colour, anchor)
+    view.measure((0, 4), (radius_mm, 4), f"r_p = {radius_mm:g} mm", (0, radius_mm + 2))
     return view
 
 
-def _backbone_mm(description: Description, motors_deg: Point) -> np.ndarray:
-    """(N, 3): along the straight robot, to path y and to path z, from the base."""
+def _backbone_mm(description: Description, motor: int) -> np.ndarray:
+    """(N, 3): along the straight robot, to path y and to path z; one motor turned."""
     model = ConstantCurvature(description.robot)
-    y_mm, x_mm, z_mm = model.backbone_mm(np.radians(motors_deg)).T
+    motors_rad = np.radians(SHOWN_DEG) * np.eye(model.motors)[motor]
+    y_mm, x_mm, z_mm = model.backbone_mm(motors_rad).T
     return np.stack([-x_mm, y_mm, z_mm + model.marker_offset_mm], axis=1)
 
 
 def _draw_straight(view: View, description: Description) -> None:
     """Base, backbone and disks: as many of these as the description gives the twin."""
-    radius_mm = description.robot.tendon_radius_mm + RIM_MM
-    lengths, counts = description.robot.segment_lengths_mm, description.twin.flexures
+    segments, counts = description.robot.chain, description.twin.flexures
     view.line((-2, -18), (-2, 18), width=7, colour=PALE)
     view.text((-2, 20), "base")
-    view.line((-2, 0), (sum(lengths), 0), width=3)
+    view.line((-2, 0), (sum(description.robot.segment_lengths_mm), 0), width=3)
     start_mm = 0.0
-    for length_mm, count in zip(lengths, counts, strict=True):
-        for along_mm in start_mm + length_mm * np.arange(count + 1) / count:
+    for segment, count in zip(segments, counts, strict=True):
+        radius_mm = segment.tendon_radius_mm + RIM_MM
+        for along_mm in start_mm + segment.length_mm * np.arange(count + 1) / count:
             view.line((along_mm, -radius_mm), (along_mm, radius_mm), width=4)
-        start_mm += length_mm
+        start_mm += segment.length_mm
 
 
-def _draw_tendon(view: View, beside_mm: float, length_mm: float, number: int, colour: str) -> None:
-    view.line((-9, beside_mm), (length_mm, beside_mm), colour=colour, width=1.8)
-    view.circle((length_mm, beside_mm), 0.7, colour, colour)
-    view.text((-11, beside_mm - 1), str(number), colour)
+def _draw_tendon(view: View, beside_mm: float, ends: Point, number: int, colour: str) -> None:
+    start_mm, end_mm = ends
+    view.line((start_mm, beside_mm), (end_mm, beside_mm), colour=colour, width=1.8)
+    view.circle((end_mm, beside_mm), 0.7, colour, colour)
+    view.text((start_mm - 2, beside_mm - 1), str(number), colour)
 
 
 def _draw_bent(
-    view: View, points: np.ndarray, whole: float, from_mm: float, name: str, colour: str
+    view: View, points: np.ndarray, straight_end: Point, motor: int, aside_mm: float
 ) -> None:
-    path = [(float(x), float(y)) for x, y in points]
+    path, colour = [(float(x), float(y)) for x, y in points], _colour(motor)
+    end, (whole, from_mm) = path[-1], straight_end
     view.line(*path, colour=PALE, width=3)
-    view.line(
-        (whole + 2, from_mm), (path[-1][0] + 2, path[-1][1]), colour=colour, ends=("end arrow",)
-    )
-    view.text((path[-1][0] + 3, path[-1][1] + 1), name, colour, "start")
+    start = (whole + 2, from_mm if end[1] > 0 else -from_mm)
+    view.line(start, (end[0] + 2, end[1]), colour=colour, ends=("end arrow",))
+    view.text((end[0] + 3 + aside_mm, end[1] + 1), f"motor {motor + 1} +", colour, "start")
+
+
+def _colour(motor: int) -> str:
+    return MOTORS[motor % len(MOTORS)]
 
 
 _HEAD = (
-    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 960 590" font-family="sans-serif">',
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 WIDTH 850" font-family="sans-serif">',
     "<!-- Made by docs/draw_robot.py from the robot description. -->",
-    '<rect width="960" height="590" fill="white"/>',
+    '<rect width="WIDTH" height="850" fill="white"/>',
     '<defs><marker id="arrow" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="7" '
     'markerHeight="7" orient="auto-start-reverse"><path d="M0,1 L10,5 L0,9 z" '
     'fill="context-stroke"/></marker></defs>',

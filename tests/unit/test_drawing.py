@@ -43,13 +43,14 @@ def test_another_robot_is_drawn_with_its_own_measures(tmp_path: Path) -> None:
     assert {"L_1 = 61.5 mm", "L_2 = 44 mm", "d_m = 12 mm"} <= texts
 
 
-def test_the_holes_are_where_the_twin_has_them(drawing: ModuleType) -> None:
-    twin = schema.load().twin
-    sites = ET.fromstring(robot_mjcf(twin)).iter("site")
+@pytest.mark.parametrize("robot", [None])
+def test_the_holes_are_where_the_twin_has_them(drawing: ModuleType, robot: str | None) -> None:
+    description = schema.load(robot)
+    sites = ET.fromstring(robot_mjcf(description.twin)).iter("site")
     places = {site.get("name"): site.get("pos", "") for site in sites}
-    for number, (y_mm, z_mm) in drawing.holes_mm(twin.tendon_radius_mm).items():
+    for number, (y_mm, z_mm) in enumerate(drawing.holes_mm(description), start=1):
         x_m, _, z_m = map(float, places[f"tendon{number}_disk0"].split())
-        assert (1000 * x_m, 1000 * z_m) == pytest.approx((y_mm, z_mm))
+        assert (1000 * x_m, 1000 * z_m) == pytest.approx((y_mm, z_mm), abs=1e-9)
 
 
 def test_a_positive_angle_bends_as_drawn_towards_the_tendon_that_it_winds_up() -> None:

@@ -218,6 +218,11 @@ class ConstantCurvature:
         self.lengths_mm = tuple(segment.length_mm for segment in segments)
         self.marker_offset_mm = geometry.marker_offset_mm
         self.motors = self._bending.shape[1]
+        stiffness = np.array([segment.stiffness for segment in segments])
+        of_freedom = (self._freedom**2).sum(axis=2) @ stiffness
+        self.energy: FloatArray = (self._bending.T * of_freedom) @ self._bending
+        """Twice the energy of the bending over the squares of the motor angles, (n, n), over the
+        stiffness of the first segment."""
 
     def chain(self, order: int = MOST_DERIVATIVES) -> Chain:
         """The constants for ``jets``."""

@@ -100,8 +100,7 @@ def test_robots_reach_the_paths_of_their_kind_and_return_to_the_start(robot, nam
     steps_mm = np.linalg.norm(np.diff(reference.target_mm, axis=0), axis=1)
     gap_mm = np.linalg.norm(reference.target_mm[-1] - reference.target_mm[0])
     assert gap_mm < 1.5 * steps_mm.max()
-    if robot != "three-spatial":  # which has configurations of equal effort far from each other
-        assert np.abs(np.diff(reference.q_rad, axis=0)).max() < np.radians(15.0)
+    assert np.abs(np.diff(reference.q_rad, axis=0)).max() < np.radians(15.0)
 
 
 def test_the_dome_is_what_one_arc_reaches():

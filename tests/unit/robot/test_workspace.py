@@ -160,11 +160,10 @@ def test_with_more_motors_than_needed_no_motion_that_keeps_the_tip_saves_effort(
         assert np.all(np.abs(found.q_rad) <= most_rad)
         for pose in found.q_rad:
             free = np.abs(pose) < most_rad
-            by_share = (model.jacobian_mm_rad(pose)[coordinates] * most_rad)[:, free]
-            _, sizes, directions = np.linalg.svd(by_share)
+            _, sizes, directions = np.linalg.svd(model.jacobian_mm_rad(pose)[coordinates][:, free])
             keeping = directions[np.sum(sizes > 1e-6 * sizes[0]) :]
-            share = (pose / most_rad)[free]
-            assert np.abs(keeping @ share).max(initial=0.0) < 1e-6
+            slope = (workspace.effort @ pose)[free] * most_rad.min()
+            assert np.abs(keeping @ slope).max(initial=0.0) < 1e-6
 
 
 def test_neighbouring_points_have_neighbouring_configurations_however_many_motors():
