@@ -1,0 +1,166 @@
+"""Controllers on random robots of 1 to 4 planar or spatial segments, on paths within reach.
+
+    python -m bench.any_robot --out DIR [--robots 100] [--rate HZ ...] [--controller NAME ...]
+
+The robot is hanging, and has the faults of the shipped ``default``; what bends is as stiff as its
+length and mass ask for. The path is what the model's tip does while all motors swing smoothly. DIR
+keeps the descriptions, the paths and a line for each run; the same command continues.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from ccr_host.core.errors import CcrError
+from ccr_host.description.schema import Robot, Segment, Tendon, load
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.run.execute import execute_quietly
+from ccr_host.run.observer import true_errors_mm
+from ccr_host.run.options import RunOptions
+from ccr_host.run.twin_floor import twin_floor_mm
+
+MOST_BENDING_RAD = 1.2
+"""Of each segment on the path."""
+DURATION_S = 60.0
+RESULTS = "runs.jsonl"
+
+
+def random_robot(rng: np.random.Generator, segments: int) -> Robot:
+    """Planar segments with a pair of tendons, spatial ones with two pairs or three tendons."""
+    motors = 0
+    described = []
+    for _ in range(segments):
+        kind = rng.choice(["plane", "pairs", "three"])
+        direction_deg = float(rng.uniform(-180, 180))
+        pulls: list[Tendon] = []
+        for part in range({"plane": 1, "pairs": 2, "three": 3}[kind]):
+            motors += 1
+            apart_deg = 120.0 * part if kind == "three" else 90.0 * part
+            angle_deg = direction_deg + apart_deg
+            pulls.append(Tendon(angle_deg=_turn(angle_deg), motor=motors))
+            if kind != "three":
+                opposite = _turn(angle_deg + 180.0)
+                pulls.append(Tendon(angle_deg=opposite, motor=motors, winding=-1))
+        described.append(
+            Segment(
+                length_mm=float(rng.uniform(30, 80)),
+                tendon_radius_mm=float(rng.uniform(3, 8)),
+                bends="plane" if kind == "plane" else "space",
+                direction_deg=_turn(direction_deg),
+                tendons=tuple(pulls),
+            )
+        )
+    widest_mm = max(segment.tendon_radius_mm for segment in described)
+    return Robot(
+        segments=tuple(described), gravity_direction=(0, -1, 0), pulley_radius_mm=2.0 * widest_mm
+    )
+
+
+def _turn(angle_deg: float) -> float:
+    return (angle_deg + 180.0) % 360.0 - 180.0
+
+
+def description_text(robot: Robot) -> str:
+    """The robot with the faults of `default`, as TOML."""
+    faults = load().twin.model_dump(include=load().twin.model_fields_set)
+    for per_motor in ("servo_neutral_us", "servo_drift_deg"):
+        faults.pop(per_motor, None)
+    reach_mm = sum(segment.length_mm for segment in robot.segments)
+    faults["bending_stiffness_nm_rad"] = 0.02 * (reach_mm / 100.0) ** 2
+    faults["tendon_force_max_n"] = 200.0
+    return tomlkit.dumps({"robot": robot.model_dump(exclude_unset=True), "twin": faults})
+
+
+def path_text(robot: Robot, rng: np.random.Generator) -> str:
+    """A closed path that the tip makes while all motors swing, as a path file."""
+    model = ConstantCurvature(robot)
+    time_s = np.linspace(0.0, DURATION_S, 601)
+    turns = rng.integers(1, 4, model.motors)
+    phases = rng.uniform(0.0, 2.0 * np.pi, model.motors)
+    swings = np.sin(2.0 * np.pi * turns * time_s[:, None] / DURATION_S + phases)
+    bending = np.abs(model.bending_rad(swings)).max()
+    tip_mm = model.tip_mm(MOST_BENDING_RAD / bending * swings)
+    rows = [f"{t:.2f},{x:.4f},{y:.4f},{z:.4f}" for t, (y, x, z) in zip(time_s, tip_mm, strict=True)]
+    return "\n".join(["t_s,x_mm,y_mm,z_mm", *rows, ""])
+
+
+def judged(robot: int, folder: Path, controller: str, rate_hz: float) -> dict[str, Any]:
+    """One run's figures."""
+    description, path = folder / f"{robot}.toml", folder / f"{robot}.csv"
+    options = RunOptions(
+        robot=str(description),
+        path=str(path),
+        controller=controller,
+        rate_hz=rate_hz,
+        seed=robot,
+        checks="none",
+    )
+    found: dict[str, Any] = {"robot": robot, "controller": controller, "rate_hz": rate_hz}
+    found["motors"] = options.description().robot.motors
+    try:
+        result = execute_quietly(options)
+        errors_mm = true_errors_mm(result.records)
+        if result.failure is not None or errors_mm is None:
+            return found | {"failure": str(result.failure)}
+        floor_mm = twin_floor_mm(result)
+    except CcrError as error:
+        return found | {"failure": str(error)}
+    off_mm = np.linalg.norm(errors_mm, axis=1)
+    return found | {
+        "mean_mm": float(off_mm.mean()),
+        "max_mm": float(off_mm.max()),
+        "floor_mm": floor_mm,
+    }
+
+
+def print_table(rows: list[dict[str, Any]]) -> None:
+    """One line for each controller and rate."""
+    print("| controller | rate | robots | failed | median | 95 % | greatest | median of ratio |")
+    print("|---|---|---|---|---|---|---|---|")
+    for controller, rate_hz in sorted({(row["controller"], row["rate_hz"]) for row in rows}):
+        mine = [r for r in rows if (r["controller"], r["rate_hz"]) == (controller, rate_hz)]
+        done = [row for row in mine if "mean_mm" in row]
+        means = [row["mean_mm"] for row in done] or [np.nan]
+        ratios = [row["mean_mm"] / row["floor_mm"] for row in done if row["floor_mm"]] or [np.nan]
+        print(
+            f"| {controller} | {rate_hz:g} Hz | {len(mine)} | {len(mine) - len(done)} | "
+            f"{np.median(means):.2f} | {np.percentile(means, 95):.2f} | "
+            f"{max([row['max_mm'] for row in done], default=np.nan):.1f} | "
+            f"{np.median(ratios):.2f} |"
+        )
+
+
+def main() -> None:
+    """Run what is missing, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--robots", type=int, default=100)
+    parser.add_argument("--rate", type=float, nargs="+", default=[1.0, 20.0])
+    parser.add_argument("--controller", nargs="+", default=["mpc", "mpc-offset", "pid-ik"])
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    kept = arguments.out / RESULTS
+    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
+    done = {(row["robot"], row["controller"], row["rate_hz"]) for row in rows}
+    for robot in range(1, arguments.robots + 1):
+        rng = np.random.default_rng(robot)
+        described = random_robot(rng, 1 + robot % 4)
+        (arguments.out / f"{robot}.toml").write_text(description_text(described))
+        (arguments.out / f"{robot}.csv").write_text(path_text(described, rng))
+        for rate_hz in arguments.rate:
+            for controller in arguments.controller:
+                if (robot, controller, rate_hz) not in done:
+                    rows.append(judged(robot, arguments.out, controller, rate_hz))
+                    with kept.open("a") as file:
+                        file.write(json.dumps(rows[-1]) + "\n")
+    print_table(rows)
+
+
+if __name__ == "__main__":
+    main()
