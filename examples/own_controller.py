@@ -22,7 +22,7 @@ class IntegralFeedback:
 
     def start(self, reference: Reference) -> ccr_host.Command:
         self._reference = reference
-        self._correction_rad = np.zeros(2)
+        self._correction_rad = np.zeros_like(reference.q_rad[0])
         return self._command(0)
 
     def step(self, observation: ccr_host.Observation) -> ccr_host.Command:

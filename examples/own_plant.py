@@ -1,4 +1,4 @@
-"""A simulated robot of your own: constant curvature, without mass, friction or delay.
+"""A simulated robot of your own: constant curvature of any robot, without mass, friction or delay.
 
 ccr-host track 8shape --plant examples/own_plant.py:ConstantCurvaturePlant
 """
@@ -14,13 +14,10 @@ class ConstantCurvaturePlant(ccr_host.Plant):
     """Takes the pose that its pulses ask for at once."""
 
     def __init__(self, description: ccr_host.Description) -> None:
-        robot, self._servo = description.robot, description.servo
-        only_first = {"segment_lengths_mm": (robot.segment_lengths_mm[0], 0.0)}
-        self._middle = ConstantCurvature(robot.model_copy(update=only_first))
-        self._tip = ConstantCurvature(robot)
-        self._q_rad = np.zeros(2)
+        self._model, self._servo = ConstantCurvature(description.robot), description.servo
+        self._q_rad = np.zeros(description.robot.motors)
 
-    def set_pulses_half_us(self, pulses_half_us: tuple[int, int]) -> None:
+    def set_pulses_half_us(self, pulses_half_us: tuple[int, ...]) -> None:
         if all(pulses_half_us):
             turn = np.array(pulses_half_us) / 2 - self._servo.neutral_pulse_us
             self._q_rad = np.radians(90 * turn / self._servo.pulse_per_90_deg_us)
@@ -29,8 +26,8 @@ class ConstantCurvaturePlant(ccr_host.Plant):
         """It has nothing to do with time."""
 
     def markers_mm(self) -> NDArray[np.float64]:
-        q_rad = self._q_rad
-        return np.array([np.zeros(3), self._middle.tip_mm(q_rad), self._tip.tip_mm(q_rad)])
+        ends_mm, _ = self._model.markers_mm(self._model.bending_rad(self._q_rad)[None])
+        return np.concatenate([np.zeros((1, 3)), ends_mm[0]])
 
 
 if __name__ == "__main__":

@@ -76,7 +76,7 @@ def record(
     description = options.description()
     stops = stops_of(description, pattern or (), rests, seed)
     screen = console(on_stderr=as_json)
-    with new_table(file, stops.q_rad.shape[1]) as table:
+    with new_table(file, description.robot) as table:
         try:
             with (
                 terminal.steps_progress(console(on_stderr=True), "poses") as on_pose,

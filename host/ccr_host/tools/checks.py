@@ -29,7 +29,7 @@ from ccr_host.link.messages import (
     State,
     StateReport,
 )
-from ccr_host.robot.marker_shape import seen_lengths_mm, wrong_segments
+from ccr_host.robot.marker_shape import described_lengths_mm, seen_lengths_mm, wrong_segments
 from ccr_host.robot.rests import Rests
 from ccr_host.tools.equipment import equipment_text
 from ccr_host.tracking.markers.check import MarkerCheck
@@ -123,7 +123,8 @@ def check_tracker(tracker: Tracker, clock: Clock, description: Description) -> I
     yield _age(ages_us, description)
     tips_mm = np.array([sample.tip_mm for sample in samples])
     yield _noise(tips_mm, description)
-    yield _second_marker(samples)
+    for number, name in enumerate(description.robot.markers[1:-1], start=1):
+        yield _middle_marker(samples, number, name)
     yield from _shape(samples, description)
     trouble = tracker.trouble()
     yield judged(
@@ -172,19 +173,20 @@ def _noise(tips_mm: NDArray[np.float64], description: Description) -> Finding:
     expected_mm = description.tracker.noise_mm
     return judged(
         "noise",
-        f"{noise_mm:.2f} mm RMS of M3 - M1 at rest; described: {expected_mm:g}",
+        f"{noise_mm:.2f} mm RMS of {description.robot.markers[-1]} - M1 at rest; described: "
+        f"{expected_mm:g}",
         fine=noise_mm <= _NOISE_FACTOR * max(expected_mm, 0.05),
         remedy="keep the table still, clean the markers, or correct tracker.noise_mm",
     )
 
 
-def _second_marker(samples: list[Sample]) -> Finding:
-    seen = np.mean([np.isfinite(sample.markers_mm[1]).all() for sample in samples])
+def _middle_marker(samples: list[Sample], number: int, name: str) -> Finding:
+    seen = np.mean([np.isfinite(sample.markers_mm[number]).all() for sample in samples])
     return judged(
-        "M2",
+        name,
         f"seen in {100 * seen:.0f} % of the samples",
         fine=bool(seen > _RATE_SHARE),
-        remedy="turn the robot or the camera so that M2 is not hidden",
+        remedy=f"turn the robot or the camera so that {name} is not hidden",
     )
 
 
@@ -194,7 +196,7 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
     robot = description.robot
     if np.isfinite(markers_mm).all():
         lengths = " and ".join(f"{length:.1f}" for length in seen_lengths_mm(markers_mm, robot))
-        described = " and ".join(f"{length:g}" for length in robot.segment_lengths_mm)
+        described = " and ".join(f"{length:g}" for length in described_lengths_mm(robot))
         trouble = MarkerCheck(description).trouble(markers_mm)
         yield judged(
             "scale",
@@ -202,10 +204,12 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
             fine=not trouble and not wrong_segments(markers_mm, robot),
             remedy="; ".join(trouble)
             if trouble
-            else "measure robot.segment_lengths_mm again; check that each marker is the right one, "
+            else "measure the segments again; check that each marker is the right one, "
             "the camera's calibration, and that the robot is at rest (ccr-host jog)",
         )
-    off_deg, allowed_deg = _deflection_deg(markers_mm[2] - markers_mm[0], description)
+    if robot.segments:
+        return  # The model of a robot that hangs through at rest knows only the paper's.
+    off_deg, allowed_deg = _deflection_deg(markers_mm[-1] - markers_mm[0], description)
     yield judged(
         "orientation",
         f"the robot at rest points {off_deg:.0f} deg away from its model; expected: at most "

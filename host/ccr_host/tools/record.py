@@ -1,7 +1,8 @@
 """``ccr-host record``: measure a robot at rest in many poses, as a table for ``identify``.
 
-Each pattern moves the motors within the range of the tour of controller `adaptive`. Rows are on
-disk as soon as they are measured, so whatever ends a recording leaves what was measured until then.
+Each pattern moves the motors within the range of the tour of controller `adaptive`, those of other
+robots than the paper's as far as a segment bends by a right angle. Rows are on disk as soon as they
+are measured, so whatever ends a recording leaves what was measured until then.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import CcrError, ConfigError, TrackerError, why
+from ccr_host.description.robot import Robot
 from ccr_host.description.schema import Description
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
 from ccr_host.tools.survey import identification_stops_rad
@@ -33,6 +37,8 @@ _LEVELS = np.linspace(-1.0, 1.0, 9)
 """Levels of a staircase; its steps have to outnumber those that `hysteresis` takes for a sweep."""
 _PAIR = 0.7
 """Amplitude of two motors at a time, so that the robot bends about as far as with one."""
+_MOST_CORNERS = 16
+_MOST_BENDING_RAD = 0.5 * np.pi
 _SINES = 3
 _TURNS_OF_SLOWEST = 2.0
 _RANDOM_STREAM = 16
@@ -57,9 +63,8 @@ def _pairs(motors: int, _: int, __: np.random.Generator) -> Array:
     corners = _PAIR * np.array([(1, 1), (-1, 1), (-1, -1), (1, -1), (0, 0), (1, -1), (-1, 1)])
     corners = np.concatenate([corners, np.zeros((1, 2))])
     axes = np.eye(motors)
-    return np.concatenate(
-        [corners @ axes[list(two)] for two in itertools.combinations(range(motors), 2)]
-    )
+    pairs = [corners @ axes[list(two)] for two in itertools.combinations(range(motors), 2)]
+    return np.concatenate([np.zeros((0, motors)), *pairs])
 
 
 def _random(motors: int, rests: int, rng: np.random.Generator) -> Array:
@@ -77,11 +82,13 @@ def _multisine(motors: int, rests: int, rng: np.random.Generator) -> Array:
     return way / largest
 
 
-def _release(motors: int, _: int, __: np.random.Generator) -> Array:
-    """All motors from each corner home at once, which slackens tendons the most."""
-    corners = itertools.product((1.0, -1.0), repeat=motors)
-    way: Array = np.array([stop for corner in corners for stop in (corner, (0.0,) * motors)])
-    return _PAIR * way
+def _release(motors: int, _: int, rng: np.random.Generator) -> Array:
+    """All motors from a corner home at once, which slackens tendons the most; from some of many."""
+    corners = np.array(list(itertools.product((1.0, -1.0), repeat=motors)))
+    if len(corners) > _MOST_CORNERS:
+        corners = rng.permutation(corners)[:_MOST_CORNERS]
+    way = np.stack([corners, np.zeros_like(corners)], axis=1)
+    return _PAIR * way.reshape(-1, motors)
 
 
 PATTERNS: dict[str, Callable[[int, int, np.random.Generator], Array]] = {
@@ -123,8 +130,7 @@ def stops_of(description: Description, names: Sequence[str], rests: int, seed: i
     for name in names:
         if name not in PATTERNS:
             raise ConfigError(f"--pattern {name}: unknown", f"one of {', '.join(PATTERNS)}")
-    tour_rad = identification_stops_rad(description)
-    low, high = np.minimum(tour_rad.min(axis=0), 0.0), np.maximum(tour_rad.max(axis=0), 0.0)
+    low, high = _range_rad(description)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_RANDOM_STREAM,)))
     # All are drawn, so that a pattern does not depend on which others are wanted.
     shares = {name: stops(len(low), rests, rng) for name, stops in PATTERNS.items()}
@@ -136,35 +142,48 @@ def stops_of(description: Description, names: Sequence[str], rests: int, seed: i
     )
 
 
+def _range_rad(description: Description) -> tuple[Array, Array]:
+    """How far each motor is moved in both directions, (M,) each, rad."""
+    if not description.robot.segments:
+        tour_rad = identification_stops_rad(description)
+        return np.minimum(tour_rad.min(axis=0), 0.0), np.maximum(tour_rad.max(axis=0), 0.0)
+    model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
+    bends = model.bends_rad(model.bending_rad(np.eye(model.motors)))
+    reach_rad = _MOST_BENDING_RAD / np.linalg.norm(bends, axis=-1).max(axis=-1)
+    low, high = np.maximum(limits.lower_rad, -reach_rad), np.minimum(limits.upper_rad, reach_rad)
+    return np.minimum(low, 0.0), np.maximum(high, 0.0)
+
+
 class RestTable:
     """A table of rests that is on disk up to the last row; see `new_table`.
 
     Args:
         file: name of the table.
         stream: the file, open for writing.
-        motors: number of motors.
+        robot: tells the number of motors and of markers.
 
     Raises:
         CcrError: the file cannot be written.
     """
 
-    def __init__(self, file: Path, stream: TextIO, motors: int) -> None:
+    def __init__(self, file: Path, stream: TextIO, robot: Robot) -> None:
         self.rests = 0
         self._file = file
         self._stream = stream
         self._writer = csv.writer(stream, lineterminator="\n")
-        marks = [f"{marker}_{axis}_mm" for marker in ("tip", "middle") for axis in "xyz"]
-        angles = [f"q{motor}_deg" for motor in range(1, motors + 1)]
+        markers = ("tip", "middle") if len(robot.chain) > 1 else ("tip",)
+        marks = [f"{marker}_{axis}_mm" for marker in markers for axis in "xyz"]
+        angles = [f"q{motor}_deg" for motor in range(1, robot.motors + 1)]
         self._write(["t_s", "pattern", *angles, *marks, "count"])
 
     def add(self, time_us: int, pattern: str, q_rad: Array, markers_mm: Array) -> None:
-        """Write one rest: motor angles, (M,), and markers of all exposures, (n, 3, 3).
+        """Write one rest: motor angles, (M,), and markers of all exposures, (n, S + 1, 3).
 
         Raises:
             CcrError: the file cannot be written.
         """
-        first_mm, middle_mm, tip_mm = markers_mm.mean(axis=0)
-        vectors_mm = np.concatenate([tip_mm - first_mm, middle_mm - first_mm])
+        first_mm, *middle_mm, tip_mm = markers_mm.mean(axis=0)
+        vectors_mm = np.concatenate([place - first_mm for place in (tip_mm, *middle_mm[:1])])
         self._write(
             [
                 f"{time_us * 1e-6:.3f}",
@@ -187,7 +206,7 @@ class RestTable:
 
 
 @contextmanager
-def new_table(file: Path, motors: int) -> Iterator[RestTable]:
+def new_table(file: Path, robot: Robot) -> Iterator[RestTable]:
     """Create a table; it is removed if it gets no row, whatever happens.
 
     Raises:
@@ -203,7 +222,7 @@ def new_table(file: Path, motors: int) -> Iterator[RestTable]:
     table = None
     try:
         with opened:
-            table = RestTable(file, opened, motors)
+            table = RestTable(file, opened, robot)
             yield table
     finally:
         if table is None or not table.rests:

@@ -46,6 +46,21 @@ def test_zero_moves_back_to_rest_and_keeps_the_step() -> None:
     assert back.step_deg == there.step_deg
 
 
+@pytest.mark.parametrize("motors", [1, 4, 9, 12])
+def test_a_digit_chooses_the_motors_that_the_arrows_move(motors: int) -> None:
+    limits = MotorLimits(np.full(motors, -1.0), np.full(motors, 1.0))
+    now = JogTarget(np.zeros(motors), limits, np.zeros(motors))
+    for pair in range(-(-motors // 2)):
+        now = now.after(str(pair + 1)).after(UP).after(LEFT)
+    step_rad = np.radians(now.step_deg)
+    wanted = np.where(np.arange(motors) % 2 == 0, step_rad, -step_rad)
+    np.testing.assert_allclose(now.q_rad, wanted)
+    assert now.after("9") == now
+    shown = dict(now.help)
+    assert shown["up, down"] == f"motor {2 * pair + 1}"
+    assert ("right, left" in shown) == (motors % 2 == 0)
+
+
 def test_only_its_keys_stop_clear_and_leave() -> None:
     actions = {key: action_of(key) for key in KEYS if action_of(key) is not KeyAction.MOVE}
     assert actions == {" ": KeyAction.STOP, ESCAPE: KeyAction.STOP, "c": KeyAction.CLEAR}

@@ -11,6 +11,7 @@ import pytest
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description
 from ccr_host.link.messages import State, StateReport
+from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.observer import Observers, RunObserver
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
@@ -45,7 +46,10 @@ def measured_at(stops: Stops) -> Measured:
 def test_what_is_recorded_can_be_identified_as_it_is(tmp_path: Path) -> None:
     stops = stops_of(DESCRIPTION, ["multisine", "random"], 12, seed=1)
     file = tmp_path / "recorded.csv"
-    with new_table(file, 2) as table, open_rig(OPTIONS, DESCRIPTION, Observers()) as rig:
+    with (
+        new_table(file, DESCRIPTION.robot) as table,
+        open_rig(OPTIONS, DESCRIPTION, Observers()) as rig,
+    ):
         record_rests(rig, DESCRIPTION, stops, table, lambda *_: None)
     measured = read_measured(file)
     assert measured.pattern.tolist() == ["random"] * 12 + ["multisine"] * 12
@@ -73,7 +77,7 @@ def test_an_interrupted_recording_keeps_its_rests_and_disarms(tmp_path: Path) ->
 
     with (
         pytest.raises(KeyboardInterrupt),
-        new_table(file, 2) as table,
+        new_table(file, DESCRIPTION.robot) as table,
         open_rig(OPTIONS, DESCRIPTION, board) as rig,
     ):
         record_rests(rig, DESCRIPTION, stops, table, interrupt)
@@ -125,14 +129,28 @@ def test_a_pattern_does_not_depend_on_the_others_but_on_the_seed() -> None:
 
 def test_a_file_is_never_overwritten_and_an_empty_one_not_left(tmp_path: Path) -> None:
     file = tmp_path / "recorded.csv"
-    with pytest.raises(KeyboardInterrupt), new_table(file, 2):
+    with pytest.raises(KeyboardInterrupt), new_table(file, DESCRIPTION.robot):
         raise KeyboardInterrupt
     assert not file.exists()
-    with new_table(file, 2) as table:
+    with new_table(file, DESCRIPTION.robot) as table:
         table.add(1_000_000, "single", np.zeros(2), REST)
     before = file.read_text()
-    with pytest.raises(ConfigError, match="exists"), new_table(file, 2):
+    with pytest.raises(ConfigError, match="exists"), new_table(file, DESCRIPTION.robot):
         raise AssertionError
     assert file.read_text() == before
     with pytest.raises(ConfigError, match="No such file"), new_table(tmp_path / "no" / "f", 2):
         raise AssertionError
+
+
+@pytest.mark.parametrize(
+    ("name", "motors"), [("single", 1), ("two-spatial", 4), ("three-spatial", 9)]
+)
+def test_patterns_keep_every_robot_within_its_limits(name: str, motors: int) -> None:
+    description = RigOptions(robot=name).description()
+    stops = stops_of(description, [], 24, seed=1)
+    assert stops.q_rad.shape == (len(stops.pattern), motors)
+    assert {*stops.pattern} == {*PATTERNS} - ({"pairs"} if motors == 1 else set())
+    limits = MotorLimits.of(description.servo)
+    np.testing.assert_array_equal(limits.clip(stops.q_rad), stops.q_rad)
+    assert (np.ptp(stops.q_rad, axis=0) > 0.1).all()
+    assert stops.pattern.count("release") <= 32

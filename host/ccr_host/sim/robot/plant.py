@@ -33,7 +33,7 @@ class Plant(Protocol):
 
     @abstractmethod
     def markers_mm(self) -> Array:
-        """Positions of M1 (base), M2 (end of segment 1) and M3 (tip) in mm, one per row, (3, 3).
+        """Positions of M1 (base) and the marker at the end of each of S segments, (S + 1, 3), mm.
 
         The frame is the robot's, that of (10).
         """
@@ -41,7 +41,7 @@ class Plant(Protocol):
     def tip_mm(self) -> Array:
         """True tip f of (10) in mm, (3,), used for the metrics only."""
         markers_mm = self.markers_mm()
-        tip: Array = markers_mm[2] - markers_mm[0]
+        tip: Array = markers_mm[-1] - markers_mm[0]
         return tip
 
     def start_path_clock(self, time_us: int) -> None:
@@ -54,12 +54,16 @@ class GuardedPlant(Plant):
     Args:
         plant: object with at least the abstract methods of `Plant`.
         name: name as the user gave it.
+        markers: number of markers that it has to have.
     """
 
-    def __init__(self, plant: Plant, name: str) -> None:
+    def __init__(self, plant: Plant, name: str, markers: int) -> None:
         self._plant = plant
         self._guard = Guard(f"{name}: {type(plant).__name__}", "plant")
-        self._answers: dict[str, Array] = {"markers_mm": np.zeros((3, 3)), "tip_mm": np.zeros(3)}
+        self._answers: dict[str, Array] = {
+            "markers_mm": np.zeros((markers, 3)),
+            "tip_mm": np.zeros(3),
+        }
 
     def set_pulses_half_us(self, pulses_half_us: tuple[int, ...]) -> None:
         self._call("set_pulses_half_us", pulses_half_us)

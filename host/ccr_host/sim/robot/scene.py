@@ -52,7 +52,8 @@ def make_plant(name: str, description: Description) -> Plant:
     if not is_plugin("plant", name):
         raise unknown_plugin("plant", name, [TWIN])
     methods = ("set_pulses_half_us", "advance_to", "markers_mm")
-    return GuardedPlant(make_plugin("plant", name, methods, description), name)
+    plant = make_plugin("plant", name, methods, description)
+    return GuardedPlant(plant, name, len(description.robot.markers))
 
 
 class ExposedCamera(Protocol):
@@ -63,7 +64,7 @@ class ExposedCamera(Protocol):
         """Time of the next call of ``expose``."""
 
     def expose(self, time_us: int, markers_mm: NDArray[np.float64]) -> None:
-        """Expose the markers, (3, 3), one per row, in the robot frame."""
+        """Expose the markers, (S + 1, 3), in the robot frame."""
 
 
 class TwinScene:
@@ -74,7 +75,7 @@ class TwinScene:
         self._camera = camera
 
     def set_pulses_half_us(self, pulses_half_us: tuple[int, ...]) -> None:
-        """Set both pulse widths from now on, in 0.5 us; 0 means no pulses."""
+        """Set the pulse widths from now on, in 0.5 us; 0 means no pulses."""
         self._robot.set_pulses_half_us(pulses_half_us)
 
     def advance_to(self, time_us: int) -> None:
@@ -89,5 +90,5 @@ class TwinScene:
         self._robot.start_path_clock(time_us)
 
     def true_tip_mm(self) -> NDArray[np.float64]:
-        """True f of (10), (3,): M3 - M1 without noise and latency."""
+        """True f of (10), (3,): last marker - M1 without noise and latency."""
         return self._robot.tip_mm()
