@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from ccr_host.description.schema import Description, Servo
     from ccr_host.run.rig import Rig
+    from ccr_host.tools.survey_fit import Survey
 
 
 def calibrate(
@@ -73,9 +74,10 @@ def calibrate(
 ) -> None:
     """Measure how servos and tendons are mounted. Saved in file and board.
 
-    With the tracker: neutral pulse, direction and slack, from a tour of about twenty poses.
+    With the tracker: neutral pulse, direction and slack, from the tour of register, whose results
+    are saved as well.
     By eye: neutral pulse, direction, scale and limits.
-    With --identify, once servos are calibrated and the camera registered: rest positions.
+    With --identify, once servos are calibrated and the camera registered: rest positions alone.
     With --board-name, --emergency-stop or --supply-...: saved in the board; nothing moves.
 
     Example: ccr-host calibrate --by-eye --robot my-robot.toml --device serial:/dev/ttyACM0
@@ -88,8 +90,10 @@ def calibrate(
     from ccr_host.tools.survey import (
         IDENTIFIED,
         calibrated_section,
+        corrected,
         file_for_calibration,
         keep_calibration,
+        require_surveyable,
     )
 
     change = EquipmentChange(board_name, emergency_stop, supply_divider, supply_min)
@@ -116,8 +120,11 @@ def calibrate(
     if not by_eye:
         require_named_tracker(context, options)
     description = options.description()
+    require_surveyable(description)
     screen = console()
-    with open_rig(options, description, Observers()) as rig:
+    found = None
+    in_camera_frame = not (by_eye or identify)
+    with open_rig(options, description, Observers(), in_camera_frame=in_camera_frame) as rig:
         if identify:
             section = _identify(screen, rig, description)
             keep_in(file, {IDENTIFIED: section}, robot)
@@ -127,11 +134,12 @@ def calibrate(
             blind = sees_simulated_robot(options)
             servo = move_by_eye(screen, rig, description, simulated_tip=blind)
         else:
-            servo = _by_tracker(screen, rig, description)
+            found = survey_by_tracker(screen, rig, description)
+            servo = corrected(description.servo, found)
         if servo is None:
             screen.print("nothing changed")
             return
-        keep_calibration(rig.client, description, servo, file, robot)
+        keep_calibration(rig.client, description, servo, file, robot, found)
     for key, value in calibrated_section(servo).items():
         screen.print(f"{key} = {value}")
     screen.print(f"saved in {file} and in the board's EEPROM")
@@ -159,15 +167,18 @@ def move_by_eye(
         return calibrate_by_eye(rig, description, keyboard.pressed, show)
 
 
-def _by_tracker(screen: Console, rig: Rig, description: Description) -> Servo:
+def survey_by_tracker(screen: Console, rig: Rig, description: Description) -> Survey:
+    """Make the tour on a terminal, and print its results."""
     from ccr_host.commands import terminal
+    from ccr_host.commands.tracker_screen import registration_table
     from ccr_host.tools.calibrate import calibration_table
-    from ccr_host.tools.survey import calibrate_by_tracker, corrected
+    from ccr_host.tools.survey import survey
 
     with terminal.steps_progress(console(on_stderr=True), "poses") as on_pose:
-        fit = calibrate_by_tracker(rig, description, on_pose)
-    screen.print(calibration_table(fit, description))
-    return corrected(description.servo, fit)
+        found = survey(rig, description, on_pose)
+    screen.print(registration_table(found))
+    screen.print(calibration_table(found, description))
+    return found
 
 
 def _identify(screen: Console, rig: Rig, description: Description) -> dict[str, Any]:

@@ -33,7 +33,7 @@ def register(
     out: KeepInOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure the camera's orientation in safe poses of the robot. Saved in the file.
+    """Measure the camera's orientation in a tour of the robot. Saved in the file.
 
     Example: ccr-host register --robot my-robot.toml --device serial:/dev/ttyACM0
     --tracker ndi:/dev/ttyUSB0
@@ -44,15 +44,9 @@ def register(
     from ccr_host.commands import terminal
     from ccr_host.commands.tracker_screen import registration_table
     from ccr_host.description.file import file_to_keep_in, keep_in
-    from ccr_host.robot.workspace import MotorLimits
     from ccr_host.run.observer import Observers
     from ccr_host.run.open_rig import open_rig
-    from ccr_host.tools.register import (
-        REGISTRATION,
-        register_robot,
-        registration_section,
-        safe_poses_rad,
-    )
+    from ccr_host.tools.survey import REGISTRATION, require_surveyable, sections_of, survey
 
     options = RigOptions(
         robot=robot,
@@ -65,27 +59,29 @@ def register(
     )
     require_named_tracker(context, options)
     description = options.description()
+    require_surveyable(description)
     file = file_to_keep_in(robot, out)
     screen = console(on_stderr=as_json)
-    poses = len(safe_poses_rad(MotorLimits.of(description.servo)))
     with (
-        terminal.count_progress(console(on_stderr=True), "poses", poses) as count,
+        terminal.steps_progress(console(on_stderr=True), "poses") as on_pose,
         open_rig(options, description, Observers(), in_camera_frame=True) as rig,
     ):
-        found = register_robot(rig, description, lambda done, _: count() if done else None)
-    section = registration_section(found, datetime.date.today())
+        found = survey(rig, description, on_pose)
+    sections = sections_of(found, description, description.servo, datetime.date.today())
+    section = sections[REGISTRATION]
     screen.print(registration_table(found))
     if file is None:
         screen.print("not saved: give your robot description, or --out FILE")
     else:
-        keep_in(file, {REGISTRATION: section}, robot)
-        screen.print(f"saved in {file}, as section {REGISTRATION}")
+        kept = sections if found.servos_are_as_described else {REGISTRATION: section}
+        keep_in(file, kept, robot)
+        screen.print(f"saved in {file}, as section {' and '.join(kept)}")
     if as_json:
         print_json(
             {
                 **section,
                 "date": section["date"].isoformat(),
-                "segment_1_mm": found.segment_1_mm,
+                "segment_1_mm": float(found.lengths_mm[0]),
                 "hysteresis_mm": [
                     None if math.isnan(half_mm) else round(float(half_mm), 2)
                     for half_mm in found.hysteresis_mm

@@ -26,7 +26,6 @@ from ccr_host.run.options import RigOptions
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ccr_host.tools.survey import Survey
 
 _ROUNDS = 3
 """The first round measures the corrections, the next one verifies them."""
@@ -58,7 +57,7 @@ def setup(
     """
     from ccr_host.core.errors import ConfigError
     from ccr_host.description.file import begin_description
-    from ccr_host.tools.survey import file_for_calibration
+    from ccr_host.tools.survey import file_for_calibration, require_surveyable
 
     if not yes and not (sys.stdin and sys.stdin.isatty()):
         raise ConfigError("standard input is not a terminal", "use a terminal, or give --yes")
@@ -77,6 +76,7 @@ def setup(
         screen.print(f"created {file}: enter the dimensions of your robot there")
     guide = _Guide(screen, options, file, asks=not yes)
     guide.check()
+    require_surveyable(options.description())
     guide.move_servos_by_eye()
     guide.survey()
     guide.check()
@@ -155,38 +155,32 @@ class _Guide:
 
     def survey(self) -> None:
         """Measure camera, servos and rests until the servos match their description."""
-        from ccr_host.commands.terminal import steps_progress
-        from ccr_host.commands.tracker_screen import registration_table
+        from ccr_host.commands.calibrate import survey_by_tracker
         from ccr_host.control.adaptive.identification import digest_of
         from ccr_host.run.observer import Observers
         from ccr_host.run.open_rig import open_rig
-        from ccr_host.tools.calibrate import calibration_table
-        from ccr_host.tools.servo_fit import CalibrationError
-        from ccr_host.tools.survey import corrected, keep_calibration, survey
+        from ccr_host.tools.survey import corrected, keep_calibration
+        from ccr_host.tools.survey_fit import SurveyError
 
         self._title("camera, servos and rests")
         description = self.options.description()
         identified = description.identified
         done = identified is not None and identified.valid_for == digest_of(description)
-        self.screen.print("tendons on, nothing near the robot: it visits about thirty poses")
+        self.screen.print("tendons on, nothing near the robot: it visits about forty poses")
         if not self._wanted("measure camera and servos", done=done):
             return
         for _ in range(_ROUNDS):
             description = self.options.description()
-            with (
-                steps_progress(console(on_stderr=True), "poses") as on_pose,
-                open_rig(self.options, description, Observers(), in_camera_frame=True) as rig,
-            ):
-                found = survey(rig, description, on_pose)
-                self.screen.print(registration_table(found.registration))
-                self.screen.print(calibration_table(found.servos, description))
-                if found.servos_are_as_described:
-                    self._keep(found)
-                    return
-                servo = corrected(description.servo, found.servos)
-                keep_calibration(rig.client, description, servo, self.file, str(self.file))
+            with open_rig(self.options, description, Observers(), in_camera_frame=True) as rig:
+                found = survey_by_tracker(self.screen, rig, description)
+                fits = found.servos_are_as_described
+                servo = description.servo if fits else corrected(description.servo, found)
+                keep_calibration(rig.client, description, servo, self.file, str(self.file), found)
+            if fits:
+                self.screen.print(f"saved in {self.file}: camera and rests")
+                return
             self.screen.print(f"servos corrected in {self.file} and in the EEPROM; measuring again")
-        raise CalibrationError(
+        raise SurveyError(
             "the zeros of the servos are different after each correction",
             "check for a horn, pulley or tendon that slips, then start again",
         )
@@ -219,19 +213,6 @@ class _Guide:
             realtime=options.realtime,
             with_open=False,
         )
-
-    def _keep(self, found: Survey) -> None:
-        import datetime
-
-        from ccr_host.description.file import keep_in
-        from ccr_host.tools.register import REGISTRATION, registration_section
-        from ccr_host.tools.survey import IDENTIFIED, identified_section
-
-        today, own = datetime.date.today(), str(self.file)
-        keep_in(self.file, {REGISTRATION: registration_section(found.registration, today)}, own)
-        section = identified_section(found.rests, self.options.description(), today)
-        keep_in(self.file, {IDENTIFIED: section}, own)
-        self.screen.print(f"saved in {self.file}: camera and rests")
 
     def _title(self, text: str) -> None:
         self.screen.rule(text, align="left")

@@ -71,6 +71,16 @@ class Rests:
                 found[motor] = 0.5 * np.linalg.norm(apart_mm, axis=1).mean()
         return found
 
+    def last(self, number: int) -> Rests:
+        """The last ones, as many as given."""
+        first = max(len(self.q_rad) - number, 0)
+        return Rests(
+            self.q_rad[first - 1] if first else self.start_rad,
+            self.q_rad[first:],
+            self.markers_mm[first:],
+            self.count[first:],
+        )
+
     def turned(self, rotation: FloatArray) -> Rests:
         """The rests in another frame; ``rotation`` (3, 3) maps vectors of this frame to it."""
         return replace(self, markers_mm=self.markers_mm @ rotation.T)

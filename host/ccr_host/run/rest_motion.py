@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.core.errors import CcrError
 from ccr_host.robot.rests import Rests
 from ccr_host.run.rig import Rig
 from ccr_host.tracking.markers.check import MarkerCheck
-from ccr_host.tracking.registration import RegistrationError
 from ccr_host.tracking.tracker import Sample
 
 Array = NDArray[np.float64]
@@ -35,6 +35,10 @@ _REST_MM = 0.5
 _ATTEMPTS_TO_REST = 4
 
 
+class RestError(CcrError):
+    """The robot does not come to rest (exit status 3)."""
+
+
 def visit(
     rig: Rig,
     check: MarkerCheck,
@@ -51,7 +55,7 @@ def visit(
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
         TrackerError: the markers are not those of the robot, or swapped.
-        RegistrationError: the robot does not come to rest.
+        RestError: the robot does not come to rest.
     """
     rig.client.arm()
     start_rad = np.array(rig.client.accepted_rad)
@@ -131,7 +135,7 @@ class _RestMotion:
         Their shape is (exposures, S + 1, 3).
 
         Raises:
-            RegistrationError: the robot does not come to rest.
+            RestError: the robot does not come to rest.
         """
         self._listen(_SETTLE_US)
         for _ in range(_ATTEMPTS_TO_REST):
@@ -141,7 +145,7 @@ class _RestMotion:
             markers = _without_outliers(np.array([sample.markers_mm for sample in samples]))
             if _is_at_rest(markers):
                 return markers
-        raise RegistrationError(
+        raise RestError(
             "the robot does not come to rest",
             "keep hands and draughts off the robot; check that the servos do not hunt",
         )

@@ -14,7 +14,7 @@ from ccr_host.description.schema import Description, Servo
 from ccr_host.link.messages import StateReport, StatusFlags
 from ccr_host.run.rig import Rig
 from ccr_host.tools.jog import JogView, jog
-from ccr_host.tools.servo_fit import ServoFit
+from ccr_host.tools.survey_fit import Survey
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -161,14 +161,14 @@ def _rounded(angles_deg: Sequence[float]) -> Pair:
     return first, second
 
 
-def calibration_table(fit: ServoFit, description: Description) -> Table:
+def calibration_table(found: Survey, description: Description) -> Table:
     """Table of the fitted mounting, one row per servo."""
     robot = description.robot
     described_gain = robot.pulley_radius_mm / robot.tendon_radius_mm
     table = Table(
         title="mounting of the servos",
         title_justify="left",
-        caption=f"{fit.residual}; +-: standard deviation; take-up: motor "
+        caption=f"{found.fit.residual}; +-: standard deviation; take-up: motor "
         "angle, and length of tendon, that takes up the slack; gain: bending over motor angle, "
         f"described {described_gain:.2f} (r_p / r_c)",
         caption_justify="left",
@@ -176,14 +176,14 @@ def calibration_table(fit: ServoFit, description: Description) -> Table:
     for heading in ("motor", "direction", "neutral (deg)", "take-up", "gain"):
         table.add_column(heading, justify="right")
     for axis in (0, 1):
-        take_up_rad = fit.take_up_rad[axis]
+        take_up_rad = found.take_up_rad[axis]
         table.add_row(
             str(axis + 1),
-            "as described" if fit.direction[axis] > 0 else "reversed",
-            f"{np.degrees(fit.neutral_rad[axis]):.2f} "
-            f"+- {np.degrees(fit.neutral_deviation_rad[axis]):.2f}",
+            "as described" if found.direction[axis] > 0 else "reversed",
+            f"{np.degrees(found.neutral_rad[axis]):.2f} "
+            f"+- {np.degrees(found.neutral_deviation_rad[axis]):.2f}",
             f"{np.degrees(take_up_rad):.1f} deg, {take_up_rad * robot.pulley_radius_mm:.2f} mm",
-            f"{fit.gain[axis]:.2f}",
+            f"{found.gain[axis]:.2f}",
         )
     return table
 

@@ -237,7 +237,7 @@ def record_rests(
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
         TrackerError: no markers in any pose, or not those of this robot.
-        RegistrationError: the robot does not come to rest.
+        RestError: the robot does not come to rest.
         CcrError: the table cannot be written.
     """
     start_us = rig.clock.now_us()

@@ -1,14 +1,13 @@
 """One tour for everything that a camera can measure on a new robot.
 
-The camera's orientation follows from the shapes alone, independent of the servos' zeros and
-directions. Those follow from the same rests, once rotated into the robot frame. The rests
+Camera, servos and tendons follow from one fit to its rests (``survey_fit.py``), and the rests
 themselves are the starting point of controller `adaptive`.
 """
 
 from __future__ import annotations
 
 import datetime
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,20 +26,102 @@ from ccr_host.control.adaptive.identification import (
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.description.file import file_to_keep_in, keep_in
-from ccr_host.description.schema import Description, Servo
+from ccr_host.description.schema import Description, Registration, Servo
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
-from ccr_host.tools.register import safe_poses_rad
-from ccr_host.tools.servo_fit import ServoFit, fit_servos
+from ccr_host.tools.survey_fit import Survey, fit_survey
 from ccr_host.tracking.markers.check import MarkerCheck
-from ccr_host.tracking.registration import Registration, register
 
-IDENTIFIED = "identified"
+REGISTRATION, IDENTIFIED = "registration", "identified"
+"""Sections of the robot description."""
 _ANGLE_DECIMALS, _LENGTH_DECIMALS = 6, 4
+_SERVO_KEYS = ("neutral_pulse_us", "pulse_per_90_deg_us", "angle_min_deg", "angle_max_deg")
+
+_SWING_DEG = 50.0
+"""Amplitude of motor 1, as far as the tour of controller `adaptive` goes."""
+_SIDEWAYS_DEG = 20.0
+"""Amplitude of motor 2."""
+_SHARE_OF_LIMITS = 0.6
+"""Each motor uses at most this fraction of its range."""
+_SWINGS = tuple(third / 3 for third in (0, 1, 2, 3, 2, 1, 0, -1, -2, -3, -2, -1, 0))
+"""Poses of motor 1, all but the extremes approached from both sides, as friction bends the robot
+otherwise on each."""
+_SIDES = (1.0, 0.0, -1.0, 0.0)
+"""Poses of motor 2."""
+
+
+def require_surveyable(description: Description) -> None:
+    """Refuse robots that the static model does not know; call it before connecting.
+
+    Raises:
+        ConfigError: the robot has other segments or motors than the paper's.
+    """
+    if description.robot.segments:
+        raise ConfigError(
+            "register, calibrate and setup know only robots of two planar segments with a motor "
+            "each",
+            "write servo.neutral_pulse_us and section registration into the description by hand",
+        )
+
+
+def safe_poses_rad(limits: MotorLimits) -> NDArray[np.float64]:
+    """Motor angles to visit, (K, 2): small, symmetric about the middle of the limits or zero."""
+    reach = _SHARE_OF_LIMITS * np.minimum(-limits.lower_rad, limits.upper_rad)
+    swing, sideways = np.minimum(np.radians([_SWING_DEG, _SIDEWAYS_DEG]), np.maximum(reach, 0.0))
+    return np.array(
+        [(share * swing, 0.0) for share in _SWINGS] + [(0.0, share * sideways) for share in _SIDES]
+    )
+
+
+def identification_stops_rad(description: Description) -> NDArray[np.float64]:
+    """Motor angles of the controller's tour, rad, (N, 2)."""
+    prior = Scaling(description.robot).parameters(np.zeros(COUNT))
+    return tour_stops_rad(prior, MotorLimits.of(description.servo))
+
+
+def survey(rig: Rig, description: Description, on_pose: OnPose) -> Survey:
+    """Arm, visit poses from both sides and those of the controller's tour, disarm, fit.
+
+    Args:
+        rig: rig with samples in any frame.
+        description: description of the robot; directions and zeros of its servos may be wrong.
+        on_pose: called for each pose.
+
+    Raises:
+        DeviceError: the board refused, was lost or latched a fault.
+        TrackerError: the markers are not those of the robot, or are swapped.
+        RestError: the robot does not come to rest.
+        SurveyError: the rests do not determine camera and servos reliably.
+        MisfitError: the robot is not the described one.
+    """
+    return fit_survey(survey_rests(rig, description, on_pose), description)
+
+
+def survey_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
+    """The rests to which `survey` fits.
+
+    Raises:
+        DeviceError, TrackerError, RestError: as `survey`.
+    """
+    safe_rad = safe_poses_rad(MotorLimits.of(description.servo))
+    stops_rad = np.concatenate([safe_rad, identification_stops_rad(description)])
+    return visit(rig, MarkerCheck(description, in_robot_frame=False), stops_rad, on_pose)
+
+
+def measure_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
+    """Arm, visit the rests of the controller's tour and average at each, disarm.
+
+    Raises:
+        DeviceError: the board refused, was lost or latched a fault.
+        RestError: the robot does not come to rest.
+        TrackerError: the markers are not those of the robot, or are swapped.
+    """
+    check = MarkerCheck(description)
+    return visit(rig, check, identification_stops_rad(description), on_pose)
 
 
 def trial_fit(rests: Rests, description: Description) -> Fit:
@@ -56,6 +137,20 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
             "check the markers with ccr-host monitor, and segment lengths and pulleys in [robot]",
         )
     return likeliest(fits).result()
+
+
+def registration_section(
+    found: Survey, description: Description, date: datetime.date
+) -> dict[str, Any]:
+    """The keys of ``[registration]``, rounded to their accuracy."""
+    scale = float(found.lengths_mm[1]) / description.robot.segment_lengths_mm[1]
+    return {
+        "camera_to_robot_deg": [round(float(v), 4) for v in found.camera_to_robot_deg],
+        "uncertainty_deg": [round(float(v), 2) for v in found.uncertainty_deg],
+        "residual_mm": round(found.fit.rms_mm, 3),
+        "scale": round(scale, 4),
+        "date": date,
+    }
 
 
 def identified_section(
@@ -79,7 +174,44 @@ def _rows(rows: list[list[float]]) -> Array:
     return array.multiline(True)
 
 
-_KEYS = ("neutral_pulse_us", "pulse_per_90_deg_us", "angle_min_deg", "angle_max_deg")
+def sections_of(
+    found: Survey, description: Description, servo: Servo, date: datetime.date
+) -> dict[str, dict[str, Any]]:
+    """The camera and the rests, as the controller will see them.
+
+    Args:
+        found: survey under ``description``.
+        description: description of the robot during the tour.
+        servo: servos that it will have.
+        date: the day.
+    """
+    registration = registration_section(found, description, date)
+    after = description.model_copy(
+        update={"servo": servo, "registration": Registration.model_validate(registration)}
+    )
+    rests = recalibrated(found.rests, description.servo, servo)
+    return {REGISTRATION: registration, IDENTIFIED: identified_section(rests, after, date)}
+
+
+def corrected(servo: Servo, found: Survey) -> Servo:
+    """The servos with fitted neutral pulse and direction; scale and limits unchanged."""
+    per_90_us = np.array(servo.pulse_per_90_deg_us)
+    neutral_us = np.array(servo.neutral_pulse_us) + per_90_us * found.neutral_rad / np.radians(90.0)
+    return servo.model_copy(
+        update={
+            "neutral_pulse_us": tuple((np.round(2.0 * neutral_us) / 2.0).tolist()),
+            "pulse_per_90_deg_us": tuple((per_90_us * found.direction).tolist()),
+        }
+    )
+
+
+def recalibrated(rests: Rests, before: Servo, after: Servo) -> Rests:
+    """The same rests, with the motor angles that their pulses are under another calibration."""
+    ratio = np.array(before.pulse_per_90_deg_us) / after.pulse_per_90_deg_us
+    moved_us = np.subtract(before.neutral_pulse_us, after.neutral_pulse_us)
+    moved_rad = np.radians(90.0) * moved_us / after.pulse_per_90_deg_us
+    start_rad, q_rad = (ratio * angles + moved_rad for angles in (rests.start_rad, rests.q_rad))
+    return replace(rests, start_rad=start_rad, q_rad=q_rad)
 
 
 def file_for_calibration(robot: str | None, out: Path | None) -> Path:
@@ -103,20 +235,26 @@ def file_for_calibration(robot: str | None, out: Path | None) -> Path:
 
 def calibrated_section(servo: Servo) -> dict[str, Any]:
     """The keys of ``[servo]`` that a calibration determines."""
-    return {key: list(getattr(servo, key)) for key in _KEYS}
+    return {key: list(getattr(servo, key)) for key in _SERVO_KEYS}
 
 
 def keep_calibration(
-    client: Client, description: Description, servo: Servo, file: Path, robot: str | None
+    client: Client,
+    description: Description,
+    servo: Servo,
+    file: Path,
+    robot: str | None,
+    found: Survey | None = None,
 ) -> None:
     """Configure the board, save in its EEPROM, then rewrite the description.
 
     Args:
         client: client of the board.
-        description: present description; only its servos are replaced.
+        description: present description.
         servo: calibrated servos.
         file: as returned by `file_for_calibration`.
         robot: as given with ``--robot``.
+        found: survey by which the servos were calibrated; its camera and rests are kept as well.
 
     Raises:
         ConfigError: the values are out of the board's range, or the file cannot be written.
@@ -124,91 +262,7 @@ def keep_calibration(
     """
     client.configure(board_config(description.model_copy(update={"servo": servo})))
     client.save_config()
-    keep_in(file, {"servo": calibrated_section(servo)}, robot)
-
-
-def measure_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
-    """Arm, visit the rests of the controller's tour and average at each, disarm.
-
-    Raises:
-        DeviceError: the board refused, was lost or latched a fault.
-        RegistrationError: the robot does not come to rest.
-        TrackerError: the markers are not those of the robot, or are swapped.
-    """
-    check = MarkerCheck(description)
-    return visit(rig, check, identification_stops_rad(description), on_pose)
-
-
-def identification_stops_rad(description: Description) -> NDArray[np.float64]:
-    """Motor angles of the controller's tour, rad, (N, 2)."""
-    prior = Scaling(description.robot).parameters(np.zeros(COUNT))
-    return tour_stops_rad(prior, MotorLimits.of(description.servo))
-
-
-def calibrate_by_tracker(rig: Rig, description: Description, on_pose: OnPose) -> ServoFit:
-    """Arm, visit the poses of the tour that the limits allow, disarm, fit.
-
-    Raises:
-        DeviceError: the board refused, was lost or latched a fault.
-        RegistrationError: the robot does not come to rest.
-        CalibrationError: the poses do not determine the calibration reliably.
-    """
-    rests = measure_rests(rig, description, on_pose)
-    return fit_servos(rests, description, registered=description.registration is not None)
-
-
-def corrected(servo: Servo, fit: ServoFit) -> Servo:
-    """The servos with fitted neutral pulse and direction; scale and limits unchanged."""
-    per_90_us = np.array(servo.pulse_per_90_deg_us)
-    neutral_us = np.array(servo.neutral_pulse_us) + per_90_us * fit.neutral_rad / np.radians(90.0)
-    return servo.model_copy(
-        update={
-            "neutral_pulse_us": tuple((np.round(2.0 * neutral_us) / 2.0).tolist()),
-            "pulse_per_90_deg_us": tuple((per_90_us * fit.direction).tolist()),
-        }
+    measured = (
+        {} if found is None else sections_of(found, description, servo, datetime.date.today())
     )
-
-
-_AGREEMENT_RAD = np.radians(0.5)
-"""Remaining error of a corrected zero: about the accuracy of a tour for motor 1."""
-
-
-@dataclass(frozen=True, eq=False)
-class Survey:
-    """Results of one tour."""
-
-    registration: Registration
-    servos: ServoFit
-    rests: Rests
-    """Rests in the robot frame."""
-
-    @property
-    def servos_are_as_described(self) -> bool:
-        """Whether the described servos need no correction."""
-        return bool(
-            np.all(self.servos.direction > 0.0)
-            and np.all(np.abs(self.servos.neutral_rad) < _AGREEMENT_RAD)
-        )
-
-
-def survey(rig: Rig, description: Description, on_pose: OnPose) -> Survey:
-    """Arm, visit the poses of registration and identification, disarm, fit.
-
-    Args:
-        rig: rig with samples in the camera frame.
-        description: description of the robot; directions and zeros of its servos may be wrong.
-        on_pose: called for each pose.
-
-    Raises:
-        DeviceError: the board refused, was lost or latched a fault.
-        TrackerError: the markers are not those of the robot, or are swapped.
-        RegistrationError: the robot does not rest, or its shapes do not determine the rotation.
-        CalibrationError: the rests do not determine the servos' mounting reliably.
-    """
-    safe_rad = safe_poses_rad(MotorLimits.of(description.servo))
-    stops_rad = np.concatenate([safe_rad, identification_stops_rad(description)])
-    check = MarkerCheck(description, in_robot_frame=False)
-    seen = visit(rig, check, stops_rad, on_pose)
-    registration = register(seen, description.robot)
-    rests = seen.turned(registration.camera_to_robot)
-    return Survey(registration, fit_servos(rests, description, registered=True), rests)
+    keep_in(file, {"servo": calibrated_section(servo), **measured}, robot)

@@ -10,7 +10,7 @@ reported.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -28,7 +28,7 @@ from ccr_host.control.adaptive.parameters import (
 )
 from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.core.errors import CcrError
-from ccr_host.description.schema import Description
+from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.rests import Rests
 
 _MOST_DEVIATIONS = 2.2
@@ -49,7 +49,11 @@ _VARYING = [
 """Parameters that vary beyond their prior from robot to robot: loads, stiffness, friction, glue."""
 _FREEDOM = 8.0
 """Factor by which a hypothesis widens the prior deviation of its parameters."""
-_MOUNTINGS = [tuple(sign * row + 0.0) for row in np.eye(3) for sign in (1.0, -1.0)]
+_MOUNTINGS = [
+    (sign * x + 0.0, sign * y + 0.0, sign * z + 0.0)
+    for x, y, z in np.eye(3).tolist()
+    for sign in (1.0, -1.0)
+]
 _SAME_DIRECTION = 0.9
 """Cosine of the angle within which a mounting is the described one."""
 _START = 0.5
@@ -59,6 +63,7 @@ _FIRST_STEPS = 8
 _FINALISTS = 5
 """All hypotheses make the first steps of their fits, only the best ones the rest. After 5 steps the
 right one was still among the last in one of forty misfits, after 8 it was first."""
+_CALIBRATE = "ccr-host calibrate"
 _PRICE = 6.0
 """Minus twice the log odds that a motor is reversed, or that two are swapped; a freed parameter is
 penalised likewise."""
@@ -68,40 +73,48 @@ class MisfitError(CcrError):
     """The robot is not the described one (exit status 3)."""
 
 
-def is_misfit(fit: Fit, rests: Rests, scaling: Scaling) -> bool:
+def is_misfit(fit: Fit, rests: Rests, scaling: Scaling, *, zeros_are_known: bool = True) -> bool:
     """Whether the fitted model is far from the rests, or near only with implausible parameters.
 
     Args:
         fit: the fit to the rests.
         rests: the rests.
         scaling: the prior of that fit.
+        zeros_are_known: whether a zero that is far off makes it implausible.
     """
     deviation = np.sqrt(np.diag(fit.covariance))
     certain = np.maximum(np.abs(fit.score) - deviation, 0.0)
     certain[_VARYING] = 0.0
     zero_rad, doubt_rad = (zeros_rad(scaling.parameters(s)) for s in (fit.score, deviation))
     certain_rad = np.abs(zero_rad) - np.maximum(doubt_rad, _ZERO_DOUBT_RAD)
+    most_zero_rad = _MOST_ZERO_RAD if zeros_are_known else math.inf
     tips_mm = rests.vectors_mm[:, -1]
     motion_mm = math.sqrt(3.0 * float(np.nanmean((tips_mm - np.nanmean(tips_mm, axis=0)) ** 2)))
     return (
         (not fit.explains and fit.rms_mm > _MOST_LEFT * motion_mm)
         or bool(certain.max() > _MOST_DEVIATIONS)
-        or bool((certain_rad > _MOST_ZERO_RAD).any())
+        or bool((certain_rad > most_zero_rad).any())
     )
 
 
-def misfit(rests: Rests, description: Description) -> MisfitError:
+def misfit(
+    rests: Rests, description: Description, before_setup: Scaling | None = None
+) -> MisfitError:
     """Find the most likely cause. Takes seconds, so the robot must already be safe.
 
     Args:
         rests: measured rests of the robot.
         description: description of the robot.
+        before_setup: the prior for a robot whose camera and zeros are not known yet, so that they
+            are no cause; by default that of its description.
     """
-    scaling, predict = (
-        Scaling.of(description).strict(),
-        make_model(description.control).predicted_mm,
-    )
-    trials = [t for h in _hypotheses(description) for t in _trials(h, rests, scaling, predict)]
+    scaling = (before_setup or Scaling.of(description)).strict()
+    predict = make_model(description.control).predicted_mm
+    if before_setup is None:
+        hypotheses = _hypotheses(description)
+    else:
+        hypotheses = _hypotheses_before_setup(description)
+    trials = [t for h in hypotheses for t in _trials(h, rests, scaling, predict)]
     for trial in trials:
         for _ in range(_FIRST_STEPS):
             if not trial.fit.improve():
@@ -111,9 +124,26 @@ def misfit(rests: Rests, description: Description) -> MisfitError:
         trial.fit.finish()
     best = min(finalists, key=_Trial.cost)
     likely = "most likely" if best.fit.result().explains else "no usual cause explains it; perhaps"
-    return MisfitError(
-        f"the robot does not move as described; {likely} {best.cause()}",
-        best.hypothesis.cure,
+    return _misfit(likely, best.cause(), best.hypothesis.cure)
+
+
+def _misfit(likely: str, cause: str, cure: str) -> MisfitError:
+    return MisfitError(f"the robot does not move as described; {likely} {cause}", cure)
+
+
+def driven(rests: Rests, signs: Sequence[float], *, swapped: bool = False) -> Rests:
+    """The rests with the setpoints that the model's motors get if the real ones are otherwise.
+
+    Args:
+        rests: the rests as commanded.
+        signs: -1 for a reversed motor, else 1.
+        swapped: whether the motors are exchanged.
+    """
+    order = [1, 0] if swapped else [0, 1]
+    return replace(
+        rests,
+        start_rad=(signs * rests.start_rad)[order],
+        q_rad=(signs * rests.q_rad)[:, order],
     )
 
 
@@ -166,6 +196,27 @@ def zeros_off(zero_rad: FloatArray) -> str:
     )
 
 
+def other_mountings(robot: Robot) -> list[tuple[float, float, float]]:
+    """Directions of gravity along an axis of the robot's frame, but for the described one."""
+    described = robot.gravity_direction
+    return [way for way in _MOUNTINGS if np.dot(way, described) < _SAME_DIRECTION]
+
+
+def _mounted(gravity: tuple[float, float, float]) -> _Hypothesis:
+    shown = "[{:.0f}, {:.0f}, {:.0f}]".format(*gravity)
+    return _Hypothesis(
+        f"the robot is mounted with gravity along {shown} of its own frame",
+        f"set robot.gravity_direction = {shown}, or mount it as described",
+        gravity=gravity,
+    )
+
+
+def wrongly_mounted(gravity: tuple[float, float, float]) -> MisfitError:
+    """The error for a robot under gravity in another direction than described."""
+    hypothesis = _mounted(gravity)
+    return _misfit("most likely", hypothesis.name, hypothesis.cure)
+
+
 def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
     geometry = description.robot
     servo_cure = "negate its servo.pulse_per_90_deg_us, or exchange its tendons on the pulley"
@@ -180,7 +231,7 @@ def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
                 yield _Hypothesis(name, cure, turned, swapped)
     zeros = ("zero_1_rad", "zero_2_rad")
     for freed in (zeros[:1], zeros[1:], zeros):
-        yield _Hypothesis("the zero {zeros}", "ccr-host calibrate", freed=freed)
+        yield _Hypothesis("the zero {zeros}", _CALIBRATE, freed=freed)
     for motor in (1, 2):
         yield _Hypothesis(
             f"a tendon of motor {motor} is loose, crossed or off its pulley",
@@ -198,20 +249,21 @@ def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
         "servo.pulse_per_90_deg_us, robot.pulley_radius_mm and robot.tendon_radius_mm",
         freed=("gain_1", "gain_ratio"),
     )
-    for gravity in _MOUNTINGS:
-        if np.dot(gravity, geometry.gravity_direction) < _SAME_DIRECTION:
-            shown = "[{:.0f}, {:.0f}, {:.0f}]".format(*gravity)
-            yield _Hypothesis(
-                f"the robot is mounted with gravity along {shown} of its own frame",
-                f"set robot.gravity_direction = {shown}, or mount it as described",
-                gravity=gravity,
-            )
+    yield from map(_mounted, other_mountings(geometry))
     known = "otherwise than registered" if description.registration else "turned and unregistered"
     yield _Hypothesis(
         f"the camera stands {known}, or the markers are exchanged",
         "ccr-host register; check which marker is which with ccr-host monitor",
         turned=True,
     )
+
+
+def _hypotheses_before_setup(description: Description) -> Iterator[_Hypothesis]:
+    """Those that a survey does not correct; the rests are turned to suit each of them."""
+    for hypothesis in _hypotheses(description):
+        is_corrected = hypothesis.reversed or hypothesis.turned or hypothesis.cure == _CALIBRATE
+        if not is_corrected:
+            yield replace(hypothesis, turned=True)
 
 
 def _trials(
@@ -235,14 +287,8 @@ def _as_supposed(
     hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, predict: Predict
 ) -> Rests:
     """The rests with the setpoints and the frame that the hypothesis implies."""
-    signs = np.ones(2)
-    signs[list(hypothesis.reversed)] = -1.0
-    order = [1, 0] if hypothesis.swapped else [0, 1]
-    led = replace(
-        rests,
-        start_rad=(signs * rests.start_rad)[order],
-        q_rad=(signs * rests.q_rad)[:, order],
-    )
+    signs = [-1.0 if motor in hypothesis.reversed else 1.0 for motor in (0, 1)]
+    led = driven(rests, signs, swapped=hypothesis.swapped)
     if not hypothesis.turned:
         return led
     expected_mm = predict(scaling.parameters(np.zeros(COUNT)), led)

@@ -270,8 +270,11 @@ class Scaling:
 
     def perturbed(self, score: FloatArray, probe: float) -> Parameters:
         """Parameters with each score increased by ``probe`` in turn, then none: (COUNT + 1,)."""
-        scores = score + probe * np.eye(COUNT + 1, COUNT)
-        known = np.broadcast_to(self._known, (COUNT + 1, FIELDS - COUNT))
+        return self.each(score + probe * np.eye(COUNT + 1, COUNT))
+
+    def each(self, scores: FloatArray) -> Parameters:
+        """The parameters of several sets of scores, (n, COUNT), as arrays, (n,)."""
+        known = np.broadcast_to(self._known, (len(scores), FIELDS - COUNT))
         return Parameters(*np.hstack([self._mean + self.deviation * scores, known]).T)
 
     def mounted(self, gravity: tuple[float, float, float]) -> Scaling:
