@@ -78,6 +78,7 @@ class Board:
         session: number that no other host of the board uses, see `drawn_session`.
         on_message: called with each message that answers no pending request.
         on_frame: called with every frame in both directions.
+        motors: of the robot, on the first axes of the board; None for all axes.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class Board:
         session: int,
         on_message: Callable[[Received], None],
         on_frame: FrameObserver | None,
+        motors: int | None,
     ) -> None:
         self._clock = clock
         self._session = session
@@ -94,8 +96,7 @@ class Board:
         self._exchange = Exchange(transport, clock, self._counts, on_message, on_frame)
         self._identity: m.HelloReply | None = None
         self._newest: ReceivedReport | None = None
-        self._motors: int | None = None
-        """Motors of the robot, on the first axes of the board; None for all axes."""
+        self._motors = motors
         self._telemetry_period_ticks = 0
         self._telemetry_sequence: int | None = None
         self._silence_us = TELEMETRY_TIMEOUT_US

@@ -68,6 +68,7 @@ class Client(Board):
         transport: connection to the board; closed on leaving.
         clock: the only source of time.
         session: number that no other host of the board uses, see `drawn_session`.
+        motors: of the robot, on the first axes of the board; None until it is configured.
         on_frame: called with every frame in both directions.
         on_telemetry: called with every streamed report.
     """
@@ -78,14 +79,14 @@ class Client(Board):
         clock: Clock,
         session: int,
         *,
+        motors: int | None = None,
         on_frame: FrameObserver | None = None,
         on_telemetry: TelemetryObserver | None = None,
     ) -> None:
-        super().__init__(transport, clock, session, self._take, on_frame)
+        super().__init__(transport, clock, session, self._take, on_frame, motors)
         self._transport = transport
         self._on_telemetry = on_telemetry
         self._config: BoardConfig | None = None
-        self._unused_cdeg: tuple[int, ...] = ()
         self._fed_us = self._fed_until_us = 0
         self._gap_us, self._gap_end_us = 0, -_LED_TO_REST_US
         self._targets = TargetLog()
@@ -147,7 +148,6 @@ class Client(Board):
                 self.disarm()
             self.set_config(present, config)
         self._config = config
-        self._unused_cdeg = config.limits.rest_cdeg[self._motors :]
 
     # Motion
 
@@ -187,8 +187,8 @@ class Client(Board):
         """
         self.poll()
         target_cdeg = rad_to_cdeg(np.minimum(np.maximum(q_rad, -np.pi), np.pi))
-        cdeg = (*target_cdeg, *self._unused_cdeg)
-        target = m.SetTarget(self._session, cdeg, ramp_ms, validity_ms)
+        unused_cdeg = self._config.limits.rest_cdeg[len(target_cdeg) :] if self._config else ()
+        target = m.SetTarget(self._session, (*target_cdeg, *unused_cdeg), ramp_ms, validity_ms)
         if target.first_out_of_range() is not None:
             raise ValueError(f"ramp of {ramp_ms} ms or validity of {validity_ms} ms out of range")
         now_us = self._clock.now_us()

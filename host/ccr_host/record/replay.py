@@ -188,6 +188,7 @@ class _Replay:
                 PlayedTransport(tape, self._feed.take_received()),
                 clock,
                 session,
+                motors=description.robot.motors,
                 on_frame=self._compare,
             )
             with client, played_end(tape):

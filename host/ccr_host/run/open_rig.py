@@ -106,7 +106,7 @@ def open_rig(
         DeviceError: no board, not one of ours, or another one than described.
         TrackerError: no camera, or one that does not begin to track.
     """
-    device = parse_device_uri(options.device)
+    device, motors = parse_device_uri(options.device), description.robot.motors
     session_seed, camera_seed = np.random.SeedSequence(options.seed).spawn(2)
     tracker_uri = parse_tracker_uri(options.tracker)
     eyes = TrackerRig(tracker_uri, description, camera_seed, options.plant)
@@ -127,6 +127,7 @@ def open_rig(
                 RecordedTransport(transport, hosts_clock, tape),
                 hosts_clock,
                 session_number(device, session_seed),
+                motors=motors,
                 on_frame=recorded_frames(observer.frame, tape),
                 on_telemetry=on_telemetry,
             )
@@ -134,7 +135,6 @@ def open_rig(
         stack.enter_context(hosts_clock.recorded_end())
         hosts_clock.attach(client)
         meet_board(client, description, device)
-        motors = description.robot.motors
         tracker = eyes.tracker(
             clock, lambda: believed_rad(client, motors), in_camera_frame=in_camera_frame
         )
@@ -172,7 +172,8 @@ def open_board(
     with ExitStack() as stack:
         transport = connect_board(device, None, clock, description, stack)
         session = session_number(device, np.random.SeedSequence(seed))
-        client = stack.enter_context(Client(transport, clock, session))
+        motors = description.robot.motors
+        client = stack.enter_context(Client(transport, clock, session, motors=motors))
         clock.attach(client)
         client.connect()
         yield client, clock

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from ccr_host.core.errors import ConfigError
+from ccr_host.description.robot import Robot
 from ccr_host.description.schema import Description, Servo
 from ccr_host.link.messages import StateReport, StatusFlags
 from ccr_host.run.rig import Rig
@@ -26,7 +27,15 @@ _LIMIT_MARGIN_DEG = 1.0
 _STRAIGHT_DEG = 3.0
 """Largest distance of a mark from the line: nonlinearity of the servo and error of the eye."""
 _LEAST_SPAN_US = 100.0
-_AXES = 2
+_MARKS = len(ANGLES_DEG) + 2
+"""Of each motor: its angles, then its limits."""
+_DIRECTIONS = {
+    0.0: "to +x",
+    90.0: "towards the markers' side",
+    180.0: "to -x",
+    270.0: "away from the markers",
+}
+"""By the angle about the backbone, deg."""
 _USUAL_RATIO = 1.25
 """Usual ratio of the scales of two servos, or of a servo and its description, at most."""
 _USUAL_NEUTRAL_DEG = 20.0
@@ -41,22 +50,23 @@ class Question:
     text: str
 
 
-def _questions() -> tuple[Question, ...]:
-    bends = ("segment 1 towards the markers' side", "segment 2 to +x")
+def questions(robot: Robot) -> tuple[Question, ...]:
+    """All questions, motor by motor."""
     listed = []
-    for axis in range(_AXES):
+    for axis in range(robot.motors):
         horn = f"motor {axis + 1}: horn at"
+        wound = [(segment, t) for segment, t in robot.tendons if t.motor == axis + 1]
+        segment, tendon = max(wound, key=lambda one: one[1].winding)
+        towards_deg = (tendon.angle_deg + (180.0 if tendon.winding < 0 else 0.0)) % 360.0
+        towards = _DIRECTIONS.get(towards_deg, f"towards {towards_deg:g} deg")
         listed += [
-            Question(axis, f"{horn} 0 deg, segment {axis + 1} straight"),
-            Question(axis, f"{horn} +45 deg, which bends {bends[axis]}"),
+            Question(axis, f"{horn} 0 deg, segment {segment + 1} straight"),
+            Question(axis, f"{horn} +45 deg, which bends segment {segment + 1} {towards}"),
             Question(axis, f"{horn} -45 deg, to the other side"),
             Question(axis, f"motor {axis + 1}: lowest angle that is ever allowed"),
             Question(axis, f"motor {axis + 1}: highest angle that is ever allowed"),
         ]
     return tuple(listed)
-
-
-QUESTIONS = _questions()
 
 
 def check_marks(servo: Servo, pulses_us: Sequence[float]) -> None:
@@ -65,11 +75,11 @@ def check_marks(servo: Servo, pulses_us: Sequence[float]) -> None:
     Raises:
         ConfigError: the marks are not plausible.
     """
-    axis, last = divmod(len(pulses_us) - 1, len(QUESTIONS) // _AXES)
+    axis, last = divmod(len(pulses_us) - 1, _MARKS)
     marked_us = np.array(pulses_us[len(pulses_us) - 1 - last :])
     if last >= len(ANGLES_DEG) - 1:
         line = _line(axis, marked_us[: len(ANGLES_DEG)])
-        if last == len(QUESTIONS) // _AXES - 1:
+        if last == _MARKS - 1:
             _limits_deg(axis, marked_us[len(ANGLES_DEG) :], line, servo.rest_deg[axis])
 
 
@@ -78,9 +88,12 @@ def doubts_about(before: Servo, found: Servo) -> list[str]:
     scales_us = np.abs(found.pulse_per_90_deg_us)
     doubts = []
     if scales_us.max() > _USUAL_RATIO * scales_us.min():
-        first, second = scales_us
-        doubts.append(f"90 deg are {first:g} us for motor 1 but {second:g} us for motor 2")
-    for axis in range(_AXES):
+        one, other = sorted((int(scales_us.argmin()), int(scales_us.argmax())))
+        doubts.append(
+            f"90 deg are {scales_us[one]:g} us for motor {one + 1} but {scales_us[other]:g} us for "
+            f"motor {other + 1}"
+        )
+    for axis in range(len(scales_us)):
         described_us, scale_us = abs(before.pulse_per_90_deg_us[axis]), scales_us[axis]
         if not 1.0 / _USUAL_RATIO <= scale_us / described_us <= _USUAL_RATIO:
             doubts.append(
@@ -98,17 +111,18 @@ def servo_from_marks(servo: Servo, pulses_us: Sequence[float]) -> Servo:
 
     Args:
         servo: present description.
-        pulses_us: answers to ``QUESTIONS``, in the same order.
+        pulses_us: answers to all questions, in the same order.
 
     Raises:
         ConfigError: the marks are not plausible.
     """
-    marks_us = np.reshape(np.asarray(pulses_us, dtype=np.float64), (_AXES, -1))
-    lines = [_line(axis, marks_us[axis, : len(ANGLES_DEG)]) for axis in range(_AXES)]
+    marks_us = np.reshape(np.asarray(pulses_us, dtype=np.float64), (-1, _MARKS))
+    axes = range(len(marks_us))
+    lines = [_line(axis, marks_us[axis, : len(ANGLES_DEG)]) for axis in axes]
     neutral_us, per_90_us = zip(*lines, strict=True)
     limits_deg = [
         _limits_deg(axis, marks_us[axis, len(ANGLES_DEG) :], lines[axis], servo.rest_deg[axis])
-        for axis in range(_AXES)
+        for axis in axes
     ]
     return Servo.model_validate(
         servo.model_dump()
@@ -151,14 +165,12 @@ def _line(axis: int, marked_us: Array) -> Pair:
     return float(neutral_us), float(90.0 * per_deg_us)
 
 
-def _to_half_us(pulses_us: Sequence[float]) -> Pair:
-    first, second = (round(2.0 * pulse) / 2.0 for pulse in pulses_us)
-    return first, second
+def _to_half_us(pulses_us: Sequence[float]) -> tuple[float, ...]:
+    return tuple(round(2.0 * pulse) / 2.0 for pulse in pulses_us)
 
 
-def _rounded(angles_deg: Sequence[float]) -> Pair:
-    first, second = (round(float(angle), 1) for angle in angles_deg)
-    return first, second
+def _rounded(angles_deg: Sequence[float]) -> tuple[float, ...]:
+    return tuple(round(float(angle), 1) for angle in angles_deg)
 
 
 def calibration_table(found: Survey, description: Description) -> Table:
@@ -200,7 +212,7 @@ def calibrate_by_eye(
     Raises:
         DeviceError: the board cannot be armed or disarmed.
     """
-    dialogue = _Dialogue(description.servo)
+    dialogue = _Dialogue(description)
 
     def show_question(view: JogView) -> None:
         show(view, dialogue.asked)
@@ -212,8 +224,9 @@ def calibrate_by_eye(
 class _Dialogue:
     """Questions and answers; implausible marks are asked for again."""
 
-    def __init__(self, servo: Servo) -> None:
-        self._before = servo
+    def __init__(self, description: Description) -> None:
+        self._before = description.servo
+        self._questions = questions(description.robot)
         self._pulses_us: list[float] = []
         self._refused = ""
         """Why the last marks must be repeated; empty if they need not be."""
@@ -222,17 +235,19 @@ class _Dialogue:
     def asked(self) -> str:
         """The current question, after the reason for asking again, if any."""
         number = len(self._pulses_us)
-        if number == len(QUESTIONS):
+        if number == len(self._questions):
             doubts = "; ".join(self._doubts())
             return f"{doubts}.\nEnter accepts this, b goes back, q quits" if doubts else ""
-        question = f"{number + 1} of {len(QUESTIONS)}: {QUESTIONS[number].text}, then Enter"
+        question = (
+            f"{number + 1} of {len(self._questions)}: {self._questions[number].text}, then Enter"
+        )
         return f"{self._refused}\n{question}" if self._refused else question
 
     def mark(self, report: StateReport) -> bool:
         """Record the present pulse as an answer, or accept all answers; whether all are done."""
-        if len(self._pulses_us) == len(QUESTIONS):
+        if len(self._pulses_us) == len(self._questions):
             return True
-        half_us = report.pulse_half_us[QUESTIONS[len(self._pulses_us)].axis]
+        half_us = report.pulse_half_us[self._questions[len(self._pulses_us)].axis]
         if not half_us or report.flags & StatusFlags.MOVING:
             return False
         self._pulses_us.append(half_us / 2)
@@ -242,7 +257,7 @@ class _Dialogue:
         except ConfigError as error:
             self._refused = str(error)
             self.back()
-        return len(self._pulses_us) == len(QUESTIONS) and not self._doubts()
+        return len(self._pulses_us) == len(self._questions) and not self._doubts()
 
     def back(self) -> None:
         """Discard the last answer."""

@@ -184,7 +184,7 @@ def open_monitor(
     eyes = TrackerRig(parse_tracker_uri(tracker_text), description, camera_seed)
     device = None if device_text is None else parse_device_uri(device_text)
     clock = RealClock()
-    registered = description.registration is not None
+    registered, motors = description.registration is not None, description.robot.motors
     with ExitStack() as stack:
         client: Client | None = None
         if device is not None:
@@ -194,10 +194,9 @@ def open_monitor(
         stack.enter_context(eyes.running(clock))
         if device is not None:
             session = session_number(device, session_seed)
-            client = stack.enter_context(Client(transport, clock, session))
+            client = stack.enter_context(Client(transport, clock, session, motors=motors))
             clock.attach(client)
             client.connect()
-        motors = description.robot.motors
         tracker = eyes.tracker(
             clock,
             lambda: np.zeros(motors) if client is None else believed_rad(client, motors),

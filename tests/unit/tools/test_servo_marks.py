@@ -3,8 +3,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.description.schema import Servo
-from ccr_host.tools.calibrate import QUESTIONS, check_marks, doubts_about, servo_from_marks
+from ccr_host.description.schema import Robot, Servo, load
+from ccr_host.tools.calibrate import check_marks, doubts_about, questions, servo_from_marks
 
 SERVO = Servo(slew_deg_s=(200.0, 100.0))
 
@@ -50,7 +50,25 @@ def test_marks_that_no_servo_gives_are_refused(first, told) -> None:
 
 
 def test_each_servo_is_asked_the_same() -> None:
-    assert [question.axis for question in QUESTIONS] == [0] * 5 + [1] * 5
+    assert [question.axis for question in questions(Robot())] == [0] * 5 + [1] * 5
+
+
+def test_each_servo_is_told_where_it_bends_which_segment() -> None:
+    first, second = (questions(Robot())[number].text for number in (1, 6))
+    assert first.endswith("which bends segment 1 towards the markers' side")
+    assert second.endswith("which bends segment 2 to +x")
+    asked = questions(load("two-spatial").robot)
+    assert [question.axis for question in asked[::5]] == [0, 1, 2, 3]
+    assert asked[16].text == "motor 4: horn at +45 deg, which bends segment 2 towards 45 deg"
+
+
+def test_marks_of_four_servos_give_four_servos() -> None:
+    servo = load("two-spatial").servo
+    marked = [marks_us(1500.0 + 10 * axis, 1000.0, -60.0, 50.0 + axis) for axis in range(4)]
+    found = servo_from_marks(servo, [pulse for pulses in marked for pulse in pulses])
+    assert found.neutral_pulse_us == (1500.0, 1510.0, 1520.0, 1530.0)
+    assert found.angle_max_deg == (50.0, 51.0, 52.0, 53.0)
+    assert not doubts_about(servo, found)
 
 
 def doubts(first: list[float], second: list[float]) -> list[str]:
@@ -77,7 +95,7 @@ def test_a_servo_unlike_its_fellow_or_its_description_is_doubted(other, told) ->
 
 def test_marks_are_judged_as_soon_as_a_motor_has_enough_of_them() -> None:
     good, crooked = marks_us(1500.0, 1000.0, -60.0, 60.0), [1500.0, 2000.0, 1200.0]
-    for count in range(1, len(QUESTIONS) + 1):
+    for count in range(1, len(questions(Robot())) + 1):
         check_marks(SERVO, [*good, *good][:count])
     with pytest.raises(ConfigError, match=r"motor 1: .*off a line"):
         check_marks(SERVO, crooked)

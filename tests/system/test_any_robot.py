@@ -13,6 +13,7 @@ from viser import ViserServer
 import ccr_host
 import ccr_host.tools.gym
 from ccr_host.commands.jog import jog_panel
+from ccr_host.core.errors import DeviceError
 from ccr_host.core.plugins import Given
 from ccr_host.record.export import Format, export, finish_log
 from ccr_host.record.folder import ResultFolder
@@ -27,6 +28,7 @@ from ccr_host.record.urdf import urdf_of
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions, RunOptions
+from ccr_host.run.summary import summarise
 from ccr_host.tools.jog import JogView, jog
 from ccr_host.tools.keyboard import LEFT, UP
 from ccr_host.view.history import RunHistory
@@ -34,6 +36,7 @@ from ccr_host.view.live import ViewAddress, open_door
 from ccr_host.view.page import Page
 from ccr_host.view.page_server import in_servers_thread, page_server
 from examples.own_plant import ConstantCurvaturePlant
+from tests.conformance.firmware_build import firmware_elf
 
 ROBOTS = {"single": 1, "two-spatial": 4, "three-spatial": 9}
 QUICK = ("control.settle_s=0.1", "link.arm_axis_ms=20", "tracker.noise_mm=0")
@@ -143,6 +146,50 @@ def test_keys_and_programs_move_each_motor(robot: str) -> None:
         connected.move(wanted_deg)
         np.testing.assert_allclose(connected.angles_deg, wanted_deg, atol=0.01)
         assert connected.tip_mm().shape == (3,)
+
+
+@pytest.mark.parametrize(
+    ("robot", "board", "motors"), [("two-spatial", "mega2560", 4), ("three-spatial", "mega2560", 9)]
+)
+def test_the_firmware_of_a_mega_drives_the_first_of_its_axes(
+    robot: str, board: str, motors: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "short.csv"
+    path.write_text("t_s,y_mm,z_mm\n0,0,0\n1,0,4\n")
+    options = RunOptions(
+        path=str(path),
+        controller="open-loop",
+        robot=robot,
+        plant=Given(ConstantCurvaturePlant),
+        device=f"simavr:{firmware_elf(board=board)}",
+        rate_hz=5.0,
+        overrides=QUICK,
+        checks="none",
+    )
+    result = execute_logged(options, tmp_path, lambda *_: None)
+    assert result.failure is None
+    figures = summarise(result)
+    assert figures["true_mean_error_mm"] == pytest.approx(figures["floor_mean_error_mm"], abs=0.3)
+    recording = RunRecording(tmp_path)
+    states = [one.content for one in recording.messages(topics.STATE)]
+    assert {len(state["pulse_half_us"]) for state in states} == {motors}
+    assert replay(recording).difference is None
+
+
+def test_a_board_with_too_few_axes_is_refused_with_the_board_that_has_them(tmp_path: Path) -> None:
+    path = tmp_path / "short.csv"
+    path.write_text("t_s,y_mm,z_mm\n0,0,0\n1,0,4\n")
+    options = RunOptions(
+        path=str(path),
+        controller="open-loop",
+        robot="two-spatial",
+        plant=Given(ConstantCurvaturePlant),
+        device=f"simavr:{firmware_elf()}",
+    )
+    failure = execute_logged(options, tmp_path, lambda *_: None).failure
+    assert isinstance(failure, DeviceError)
+    assert "drives 2 servos, the described robot has 4 motors" in failure.cause
+    assert "flash --board mega2560" in failure.cure
 
 
 def test_an_environment_has_an_action_for_each_motor(robot: str, run: Path) -> None:
