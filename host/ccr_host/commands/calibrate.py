@@ -117,10 +117,10 @@ def calibrate(
         console().print(f"the board is now: {set_equipment(options, change)}; saved in its EEPROM")
         return
     file = file_for_calibration(robot, out)
+    description = options.description()
     if not by_eye:
         require_named_tracker(context, options)
-    description = options.description()
-    require_surveyable(description)
+        require_surveyable(description)
     screen = console()
     found = None
     in_camera_frame = not (by_eye or identify)

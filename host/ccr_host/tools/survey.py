@@ -62,9 +62,9 @@ def require_surveyable(description: Description) -> None:
     """
     if description.robot.segments:
         raise ConfigError(
-            "register, calibrate and setup know only robots of two planar segments with a motor "
-            "each",
-            "write servo.neutral_pulse_us and section registration into the description by hand",
+            "register, setup and calibrate with the tracker know only robots of two planar "
+            "segments with a motor each",
+            "use calibrate --by-eye, and write section registration into the description by hand",
         )
 
 
