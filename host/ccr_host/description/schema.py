@@ -188,7 +188,7 @@ _Place = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 
 class Identified(Section):
-    """Measurements of ``ccr-host calibrate --identify``, to which `adaptive` fits its model.
+    """Measurements of ``ccr-host calibrate``, to which `adaptive` fits its model.
 
     Kept as measured, one row per rest, so that they outlive changes of the model.
     """
