@@ -7,7 +7,7 @@ python bench/misfits.py --matching 100   # random robots that do match, at 1 and
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -108,11 +108,11 @@ def _exchanged_motors(robot: TwinRobot, pulses_half_us: tuple[int, int]) -> None
     _SET_PULSES(robot, (pulses_half_us[1], pulses_half_us[0]))
 
 
-def _crossed_tendons(mechanics: Mechanics, pulley_1_rad: float, pulley_2_rad: float) -> None:
+def _crossed_tendons(mechanics: Mechanics, pulleys_rad: Sequence[float]) -> None:
     """Tendon 1 on the pulley of motor 2, tendon 2 on that of motor 1."""
-    _PULL(mechanics, pulley_1_rad, pulley_2_rad)
+    _PULL(mechanics, pulleys_rad)
     lengths_m = mechanics._data.ctrl
-    wound_m = mechanics._twin.pulley_radius_mm * 1e-3 * (pulley_1_rad - pulley_2_rad)
+    wound_m = mechanics._twin.pulley_radius_mm * 1e-3 * (pulleys_rad[0] - pulleys_rad[1])
     lengths_m[0] += wound_m
     lengths_m[1] -= wound_m
 

@@ -47,7 +47,8 @@ def test_another_robot_is_drawn_with_its_own_measures(tmp_path: Path) -> None:
 def test_the_holes_are_where_the_twin_has_them(drawing: ModuleType, robot: str | None) -> None:
     description = schema.load(robot)
     sites = ET.fromstring(robot_mjcf(description.twin)).iter("site")
-    places = {site.get("name"): site.get("pos", "") for site in sites}
+    # The twin's names end with the radius.
+    places = {site.get("name", "").rpartition("_")[0]: site.get("pos", "") for site in sites}
     for number, (y_mm, z_mm) in enumerate(drawing.holes_mm(description), start=1):
         x_m, _, z_m = map(float, places[f"tendon{number}_disk0"].split())
         assert (1000 * x_m, 1000 * z_m) == pytest.approx((y_mm, z_mm), abs=1e-9)
@@ -61,6 +62,6 @@ def test_a_positive_angle_bends_as_drawn_towards_the_tendon_that_it_winds_up() -
     for angles_rad, coordinate in (((0.3, 0.0), 2), ((0.0, 0.3), 0)):
         twin = Mechanics(description.twin, payload_g=0.0)
         before_mm = twin.markers_mm()[2, coordinate]
-        twin.pull(*angles_rad)
+        twin.pull(angles_rad)
         twin.advance(2000)
         assert twin.markers_mm()[2, coordinate] > before_mm + 5

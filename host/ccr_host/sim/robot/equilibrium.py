@@ -7,27 +7,35 @@ friction it would depend on the previous motion.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ccr_host.core.errors import CcrError
+from ccr_host.description.robot import tendons_of
 from ccr_host.description.simulation import Twin
+from ccr_host.sim.robot.mechanics import tendon_jacobian
 from ccr_host.sim.robot.mjcf import MARKERS, TIP, robot_model
 
 Array = NDArray[np.float64]
 
 _MM_PER_M = 1e3
 _KG_PER_G = 1e-3
-_PROBE_RAD = 1e-6
+_PROBE = 1e-6
+"""Share of half a turn, or of the way by which a joint shortens the backbone."""
 _REST_NM = 1e-8
 """About 1e-5 of the moment that bends a segment by 1 deg: moves the tip by less than 0.1 um."""
 LONGEST_LEG_RAD = math.radians(5.0)
 """Largest change of motor angle over which Newton's method finds the next rest pose safely."""
+_SHORTEST_LEG_RAD = math.radians(0.05)
+"""Where tendons have become taut or slack, a shorter leg may find what a longer one did not."""
 _NEWTON_LIMIT = 60
 _LONGEST_STEP_RAD = 0.2
 _SHORTEST_SHARE = 1e-3
+_PUSHES_BACK = 0.1
+"""Of the force along a step before it."""
 _KEPT_WHILE_SHRINKING_BY = 0.3
 """A compliance is reused while each step with it reduces the forces to less than this fraction."""
 
@@ -41,41 +49,55 @@ class Equilibrium:
     """
 
     def __init__(self, twin: Twin) -> None:
-        self._radius_m = twin.pulley_radius_mm / _MM_PER_M
+        radius_m = twin.pulley_radius_mm / _MM_PER_M
+        self._motors = [tendon.motor - 1 for _, tendon in tendons_of(twin.segments)]
+        self._wound_m_rad = np.array(
+            [tendon.winding * radius_m for _, tendon in tendons_of(twin.segments)]
+        )
         self._model = robot_model(twin)
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
         self._slack_lengths_m = self._data.ten_length + np.divide(twin.slack_mm, _MM_PER_M)
-        self._markers = [self._model.site(MARKERS[0]).id, self._model.site(MARKERS[2]).id]
+        ends = 1, len(twin.segments) + 1
+        self._markers = [self._model.site(MARKERS.format(number)).id for number in ends]
         if twin.payload_start_s == 0:
             self._model.body_mass[self._model.body(TIP).id] = twin.payload_g * _KG_PER_G
             mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
+        self._tendon_stiffness_n_m = twin.tendon_stiffness_n_m
+        self._force_max_n = twin.tendon_force_max_n
+        self._probes = _PROBE * self._model.jnt_range[:, 1]
         self._compliance: Array | None = None
         self.joints_rad = np.zeros(self._model.nv)
         """Position of each joint, rad or m, at which the next search starts."""
-        self.motor_rad = (0.0, 0.0)
-        """Motor angles of this pose."""
+        self.motor_rad = np.zeros(len(twin.servo_neutral_us))
+        """Motor angles of this pose, (n,)."""
 
-    def tip_mm(self, motor_1_rad: float, motor_2_rad: float) -> Array:
-        """Rest position of the tip, (3,).
+    def tip_mm(self, motor_rad: ArrayLike) -> Array:
+        """Rest position of the tip, (3,), at motor angles, (n,).
 
         Raises:
             CcrError: no rest pose was found.
         """
-        here_1, here_2 = self.motor_rad
-        travel_1, travel_2 = motor_1_rad - here_1, motor_2_rad - here_2
-        legs = max(1, math.ceil(max(abs(travel_1), abs(travel_2)) / LONGEST_LEG_RAD))
-        for leg in range(1, legs + 1):
-            wound_1_m = self._radius_m * (here_1 + leg / legs * travel_1)
-            wound_2_m = self._radius_m * (here_2 + leg / legs * travel_2)
-            wound_m = wound_1_m, wound_2_m, -wound_1_m, -wound_2_m
-            self._data.ctrl[:] = self._slack_lengths_m - wound_m
-            self.joints_rad = self._rest(self.joints_rad)
-        self.motor_rad = (motor_1_rad, motor_2_rad)
+        self._walk(np.array(motor_rad, dtype=np.float64))
         base, tip = self._data.site_xpos[self._markers]
         position: Array = (tip - base) * _MM_PER_M
         return position
+
+    def _walk(self, there_rad: Array) -> None:
+        """Find the rest pose at motor angles, by way of others if they are far from the present."""
+        travel_rad = there_rad - self.motor_rad
+        is_short = abs(travel_rad).max() < _SHORTEST_LEG_RAD
+        if abs(travel_rad).max() <= LONGEST_LEG_RAD:
+            wound_m = self._wound_m_rad * there_rad[self._motors]
+            self._data.ctrl[:] = self._slack_lengths_m - wound_m
+            with suppress(*() if is_short else (CcrError,)):
+                self.joints_rad = self._rest(self.joints_rad)
+                self.motor_rad = there_rad
+                return
+            self._compliance = None
+        self._walk(self.motor_rad + 0.5 * travel_rad)
+        self._walk(there_rad)
 
     def _forces_nm(self, joints_rad: Array) -> Array:
         self._data.qpos[:] = joints_rad
@@ -86,7 +108,9 @@ class Equilibrium:
     def _rest(self, joints_rad: Array) -> Array:
         """Newton's method; a compliance is reused while it reduces the forces fast enough.
 
-        With the compliance of the current pose, the step is shortened until the forces decrease.
+        With the compliance of the current pose, the step is shortened until the forces at its end
+        hardly push back. As they are the slope of an energy, that holds where a tendon becomes taut
+        or slack too; the greatest of the forces may have to grow there.
         """
         forces = self._forces_nm(joints_rad)
         size = abs(forces).max()
@@ -96,7 +120,7 @@ class Equilibrium:
             compliance = self._compliance
             is_of_this_pose = compliance is None
             if compliance is None:
-                compliance = np.linalg.inv(self._stiffness(joints_rad, forces)).astype(np.float64)
+                compliance = np.linalg.inv(self._stiffness(joints_rad)).astype(np.float64)
                 self._compliance = compliance
             step = -compliance @ forces
             share = min(1.0, _LONGEST_STEP_RAD / abs(step).max())
@@ -104,7 +128,8 @@ class Equilibrium:
                 trial = joints_rad + share * step
                 trial_forces = self._forces_nm(trial)
                 trial_size = abs(trial_forces).max()
-                if not is_of_this_pose or trial_size < size or share < _SHORTEST_SHARE:
+                pushes_back = -(trial_forces @ step) > _PUSHES_BACK * (forces @ step)
+                if not is_of_this_pose or not pushes_back or share < _SHORTEST_SHARE:
                     break
                 share *= 0.5
             if trial_size > _KEPT_WHILE_SHRINKING_BY * size:
@@ -116,9 +141,25 @@ class Equilibrium:
             "raise twin.bending_stiffness_nm_rad or lower the masses",
         )
 
-    def _stiffness(self, joints_rad: Array, forces_nm: Array) -> Array:
-        columns = [
-            (self._forces_nm(joints_rad + probe) - forces_nm) / _PROBE_RAD
-            for probe in _PROBE_RAD * np.eye(len(joints_rad))
-        ]
-        return np.array(columns).T
+    def _stiffness(self, joints_rad: Array) -> Array:
+        """Derivative of the forces, (joints, joints).
+
+        That of taut tendons is computed as such: differences would make some taut or slack.
+        """
+        model, data = self._model, self._data
+        forces_nm = self._forces_nm(joints_rad)
+        routes = tendon_jacobian(model, data)
+        lengths_m, pulls_m = data.ten_length.copy(), data.ctrl.copy()
+        taut = (data.actuator_force < 0) & (data.actuator_force > -self._force_max_n)
+        columns = []
+        for probe in np.diag(self._probes):
+            data.qpos[:] = joints_rad + probe
+            mujoco.mj_fwdPosition(model, data)
+            data.ctrl[:] = pulls_m + data.ten_length - lengths_m
+            mujoco.mj_fwdVelocity(model, data)
+            mujoco.mj_fwdActuation(model, data)
+            mujoco.mj_fwdAcceleration(model, data)
+            columns.append((data.qfrc_smooth - forces_nm) / probe.max())
+        data.ctrl[:] = pulls_m
+        by_tendons = self._tendon_stiffness_n_m * routes[taut].T @ routes[taut]
+        return np.asarray(np.array(columns).T - by_tendons, dtype=np.float64)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import CcrError, ConfigError
+from ccr_host.description.robot import tendons_of
 from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.memory import Memory, memories
 from ccr_host.sim.robot.mjcf import DISKS, MARKERS, TIP, robot_model
@@ -25,7 +28,7 @@ def linear_step_limit_s(
     inertia = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
     damping = np.diag(model.dof_damping)
-    routes = _tendon_jacobian(model, data)
+    routes = tendon_jacobian(model, data)
     stiffness = np.diag(model.jnt_stiffness) + tendon_stiffness_n_m * routes.T @ routes
     stable_s, unstable_s = 1e-9, 1.0
     while unstable_s > 1.001 * stable_s:
@@ -38,7 +41,7 @@ def linear_step_limit_s(
     return stable_s
 
 
-def _tendon_jacobian(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+def tendon_jacobian(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Derivative of the tendon lengths by the joint angles, m/rad, (tendons, joints)."""
     jacobian = np.zeros((model.ntendon, model.nv))
     for row, (start, count) in enumerate(zip(model.ten_J_rowadr, model.ten_J_rownnz, strict=True)):
@@ -92,36 +95,40 @@ class Mechanics:
         self._per_bound = 1.0 / self._model.jnt_range[:, 1]
         """Beyond these bounds, a joint is as unphysical as a NaN."""
         self._tip = self._model.body(TIP).id
-        self._markers = [self._model.site(name).id for name in MARKERS]
+        markers = range(1, len(twin.segments) + 2)
+        self._markers = [self._model.site(MARKERS.format(number)).id for number in markers]
         disks = range(sum(twin.flexures) + 1)
         self._disks = [self._model.site(DISKS.format(number)).id for number in disks]
+        self._radius_m = twin.pulley_radius_mm / _MM_PER_M
+        self._windings = [
+            (tendon.motor - 1, tendon.winding) for _, tendon in tendons_of(twin.segments)
+        ]
         self.step_us = self._choose_step_us()
         self._model.opt.timestep = self.step_us * 1e-6
         self._steps_done = 0
         self._next_update = _NEVER
         self._memories: list[tuple[int, Memory]] = []
         self.set_payload(payload_g)
-        self.pull(0.0, 0.0)
+        self.pull([0.0] * len(twin.servo_neutral_us))
         self._settle()
         for memory in memories(twin, self._model, self._data, self._slack_lengths_m):
             memory.start()
             self._memories.append((max(1, memory.period_us // self.step_us), memory))
         self._find_next_update()
 
-    def pull(self, pulley_1_rad: float, pulley_2_rad: float) -> None:
-        """Turn the pulleys (2): each winds up one tendon and pays out the opposite one."""
-        radius_m = self._twin.pulley_radius_mm / _MM_PER_M
+    def pull(self, pulleys_rad: Sequence[float]) -> None:
+        """Turn the pulleys (2), (n,): each winds up some tendons, and may pay out others."""
         lengths_m, slack_m = self._tendon_lengths_m, self._slack_lengths_m
-        lengths_m[0] = slack_m[0] - radius_m * pulley_1_rad
-        lengths_m[1] = slack_m[1] - radius_m * pulley_2_rad
-        lengths_m[2] = slack_m[2] + radius_m * pulley_1_rad
-        lengths_m[3] = slack_m[3] + radius_m * pulley_2_rad
+        wound_m = [self._radius_m * angle_rad for angle_rad in pulleys_rad]
+        for tendon, (motor, winding) in enumerate(self._windings):
+            lengths_m[tendon] = slack_m[tendon] - winding * wound_m[motor]
 
-    def pulley_moments_nm(self) -> tuple[float, float]:
+    def pulley_moments_nm(self) -> list[float]:
         """Moment of the tendons on each pulley, positive if it turns it to greater angles."""
-        radius_m = self._twin.pulley_radius_mm / _MM_PER_M
-        force_1, force_2, force_3, force_4 = self._forces_n.tolist()
-        return radius_m * (force_1 - force_3), radius_m * (force_2 - force_4)
+        forces_n = [0.0] * len(self._twin.servo_neutral_us)
+        for (motor, winding), force_n in zip(self._windings, self._forces_n.tolist(), strict=True):
+            forces_n[motor] += winding * force_n
+        return [self._radius_m * force_n for force_n in forces_n]
 
     def set_payload(self, payload_g: float) -> None:
         """Attach a point mass to the centre of the last disk."""
@@ -177,7 +184,7 @@ class Mechanics:
         )
 
     def markers_mm(self) -> Array:
-        """Positions of M1, M2 and M3, one per row, (3, 3)."""
+        """Positions of M1 and the marker at the end of each of S segments, (S + 1, 3)."""
         return self._site_positions_mm(self._markers)
 
     def backbone_mm(self) -> Array:

@@ -1,8 +1,9 @@
 """The twin's mechanics as MJCF (MuJoCo's model format).
 
-Rigid disks on hinge flexures, straight along -y at zero bending. Segment 1 bends in the y-z plane
-and segment 2 in its local x-y plane, with the signs of equation (10): positive angles lift the tip
-and move it towards +x. MJCF uses m, kg, s, N.
+Rigid disks on flexures, straight along -y at zero bending: a hinge each in a segment that bends in
+a plane, two at a right angle in one that bends in any direction. Angles about the backbone count
+from x towards z of (10); bending by a positive angle moves the tip in that direction. MJCF uses m,
+kg, s, N.
 """
 
 from __future__ import annotations
@@ -12,14 +13,15 @@ from xml.etree import ElementTree as ET
 
 import mujoco
 
+from ccr_host.description.robot import tendons_of
 from ccr_host.description.simulation import Twin
+from ccr_host.robot.chain import exact_direction
 
 Vector = tuple[float, float, float]
 
 DISKS = "disk{}"
 TIP = "tip"
-MARKERS = ("M1", "M2", "M3")
-TENDONS = ("tendon1", "tendon2", "tendon3", "tendon4")
+MARKERS = "M{}"
 
 _MM = 1e-3
 _MS = 1e-3
@@ -42,7 +44,13 @@ _FRICTION_SOLIMP = "0.9999 0.9999 0.001"
 _HALF_A_TURN = "0 180"
 """Degrees. Ranges do not limit the joints: `Mechanics` ends the simulation there."""
 _ALONG_BACKBONE = (0.0, -1.0, 0.0)
-_BENDING_AXES = ((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+_QUARTER_DEG = 90.0
+_SPATIAL_TURNS_DEG = (0.0, 90.0, 45.0, 135.0)
+"""Turn about the backbone of the first of two hinges, flexure by flexure. Bent by both, two hinges
+also twist the robot, which those of the next flexure undo in the other order."""
+_CUBED_BY_BOTH = 4 / 3
+"""Two hinges that stiffen by their own angle alone resist 3/4 of what one would, as a mean over the
+directions."""
 
 
 def robot_model(twin: Twin) -> mujoco.MjModel:
@@ -61,16 +69,16 @@ def _ignore(_: str) -> None:
 def robot_mjcf(twin: Twin) -> str:
     """Model of the unloaded robot for MuJoCo.
 
-    Sites ``M1`` to ``M3`` are the markers, ``disk0`` ... ``diskN`` the centres of the disks from
-    base to tip. The massless body ``tip`` at the last centre carries the push and the payload.
-    Actuator i pulls tendon i towards its control value, a length in m; MuJoCo computes the tendon
-    lengths at zero bending, without slack.
+    Sites ``M1`` to ``M{S+1}`` are the markers at the base and the end of each of S segments,
+    ``disk0`` ... ``diskN`` the centres of the disks from base to tip. The massless body ``tip`` at
+    the last centre carries the push and the payload. Actuator i pulls tendon i towards its control
+    value, a length in m; MuJoCo computes the tendon lengths at zero bending, without slack.
     """
     root = ET.Element("mujoco", model="tendon-driven continuum robot")
     _add_options(root, twin)
     base = ET.SubElement(ET.SubElement(root, "worldbody"), "body", name="base")
     _add_disk_sites(base, twin, number=0, y_mm=0.0)
-    _add_marker_site(base, twin, MARKERS[0], y_mm=0.0)
+    _add_marker_site(base, twin, MARKERS.format(1), y_mm=0.0)
     _add_segments(base, twin)
     _add_tendons(root, twin)
     ET.indent(root)
@@ -84,7 +92,7 @@ def _add_options(root: ET.Element, twin: Twin) -> None:
         timestep=_numbers(twin.time_step_ms * _MS),
         gravity=_numbers(*twin.gravity_m_s2),
         integrator="implicitfast",
-        # For the friction of four tendons; the other solvers work on all joints.
+        # For the friction of the tendons; the other solvers work on all joints.
         solver="PGS",
         iterations=_FRICTION_ITERATIONS,
     )
@@ -96,10 +104,9 @@ def _add_options(root: ET.Element, twin: Twin) -> None:
 
 
 def _add_segments(base: ET.Element, twin: Twin) -> None:
-    """Chain the disks of both segments, each flexure half a pitch before its disk."""
+    """Chain the disks of all segments, each flexure half a pitch before its disk."""
     parent, number, half_pitch_before_mm = base, 0, 0.0
-    for segment in (0, 1):
-        flexures = twin.flexures[segment]
+    for segment, flexures in enumerate(twin.flexures):
         half_pitch_mm = twin.segment_lengths_mm[segment] / flexures / 2
         for flexure in range(flexures):
             number += 1
@@ -110,10 +117,10 @@ def _add_segments(base: ET.Element, twin: Twin) -> None:
                 pos=_millimetres(0.0, -half_pitch_before_mm - half_pitch_mm, 0.0),
             )
             _add_flexure(body, twin, segment, flexure)
-            _add_disk(body, twin, y_mm=-half_pitch_mm)
+            _add_disk(body, twin, segment, y_mm=-half_pitch_mm)
             _add_disk_sites(body, twin, number, y_mm=-half_pitch_mm)
             parent, half_pitch_before_mm = body, half_pitch_mm
-        _add_marker(parent, twin, MARKERS[segment + 1], y_mm=-half_pitch_mm)
+        _add_marker(parent, twin, MARKERS.format(segment + 2), y_mm=-half_pitch_mm)
     _add_tip(parent, y_mm=-half_pitch_before_mm)
 
 
@@ -130,35 +137,47 @@ def _add_flexure(body: ET.Element, twin: Twin, segment: int, number: int) -> Non
     halves before and after it bends: a taut tendon beside it would twist a hinge on one side only.
     """
     flexures = twin.flexures[segment]
-    turn_rad = math.radians(twin.bending_plane_turn_deg[segment])
-    bending_axis, sideways_axis = (
-        _turned(axis, turn_rad) for axis in (_BENDING_AXES[segment], _BENDING_AXES[1 - segment])
-    )
+    is_planar = twin.segments[segment].bends == "plane"
+    direction_deg = twin.segments[segment].direction_deg - twin.bending_plane_turn_deg[segment]
     share, torsion = _shares(flexures)[number] / flexures, 0.0
     if share > 0:
         stands_for_mm = share * twin.segment_lengths_mm[segment]
         axial = twin.axial_stiffness_n_m[segment] / share
         torsion = 2.0 * twin.torsion_stiffness_nm_rad[segment] / share
-        sideways = twin.sideways_stiffness_nm_rad[segment] / share
         _add_joint(body, "slide", _ALONG_BACKBONE, axial, _millimetres(0.0, stands_for_mm / 2))
         _add_joint(body, "hinge", _ALONG_BACKBONE, torsion, _HALF_A_TURN)
-        _add_joint(body, "hinge", sideways_axis, sideways, _HALF_A_TURN)
+        if is_planar:
+            sideways = twin.sideways_stiffness_nm_rad[segment] / share
+            axis = _bending_axis(direction_deg + _QUARTER_DEG)
+            _add_joint(body, "hinge", axis, sideways, _HALF_A_TURN)
     bending = _bending_stiffness_nm_rad(twin, segment)[number]
     per_rad2 = twin.stiffening[segment] * (flexures / (math.pi / 2)) ** 2
+    if is_planar:
+        _add_bending_joint(body, twin, direction_deg, bending, per_rad2)
+    else:
+        direction_deg += _SPATIAL_TURNS_DEG[number % len(_SPATIAL_TURNS_DEG)]
+        for turned_deg in (direction_deg, direction_deg + _QUARTER_DEG):
+            _add_bending_joint(body, twin, turned_deg, bending, _CUBED_BY_BOTH * per_rad2)
+    _add_joint(body, "hinge", _ALONG_BACKBONE, torsion, _HALF_A_TURN)
+
+
+def _add_bending_joint(
+    body: ET.Element, twin: Twin, direction_deg: float, stiffness: float, per_rad2: float
+) -> None:
+    """A hinge of some stiffness, which grows with the square of its angle."""
     joint = ET.SubElement(
         body,
         "joint",
         type="hinge",
-        axis=_numbers(*bending_axis),
-        stiffness=_numbers(bending),
+        axis=_numbers(*_bending_axis(direction_deg)),
+        stiffness=_numbers(stiffness),
         damping=_numbers(twin.joint_damping),
         armature=_numbers(_ARMATURE_KG_M2),
         limited="false",
         range=_HALF_A_TURN,
     )
     if per_rad2 > 0:
-        joint.set("stiffness", _numbers(bending, 0.0, bending * per_rad2))
-    _add_joint(body, "hinge", _ALONG_BACKBONE, torsion, _HALF_A_TURN)
+        joint.set("stiffness", _numbers(stiffness, 0.0, stiffness * per_rad2))
 
 
 def _add_joint(
@@ -204,15 +223,14 @@ def _bending_stiffness_nm_rad(twin: Twin, segment: int) -> list[float]:
     return [whole * in_series * share for share in shares]
 
 
-def _turned(axis: Vector, turn_rad: float) -> Vector:
-    """An axis across the backbone, turned about it from z towards x."""
-    x, y, z = axis
-    cosine, sine = math.cos(turn_rad), math.sin(turn_rad)
-    return x * cosine + z * sine, y, z * cosine - x * sine
+def _bending_axis(direction_deg: float) -> Vector:
+    """Axis about which a positive angle bends towards a direction."""
+    cosine, sine = exact_direction(math.radians(direction_deg))
+    return 0.0 - sine, 0.0, cosine
 
 
-def _add_disk(body: ET.Element, twin: Twin, y_mm: float) -> None:
-    radius_mm = twin.tendon_radius_mm[0] + _DISK_RIM_MM
+def _add_disk(body: ET.Element, twin: Twin, segment: int, y_mm: float) -> None:
+    radius_mm = twin.tendon_radius_mm[segment] + _DISK_RIM_MM
     ET.SubElement(
         body,
         "geom",
@@ -225,11 +243,23 @@ def _add_disk(body: ET.Element, twin: Twin, y_mm: float) -> None:
 
 
 def _add_disk_sites(body: ET.Element, twin: Twin, number: int, y_mm: float) -> None:
-    r_c = twin.tendon_radius_mm[0]
-    holes = ((0.0, r_c), (r_c, 0.0), (0.0, -r_c), (-r_c, 0.0))
     ET.SubElement(body, "site", name=DISKS.format(number), pos=_millimetres(0.0, y_mm, 0.0))
-    for tendon, (x_mm, z_mm) in zip(TENDONS, holes, strict=True):
-        ET.SubElement(body, "site", name=_hole(tendon, number), pos=_millimetres(x_mm, y_mm, z_mm))
+    for name, (x_mm, z_mm) in _holes(twin, number).items():
+        ET.SubElement(body, "site", name=name, pos=_millimetres(x_mm, y_mm, z_mm))
+
+
+def _holes(twin: Twin, disk: int) -> dict[str, tuple[float, float]]:
+    """Place of each hole of a disk across the backbone, x and z in mm.
+
+    Where segments of different radii meet, a tendon that runs on changes over within the disk.
+    """
+    holes = {}
+    for number, (last, tendon) in enumerate(tendons_of(twin.segments)):
+        cosine, sine = exact_direction(math.radians(tendon.angle_deg))
+        for span, radius_mm in enumerate(_radii_mm(twin, last)):
+            if span in (disk - 1, disk):
+                holes[_hole(number, disk, radius_mm)] = radius_mm * cosine, radius_mm * sine
+    return holes
 
 
 def _add_marker(body: ET.Element, twin: Twin, name: str, y_mm: float) -> None:
@@ -254,21 +284,27 @@ def _marker_place(twin: Twin, y_mm: float) -> str:
 
 
 def _add_tendons(root: ET.Element, twin: Twin) -> None:
-    """Tendons 1 and 3 end on the last disk of segment 1, tendons 2 and 4 on that of segment 2."""
+    """Tendons from the base to the last disks of their segments."""
     tendons = ET.SubElement(root, "tendon")
     actuators = ET.SubElement(root, "actuator")
-    last_disks = (twin.flexures[0], sum(twin.flexures)) * 2
-    for name, last_disk in zip(TENDONS, last_disks, strict=True):
+    for number, (last, _) in enumerate(tendons_of(twin.segments)):
+        name = f"tendon{number + 1}"
         spatial = ET.SubElement(tendons, "spatial", name=name)
         if twin.friction > 0:
             spatial.set("frictionloss", _numbers(twin.friction))
             spatial.set("solreffriction", _FRICTION_SOLREF)
             spatial.set("solimpfriction", _FRICTION_SOLIMP)
-        if twin.capstan_friction > 0:
-            _add_spans(spatial, name, last_disk)
-        else:
-            for number in range(last_disk + 1):
-                ET.SubElement(spatial, "site", site=_hole(name, number))
+        before = None
+        for span, radius_mm in enumerate(_radii_mm(twin, last)):
+            start, end = (_hole(number, disk, radius_mm) for disk in (span, span + 1))
+            if twin.capstan_friction > 0:
+                # A branch, whose share of the force `memory` sets.
+                ET.SubElement(spatial, "pulley", divisor="1")
+                before = None
+            if start != before:
+                ET.SubElement(spatial, "site", site=start)
+            ET.SubElement(spatial, "site", site=end)
+            before = end
         ET.SubElement(
             actuators,
             "position",
@@ -279,16 +315,14 @@ def _add_tendons(root: ET.Element, twin: Twin) -> None:
         )
 
 
-def _add_spans(spatial: ET.Element, tendon: str, last_disk: int) -> None:
-    """A branch for each span between two holes, whose share of the force `memory` sets."""
-    for number in range(last_disk):
-        ET.SubElement(spatial, "pulley", divisor="1")
-        ET.SubElement(spatial, "site", site=_hole(tendon, number))
-        ET.SubElement(spatial, "site", site=_hole(tendon, number + 1))
+def _radii_mm(twin: Twin, last: int) -> list[float]:
+    """Distance from the backbone of each span of a tendon that ends with a segment."""
+    passed = zip(twin.flexures[: last + 1], twin.tendon_radius_mm, strict=False)
+    return [radius_mm for flexures, radius_mm in passed for _ in range(flexures)]
 
 
-def _hole(tendon: str, disk: int) -> str:
-    return f"{tendon}_disk{disk}"
+def _hole(tendon: int, disk: int, radius_mm: float) -> str:
+    return f"tendon{tendon + 1}_disk{disk}_{radius_mm:.12g}mm"
 
 
 def _millimetres(*lengths_mm: float) -> str:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.description.robot import tendons_of
 from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.mechanics import Mechanics
 from ccr_host.sim.robot.plant import Plant
@@ -23,7 +24,7 @@ _LOAD_US = 10_000
 class TwinRobot(Plant):
     """Servos, tendons and structure, stepped on an integer grid of microseconds.
 
-    Starts at time 0, at rest under gravity, with both servos at 0 deg and no pulses.
+    Starts at time 0, at rest under gravity, with all servos at 0 deg and no pulses.
 
     Args:
         twin: the ``twin`` section of the robot description.
@@ -48,7 +49,7 @@ class TwinRobot(Plant):
         self._events: deque[tuple[int, Callable[[], None]]] = deque()
 
     def set_pulses_half_us(self, pulses_half_us: tuple[int, ...]) -> None:
-        """Set both pulse widths from now on, in 0.5 us; 0 means no pulses.
+        """Set the pulse widths from now on, (n,), in 0.5 us; 0 means no pulses.
 
         The servos follow after their lag.
         """
@@ -93,7 +94,7 @@ class TwinRobot(Plant):
             self._steps_done += steps
 
     def markers_mm(self) -> Array:
-        """Positions of M1, M2 and M3, one per row, (3, 3), in the frame of (10)."""
+        """Positions of the markers from base to tip, (S + 1, 3), in the frame of (10)."""
         return self._mechanics.markers_mm()
 
     def backbone_mm(self) -> Array:
@@ -101,23 +102,26 @@ class TwinRobot(Plant):
         return self._mechanics.backbone_mm()
 
     def servo_angles_rad(self) -> Array:
-        """True shaft angles, (2,), the q of (1)."""
+        """True shaft angles, (n,), the q of (1)."""
         return np.array([servo.angle_rad for servo in self._servos])
 
     def _turn_servos(self, steps_left: int) -> int:
         """Turn the servos by one step; return the number of steps with these angles."""
-        first, second = self._servos
-        moving = first.moving or second.moving
         is_due = self._gives_way and self._steps_done % self._load_steps == 0
-        if self._feels_load and (moving or is_due):
+        if self._feels_load and (is_due or self._moving()):
             self._feel_loads()
-            moving = first.moving or second.moving
-        if not moving:
+        if not self._moving():
             return self._steps_at_rest(steps_left)
         for servo in self._servos:
             servo.advance(self._mechanics.step_us * 1e-6)
-        self._mechanics.pull(first.angle_rad, second.angle_rad)
+        self._pull()
         return 1
+
+    def _moving(self) -> bool:
+        return any(servo.moving for servo in self._servos)
+
+    def _pull(self) -> None:
+        self._mechanics.pull([servo.angle_rad for servo in self._servos])
 
     def _feel_loads(self) -> None:
         step_s = self._mechanics.step_us * 1e-6
@@ -126,8 +130,7 @@ class TwinRobot(Plant):
         self._felt_at_step = self._steps_done
         for servo, load_nm in zip(self._servos, self._mechanics.pulley_moments_nm(), strict=True):
             servo.feel(load_nm, time_s, duration_s)
-        first, second = self._servos
-        self._mechanics.pull(first.angle_rad, second.angle_rad)
+        self._pull()
 
     def _steps_at_rest(self, steps_left: int) -> int:
         """Number of steps until something may turn a servo, or an event is due."""
@@ -141,24 +144,26 @@ class TwinRobot(Plant):
         return min(turns)
 
 
-def _servos_of(twin: Twin) -> tuple[ServoModel, ServoModel]:
-    """The servos of motor 1 and 2."""
+def _servos_of(twin: Twin) -> list[ServoModel]:
+    """The servo of each motor."""
     radius_m = twin.pulley_radius_mm * 1e-3
-    first, second = (
+    wound = [tendon.motor - 1 for _, tendon in tendons_of(twin.segments)]
+    return [
         ServoModel(
             ServoProperties(
-                neutral_us=twin.servo_neutral_us[axis],
-                rad_per_us=math.radians(90.0) / twin.servo_us_per_90_deg[axis],
+                neutral_us=neutral_us,
+                rad_per_us=math.radians(90.0) / us_per_90_deg,
                 rate_rad_s=math.radians(twin.servo_rate_deg_s),
                 deadband_rad=math.radians(twin.servo_deadband_deg),
                 stall_torque_nm=twin.servo_stall_torque_nm or math.inf,
                 droop_rad_nm=math.radians(twin.servo_droop_deg_per_nm),
                 play_rad=math.radians(twin.servo_backlash_deg),
-                drift_rad=math.radians(twin.servo_drift_deg[axis]),
+                drift_rad=math.radians(drift_deg),
                 drift_time_s=twin.servo_drift_time_s,
-                load_stiffness_nm_rad=2 * twin.tendon_stiffness_n_m * radius_m**2,
+                load_stiffness_nm_rad=wound.count(motor) * twin.tendon_stiffness_n_m * radius_m**2,
             )
         )
-        for axis in (0, 1)
-    )
-    return first, second
+        for motor, (neutral_us, us_per_90_deg, drift_deg) in enumerate(
+            zip(twin.servo_neutral_us, twin.servo_us_per_90_deg, twin.servo_drift_deg, strict=True)
+        )
+    ]

@@ -64,7 +64,7 @@ def compute_static_map(
         for column in columns:
             if is_fine and len(poses_rad) == poses_rad.maxlen:
                 equilibrium.joints_rad = _extrapolated(*poses_rad)
-            tip_mm[row, column] = equilibrium.tip_mm(motor_1_rad, axis_2[column])
+            tip_mm[row, column] = equilibrium.tip_mm((motor_1_rad, axis_2[column]))
             poses_rad.append(equilibrium.joints_rad)
     return StaticMap(axis_1, axis_2, tip_mm)
 
@@ -130,7 +130,8 @@ def _write(file: Path, found: StaticMap) -> None:
 
 
 _STATIC_KEYS = (
-    "flexures", "segment_lengths_mm", "tendon_radius_mm", "marker_offset_mm", "pulley_radius_mm",
+    "segments", "flexures", "segment_lengths_mm", "tendon_radius_mm", "marker_offset_mm",
+    "pulley_radius_mm",
     "bending_stiffness_nm_rad", "disk_mass_g", "marker_mass_g", "payload_g", "payload_start_s",
     "slack_mm", "tendon_stiffness_n_m", "tendon_force_max_n", "gravity_m_s2", "axial_stiffness_n_m",
     "stiffness_taper", "stiffening", "bending_plane_turn_deg", "sideways_stiffness_nm_rad",

@@ -68,7 +68,7 @@ def test_moving_segment_1_releases_segment_2_as_on_the_twin():
     pose, bends = first_pose(p, *here), []
     for there in way:
         for share in np.linspace(0.0, 1.0, 101):
-            mechanics.pull(*(here + share * (there - here)))
+            mechanics.pull(here + share * (there - here))
             mechanics.advance(20_000 // mechanics.step_us)
         here, pose = there, moved(p, pose, *there)
         bends.append((_second_bend_rad(mechanics), pose.theta_rad[1]))

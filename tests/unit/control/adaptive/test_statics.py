@@ -169,7 +169,7 @@ def test_known_parameters_predict_a_weightless_twin_within_a_tenth_of_a_millimet
     equilibrium = Equilibrium(twin)
     for q in np.radians([[20.0, 30.0], [-30.0, 50.0], [10.0, -45.0], [3.0, 60.0]]):
         rest = settled(known, *likely_of(known, *q), tuple(q), _anchors(known, STILL))
-        assert tip_mm(known, *rest) == pytest.approx(equilibrium.tip_mm(*q), abs=0.1)
+        assert tip_mm(known, *rest) == pytest.approx(equilibrium.tip_mm(q), abs=0.1)
 
 
 def test_a_backbone_that_its_tendons_shorten_is_predicted_as_well():
@@ -184,8 +184,8 @@ def test_a_backbone_that_its_tendons_shorten_is_predicted_as_well():
         shortening=20.0 / (8.0 * 4.5**2),
     )  # fmt: skip
     for q in np.radians([[20.0, 30.0], [-30.0, 50.0], [10.0, -45.0]]):
-        there = Equilibrium(soft).tip_mm(*q)
-        assert np.linalg.norm(there - Equilibrium(rigid).tip_mm(*q)) > 1.0
+        there = Equilibrium(soft).tip_mm(q)
+        assert np.linalg.norm(there - Equilibrium(rigid).tip_mm(q)) > 1.0
         rest = settled(known, *likely_of(known, *q), tuple(q), _anchors(known, STILL))
         assert tip_mm(known, *rest) == pytest.approx(there, abs=0.25)
 
@@ -195,8 +195,8 @@ def test_unequal_slack_of_a_pair_is_an_offset_of_its_servo():
     unequal, off_rad = Twin(slack_mm=(1.0, 1.2, 0.4, 1.2)), 0.3 / 12.5
     equal = Twin(slack_mm=(0.7, 1.2, 0.7, 1.2))
     for q_1, q_2 in np.radians([[20.0, 30.0], [-30.0, 50.0], [10.0, -45.0]]):
-        there = Equilibrium(unequal).tip_mm(q_1, q_2)
-        assert there == pytest.approx(Equilibrium(equal).tip_mm(q_1 - off_rad, q_2), abs=1e-3)
+        there = Equilibrium(unequal).tip_mm((q_1, q_2))
+        assert there == pytest.approx(Equilibrium(equal).tip_mm((q_1 - off_rad, q_2)), abs=1e-3)
 
 
 def test_a_zero_shifts_the_setpoints_and_nothing_else():

@@ -57,7 +57,7 @@ def test_any_structure_is_moved_for_a_second_and_then_comes_to_rest(keys, angles
     here = np.zeros(2)
     for there in angles_rad:
         for part in np.linspace(0, 1, 15):
-            mechanics.pull(*(here + part * (np.array(there) - here)))
+            mechanics.pull(here + part * (np.array(there) - here))
             mechanics.advance(steps)
         here = np.array(there)
     peaks_j = []

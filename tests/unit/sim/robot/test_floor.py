@@ -85,10 +85,10 @@ def test_the_nearest_point_is_found_wherever_the_surface_folds():
 def test_rest_poses_are_those_reached_by_the_simulation(keys):
     twin = Twin(friction=0.0, joint_damping=2e-3, **keys)
     mechanics = Mechanics(twin, 0.0)
-    mechanics.pull(0.3, -0.5)
+    mechanics.pull((0.3, -0.5))
     mechanics.advance(round(6e6 / mechanics.step_us))
     markers = mechanics.markers_mm()
-    rest_mm = Equilibrium(twin).tip_mm(0.3, -0.5)
+    rest_mm = Equilibrium(twin).tip_mm((0.3, -0.5))
     assert rest_mm == pytest.approx(markers[2] - markers[0], abs=1e-3)
 
 
@@ -106,7 +106,7 @@ def test_the_map_does_not_depend_on_the_way_it_was_walked():
     twin, lower, upper = Twin(), np.array([-40.0, -60.0]), np.array([40.0, 60.0])
     found = compute_static_map(twin, lower, upper, 20.0)
     for i, j in ((0, 0), (1, 4), (4, 6)):
-        direct = Equilibrium(twin).tip_mm(found.axis_1_rad[i], found.axis_2_rad[j])
+        direct = Equilibrium(twin).tip_mm((found.axis_1_rad[i], found.axis_2_rad[j]))
         assert found.tip_mm[i, j] == pytest.approx(direct, abs=1e-4)
 
 

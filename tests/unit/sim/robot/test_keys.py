@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import trapezoid
 
 from ccr_host.core.errors import CcrError, ConfigError
+from ccr_host.description.robot import Robot
 from ccr_host.description.simulation import Push, Twin
 from ccr_host.sim.robot.mechanics import Mechanics
 from ccr_host.sim.robot.robot import TwinRobot
@@ -12,6 +13,10 @@ from ccr_host.sim.robot.robot import TwinRobot
 X, Y, Z = 0, 1, 2
 
 CHANGED = {
+    "segments": (
+        Robot().chain[0],
+        Robot().chain[1].model_copy(update={"direction_deg": 10.0}),
+    ),
     "flexures": (7, 5),
     "segment_lengths_mm": (60.0, 43.5),
     "tendon_radius_mm": (4.6, 4.6),
@@ -151,7 +156,7 @@ def test_the_work_of_a_servo_is_what_the_structure_and_its_tendons_store(posed):
     angles_rad = np.linspace(0.0, 0.5, 26)
     moments_nm, energies_j = [], []
     for angle_rad in angles_rad:
-        mechanics.pull(0.0, angle_rad)
+        mechanics.pull([0.0, angle_rad])
         mechanics.advance(2000)
         moments_nm.append(mechanics.pulley_moments_nm()[1])
         springs_j = 0.5 * mechanics._model.jnt_stiffness @ mechanics._joints**2

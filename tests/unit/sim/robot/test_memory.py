@@ -17,7 +17,7 @@ def turned(mechanics: Mechanics, from_deg: float, to_deg: float, deg_s: float = 
     """Turn the second pulley at a constant rate, then wait until the structure rests."""
     steps = round(abs(to_deg - from_deg) / deg_s * 1e6 / mechanics.step_us)
     for angle_rad in np.radians(np.linspace(from_deg, to_deg, steps)):
-        mechanics.pull(0.0, float(angle_rad))
+        mechanics.pull([0.0, float(angle_rad)])
         mechanics.advance(1)
     mechanics.advance(round(0.3e6 / mechanics.step_us))
 

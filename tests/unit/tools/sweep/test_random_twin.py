@@ -78,6 +78,7 @@ def test_every_effect_of_robot_and_camera_is_drawn(drawn):
     sections = {"twin": Twin, "tracker": Tracker}
     keys = {f"{name}.{key}" for name, model in sections.items() for key in model.model_fields}
     assert keys - drawn[0].keys() == {
+        "twin.segments",
         "twin.flexures",
         "twin.payload_start_s",
         "twin.tendon_stiffness_n_m",
@@ -149,7 +150,7 @@ def test_friction_of_a_dead_zone_lets_a_motor_turn_back_by_twice_the_zone(motor)
     def tip_mm(angle_deg, seconds):
         angles = [0.0, 0.0]
         angles[motor] = math.radians(angle_deg)
-        mechanics.pull(*angles)
+        mechanics.pull(angles)
         mechanics.advance(round(seconds * 1e6 / mechanics.step_us))
         markers = mechanics.markers_mm()
         return markers[2] - markers[0]
