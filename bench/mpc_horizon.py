@@ -1,25 +1,29 @@
-"""Time of one whole MPC step over the horizon, compared with the peers that pip installs.
+"""Time of one whole MPC step over horizon and motors, compared with peers that pip installs.
 
-``python -m bench.mpc_horizon`` follows the 8-shape on the twin with the controller ``mpc``, records
-its measurements, and gives every recorded step to each solver in turn, in one process: other load
+``python -m bench.mpc_horizon`` follows the 8-shape on the twin with the controller ``mpc``, or with
+``--motors`` a path with another robot, which is then the model but for a constant error. It records
+the measurements, and gives every recorded step to each solver in turn, in one process: other load
 on the machine affects all of them alike, and none has the caches to itself. Each starts from its
 previous solution. Times are those of the calling thread, by its CPU clock and by the wall clock;
 the ratio is that of the CPU medians. ``excess`` is the cost of a plan above that of the cheapest
 plan found by any solver for the same step: its median, and the mean with anything above twice the
 cost counted as that; ``beyond`` is the largest violation of the bounds by any plan.
 
-Solvers whose package or compiler is missing are skipped with a notice. Needs the extras ``test``
+Robots of other than two motors are compared with CasADi's IPOPT only. Solvers whose package or
+compiler is missing are skipped with a notice. Needs the extras ``test``
 and ``bench``. To time peers that start threads, set OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import platform
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -27,17 +31,34 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+import ccr_host.description
 from bench.peers.mpc import ours
 from bench.peers.mpc.problem import Array, Formulation, ShiftedStart, Way, record
 from ccr_host.control.base import Observation
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema
+from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits
 
 WARM_UP_STEPS = 5
 SAME_MINIMUM = 1e-6
+IPOPT = "CasADi IPOPT, warm"
+ROBOTS = {1: "single", 2: "default", 4: "two-spatial", 6: "two-spatial", 9: "three-spatial"}
+PATHS = {1: "swing", 2: "8shape", 4: "helix", 6: "helix", 9: "helix"}
+THIRD_SEGMENT = """
+[[robot.segments]]
+length_mm = 60
+tendon_radius_mm = 4.5
+tendons = [
+  { angle_deg = 90, motor = 5 },
+  { angle_deg = 270, motor = 5, winding = -1 },
+  { angle_deg = 0, motor = 6 },
+  { angle_deg = 180, motor = 6, winding = -1 },
+]
+"""
+"""Makes the robot of four motors one of six."""
 LARGEST_GENERATED_HORIZON = 10
 """Longest horizon; beyond, gcc takes many minutes for CasADi's code with the exact Hessian."""
 
@@ -57,6 +78,7 @@ def main() -> None:
     """Print a table for each horizon."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--horizons", type=int, nargs="+", default=[4, 10, 20, 40])
+    parser.add_argument("--motors", type=int, nargs="+", default=[2], choices=list(ROBOTS))
     parser.add_argument(
         "--steps", type=int, default=150, help="number of timed steps for each horizon"
     )
@@ -64,24 +86,36 @@ def main() -> None:
     parser.add_argument("--alone", action="store_true", help="alternate per lap: warm caches")
     chosen = parser.parse_args()
     console = Console(width=130)
-    for horizon in chosen.horizons:
+    for motors, horizon in itertools.product(chosen.motors, chosen.horizons):
         with tempfile.TemporaryDirectory() as folder:
+            robot = robot_of(motors, Path(folder))
+            description = schema.load(robot, [f"control.horizon={horizon}"])
             scores = compare(
-                horizon, chosen.steps, chosen.seed, Path(folder), console, alone=chosen.alone
+                description, chosen.steps, chosen.seed, Path(folder), console, alone=chosen.alone
             )
-        console.print(table(horizon, scores))
+        title = f"{motors} motors, N = {horizon}, path {PATHS[motors]}"
+        console.print(table(title, scores))
     console.print(f"{_processor()}, Python {platform.python_version()}, NumPy {np.__version__}")
 
 
+def robot_of(motors: int, folder: Path) -> str:
+    """A description with a number of motors, by name or file."""
+    if motors != 6:
+        return ROBOTS[motors]
+    shipped = resources.files(ccr_host.description) / "shipped" / "two-spatial.toml"
+    file = folder / "three-segments.toml"
+    file.write_text(shipped.read_text() + THIRD_SEGMENT)
+    return str(file)
+
+
 def compare(
-    horizon: int, steps: int, seed: int, folder: Path, console: Console, *, alone: bool
+    description: Description, steps: int, seed: int, folder: Path, console: Console, *, alone: bool
 ) -> dict[str, Score]:
     """All ways on the same steps, taking turns at each step or, ``alone``, at each lap."""
-    description = schema.load(overrides=[f"control.horizon={horizon}"])
     model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
-    reference = load_path("8shape", 1.0, model, limits)
+    reference = load_path(PATHS[model.motors], 1.0, model, limits)
     formulation = Formulation(description, reference)
-    makers = ways(formulation, folder)
+    makers = ways(description, formulation, folder)
     usable = {}
     for name, make in makers.items():
         try:
@@ -129,26 +163,33 @@ def judge(formulation: Formulation, lap: list[Observation], kept: Score) -> None
         kept.violation_rad.append(formulation.violation_rad(observation, plan_rad))
 
 
-def ways(formulation: Formulation, folder: Path) -> dict[str, Callable[[], Way]]:
+def ways(
+    description: Description, formulation: Formulation, folder: Path
+) -> dict[str, Callable[[], Way]]:
     """Constructors by name; they raise ImportError if their package is missing."""
     control, reference = formulation.control, formulation.reference
 
     def product(solver: str) -> Way:
-        overrides = [f"control.horizon={control.horizon}", f"control.solver={solver}"]
-        return ours.Ours(schema.load(overrides=overrides), reference)
+        update = {"control": control.model_copy(update={"solver": solver})}
+        return ours.Ours(description.model_copy(update=update), reference)
 
     def backend(solver: Callable[[], ours.QpSolver]) -> Callable[[], Way]:
-        description = schema.load(overrides=[f"control.horizon={control.horizon}"])
         return lambda: ours.OtherQp(description, reference, solver())
 
-    return {
+    products: dict[str, Callable[[], Way]] = {
         "ccr-host": lambda: product("daqp"),
         "ccr-host, compiled": lambda: product("compiled"),
+    }
+    casadi = casadi_ways(formulation, folder)
+    if formulation.motors != 2:
+        return {**products, IPOPT: casadi[IPOPT]}
+    return {
+        **products,
         "ccr-host with PIQP": backend(ours.piqp),
         "ccr-host with OSQP": backend(ours.osqp),
         "ccr-host with Clarabel": backend(ours.clarabel),
         "ccr-host with ProxQP": backend(ours.proxqp),
-        **casadi_ways(formulation, folder),
+        **casadi,
         "do-mpc (IPOPT)": lambda: do_mpc(formulation),
         "SciPy SLSQP, fin. diff.": lambda: slsqp(formulation),
     }
@@ -178,7 +219,7 @@ def casadi_ways(formulation: Formulation, folder: Path) -> dict[str, Callable[[]
     return {
         "CasADi, generated C, SQP": generated,
         "CasADi sqpmethod with DAQP": lambda: nlp("sqpmethod"),
-        "CasADi IPOPT, warm": lambda: nlp("ipopt"),
+        IPOPT: lambda: nlp("ipopt"),
     }
 
 
@@ -196,12 +237,12 @@ def slsqp(formulation: Formulation) -> Way:
     return Slsqp(formulation)
 
 
-def table(horizon: int, scores: dict[str, Score]) -> Table:
+def table(title: str, scores: dict[str, Score]) -> Table:
     """Times and quality of each solver; the ratio is to our fastest one."""
     best = np.min([kept.cost for kept in scores.values()], axis=0)
     quickest = scores.get("ccr-host, compiled", scores["ccr-host"])
     ours_us = float(np.median(quickest.cpu_us))
-    shown = Table(title=f"N = {horizon}, {len(best)} steps along the 8-shape on the twin")
+    shown = Table(title=f"{title}, {len(best)} steps")
     for column in ("", "CPU us", "p99", "wall us", "p99 ", "ratio", "same minimum"):
         shown.add_column(column, justify="left" if not column else "right")
     for column in ("excess, median", "mean", "beyond, rad"):

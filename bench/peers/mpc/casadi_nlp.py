@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import subprocess
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 
 from bench.peers.mpc.problem import Formulation, ShiftedStart
 from ccr_host.control.base import Observation
+from ccr_host.robot.chain import PAPER_FRAME
+from ccr_host.robot.kinematics import freedom_of
 
 IPOPT = {
     "ipopt": {"print_level": 0, "sb": "yes", "warm_start_init_point": "yes", "mu_init": 1e-4},
@@ -72,18 +75,18 @@ class GeneratedSolver:
     """
 
     def __init__(self, formulation: Formulation, folder: Path) -> None:
-        live = formulation.live_steps
+        live, motors = formulation.live_steps, formulation.motors
         # The buffer keeps neither its function nor the arrays alive.
         self._function = _compiled(nlpsol(formulation, "sqpmethod", SQP_QRQP), folder)
         self._buffer, self._run = self._function.buffer()
         bound = formulation.control.step_bound_rad
-        self.guess, self.given = np.zeros(2 * live), np.zeros(5 + 3 * live)
-        self.solution = np.zeros(2 * live)
+        self.guess, self.given = np.zeros(motors * live), np.zeros(motors + 3 + 3 * live)
+        self.solution = np.zeros(motors * live)
         self._inputs = {
             "x0": self.guess,
             "p": self.given,
-            "lbx": np.full(2 * live, -bound),
-            "ubx": np.full(2 * live, bound),
+            "lbx": np.full(motors * live, -bound),
+            "ubx": np.full(motors * live, bound),
             "lbg": np.tile(formulation.limits.lower_rad, live),
             "ubg": np.tile(formulation.limits.upper_rad, live),
         }
@@ -106,27 +109,27 @@ class GeneratedSqp(ShiftedStart):
     def step(self, observation: Observation) -> None:
         problem, solver = self.formulation.problem(observation), self._solver
         solver.guess[:] = self.guess()
-        solver.given[:2] = problem.q_rad
-        solver.given[2:5] = problem.measured_mm
-        solver.given[5:] = problem.targets_mm.ravel()
+        solver.given[:] = np.concatenate(
+            [problem.q_rad, problem.measured_mm, problem.targets_mm.ravel()]
+        )
         solver.run()
         self.keep(problem, solver.solution.copy())
 
 
 def nlpsol(formulation: Formulation, plugin: str, options: dict[str, Any]) -> Any:
     """A CasADi solver of (15) over a whole horizon."""
-    control, live = formulation.control, formulation.live_steps
-    q = casadi.SX.sym("q", 2)
+    control, live, n = formulation.control, formulation.live_steps, formulation.motors
+    q = casadi.SX.sym("q", n)
     tip = tip_of(formulation, q)
     jacobian = casadi.Function("J", [q], [casadi.jacobian(tip, q)])
-    moves = casadi.SX.sym("u", 2, live)
-    given = casadi.SX.sym("p", 5 + 3 * live)
-    pose, position, cost, poses = given[:2], given[2:5], 0, []
+    moves = casadi.SX.sym("u", n, live)
+    given = casadi.SX.sym("p", n + 3 + 3 * live)
+    pose, position, cost, poses = given[:n], given[n : n + 3], 0, []
     for k in range(live):
         position = position + jacobian(pose) @ moves[:, k]
         pose = pose + moves[:, k]
         poses.append(pose)
-        error = position - given[5 + 3 * k : 8 + 3 * k]
+        error = position - given[n + 3 + 3 * k : n + 6 + 3 * k]
         cost += control.position_weight * casadi.sumsqr(error)
         cost += control.effort_weight * casadi.sumsqr(moves[:, k])
     problem = {"x": casadi.vec(moves), "p": given, "f": cost, "g": casadi.vertcat(*poses)}
@@ -134,19 +137,28 @@ def nlpsol(formulation: Formulation, plugin: str, options: dict[str, Any]) -> An
 
 
 def tip_of(formulation: Formulation, q: Any) -> Any:
-    """(10) of motor angles (2,)."""
-    robot = formulation.robot
-    length_1, length_2 = robot.segment_lengths_mm
-    theta_1, theta_2 = q[0] * formulation.gain, q[1] * formulation.gain
-    lever = length_2 * _sinc(theta_2)
-    offset = robot.marker_offset_mm
-    return casadi.vertcat(
-        length_2 * theta_2 / 2 * _sinc(theta_2 / 2) ** 2,
-        -length_1 * _sinc(theta_1) + offset * casadi.sin(theta_1) - lever * casadi.cos(theta_1),
-        length_1 * theta_1 / 2 * _sinc(theta_1 / 2) ** 2
-        - offset * (1 - casadi.cos(theta_1))
-        + lever * casadi.sin(theta_1),
-    )
+    """(10) of motor angles (n,), for any chain of segments."""
+    robot, model = formulation.robot, formulation.model
+    freedom = freedom_of(robot.chain)
+    y = casadi.mtimes(casadi.DM(model.bending_rad(np.eye(model.motors)).T), q)
+    marker = casadi.DM([0.0, robot.marker_offset_mm, 0.0])
+    point = marker
+    for number in reversed(range(len(robot.chain))):
+        bend = casadi.mtimes(casadi.DM(freedom[:, number].T), y)
+        x, size = casadi.sumsqr(bend), robot.chain[number].length_mm
+        small = x < 0.01
+        angle = casadi.sqrt(casadi.if_else(small, 1, x))
+        c_1 = casadi.if_else(small, _series(x, 1), casadi.sin(angle) / angle)
+        c_2 = casadi.if_else(small, _series(x, 2), (1 - casadi.cos(angle)) / angle**2)
+        across, along = point[:2], point[2]
+        turned = across - c_2 * bend * casadi.dot(bend, across) + c_1 * bend * along
+        ahead = (1 - c_2 * x) * along - c_1 * casadi.dot(bend, across)
+        point = casadi.vertcat(turned + size * c_2 * bend, ahead + size * c_1)
+    return casadi.mtimes(casadi.DM(PAPER_FRAME), point - marker)
+
+
+def _series(x: Any, number: int) -> Any:
+    return sum((-x) ** k / math.factorial(2 * k + number) for k in range(6))
 
 
 def _compiled(solver: Any, folder: Path) -> Any:
@@ -161,9 +173,3 @@ def _compiled(solver: Any, folder: Path) -> Any:
     flags = ["-O2", "-march=native", "-shared", "-fPIC"]
     subprocess.run([compiler, *flags, str(source), "-o", str(library), "-lm"], check=True)
     return casadi.external("mpc", str(library))
-
-
-def _sinc(x: Any) -> Any:
-    series = 1 - x**2 / 6 + x**4 / 120 - x**6 / 5040
-    small = casadi.fabs(x) < 0.02
-    return casadi.if_else(small, series, casadi.sin(x) / casadi.if_else(small, 1, x))

@@ -29,10 +29,10 @@ class DoMpc:
         live, control = formulation.live_steps, formulation.control
         model = do_mpc.model.Model("discrete")
         tip = model.set_variable("_x", "tip", (3, 1))
-        angles = model.set_variable("_x", "angles", (2, 1))
-        moves = model.set_variable("_u", "moves", (2, 1))
+        angles = model.set_variable("_x", "angles", (formulation.motors, 1))
+        moves = model.set_variable("_u", "moves", (formulation.motors, 1))
         target = model.set_variable("_tvp", "target", (3, 1))
-        q = casadi.SX.sym("q", 2)
+        q = casadi.SX.sym("q", formulation.motors)
         jacobian = casadi.Function("J", [q], [casadi.jacobian(tip_of(formulation, q), q)])
         model.set_rhs("tip", tip + jacobian(angles) @ moves)
         model.set_rhs("angles", angles + moves)

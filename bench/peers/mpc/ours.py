@@ -11,7 +11,8 @@ from bench.peers.mpc.problem import Array
 from ccr_host.control.base import Command, Observation
 from ccr_host.control.mpc import sqp
 from ccr_host.control.mpc.controller import ModelPredictive
-from ccr_host.control.mpc.qp import FAILED, NOT_CONVEX, OPTIMAL
+from ccr_host.control.mpc.problem import Expansion
+from ccr_host.control.mpc.qp import FAILED, NOT_CONVEX, OPTIMAL, condensed
 from ccr_host.description.schema import Description
 from ccr_host.robot.reference import Reference
 
@@ -49,17 +50,18 @@ class OtherQp(Ours):
             sqp.minimise = own
 
     def _minimise(
-        self, hessian: Array, gradient: Array, lower: Array, upper: Array
-    ) -> tuple[int, list[float], float]:
-        whole = np.triu(hessian) + np.triu(hessian, 1).T
-        rows = np.eye(len(gradient)) - np.eye(len(gradient), k=-2)
+        self, expansion: Expansion, blend: float, ridge: float, lower: Array, upper: Array
+    ) -> tuple[int, Array, float]:
+        hessian, gradient = condensed(expansion, blend, ridge)
+        _, steps, n = lower.shape
+        rows = np.eye(steps * n) - np.eye(steps * n, k=-n)
         try:
-            np.linalg.cholesky(whole)
+            np.linalg.cholesky(hessian)
         except np.linalg.LinAlgError:
-            return NOT_CONVEX, [], 0.0
-        step = self._solver(whole, gradient, rows, lower, upper)
-        minimum = float(0.5 * step @ whole @ step + gradient @ step)
-        return OPTIMAL if np.isfinite(minimum) else FAILED, step.tolist(), minimum
+            return NOT_CONVEX, lower[0], 0.0
+        step = self._solver(hessian, gradient, rows, lower.ravel(), upper.ravel())
+        minimum = float(0.5 * step @ hessian @ step + gradient @ step)
+        return OPTIMAL if np.isfinite(minimum) else FAILED, step.reshape(steps, n), minimum
 
 
 def piqp() -> QpSolver:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ccr_host.control.base import Observation
 from ccr_host.control.mpc.controller import ModelPredictive
 from ccr_host.description.schema import Description
+from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.sim.robot.robot import TwinRobot
@@ -30,7 +31,7 @@ class Way(Protocol):
         ...
 
     def plan(self) -> Array:
-        """All angles planned by the last step, (M, 2), rad."""
+        """All angles planned by the last step, (M, n), rad."""
         ...
 
 
@@ -50,7 +51,8 @@ class Formulation:
         self.robot, self.control = description.robot, description.control
         self.limits = MotorLimits.of(description.servo)
         self.reference = reference
-        self.gain = self.robot.pulley_radius_mm / self.robot.tendon_radius_mm
+        self.model = ConstantCurvature(description.robot)
+        self.motors = self.model.motors
         self.live_steps = self.control.horizon - 1
 
     def problem(self, observation: Observation) -> Problem:
@@ -60,10 +62,10 @@ class Formulation:
         return Problem(observation.q_rad, observation.tip_mm, targets)
 
     def cost(self, flat: Array, problem: Problem) -> float:
-        """Cost of increments, (2M,)."""
-        moves = flat.reshape(-1, 2)
+        """Cost of increments, (M n,)."""
+        moves = flat.reshape(-1, self.motors)
         poses = problem.q_rad + np.cumsum(moves, axis=0) - moves
-        steps = np.einsum("kij,kj->ki", self._jacobian(poses), moves)
+        steps = np.einsum("kij,kj->ki", self.model.jacobian_mm_rad(poses), moves)
         errors = problem.measured_mm - problem.targets_mm + np.cumsum(steps, axis=0)
         squares = self.control.position_weight * np.sum(errors * errors)
         return float(squares + self.control.effort_weight * np.sum(moves * moves))
@@ -83,74 +85,60 @@ class Formulation:
         )
         return max(0.0, float(np.max(beyond)))
 
-    def _jacobian(self, q_rad: Array) -> Array:
-        length_1, length_2 = self.robot.segment_lengths_mm
-        theta = self.gain * q_rad
-        near_zero = np.abs(theta) < 1e-4
-        divisor = np.where(near_zero, 1.0, theta)
-        sine, cosine = np.sin(theta), np.cos(theta)
-        s = np.where(near_zero, 1.0, sine / divisor)
-        v = np.where(near_zero, 0.5 * theta, (1.0 - cosine) / divisor)
-        ds = np.where(near_zero, -theta / 3.0, (cosine - s) / divisor)
-        dv = np.where(near_zero, 0.5, (sine - v) / divisor)
-        lever, offset = length_2 * s[:, 1], self.robot.marker_offset_mm
-        sine_1, cosine_1 = sine[:, 0], cosine[:, 0]
-        jacobian = np.zeros((len(q_rad), 3, 2))
-        jacobian[:, 1, 0] = -length_1 * ds[:, 0] + offset * cosine_1 + lever * sine_1
-        jacobian[:, 2, 0] = length_1 * dv[:, 0] - offset * sine_1 + lever * cosine_1
-        jacobian[:, 0, 1] = length_2 * dv[:, 1]
-        jacobian[:, 1, 1] = -length_2 * ds[:, 1] * cosine_1
-        jacobian[:, 2, 1] = length_2 * ds[:, 1] * sine_1
-        return self.gain * jacobian
-
 
 class ShiftedStart:
     """Warm start of the peers: the last increments, shifted by one step."""
 
     def __init__(self, formulation: Formulation) -> None:
         self.formulation = formulation
-        self.moves: Array = np.zeros((0, 2))
+        self.moves: Array = np.zeros((0, formulation.motors))
 
     def guess(self) -> Array:
         live = self.formulation.live_steps
         kept = self.moves[1 : 1 + live]
-        return np.concatenate([kept, np.zeros((live - len(kept), 2))]).ravel()
+        return np.concatenate([kept, np.zeros((live - len(kept), self.formulation.motors))]).ravel()
 
     def plan(self) -> Array:
         return self.q_rad + np.cumsum(self.moves, axis=0)
 
     def keep(self, problem: Problem, flat: Array) -> None:
         self.q_rad = problem.q_rad
-        self.moves = flat.reshape(-1, 2)
+        self.moves = flat.reshape(-1, self.formulation.motors)
 
     def forget_nonsense(self) -> None:
         """Start the next step from rest if this one was not solved; call it outside the timing."""
         bound = self.formulation.control.step_bound_rad
         if not np.all(np.abs(self.moves) <= bound + 1e-6):
-            self.moves = np.zeros((0, 2))
+            self.moves = np.zeros((0, self.formulation.motors))
 
 
 def record(description: Description, reference: Reference, seed: int) -> list[Observation]:
-    """One lap of the controller ``mpc`` on the twin at one step per second.
+    """One lap of the controller ``mpc`` at one step per second, on the twin of the paper's robot.
 
-    Only steps with a complete horizon, so that a peer needs only one solver.
+    Other robots are the model, each motor turning 0.9 of its command, 5 mm lower. Only steps with a
+    complete horizon, so that a peer needs only one solver.
     """
     rng = np.random.default_rng(seed)
-    twin = TwinRobot(description.twin)
     controller = ModelPredictive(description)
     q_rad = controller.start(reference).q_rad
-    _pulse(twin, description, q_rad)
+    model = ConstantCurvature(description.robot)
+    twin = None if description.robot.segments else TwinRobot(description.twin)
     time_us = SETTLE_US
-    twin.advance_to(time_us)
     observations = []
     for step in range(1, len(reference) - description.control.horizon + 2):
+        if twin is None:
+            tip_mm = model.tip_mm(0.9 * q_rad) - (0.0, 0.0, 5.0)
+        else:
+            _pulse(twin, description, q_rad)
+            twin.advance_to(time_us)
         time_us += PERIOD_US
-        twin.advance_to(time_us)
+        if twin is not None:
+            twin.advance_to(time_us)
+            tip_mm = twin.tip_mm()
         noise_mm = rng.normal(scale=description.tracker.noise_mm / math.sqrt(3.0), size=3)
-        observation = Observation(step, time_us, twin.tip_mm() + noise_mm, 0, q_rad)
+        observation = Observation(step, time_us, tip_mm + noise_mm, 0, q_rad)
         observations.append(observation)
         q_rad = controller.step(observation).q_rad
-        _pulse(twin, description, q_rad)
     return observations
 
 
@@ -158,4 +146,4 @@ def _pulse(twin: TwinRobot, description: Description, q_rad: Array) -> None:
     servo = description.servo
     per_rad = np.array(servo.pulse_per_90_deg_us) / (math.pi / 2.0)
     half_us = np.rint(2.0 * (np.array(servo.neutral_pulse_us) + per_rad * q_rad)).astype(int)
-    twin.set_pulses_half_us((int(half_us[0]), int(half_us[1])))
+    twin.set_pulses_half_us(tuple(half_us.tolist()))
