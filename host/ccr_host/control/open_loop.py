@@ -24,8 +24,9 @@ step of 1 mm would ask for more than about 6 deg of motor."""
 class OpenLoop:
     """u_i = J^+(f_(i-1)) (f_i - f_(i-1)), with J at the configuration that reaches f_(i-1).
 
-    J is 3 x 2, so its inverse is the pseudo-inverse, truncated near rank loss. It projects
-    out desired steps that leave the workspace, and they are regained when the path returns. The raw
+    J is 3 x n, so its inverse is the pseudo-inverse, truncated near rank loss. With fewer than
+    three motors it projects out desired steps that leave the workspace, and they are regained when
+    the path returns; with more it turns the motors as little as the step needs. The raw
     path is therefore differentiated: differences of the reachable one would not add up any better.
     """
 

@@ -61,7 +61,7 @@ class PathView:
         return self._between(index, self.reference.target_mm)
 
     def reachable_rad(self, index: float) -> FloatArray:
-        """Nearest reachable motor angles by constant curvature, (2,)."""
+        """Nearest reachable motor angles by constant curvature, (n,)."""
         return self._between(index, self.reference.q_rad)
 
     def _between(self, index: float, rows: FloatArray) -> FloatArray:
@@ -81,7 +81,7 @@ class Measurement:
     time_s: float
     """Time of the commands whose effect it shows: the exposure minus the law's delay."""
     setpoint_rad: FloatArray
-    """Setpoint in effect at ``time_s``, (2,)."""
+    """Setpoint in effect at ``time_s``, (n,)."""
     index: float | None
     """Step index that this setpoint aimed at; None if it followed no path."""
     clock_index: float | None
@@ -92,7 +92,7 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Plan:
-    """Motor angles to move to, (2,), and the predicted tips, (k, 3)."""
+    """Motor angles to move to, (n,), and the predicted tips, (k, 3)."""
 
     q_rad: FloatArray
     predicted_mm: FloatArray
@@ -100,7 +100,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Stage:
-    """A part of the approach: one setpoint per approach period, (K, 2)."""
+    """A part of the approach: one setpoint per approach period, (K, n)."""
 
     name: str
     setpoints_rad: FloatArray
@@ -136,7 +136,7 @@ class Law(ABC):
         self.history = history
 
     def first_rad(self) -> FloatArray:
-        """Motor angles at the first point, (2,), by the present estimate."""
+        """Motor angles at the first point, (n,), by the present estimate."""
         return self.path.reachable_rad(0.0)
 
     def stages(self) -> Iterator[Stage]:
@@ -156,7 +156,7 @@ class Law(ABC):
 
         Args:
             index: fractional step.
-            commanded_rad: the last command, (2,).
+            commanded_rad: the last command, (n,).
             time_s: present time on the clock of the measurements.
         """
         return Plan(commanded_rad, NOTHING_MM)
@@ -317,7 +317,7 @@ def believable(error_mm: FloatArray) -> FloatArray:
 def smooth_moves(
     start_rad: FloatArray, stops_rad: FloatArray, rest_s: float, tick_s: float = APPROACH_PERIOD_S
 ) -> FloatArray:
-    """Setpoints, one per tick, (K, 2), from stop to stop, (N, 2), with a rest at each.
+    """Setpoints, one per tick, (K, n), from stop to stop, (N, n), with a rest at each.
 
     Rate and acceleration of the moves are continuous.
     """

@@ -53,9 +53,9 @@ class Chain(NamedTuple):
     """Whether any segment is."""
     first: IntArray
     """Number of each segment's first coordinate, (S,)."""
-    shapes: tuple[FloatArray, ...]
+    shapes: Sequence[FloatArray]
     """Transforms with derivatives, times the functions of the bending, (functions, all)."""
-    kept: tuple[IntArray, ...]
+    kept: Sequence[IntArray]
     """Which products, sorted as ``jet_index`` has them, do not exceed the order."""
 
 

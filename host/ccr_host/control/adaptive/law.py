@@ -27,6 +27,7 @@ from ccr_host.control.adaptive.path_plan import PathPlan, plan_path
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
 from ccr_host.control.shell import Law, Measurement, PathView, Plan, Stage, smooth_moves
+from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
@@ -52,14 +53,19 @@ class AdaptiveLaw(Law):
     continues on its estimate.
 
     Raises:
-        ConfigError: the description's rests were measured on another robot, or ``control.solver``
-            needs an extra that is not installed.
+        ConfigError: the robot has segments of its own, the description's rests were measured on
+            another robot, or ``control.solver`` needs an extra that is not installed.
     """
 
     name = "adaptive"
     feedback_s = 0.0
 
     def __init__(self, description: Description) -> None:
+        if description.robot.segments:
+            raise ConfigError(
+                "controller adaptive knows only robots of two planar segments with a motor each",
+                "use --controller mpc-offset, or describe such a robot without [[robot.segments]]",
+            )
         self._limits = MotorLimits.of(description.servo)
         self.settle_s = description.control.settle_s
         self._scaling = Scaling.of(description)

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.mpc import sqp
-from ccr_host.control.mpc.controller import geometry_of
-from ccr_host.control.mpc.problem import Weights, tracking
+from ccr_host.control.mpc.problem import Constants, Tracking, Weights
 from ccr_host.control.shell import Law, Measurement, PathView, Plan, believable
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -43,11 +42,11 @@ class OffsetFreeMpc(Law):
 
     def __init__(self, description: Description) -> None:
         control = description.control
-        self._geometry = geometry_of(description.robot)
+        weights = Weights(control.position_weight, control.effort_weight)
+        self._constants = Constants.of(description.robot, weights, by_model=True)
         self._model = ConstantCurvature(description.robot)
         limits = MotorLimits.of(description.servo)
         self._bounds = sqp.Bounds.of(limits, control.step_bound_rad)
-        self._weights = Weights(control.position_weight, control.effort_weight)
         self._live_steps = control.horizon - 1
         self._tuning = Tuning()
 
@@ -74,19 +73,11 @@ class OffsetFreeMpc(Law):
         targets_mm = np.array([self.path.target_mm(index + k) for k in self._ahead])
         before_rad, self._reachable_rad = self._reachable_rad, self._reachable_from(index)
         guess_rad = self._plan_rad + self._reachable_rad - before_rad
-        first, second = commanded_rad.tolist()
-        position_mm = self._model.tip_mm(commanded_rad) + self.disturbance_mm
-        problem = tracking(
-            self._geometry,
-            self._weights,
-            (first, second),
-            tuple(position_mm.tolist()),
-            targets_mm.tolist(),
-        )._replace(by_model=True)
-        guess = sqp.feasible(self._bounds, problem.start_rad, guess_rad.tolist())
-        solution = sqp.solve(problem, self._bounds, guess)
-        angles = solution.rollout.angles
-        self._plan_rad = np.array(sqp.feasible(self._bounds, problem.start_rad, angles))
+        offsets_mm = self.disturbance_mm - targets_mm
+        problem = Tracking(self._constants, commanded_rad, offsets_mm)
+        guess = sqp.feasible(self._bounds, commanded_rad, guess_rad)
+        angles = sqp.solve(problem, self._bounds, guess).rollout.angles
+        self._plan_rad = sqp.feasible(self._bounds, commanded_rad, angles)
         predicted_mm = self._model.tip_mm(self._plan_rad) + self.disturbance_mm
         return Plan(self._plan_rad[0], predicted_mm)
 

@@ -1,39 +1,143 @@
-"""``plan``, compiled to machine code."""
+"""``plan_step``, compiled to machine code."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from types import ModuleType
-from typing import Protocol, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numba.extending import overload
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ccr_host.control import jit
-from ccr_host.control.mpc import plan, problem, qp, sqp, two_motors
-from ccr_host.control.mpc.plan import Code, Settings, StepResult
-from ccr_host.control.mpc.problem import Weights
+from ccr_host.control.mpc import plan, problem, qp, sqp
+from ccr_host.control.mpc.plan import Settings, StepResult
+from ccr_host.control.mpc.problem import Constants, Expansion, Weights
 from ccr_host.control.mpc.sqp import Bounds
-from ccr_host.control.mpc.two_motors import Geometry
-from ccr_host.robot import arc
+from ccr_host.robot import chain, kinematics
+from ccr_host.robot.chain import NODES, STUMPFF, TERMS
+from ccr_host.robot.kinematics import Chain
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
-SOURCES: tuple[ModuleType, ...] = (arc, two_motors, problem, qp, sqp, plan)
+SOURCES: tuple[ModuleType, ...] = (chain, kinematics, problem, qp, sqp, plan)
 _plan_step: Callable[..., StepResult] = plan.plan_step
-_resume: Callable[..., StepResult] = plan.resume
-
-for _function in jit.functions_of(*SOURCES):
-    if _function is not qp.minimise:
-        jit.callable_when_compiled(_function)
 
 
-# Plain Python passes the whole QP to DAQP.
-overload(qp.minimise, jit_options={"error_model": "numpy"}, strict=False)(
-    lambda *_: qp.minimise_without_bounds
-)
+def _planar_functions(theta_rad: FloatArray) -> FloatArray:
+    rows, columns = theta_rad.shape
+    waves = np.empty((rows, columns, 2 * len(NODES)))
+    for n in range(rows):
+        for i in range(columns):
+            for k in range(len(NODES)):
+                angle = theta_rad[n, i] * NODES[k]
+                waves[n, i, 2 * k], waves[n, i, 2 * k + 1] = math.cos(angle), math.sin(angle)
+    return waves
+
+
+def _spatial_functions(bend_rad: FloatArray) -> FloatArray:
+    functions, stumpff = np.empty((len(bend_rad), TERMS.shape[1])), np.empty(STUMPFF.shape[1])
+    for n in range(len(bend_rad)):
+        x, y = bend_rad[n, 0], bend_rad[n, 1]
+        angle = math.sqrt(x * x + y * y)
+        stumpff[:] = 0.0
+        for node in range(len(NODES)):
+            cosine = math.cos(angle * NODES[node])
+            for k in range(len(stumpff)):
+                stumpff[k] += cosine * STUMPFF[node, k]
+        for term in range(functions.shape[1]):
+            i, j, k = TERMS[0, term], TERMS[1, term], TERMS[2, term]
+            functions[n, term] = x**i * y**j * stumpff[k]
+    return functions
+
+
+def _chosen(rows: FloatArray, numbers: IntArray) -> FloatArray:
+    some = np.empty((len(rows), len(numbers), rows.shape[2]))
+    for n in range(len(rows)):
+        for i in range(len(numbers)):
+            for k in range(rows.shape[2]):
+                some[n, i, k] = rows[n, numbers[i], k]
+    return some
+
+
+def _accumulated(rows: FloatArray) -> FloatArray:
+    sums = rows.copy()
+    for n in range(1, len(rows)):
+        for k in range(rows.shape[1]):
+            sums[n, k] += sums[n - 1, k]
+    return sums
+
+
+@jit.compiled
+def _add_product(left: FloatArray, right: FloatArray, both: FloatArray) -> None:
+    for i in range(left.shape[0]):
+        for j in range(left.shape[1]):
+            weight = left[i, j]
+            for k in range(right.shape[1]):
+                both[i, k] += weight * right[j, k]
+
+
+def _product(left: FloatArray, right: FloatArray) -> FloatArray:
+    both = np.zeros((left.shape[0], right.shape[1]))
+    _add_product(left, right, both)
+    return both
+
+
+def _products_by_one(left: FloatArray, right: FloatArray) -> FloatArray:
+    both = np.zeros((right.shape[0], left.shape[0], right.shape[2]))
+    for n in range(len(right)):
+        _add_product(left, right[n], both[n])
+    return both
+
+
+def _products_with_one(left: FloatArray, right: FloatArray) -> FloatArray:
+    both = np.zeros((left.shape[0], left.shape[1], right.shape[1]))
+    for n in range(len(left)):
+        _add_product(left[n], right, both[n])
+    return both
+
+
+def _products(left: FloatArray, right: FloatArray) -> FloatArray:
+    both = np.zeros((left.shape[0], left.shape[1], right.shape[2]))
+    for n in range(len(left)):
+        _add_product(left[n], right[n], both[n])
+    return both
+
+
+def _left_to_python(
+    expansion: Expansion, blend: float, ridge: float, lower: FloatArray, upper: FloatArray
+) -> tuple[int, FloatArray, float]:
+    return qp.BOUND, lower[0].copy(), 0.0
+
+
+_PRODUCTS = {
+    (2, 2): _product,
+    (2, 3): _products_by_one,
+    (3, 2): _products_with_one,
+    (3, 3): _products,
+}
+_IN_PLACE_OF: dict[Callable[..., Any], Callable[..., Callable[..., Any]]] = {
+    chain.planar_functions: lambda *_: _planar_functions,
+    chain.spatial_functions: lambda *_: _spatial_functions,
+    kinematics.chosen: lambda *_: _chosen,
+    kinematics.products: lambda left, right: _PRODUCTS[left.ndim, right.ndim],
+    problem.accumulated: lambda *_: _accumulated,
+    qp.solved: lambda *_: qp.solved_by_loops,
+    qp.is_short: lambda *_: lambda _: False,
+    qp.minimise_within: lambda *_: _left_to_python,
+}
+"""What machine code calls in place of functions that make one call of NumPy, LAPACK or DAQP."""
+
+for _replaced, _choose in _IN_PLACE_OF.items():
+    overload(_replaced, jit_options={"error_model": "numpy"}, strict=False)(_choose)
+_texts: list[Callable[..., Any]] = [kinematics.jets, kinematics._functions]
+for _text in _texts + jit.functions_of(problem, qp, sqp, plan):
+    if _IN_PLACE_OF.get(_text) is None:
+        jit.callable_when_compiled(_text)
 
 
 class _Entry(Protocol):
@@ -44,50 +148,73 @@ class _Entry(Protocol):
     def disable_compile(self) -> None: ...
 
 
-def compiled_code(settings: Settings) -> Code:
-    """Compiled or loaded by first calls; it then rejects arguments of other types."""
-    packed = np.array(
-        [
-            *settings.geometry.lengths_mm,
-            *settings.geometry[1:],
-            *settings.bounds.lower_rad,
-            *settings.bounds.upper_rad,
-            settings.bounds.step_rad,
-            *settings.weights,
-        ]
-    )
-    first, again = _entries()
-    nowhere, pair, triple = np.zeros((2, 5)), (0.0, 0.0), (0.0, 0.0, 0.0)
-    program = np.empty((3, 2))
-    first(packed, nowhere, nowhere, 1, 1, pair, triple, program)
-    again(packed, nowhere[1:], nowhere[1:], pair, triple, program, (np.zeros(2), 0.0, 1.0), 1)
-    for entry in (first, again):
-        entry.disable_compile()
-    return Code(packed, first, again, lambda array: array)
+def compiled_plan_step(settings: Settings) -> Callable[..., StepResult]:
+    """``plan_step`` of a run, compiled or loaded by a first call.
+
+    It ignores its settings, and rejects arguments of other types than ``Planner`` passes.
+    """
+    numbers, counts = _packed(settings)
+    entry, motors = _entry(), len(settings.bounds.lower_rad)
+    nowhere = np.zeros((2, 3 + motors))
+    with jit.lightly_optimised():
+        entry(numbers, counts, nowhere, nowhere, 1, 1, np.zeros(motors), np.zeros(3))
+    entry.disable_compile()
+    return lambda _, *arguments: entry(numbers, counts, *arguments)
 
 
 @lru_cache(maxsize=1)
-def _entries() -> tuple[_Entry, _Entry]:
-    """The functions that Python calls. Arguments are few and flat, as each costs time in numba."""
+def _entry() -> _Entry:
+    """The function that Python calls. Arguments are few and flat, as each costs time in numba."""
     fingerprint = jit.fingerprint(*SOURCES, jit)
 
-    def plan_step_compiled(packed: FloatArray, *arguments: object) -> StepResult:
+    def plan_step_compiled(numbers: FloatArray, counts: IntArray, *arguments: object) -> StepResult:
         _ = fingerprint
-        return _plan_step(_unpacked(packed), *arguments)
+        return _plan_step(_unpacked(numbers, counts), *arguments)
 
-    def resume_compiled(packed: FloatArray, *arguments: object) -> StepResult:
-        _ = fingerprint
-        return _resume(_unpacked(packed), *arguments)
+    return cast(_Entry, jit.compiled_on_disk(plan_step_compiled))
 
-    entries = plan_step_compiled, resume_compiled
-    first, again = (cast(_Entry, jit.compiled_on_disk(entry)) for entry in entries)
-    return first, again
+
+def _packed(settings: Settings) -> tuple[FloatArray, IntArray]:
+    """All numbers of the settings, and all sizes and indices, for ``_unpacked``."""
+    constants, bounds = settings
+    robot = constants.chain
+    numbers: list[ArrayLike] = [[bounds.step_rad, *constants.weights]]
+    numbers += bounds.lower_rad, bounds.upper_rad
+    numbers += (constants.both, constants.transition, constants.residual, *robot.shapes)
+    counts = [*robot.bending.shape, len(robot.first), robot.is_planar, constants.by_model]
+    sizes: list[ArrayLike] = [counts]
+    for first, shape, kept in zip(robot.first, robot.shapes, robot.kept, strict=True):
+        sizes.append([first, *shape.shape, len(kept)])
+    sizes += (constants.second, constants.third, *robot.kept)
+    flat = [np.ravel(array) for array in numbers]
+    return np.concatenate(flat), np.concatenate(sizes).astype(np.int64)
 
 
 @jit.callable_when_compiled
-def _unpacked(packed: FloatArray) -> Settings:
-    return Settings(
-        Geometry((packed[0], packed[1]), packed[2], packed[3]),
-        Bounds((packed[4], packed[5]), (packed[6], packed[7]), packed[8]),
-        Weights(packed[9], packed[10]),
-    )
+def _unpacked(numbers: FloatArray, sizes: IntArray) -> Settings:
+    n, freedoms, segments = sizes[0], sizes[1], sizes[2]
+    table = sizes[5 : 5 + 4 * segments].reshape(segments, 4)
+    index = 5 + 4 * segments
+    second, index = sizes[index : index + freedoms**2], index + freedoms**2
+    third, index = sizes[index : index + freedoms**3], index + freedoms**3
+    lower, upper = numbers[3 : 3 + n], numbers[3 + n : 3 + 2 * n]
+    both, place = _matrix(numbers, 3 + 2 * n, 2 * n, 2 * freedoms)
+    transition, place = _matrix(numbers, place, n + 4, 2 * n + 4)
+    residual, place = _matrix(numbers, place, 2 * n + 4, 3 + n)
+    shapes, kept = [], []
+    for _, rows, columns, length in table:
+        shape, place = _matrix(numbers, place, rows, columns)
+        shapes.append(shape)
+        kept.append(sizes[index : index + length])
+        index += length
+    bending = both[:n, :freedoms].copy()
+    robot = Chain(bending, sizes[3] != 0, table[:, 0].copy(), shapes, kept)
+    weights = Weights(numbers[1], numbers[2])
+    constants = Constants(weights, sizes[4] != 0, robot, both, second, third, transition, residual)
+    return Settings(constants, Bounds(lower, upper, numbers[0]))
+
+
+@jit.callable_when_compiled
+def _matrix(numbers: FloatArray, place: int, rows: int, columns: int) -> tuple[FloatArray, int]:
+    end = place + rows * columns
+    return numbers[place:end].reshape(rows, columns), end

@@ -9,9 +9,8 @@ import casadi
 import numpy as np
 import pytest
 
-from ccr_host.control.mpc.controller import geometry_of
 from ccr_host.control.mpc.plan import Planner, Settings
-from ccr_host.control.mpc.problem import Tracking, Weights, tracking
+from ccr_host.control.mpc.problem import Constants, Tracking, Weights
 from ccr_host.control.mpc.sqp import Bounds
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -20,8 +19,12 @@ from ccr_host.robot.workspace import MotorLimits
 
 DESCRIPTION = Description()
 MODEL = ConstantCurvature(DESCRIPTION.robot)
-GEOMETRY = geometry_of(DESCRIPTION.robot)
 LIMITS = MotorLimits.of(DESCRIPTION.servo)
+
+
+def constants(position_weight=1.0, effort_weight=0.5) -> Constants:
+    """Of the paper's robot."""
+    return Constants.of(DESCRIPTION.robot, Weights(position_weight, effort_weight))
 
 
 @dataclass(frozen=True)
@@ -33,9 +36,8 @@ class Step:
     targets_mm: np.ndarray
 
     def tracking(self, position_weight=1.0, effort_weight=0.5) -> Tracking:
-        weights = Weights(position_weight, effort_weight)
-        start, position = tuple(self.q_rad.tolist()), tuple(self.measured_mm.tolist())
-        return tracking(GEOMETRY, weights, start, position, self.targets_mm.tolist())
+        offsets_mm = self.measured_mm - self.targets_mm
+        return Tracking(constants(position_weight, effort_weight), self.q_rad, offsets_mm)
 
     def planned(self, planner: Planner):
         """Status, iterations and angles (M, 2), from standing still."""
@@ -43,17 +45,15 @@ class Step:
         standing = np.tile(self.q_rad, (live + 1, 1))
         planner.begin(np.hstack([np.vstack([self.measured_mm, self.targets_mm]), standing]))
         planner.interrupt(self.q_rad)
-        start, position = tuple(self.q_rad.tolist()), tuple(self.measured_mm.tolist())
-        status, iterations, plan = planner.plan(1, live, start, position)
+        status, iterations, plan = planner.plan(1, live, self.q_rad, self.measured_mm)
         return status, iterations, plan[:, :2]
 
     def moves(self, angles) -> np.ndarray:
         """Flat increments that lead from here along the angles."""
-        return np.diff(np.vstack([self.q_rad, np.array(angles)]), axis=0).ravel()
+        return np.diff(np.vstack([self.q_rad, angles]), axis=0).ravel()
 
-    def standing_still(self) -> list[tuple[float, float]]:
-        first, second = self.q_rad.tolist()
-        return [(first, second)] * len(self.targets_mm)
+    def standing_still(self) -> np.ndarray:
+        return np.tile(self.q_rad, (len(self.targets_mm), 1))
 
 
 class Witness:
@@ -145,7 +145,7 @@ def solver(request):
 @pytest.fixture(scope="session")
 def planner_within(solver):
     """Planners of the paper's robot between bounds."""
-    return lambda bounds: Planner(Settings(GEOMETRY, bounds, Weights(1.0, 0.5)), solver)
+    return lambda bounds: Planner(Settings(constants(), bounds), solver)
 
 
 @pytest.fixture(scope="session")

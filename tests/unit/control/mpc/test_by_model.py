@@ -6,26 +6,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from ccr_host.control.mpc.controller import geometry_of
-from ccr_host.control.mpc.problem import Weights, expand, hessian, roll_out, tracking
+from ccr_host.control.mpc.problem import Constants, Tracking, Weights, expand, roll_out
+from ccr_host.control.mpc.qp import condensed
 from ccr_host.control.mpc.sqp import Bounds, feasible, solve
 from tests.unit.control.baselines.plant import BELIEVED, DESCRIPTION, LIMITS, reference_of
 
 STEP_BOUND_RAD = 0.15
 BOUNDS = Bounds.of(LIMITS, STEP_BOUND_RAD)
-WEIGHTS = Weights(1.0, 0.5)
-GEOMETRY = geometry_of(DESCRIPTION.robot)
+CONSTANTS = Constants.of(DESCRIPTION.robot, Weights(1.0, 0.5), by_model=True)
 PATHS = [reference_of(name, 1.0) for name in ("ellipse", "8shape", "star")]
 
 
 def _problem(path, first, disturbance_mm):
     reference = PATHS[path]
-    start_rad = reference.q_rad[first - 1]
-    position_mm = BELIEVED.tip_mm(start_rad) + disturbance_mm
-    targets = reference.target_mm[first : first + 3].tolist()
-    start, position = tuple(start_rad.tolist()), tuple(position_mm.tolist())
-    problem = tracking(GEOMETRY, WEIGHTS, start, position, targets)
-    return problem._replace(by_model=True), np.array(targets) - disturbance_mm
+    wanted_mm = reference.target_mm[first : first + 3] - disturbance_mm
+    return Tracking(CONSTANTS, reference.q_rad[first - 1], -wanted_mm), wanted_mm
 
 
 problems = st.builds(
@@ -36,12 +31,13 @@ problems = st.builds(
 )
 
 
-def pairs(angles):
-    return [tuple(pair) for pair in np.asarray(angles).reshape(-1, 2).tolist()]
-
-
 def cost(problem, angles):
-    return roll_out(problem, pairs(angles)).cost
+    return roll_out(problem, np.reshape(angles, (-1, 2))).cost
+
+
+def expansion(problem, angles):
+    rollout = roll_out(problem, np.reshape(angles, (-1, 2)))
+    return condensed(expand(problem, rollout), 1.0, 0.0)
 
 
 @given(problems, st.integers(0, 2**31))
@@ -50,19 +46,17 @@ def test_the_cost_is_that_of_the_models_errors_and_the_expansion_that_of_the_cos
     problem, wanted_mm = drawn
     rng = np.random.default_rng(seed)
     angles = LIMITS.clip(problem.start_rad + rng.normal(scale=0.2, size=(3, 2)))
-    moves = np.diff(angles, axis=0, prepend=np.array([problem.start_rad]))
+    moves = np.diff(angles, axis=0, prepend=problem.start_rad[None])
     expected = np.sum((BELIEVED.tip_mm(angles) - wanted_mm) ** 2) + 0.5 * np.sum(moves**2)
     assert cost(problem, angles) == pytest.approx(expected, rel=1e-9)
 
-    expansion = expand(problem, roll_out(problem, pairs(angles)))
-    upper = hessian(expansion, WEIGHTS.effort, 1.0, 0.0)
-    exact = np.triu(upper) + np.triu(upper, 1).T
+    exact, gradient = expansion(problem, angles)
     direction, small = rng.normal(size=(3, 2)), 1e-4
     ahead = cost(problem, angles + small * direction)
     behind = cost(problem, angles - small * direction)
     flat = direction.ravel()
     scale = np.linalg.norm(exact) * (flat @ flat)
-    slope, bend = expansion.gradient @ flat, flat @ exact @ flat
+    slope, bend = gradient @ flat, flat @ exact @ flat
     assert (ahead - behind) / (2 * small) == pytest.approx(slope, abs=1e-4 * scale)
     second = (ahead - 2 * cost(problem, angles) + behind) / small**2
     assert second == pytest.approx(bend, abs=1e-3 * scale)
@@ -72,16 +66,16 @@ def test_the_cost_is_that_of_the_models_errors_and_the_expansion_that_of_the_cos
 @settings(max_examples=25, deadline=None)
 def test_the_solution_is_feasible_and_no_worse_than_scipys(drawn):
     problem, _ = drawn
-    guess = [problem.start_rad] * 3
+    guess = np.tile(problem.start_rad, (3, 1))
     angles = solve(problem, BOUNDS, guess).rollout.angles
-    found = np.array(feasible(BOUNDS, problem.start_rad, angles))
-    assert found == pytest.approx(np.array(angles), abs=2e-6)
+    found = feasible(BOUNDS, problem.start_rad, angles)
+    assert found == pytest.approx(angles, abs=2e-6)
     steps = np.eye(6) - np.eye(6, k=-2)
     start = np.concatenate([problem.start_rad, np.zeros(4)])
     witness = minimize(
         lambda flat: cost(problem, flat),
         found.ravel(),
-        jac=lambda flat: expand(problem, roll_out(problem, pairs(flat))).gradient,
+        jac=lambda flat: expansion(problem, flat)[1],
         method="SLSQP",
         bounds=list(zip(np.tile(LIMITS.lower_rad, 3), np.tile(LIMITS.upper_rad, 3), strict=True)),
         constraints=[

@@ -13,15 +13,15 @@ import pytest
 
 from ccr_host.control import mpc
 from ccr_host.control.base import Observation, Outcome
-from ccr_host.control.mpc import compiled, plan, qp
-from ccr_host.control.mpc.controller import ModelPredictive, geometry_of
-from ccr_host.control.mpc.problem import Weights, roll_out, tracking
+from ccr_host.control.mpc import compiled, qp, sqp
+from ccr_host.control.mpc.controller import ModelPredictive
+from ccr_host.control.mpc.problem import Constants, Tracking, Weights, roll_out
 from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits
 
-pytestmark = pytest.mark.long  # Without numba's cache, compiling takes 20 s.
+pytestmark = pytest.mark.long  # Without numba's cache, compiling takes a minute.
 
 SAME_RAD = 1e-6
 SAME_COST = 1e-9
@@ -65,11 +65,12 @@ def drifting_plant(seed, lost=0.1):
 def cost(plan_rad, overrides, path, seen):
     description = schema.load(overrides=overrides)
     control, limits = description.control, MotorLimits.of(description.servo)
-    start, position = tuple(limits.clip(seen.q_rad).tolist()), tuple(seen.tip_mm.tolist())
-    targets = path.target_mm[seen.step : seen.step + len(plan_rad)].tolist()
+    offsets_mm = seen.tip_mm - path.target_mm[seen.step : seen.step + len(plan_rad)]
     weights = Weights(control.position_weight, control.effort_weight)
-    problem = tracking(geometry_of(description.robot), weights, start, position, targets)
-    return roll_out(problem, [tuple(q) for q in plan_rad.tolist()]).cost
+    problem = Tracking(
+        Constants.of(description.robot, weights), limits.clip(seen.q_rad), offsets_mm
+    )
+    return roll_out(problem, np.array(plan_rad)).cost
 
 
 @pytest.mark.parametrize(
@@ -157,9 +158,10 @@ def test_where_daqp_fails_machine_code_keeps_the_progress_made_or_holds(monkeypa
     fails = cycle([False, True])
 
     def fails_every_second_time(*program):
-        return (qp.FAILED, [], 0.0) if next(fails) else qp.minimise(*program)
+        failed = qp.FAILED, np.zeros_like(program[-1][0]), 0.0
+        return failed if next(fails) else qp.minimise(*program)
 
-    monkeypatch.setattr(plan, "minimise", fails_every_second_time)
+    monkeypatch.setattr(sqp, "minimise", fails_every_second_time)
     seen = set()
     for step in range(1, len(path)):
         command = fast.step(observation(step, plant(q_rad), q_rad))
@@ -175,7 +177,7 @@ def test_a_step_never_compiles_whatever_arrays_it_is_given():
     path = path_of("8shape")
     _, fast = both([])
     q_rad = fast.start(path).q_rad
-    step_of_planner = fast._planner._code.plan_step
+    step_of_planner = compiled._entry()
     compiled_for = list(step_of_planner.signatures)
     assert len(compiled_for) == 1
     tip_mm = np.array([3.0, -95.0, 5.0])
@@ -205,7 +207,7 @@ def test_cache_on_disk_knows_of_every_source_file():
     used = {name for name in imported if name.startswith("ccr_host")}
     # A type's annotations are no code, and extras are looked for in Python.
     assert used - watched <= {
-        "ccr_host.description.schema",
+        "ccr_host.description.robot",
         "ccr_host.robot.workspace",
         "ccr_host.core.plugins",
     }

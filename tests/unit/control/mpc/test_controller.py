@@ -208,7 +208,7 @@ def test_failing_solver_holds_the_last_command(monkeypatch):
     q_rad = controller.step(observation(1, sagging(q_rad), q_rad)).q_rad
 
     with monkeypatch.context() as patch:
-        patch.setattr(sqp, "minimise", lambda *_: (FAILED, [], 0.0))
+        patch.setattr(sqp, "minimise", lambda *_: (FAILED, np.zeros((3, 2)), 0.0))
         held = controller.step(observation(2, sagging(q_rad), q_rad))
     assert held.outcome is Outcome.HELD
     assert "QP" in held.detail

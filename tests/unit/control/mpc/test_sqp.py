@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import minimize
 
 from ccr_host.control.mpc import sqp
-from ccr_host.control.mpc.problem import expand, hessian, roll_out
-from ccr_host.control.mpc.qp import FAILED, OPTIMAL
-from ccr_host.control.mpc.sqp import Bounds, clip, feasible, solve
+from ccr_host.control.mpc.problem import expand, roll_out
+from ccr_host.control.mpc.qp import FAILED, OPTIMAL, condensed
+from ccr_host.control.mpc.sqp import Bounds, feasible, solve
 from ccr_host.description.schema import Description
 from ccr_host.robot.workspace import MotorLimits
 
@@ -71,34 +71,30 @@ def test_no_peer_improves_on_the_solution_when_started_there(
         _, _, angles = step.planned(planner)
         here = step.moves(angles)
         ours = judge.cost(here, step)
-        assert roll_out(step.tracking(), pairs(angles)).cost == pytest.approx(ours, rel=1e-10)
+        assert roll_out(step.tracking(), angles).cost == pytest.approx(ours, rel=1e-10)
         assert minimum_by_scipy(judge, step, here) >= ours * (1 - 1e-6)
 
 
 @pytest.mark.parametrize("step_rad", [0.03, 0.2])
 def test_bounds_hold_when_they_are_active(step_rad, random_steps, planner_within):
-    tight = Bounds((-0.2, -0.25), (0.15, 0.3), step_rad)
+    lower, upper = np.array([-0.2, -0.25]), np.array([0.15, 0.3])
+    tight = Bounds(lower, upper, step_rad)
     planner = planner_within(tight)
     active = 0
     for step in random_steps(3, 100, seed=5):
-        start = np.array(clip(tight, step.q_rad.tolist()))
-        moved = type(step)(start, step.measured_mm, step.targets_mm)
+        moved = type(step)(step.q_rad.clip(lower, upper), step.measured_mm, step.targets_mm)
         status, _, angles = moved.planned(planner)
         assert status == sqp.CONVERGED
         moves = moved.moves(angles)
-        assert np.all(angles >= np.array([-0.2, -0.25]))
-        assert np.all(angles <= np.array([0.15, 0.3]))
+        assert np.all(angles >= lower)
+        assert np.all(angles <= upper)
         assert np.abs(moves).max() <= step_rad + 1e-12
         active += np.abs(moves).max() > step_rad - 1e-5
     assert active > 10
 
 
-def pairs(angles):
-    return [tuple(pair) for pair in np.asarray(angles).tolist()]
-
-
 def wild_guess(rng, step, bounds):
-    return feasible(bounds, tuple(step.q_rad), pairs(rng.uniform(-1.4, 1.4, (3, 2))))
+    return feasible(bounds, step.q_rad, rng.uniform(-1.4, 1.4, (3, 2)))
 
 
 def test_solution_never_costs_more_than_the_guess(random_steps, bounds):
@@ -128,8 +124,8 @@ def test_indefinite_hessian_is_blended_and_still_descends(random_steps, bounds):
         problem = step.tracking()
         guess = wild_guess(rng, step, bounds)
         rollout = roll_out(problem, guess)
-        exact = hessian(expand(problem, rollout), 0.5, 1.0, 0.0)
-        if np.linalg.eigvalsh(exact, UPLO="U")[0] < 0:
+        exact, _ = condensed(expand(problem, rollout), 1.0, 0.0)
+        if np.linalg.eigvalsh(exact)[0] < 0:
             indefinite += 1
             solution = solve(problem, bounds, guess)
             assert solution.status == sqp.CONVERGED
@@ -138,7 +134,7 @@ def test_indefinite_hessian_is_blended_and_still_descends(random_steps, bounds):
 
 
 def broken(*_):
-    return FAILED, [], 0.0
+    return FAILED, np.zeros((3, 2)), 0.0
 
 
 def test_failing_qp_is_reported(random_steps, bounds, monkeypatch):
