@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ccr_host.description import schema
@@ -131,6 +132,23 @@ def test_an_identified_robot_is_followed_without_a_tour(
     refused = ccr_host("track", "8shape", "--controller", "adaptive", *changed)
     assert refused.status == 2
     assert "identify again" in refused.err
+
+
+def test_one_tour_finds_servos_camera_and_rests_for_the_first_path(
+    ccr_host: CcrHost, robot: Path, short_path: str
+) -> None:
+    true = (*TWIN, "tracker.rotation_deg=[40,-100,70]", "control.solver=compiled")
+    overrides = [word for key in true for word in ("--set", key)]
+    ended = ccr_host("calibrate", "--robot", robot.name, *overrides)
+    assert ended.status == 0, ended.err
+    found = schema.load(str(robot))
+    assert found.servo.neutral_pulse_us == pytest.approx(NEUTRAL_US, abs=15.0)
+    assert np.sign(found.servo.pulse_per_90_deg_us).tolist() == [1.0, -1.0]
+    assert found.registration is not None
+    followed = ccr_host(
+        "track", short_path, "--no-open", "--json", "--robot", robot.name, *overrides
+    )
+    assert followed.summary["true_mean_error_mm"] < 1.5
 
 
 def test_the_eye_cannot_identify(ccr_host: CcrHost, robot: Path) -> None:

@@ -44,6 +44,9 @@ def test_the_emulated_polaris_is_as_good_as_the_simulated_camera(
     assert polaris["faults"] == []
 
 
+QUICK_FIT = ("--set", "control.solver=compiled")
+
+
 @pytest.mark.parametrize(
     ("tracker", "rotation_deg"),
     [
@@ -59,7 +62,7 @@ def test_after_registration_a_turned_camera_is_as_good_as_an_aligned_one(
 ) -> None:
     turned = ("--set", f"tracker.rotation_deg={rotation_deg}")
     registered = ccr_host(
-        "register", "--tracker", tracker, "--out", "robot.toml", "--json", *turned
+        "register", "--tracker", tracker, "--out", "robot.toml", "--json", *turned, *QUICK_FIT
     )
     assert registered.status == 0, registered.err
     assert json.loads(registered.out)["kept_in"] == "robot.toml"
@@ -71,7 +74,7 @@ def test_after_registration_a_turned_camera_is_as_good_as_an_aligned_one(
 def test_register_keeps_what_it_found_in_the_users_own_description(ccr_host: CcrHost) -> None:
     own = Path(ccr_host.folder / "mine.toml")
     own.write_text('name = "mine"  # keep this\n')
-    assert ccr_host("register", "--robot", "mine.toml").status == 0
+    assert ccr_host("register", "--robot", "mine.toml", *QUICK_FIT).status == 0
     assert own.read_text().startswith('name = "mine"  # keep this\n')
     assert "[registration]" in own.read_text()
 
