@@ -42,10 +42,14 @@ def keep_static_map(options: RunOptions) -> None:
 
 
 def static_map_of_run(options: RunOptions, cache: Path | None) -> StaticMap | None:
-    """The static map of a run's twin; None for other plants, or if some rest pose is missing."""
+    """The static map of a run's twin.
+
+    None for other plants, if some rest pose is missing, and so far for robots of segments.
+    """
+    description = options.description()
     with suppress(CcrError):
-        if options.plant == TWIN:
-            return static_map_of(options.description(), cache)
+        if options.plant == TWIN and not description.robot.segments:
+            return static_map_of(description, cache)
     return None
 
 
