@@ -178,6 +178,11 @@ class MotorResponses:
         expected: Array = self._ends_mm((self._bending_rad + led_rad)[None])[0, 1]
         return expected
 
+    def is_odd(self) -> bool:
+        """Whether the description does not explain the responses."""
+        gain = self.as_described().cost - self.likeliest().cost
+        return gain > _PRICE or self.worst_off_rad() > _MOST_OFF_RAD or len(self.idle()) > 0
+
     def worst_off_rad(self) -> float:
         """The largest angle between seen and expected motion of a motor."""
         return float(np.arccos(np.diag(self.responses.cosines()).min()))
@@ -270,9 +275,7 @@ class ResponseCheck:
             f"{len(found.motors)} motors moved the markers, at most {worst_deg:.0f} deg off the "
             "described direction"
         )
-        gain = found.as_described().cost - found.likeliest().cost
-        is_odd = gain > _PRICE or found.worst_off_rad() > _MOST_OFF_RAD or len(found.idle()) > 0
-        return rests if is_odd else None
+        return rests if found.is_odd() else None
 
     def judge_approach(self) -> Rests | None:
         """None: approaches of these controllers tell no more."""

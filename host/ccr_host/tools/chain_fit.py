@@ -1,4 +1,4 @@
-"""Fit of ``robot.tendon_rest``'s model to tendon travel and tip positions of any robot.
+"""Fit of ``robot.tendon_rest``'s model to tendon travel and marker positions of any robot.
 
 Unknown are lengths, radii, stiffness and compliance of the segments, sag, dead travel, slack and
 place of every tendon, weight, and where the robot stands in the frame of the measurement. Each has
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,8 @@ _MOST_ROWS = 500
 """Rows that are fitted; more are thinned evenly. Neighbouring rows have the same errors."""
 _UNLIKE = 0.05
 """Correlation below which the residuals of two rows count as independent."""
+_GLUE_MM, _PLACE_MM = 0.5, 5.0
+"""Deviation of a marker at the base from its place, and of the origin of other measurements."""
 _PROBE = 1e-5
 _MOST_STEPS = 40
 _ONE_PLANE = 0.17
@@ -54,16 +57,39 @@ class Unknown:
         return "_".join(filter(None, (self.kind, self.of, self.unit)))
 
 
+class Markers(NamedTuple):
+    """What is seen of a robot."""
+
+    ends: tuple[int, ...]
+    """Numbers, from 0, of the segments at whose ends there is a marker."""
+    offset_mm: FloatArray
+    """Marker seen from the backbone, in the frame of its disk, (3,)."""
+    are_from_base: bool
+    """Whether they are seen from another marker at the base, not from anywhere near it."""
+
+
+def tip_alone(segments: int) -> Markers:
+    """The end of the backbone, seen from anywhere near the base."""
+    return Markers((segments - 1,), np.zeros(3), are_from_base=False)
+
+
 class ChainModel:
     """The model of a described robot, in its own frame until it is aligned with a measurement.
 
     Args:
         segments: as described.
         travel_mm: pull of each motor at all rows, (N, M), in the order in which they were visited.
+        markers: what is measured; by default the tip.
     """
 
-    def __init__(self, segments: tuple[Segment, ...], travel_mm: FloatArray) -> None:
+    def __init__(
+        self,
+        segments: tuple[Segment, ...],
+        travel_mm: FloatArray,
+        markers: Markers | None = None,
+    ) -> None:
         self._segments = segments
+        self._markers = markers or tip_alone(len(segments))
         tendons = [(j, tendon) for j, s in enumerate(segments) for tendon in s.tendons]
         self._segment_of = np.array([j for j, _ in tendons])
         self._passes = np.arange(len(segments)) <= self._segment_of[:, None]
@@ -71,9 +97,10 @@ class ChainModel:
         self._freedom = _freedom(segments)
         winding = np.array([float(tendon.winding) for _, tendon in tendons])
         self._wound_mm = travel_mm[:, [tendon.motor - 1 for _, tendon in tendons]] * winding
-        self._tip_weights = tip_weights(len(segments))
         self.length_mm = sum(s.length_mm for s in segments)
-        self.unknowns = _unknowns(segments, [tendon.slack_mm for _, tendon in tendons])
+        slack_mm = [tendon.slack_mm for _, tendon in tendons]
+        place_mm = _GLUE_MM if self._markers.are_from_base else _PLACE_MM
+        self.unknowns = _unknowns(segments, slack_mm, place_mm)
         self._mean = np.array([u.mean for u in self.unknowns])
         self.deviation = np.array([u.deviation for u in self.unknowns])
         self._groups = _groups(self.unknowns)
@@ -124,7 +151,7 @@ class ChainModel:
         return rows
 
     def predicted_mm(self, score: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
-        """Tips of some rows in the frame of the measurement, (n, 3)."""
+        """Markers of some rows in the frame of the measurement, (n, ends, 3)."""
         robot = self.robot(score)
         bend = robot.bend_rad(robot.rest(self.travel_mm(score)[rows]))
         return self._seen(score, robot, bend)
@@ -146,13 +173,13 @@ class ChainModel:
         return np.zeros(len(self.unknowns))
 
     def slope(self, score: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
-        """Derivatives of the tips at rest by the scores, (n, 3, P)."""
+        """Derivatives of the markers at rest by the scores, (n, ends, 3, P)."""
         robot, travel_mm = self.robot(score), self.travel_mm(score)[rows]
         y = robot.rest(travel_mm)
         bend = robot.bend_rad(y)
-        _, by_bend = point_mm(robot.lengths_mm, bend, self._tip_weights)
-        by_y = np.einsum("nsdi,ysd->niy", by_bend, self._freedom)
-        by_y = self._turn(score) @ by_y
+        _, by_bend = self._ends_mm(robot, bend)
+        by_y = np.einsum("nesdi,ysd->neiy", by_bend, self._freedom)
+        by_y = self.turn(score) @ by_y
         yielding = np.linalg.inv(robot.stiffness_matrix(y, travel_mm))
         here_mm, moments = self._seen(score, robot, bend), robot.moments(y, travel_mm)
         slope = np.empty((*here_mm.shape, len(score)))
@@ -164,29 +191,46 @@ class ChainModel:
             more = (other.moments(y, led_mm) - moments) / _PROBE
             moved = -np.einsum("nde,ne->nd", yielding, more)
             seen = (self._seen(near, other, bend) - here_mm) / _PROBE
-            slope[..., number] = seen + np.einsum("niy,ny->ni", by_y, moved)
+            slope[..., number] = seen + np.einsum("neiy,ny->nei", by_y, moved)
         return slope
 
     def _seen(self, score: FloatArray, robot: TendonRobot, bend: FloatArray) -> FloatArray:
-        tip_mm, _ = point_mm(robot.lengths_mm, bend, self._tip_weights)
-        seen: FloatArray = tip_mm @ self._turn(score).T + self._frame[1] + self.group(score, "base")
+        ends_mm, _ = self._ends_mm(robot, bend)
+        moved_mm = self._frame[1] + self.group(score, "base")
+        seen: FloatArray = ends_mm @ self.turn(score).T + moved_mm
         return seen
 
-    def _turn(self, score: FloatArray) -> FloatArray:
+    def _ends_mm(self, robot: TendonRobot, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Markers relative to that at the base, (n, ends, 3), and derivatives by the bending."""
+        ends, offset_mm = self._markers.ends, self._markers.offset_mm
+        places = np.empty((len(bend), len(ends), 3))
+        slopes = np.zeros((len(bend), len(ends), *bend.shape[1:], 3))
+        for place, end in enumerate(ends):
+            until = slice(0, end + 1)
+            at_end = tip_weights(end + 1, offset_mm)
+            point, by = point_mm(robot.lengths_mm[until], bend[:, until], at_end)
+            places[:, place], slopes[:, place, until] = point - offset_mm, by
+        return places, slopes
+
+    def turn(self, score: FloatArray) -> FloatArray:
+        """The turn from the robot's frame to that of the measurement, (3, 3)."""
         turn: FloatArray = (
             Rotation.from_rotvec(self.group(score, "turn")).as_matrix() @ self._frame[0]
         )
         return turn
 
     def align(self, seen_mm: FloatArray, rows: NDArray[np.intp]) -> None:
-        """Place the robot so that its tips as described are nearest to those seen, (n, 3)."""
+        """Place the robot so that its markers are nearest to those seen, (n, ends, 3)."""
         self._frame = np.eye(3), np.zeros(3)
-        expected_mm = self.predicted_mm(self.nothing, rows)
-        turn, _ = Rotation.align_vectors(
-            seen_mm - seen_mm.mean(axis=0), expected_mm - expected_mm.mean(axis=0)
+        expected_mm = self.predicted_mm(self.nothing, rows).reshape(-1, 3)
+        seen_mm = seen_mm.reshape(-1, 3)
+        is_free = float(not self._markers.are_from_base)
+        middle_mm, expected_middle_mm = (
+            is_free * points.mean(axis=0) for points in (seen_mm, expected_mm)
         )
+        turn, _ = Rotation.align_vectors(seen_mm - middle_mm, expected_mm - expected_middle_mm)
         matrix = turn.as_matrix()
-        self._frame = matrix, seen_mm.mean(axis=0) - matrix @ expected_mm.mean(axis=0)
+        self._frame = matrix, middle_mm - matrix @ expected_middle_mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,11 +242,18 @@ class ChainFit:
     covariance: FloatArray
 
     def predicted_mm(self, rows: NDArray[np.intp]) -> FloatArray:
-        """Tips of some rows, (n, 3)."""
+        """Markers of some rows, (n, ends, 3)."""
         return self.model.predicted_mm(self.score, rows)
 
+    def turn_covariance(self) -> FloatArray:
+        """Of the robot's turn, about the axes of the measurement, rad^2, (3, 3)."""
+        own = np.array([unknown.kind == "turn" for unknown in self.model.unknowns])
+        deviation = self.model.deviation[own]
+        covariance: FloatArray = self.covariance[np.ix_(own, own)]
+        return covariance * np.outer(deviation, deviation)
 
-def fit_chain(model: ChainModel, tip_mm: FloatArray, rows: NDArray[np.intp]) -> ChainFit:
+
+def fit_chain(model: ChainModel, seen_mm: FloatArray, rows: NDArray[np.intp]) -> ChainFit:
     """Fit to some rows.
 
     The covariance counts rows with errors alike as one, and takes the residual for the error of the
@@ -210,16 +261,16 @@ def fit_chain(model: ChainModel, tip_mm: FloatArray, rows: NDArray[np.intp]) -> 
 
     Args:
         model: the model of all rows.
-        tip_mm: measured tips of all rows, (N, 3).
+        seen_mm: measured markers of all rows, (N, ends, 3).
         rows: the rows to fit, in order.
     """
     fitted = _thinned(rows)
-    model.align(tip_mm[fitted], fitted)
+    model.align(seen_mm[fitted], fitted)
     assumed_mm = _MODEL_SHARE * model.length_mm
     prior = np.eye(len(model.unknowns))
 
     def residuals(score: FloatArray) -> FloatArray:
-        off_mm = model.predicted_mm(score, fitted) - tip_mm[fitted]
+        off_mm = model.predicted_mm(score, fitted) - seen_mm[fitted]
         return np.append(off_mm.ravel() / assumed_mm, score)
 
     def slope(score: FloatArray) -> FloatArray:
@@ -236,7 +287,7 @@ def fit_chain(model: ChainModel, tip_mm: FloatArray, rows: NDArray[np.intp]) -> 
         xtol=1e-4,
         max_nfev=_MOST_STEPS,
     )
-    off_mm = tip_mm[fitted] - model.predicted_mm(found.x, fitted)
+    off_mm = seen_mm[fitted] - model.predicted_mm(found.x, fitted)
     larger = max(1.0, float((off_mm**2).mean()) / assumed_mm**2)
     by_score = slope(found.x)[: -len(prior)]
     information = by_score.T @ by_score / (larger * _rows_alike(off_mm)) + prior
@@ -273,7 +324,9 @@ def _freedom(segments: tuple[Segment, ...]) -> FloatArray:
     return np.array(ways)
 
 
-def _unknowns(segments: tuple[Segment, ...], slack_mm: list[float]) -> list[Unknown]:
+def _unknowns(
+    segments: tuple[Segment, ...], slack_mm: list[float], place_deviation_mm: float
+) -> list[Unknown]:
     """All parameters with their prior; stiffness and compliance by their logarithms.
 
     Lengths are known to 5 %, radii to 7 %, tendons' places to 7 deg. The rest are assumptions about
@@ -296,7 +349,7 @@ def _unknowns(segments: tuple[Segment, ...], slack_mm: list[float]) -> list[Unkn
         *(Unknown("angle", str(n), "rad", 0.0, 0.12) for n in range(1, len(slack_mm) + 1)),
         *(Unknown("weight", axis, "per_mm", 0.0, weight) for axis in "xyz"),
         *(Unknown("turn", axis, "rad", 0.0, 0.1) for axis in "xyz"),
-        *(Unknown("base", axis, "mm", 0.0, 5.0) for axis in "xyz"),
+        *(Unknown("base", axis, "mm", 0.0, place_deviation_mm) for axis in "xyz"),
     ]
 
 

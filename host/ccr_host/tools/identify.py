@@ -61,7 +61,7 @@ class Residual:
     @classmethod
     def of(cls, off_mm: FloatArray) -> Residual:
         """Statistics of differences, (n, 3)."""
-        distance_mm = np.linalg.norm(off_mm, axis=1)
+        distance_mm = np.linalg.norm(off_mm.reshape(-1, 3), axis=1)
         return cls(
             len(distance_mm),
             float(np.sqrt((distance_mm**2).mean())),
@@ -233,7 +233,7 @@ def _identify_chain(
     if one_plane and len(rows) < FEWEST_ROWS:
         raise ConfigError(f"{len(rows)} rows in one plane, too few for a fit", "omit --one-plane")
     train, held = _split(measured.time_s, rows, train_share)
-    tip_mm = measured.tip_mm
+    tip_mm = measured.tip_mm[:, None]
     fit = fit_chain(model, tip_mm, train)
     of_train = Residual.of(fit.predicted_mm(train) - tip_mm[train])
     of_held = Residual.of(fit.predicted_mm(held) - tip_mm[held])

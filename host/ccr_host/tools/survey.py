@@ -34,6 +34,7 @@ from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
 from ccr_host.tools.survey_fit import Survey, fit_survey
+from ccr_host.tools.turn_fit import CameraTurn
 from ccr_host.tracking.markers.check import MarkerCheck
 
 REGISTRATION, IDENTIFIED = "registration", "identified"
@@ -62,9 +63,9 @@ def require_surveyable(description: Description) -> None:
     """
     if description.robot.segments:
         raise ConfigError(
-            "register, setup and calibrate with the tracker know only robots of two planar "
-            "segments with a motor each",
-            "use calibrate --by-eye, and write section registration into the description by hand",
+            "setup and calibrate with the tracker know only robots of two planar segments with a "
+            "motor each",
+            "use calibrate --by-eye, then register",
         )
 
 
@@ -140,17 +141,19 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
 
 
 def registration_section(
-    found: Survey, description: Description, date: datetime.date
+    found: Survey | CameraTurn, description: Description, date: datetime.date
 ) -> dict[str, Any]:
     """The keys of ``[registration]``, rounded to their accuracy."""
-    scale = float(found.lengths_mm[1]) / description.robot.segment_lengths_mm[1]
-    return {
+    section = {
         "camera_to_robot_deg": [round(float(v), 4) for v in found.camera_to_robot_deg],
         "uncertainty_deg": [round(float(v), 2) for v in found.uncertainty_deg],
-        "residual_mm": round(found.fit.rms_mm, 3),
-        "scale": round(scale, 4),
+        "residual_mm": round(found.residual_mm, 3),
         "date": date,
     }
+    if isinstance(found, CameraTurn):
+        return section
+    scale = float(found.lengths_mm[1]) / description.robot.segment_lengths_mm[1]
+    return section | {"scale": round(scale, 4)}
 
 
 def identified_section(

@@ -107,6 +107,11 @@ class Survey:
         return vector
 
     @property
+    def residual_mm(self) -> float:
+        """RMS distance of the markers from the model."""
+        return self.fit.rms_mm
+
+    @property
     def hysteresis_mm(self) -> Array:
         """See ``Rests.hysteresis_mm``."""
         return self.rests.hysteresis_mm()

@@ -65,7 +65,7 @@ def truth_of(description: Description, seed: int) -> tuple[Measured, dict[str, f
     for number, unknown in enumerate(model.unknowns):
         if unknown.kind in ("turn", "base", "weight"):
             score[number] *= 0.3
-    tip = model.predicted_mm(score, np.arange(len(travel)))
+    tip = model.predicted_mm(score, np.arange(len(travel)))[:, 0]
     turned = tip @ np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]) + 40.0
     truth = {u.name: v for u, v in zip(model.unknowns, model.values(score), strict=True)}
     noise = NOISE_MM * random.standard_normal(tip.shape)

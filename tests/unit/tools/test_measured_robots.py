@@ -53,9 +53,9 @@ def held_out(name: str, recording: Measured) -> Residual:
     rows = rows[model.in_one_plane(rows)]
     time_s = recording.time_s[rows]
     first = time_s < 0.5 * (time_s[0] + time_s[-1])
-    fit = fit_chain(model, recording.tip_mm, rows[first])
-    judged = rows[~first]
-    return Residual.of(fit.predicted_mm(judged) - recording.tip_mm[judged])
+    tip_mm, judged = recording.tip_mm[:, None], rows[~first]
+    fit = fit_chain(model, tip_mm, rows[first])
+    return Residual.of(fit.predicted_mm(judged) - tip_mm[judged])
 
 
 if FILES["v4"] is not None:
