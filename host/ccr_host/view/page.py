@@ -9,13 +9,14 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from viser import GuiButtonHandle, GuiEvent, Icon, ViserServer
 
 from ccr_host.view.charts import Charts
 from ccr_host.view.feed import SharedButtons
 from ccr_host.view.history import Moment, RunHistory
 from ccr_host.view.palette import error_full_scale_mm
-from ccr_host.view.robot_scene import RobotScene
+from ccr_host.view.robot_scene import RobotScene, scale_of
 from ccr_host.view.status import legend_html, status_html
 
 SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "5": 5.0, "10": 10.0}
@@ -82,8 +83,9 @@ class Page:
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.set_panel_label(f"ccr-host: {self._setup.reference.name}")
-        server.initial_camera.position = _CAMERA
-        server.initial_camera.look_at = _LOOKS_AT
+        scale = scale_of(self._setup.description.robot)
+        server.initial_camera.position = scale * np.array(_CAMERA)
+        server.initial_camera.look_at = scale * np.array(_LOOKS_AT)
         with gui.add_folder("Run"):
             if buttons is not None:
                 self._live_controls = _add_live_controls(server, buttons)

@@ -7,6 +7,7 @@ import trimesh
 from numpy.typing import NDArray
 from viser import BatchedMeshHandle, IcosphereHandle, LineSegmentsHandle, SceneApi
 
+from ccr_host.description.robot import Robot
 from ccr_host.description.schema import Description
 from ccr_host.robot.backbone import (
     fitted_bending_rad,
@@ -31,7 +32,14 @@ _CELL_MM = 10.0
 _AXIS_MM = 30.0
 _AXES_AT_MM = np.array((-0.1 * _GRID_MM, _GRID_CENTRE_Y_MM - 0.5 * _GRID_MM, _FLOOR_MM))
 """Off the robot, on the edge of the floor before the camera."""
+_USUAL_LENGTH_MM = 102.0
+"""Length of the robot for which these are made."""
 _BASE_MM = (40.0, 4.0, 46.0)
+
+
+def scale_of(robot: Robot) -> float:
+    """How much larger floor and camera's distance have to be for a longer robot."""
+    return max(1.0, sum(segment.length_mm for segment in robot.chain) / _USUAL_LENGTH_MM)
 
 
 def joined(points_mm: FloatArray) -> NDArray[np.float32]:
@@ -44,6 +52,7 @@ def draw_surroundings(scene: SceneApi, description: Description) -> None:
     """Base plate, floor with a grid of 10 mm, axes of (10)."""
     scene.set_up_direction("+z")
     base_z_mm = -description.robot.marker_offset_mm
+    scale = scale_of(description.robot)
     scene.add_box(
         "/base",
         palette.DESIRED,
@@ -53,13 +62,13 @@ def draw_surroundings(scene: SceneApi, description: Description) -> None:
     )
     scene.add_grid(
         "/floor",
-        width=_GRID_MM / SCENE_UNIT_MM,
-        height=_GRID_MM / SCENE_UNIT_MM,
+        width=scale * _GRID_MM / SCENE_UNIT_MM,
+        height=scale * _GRID_MM / SCENE_UNIT_MM,
         cell_size=_CELL_MM / SCENE_UNIT_MM,
         section_size=5 * _CELL_MM / SCENE_UNIT_MM,
-        position=np.array((0.0, _GRID_CENTRE_Y_MM, _FLOOR_MM)) / SCENE_UNIT_MM,
+        position=scale * np.array((0.0, _GRID_CENTRE_Y_MM, _FLOOR_MM)) / SCENE_UNIT_MM,
     )
-    _draw_axes(scene)
+    _draw_axes(scene, scale * _AXES_AT_MM)
 
 
 def draw_desired(scene: SceneApi, reference: Reference) -> None:
@@ -75,21 +84,21 @@ def draw_desired(scene: SceneApi, reference: Reference) -> None:
         )
 
 
-def _draw_axes(scene: SceneApi) -> None:
+def _draw_axes(scene: SceneApi, at_mm: FloatArray) -> None:
     """Axes as the trajectories name them: y is f[0], x is f[1], z is f[2]."""
     scene.add_label(
         "/axes/scale",
         f"grid {_CELL_MM:g} mm",
-        position=(_AXES_AT_MM - np.array((0.0, 0.0, 6.0))) / SCENE_UNIT_MM,
+        position=(at_mm - np.array((0.0, 0.0, 6.0))) / SCENE_UNIT_MM,
         font_screen_scale=0.8,
     )
     for column, (name, direction) in enumerate(
         (("y", (1.0, 0.0, 0.0)), ("x", (0.0, 1.0, 0.0)), ("z", (0.0, 0.0, 1.0)))
     ):
-        end_mm = _AXES_AT_MM + _AXIS_MM * np.array(direction)
+        end_mm = at_mm + _AXIS_MM * np.array(direction)
         scene.add_arrows(
             f"/axes/{name}",
-            np.stack([_AXES_AT_MM, end_mm])[None] / SCENE_UNIT_MM,
+            np.stack([at_mm, end_mm])[None] / SCENE_UNIT_MM,
             palette.AXES[column],
             shaft_radius=0.008,
             head_radius=0.02,
