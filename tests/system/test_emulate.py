@@ -66,3 +66,25 @@ def test_eeprom_file_survives_the_emulator(ccr_host: CcrHost, short_path: str) -
         content = (ccr_host.folder / "board.eeprom").read_bytes()
         at = EEPROM_BOOT_COUNTER + 2 * boots
         assert int.from_bytes(content[at : at + 2], "little") == boots, "counted at each start"
+
+
+@pytest.mark.parametrize(
+    ("robot", "status", "told"),
+    [
+        ("two-spatial", 0, "saved in"),
+        ("three-spatial", 3, "drives 4 servos, the described robot has 9 motors"),
+    ],
+)
+def test_a_served_board_has_the_axes_of_the_robot_that_it_is_served_for(
+    ccr_host: CcrHost, short_path: str, robot: str, status: int, told: str
+) -> None:
+    server = ccr_host.start("emulate", "--tcp", "127.0.0.1:0", "--robot", "two-spatial")
+    try:
+        uri = served_uri(server)
+        words = ("--robot", robot, "--controller", "open-loop", *IN_REAL_TIME, "--no-open")
+        ended = ccr_host("track", short_path, *words, "--device", uri)
+    finally:
+        server.send_signal(signal.SIGINT)
+        server.communicate(timeout=PATIENCE_S)
+    assert ended.status == status
+    assert told in ended.out + ended.err

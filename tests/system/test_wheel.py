@@ -79,6 +79,15 @@ def test_simavr_runs_the_firmware_that_came_along(ccr_host: Command, tmp_path: P
     assert ended.returncode == 0, ended.stderr
 
 
+def test_simavr_runs_the_megas_firmware_for_a_robot_of_four_motors(
+    ccr_host: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "short.csv").write_text("t_s,y_mm,z_mm\n0,0,0\n1,0,4\n")
+    words = ("track", "short.csv", "--robot", "two-spatial", "--controller", "open-loop")
+    ended = ccr_host(*words, "--unchecked", "--device", "simavr:")
+    assert ended.returncode == 0, ended.stderr
+
+
 def test_where_simavr_cannot_be_built_one_line_says_what_to_install(
     ccr_host: Command, tmp_path: Path
 ) -> None:

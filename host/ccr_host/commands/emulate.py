@@ -90,5 +90,6 @@ def emulate(
     if served.tracker_uri is not None:
         typer.echo(f"emulated Polaris on {served.tracker_uri}")
         tracking = f" --tracker {served.tracker_uri}"
-    typer.echo(f"try: ccr-host track 8shape --device {served.device_uri}{tracking}")
+    which = f" --robot {robot}" if robot else ""
+    typer.echo(f"try: ccr-host track 8shape{which} --device {served.device_uri}{tracking}")
     served.server.run_until_signal()

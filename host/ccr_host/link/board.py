@@ -18,6 +18,7 @@ from ccr_host.link.device_errors import (
     BoardFaultError,
     RequestRefusedError,
     SpecMismatchError,
+    TooFewAxesError,
     WrongBoardError,
 )
 from ccr_host.link.exchange import (
@@ -249,6 +250,8 @@ class Board:
         self._counts.forget_waiting_for_the_board()
         if (identity.protocol_version, identity.spec_hash) != (m.PROTOCOL_VERSION, m.SPEC_HASH):
             raise SpecMismatchError(identity)
+        if self._motors is not None and identity.axes < self._motors:
+            raise TooFewAxesError(identity.axes, self._motors)
         request = m.OpenSession(m.SPEC_HASH, self._session)
         booting = (m.NackCode.BAD_STATE, State.BOOT)
         session = self._while_refused(request, booting, m.SessionReply, deadline_us)

@@ -120,7 +120,7 @@ class Client(Board):
         Raises:
             BoardSilentError: no answer within `BOOT_TIMEOUT_US`.
             SpecMismatchError: board and host are built from different specs.
-            DeviceError: the port is gone.
+            DeviceError: the port is gone, or the board has fewer axes than the robot motors.
         """
         identity, state = self._open_session()
         self._may_move = state in _MOVING_STATES
