@@ -23,6 +23,7 @@ from ccr_host.control.adaptive.identification import (
     likeliest,
     tour_stops_rad,
 )
+from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.description.file import file_to_keep_in, keep_in
@@ -131,7 +132,8 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
     Raises:
         TrackerError: the rests do not fit the described robot at all.
     """
-    fits = fits_to(Scaling.of(description), rests)
+    predict = make_model(description.control).predicted_mm
+    fits = fits_to(Scaling.of(description), rests, predict)
     if fits is None:
         raise TrackerError(
             f"the {len(rests.count)} rests measured do not fit the described robot",

@@ -69,7 +69,8 @@ def test_what_is_set_wins_even_if_it_is_the_default(key: str) -> None:
 @pytest.mark.long
 def test_a_robot_of_other_measures_is_followed_without_hardware() -> None:
     overrides = tuple(f"{key}={value}" for key, value in OWN.items())
-    result = execute_quietly(RunOptions(path="8shape", overrides=overrides))
+    fast = (*overrides, "control.solver=compiled")
+    result = execute_quietly(RunOptions(path="8shape", overrides=fast))
     errors_mm = true_errors_mm(result.records)
     assert errors_mm is not None
     assert np.linalg.norm(errors_mm, axis=1).mean() < 1.5

@@ -5,7 +5,7 @@ from enum import IntEnum
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccr_host.link import messages
@@ -33,6 +33,8 @@ def _field_values(
 
 
 AXES = st.integers(1, messages.MAX_AXES)
+few = settings(max_examples=30)
+"""Of each of the messages, which share their kinds of fields: 1,400 of each property."""
 
 
 def payloads(cls: type[Payload], axes: int, *, in_range: bool) -> st.SearchStrategy[Any]:
@@ -51,6 +53,7 @@ def payloads(cls: type[Payload], axes: int, *, in_range: bool) -> st.SearchStrat
 
 @pytest.mark.long
 @pytest.mark.parametrize("cls", ALL)
+@few
 @given(data=st.data())
 def test_unpacking_what_was_packed_gives_the_same_payload(cls, data) -> None:
     axes = data.draw(AXES)
@@ -62,6 +65,7 @@ def test_unpacking_what_was_packed_gives_the_same_payload(cls, data) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("cls", ALL)
+@few
 @given(data=st.data())
 def test_values_in_their_ranges_are_not_out_of_range(cls, data) -> None:
     assert data.draw(payloads(cls, data.draw(AXES), in_range=True)).first_out_of_range() is None
@@ -81,6 +85,7 @@ def test_any_bytes_are_unpacked_or_refused_with_a_payload_error(cls, content: by
 
 @pytest.mark.long
 @pytest.mark.parametrize("cls", ALL)
+@few
 @given(data=st.data())
 def test_bytes_of_the_right_length_are_unpacked_or_have_an_undefined_value(cls, data) -> None:
     axes = data.draw(AXES)

@@ -173,7 +173,7 @@ def _robot_with_rests(folder: Path, off_mm: float) -> str:
     seen = Rests.of_vectors(np.zeros(2), stops_rad, vectors_mm, count)
     section = identified_section(seen, description, datetime.date(2026, 1, 2))
     file = folder / "robot.toml"
-    file.write_text(tomlkit.dumps({"identified": section}))
+    file.write_text(tomlkit.dumps({"identified": section, "control": {"solver": "compiled"}}))
     return str(file)
 
 

@@ -12,6 +12,7 @@ from ccr_host.control.adaptive.identification import predicted_mm, tour_bending_
 from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import file as description_file
+from ccr_host.description import schema
 from ccr_host.description.schema import Description, Robot, Segment, Tendon, parse
 from ccr_host.robot.rests import Rests
 from ccr_host.tools.chain_fit import ChainModel
@@ -163,7 +164,8 @@ def two_motor_robot() -> tuple[np.ndarray, np.ndarray, Parameters]:
 def test_a_robot_with_two_motors_is_identified_by_the_model_of_adaptive_also_from_travel():
     q_rad, tip_mm, p = two_motor_robot()
     tip_mm = tip_mm + 0.2 * np.random.default_rng(1).standard_normal(tip_mm.shape)
-    found = identify(Description(), measured_of(12.5 * q_rad, "mm", tip_mm))
+    compiled = schema.load(None, ["control.solver=compiled"])
+    found = identify(compiled, measured_of(12.5 * q_rad, "mm", tip_mm))
     assert found.held_out.median_mm < 1.0
     of = {f.name: f for f in found.parameters}
     assert of["gain_1"].value == pytest.approx(p.gain_1, abs=3.0 * of["gain_1"].deviation)

@@ -344,7 +344,7 @@ class AnyHost(RuleBasedStateMachine):
 
 CONFIGURING = (m.SetLimits.ID, m.SetSlew.ID, m.SetWatchdog.ID, m.SetCalibration.ID)
 
-TestAnyHost = AnyHost.TestCase
+TestAnyHost = pytest.mark.long(AnyHost.TestCase)
 TestAnyHost.settings = settings(
     max_examples=100,
     stateful_step_count=25,
@@ -403,6 +403,7 @@ LEGAL = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.requirement("FLT-4", "TGT-3")
 @settings(max_examples=150, deadline=None)
 @given(
