@@ -70,7 +70,9 @@ def test_a_full_disk_costs_what_no_longer_fits_and_nothing_else(
     assert logged(folder, topics.SETUP), "what fits can be read"
 
 
-@pytest.mark.parametrize("words", [("workspace", "8shape"), ("compare", "--path", "short.csv")])
+@pytest.mark.parametrize(
+    "words", [("workspace", "8shape"), ("compare", "--path", "short.csv", *PAPERS)]
+)
 def test_tables_are_printed_though_their_files_do_not_fit(
     tmp_path: Path, short_path: str, words: tuple[str, ...]
 ) -> None:
