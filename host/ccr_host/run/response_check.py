@@ -50,6 +50,11 @@ _UNEXPLAINED_SHARE = 0.5
 """Distance of the tip from the model along the path over the robot's length: twice what loads and
 friction make in open loop."""
 _FOR_US = 3_000_000
+_ALONG_PATH = (
+    f"for {_FOR_US // 1_000_000} s its tip was half its length or more from the model",
+    "check that nothing holds it, and [[robot.segments]] with its tendons; a controller that winds "
+    "tendons against each other leads there, too",
+)
 
 
 class ResponseLaw(Law):
@@ -300,14 +305,15 @@ class ResponseCheck:
 
     def cause_of(self, odd: Rests) -> MisfitError:
         """What is most likely wrong."""
-        cause, cure = self._cause_and_cure(len(odd.q_rad) > 1)
+        was_on_path = len(odd.q_rad) == 1
+        cause, cure = _ALONG_PATH if was_on_path else self._cause_and_cure()
         return MisfitError(
             f"the robot does not move as described; {cause}",
             f"{cure}; --unchecked goes on all the same",
         )
 
-    def _cause_and_cure(self, before_path: bool) -> tuple[str, str]:
-        if self._found is not None and before_path:
+    def _cause_and_cure(self) -> tuple[str, str]:
+        if self._found is not None:
             if len(idle := self._found.idle()):
                 return (
                     f"motor {_numbers(idle)} hardly moves it",

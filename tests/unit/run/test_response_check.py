@@ -1,6 +1,8 @@
 """What the motors of a robot of any kind did tells whether it is the described one."""
 
+from collections.abc import Callable
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,10 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from ccr_host.control.adaptive.misfit import MisfitError
 from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.rests import Rests
+from ccr_host.run.execute import execute
+from ccr_host.run.observer import RunObserver
+from ccr_host.run.options import RunOptions
 from ccr_host.run.response_check import MotorResponses
+from ccr_host.run.summary import RunResult
 
 SHIPPED = "single", "two-spatial", "three-spatial"
 REACH_RAD = np.radians(25.0)
@@ -82,3 +89,48 @@ def test_a_turned_camera_is_told_from_exchanged_motors(name, seed, turn_deg) -> 
 def test_a_motor_without_tendons_is_named_by_its_number() -> None:
     found = responses("two-spatial", 1, lambda q: q * (1.0, 1.0, 0.0, 1.0))
     assert found.idle().tolist() == [2]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Callable[..., RunResult]:
+    path = tmp_path / "short.csv"
+    path.write_text("t_s,y_mm,z_mm\n0,-5,10\n2,5,15\n")
+
+    def checked(name: str, *overrides: str) -> RunResult:
+        options = RunOptions(
+            path=str(path), robot=name, controller="open-loop", overrides=overrides, checks="motion"
+        )
+        return execute(options, RunObserver(), lambda *_: None)
+
+    return checked
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_twin_of_each_shipped_robot_is_the_described_one(run, name) -> None:
+    assert run(name).failure is None
+    assert run(name, "twin.friction=0.2", "twin.stiffness_taper=0.2").failure is None
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "override", "told"),
+    [
+        ("single", "twin.servo_us_per_90_deg=-1000", "motor 1 reversed"),
+        ("two-spatial", "twin.servo_us_per_90_deg=[1000,1000,-1000,1000]", "motor 3 reversed"),
+        ("two-spatial", "tracker.rotation_deg=[0,60,0]", "the camera stands otherwise"),
+        ("three-spatial", "tracker.rotation_deg=[40,0,0]", "the camera stands otherwise"),
+        (
+            "three-spatial",
+            "twin.servo_us_per_90_deg=[1000,1000,1000,1000,1000,1000,-1000,1000,1000]",
+            "motor 7 hardly moves it",
+        ),
+    ],
+)
+def test_a_twin_that_is_not_the_described_one_ends_before_the_path(
+    run, name, override, told
+) -> None:
+    result = run(name, override)
+    assert isinstance(result.failure, MisfitError)
+    assert told in str(result.failure)
+    assert not result.records

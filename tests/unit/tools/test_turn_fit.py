@@ -11,8 +11,11 @@ from ccr_host.description import schema
 from ccr_host.robot.chain import PAPER_FRAME
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.observer import Observers
+from ccr_host.run.open_rig import open_rig
+from ccr_host.run.options import RigOptions
 from ccr_host.tools.chain_fit import ChainModel, Markers
-from ccr_host.tools.turn_fit import TurnError, fit_turn, turn_stops_rad
+from ccr_host.tools.turn_fit import TurnError, fit_turn, measure_turn, turn_stops_rad
 
 NAMES = "single", "two-spatial", "three-spatial"
 NOISE_MM = 0.05
@@ -79,3 +82,18 @@ def test_stops_move_each_motor_alone_and_stay_within_its_limits(name: str) -> No
     alone = stops_rad[np.count_nonzero(stops_rad, axis=1) == 1]
     motors = len(limits.lower_rad)
     assert {tuple(row) for row in np.sign(alone)} >= {tuple(row) for row in np.eye(motors)}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "tracker"), [("single", "twin:"), ("two-spatial", "ndi-emulator:")]
+)
+def test_a_camera_that_stands_anyhow_is_found_on_the_twin(name: str, tracker: str) -> None:
+    overrides = ("tracker.rotation_deg=[10,-40,25]",)
+    options = RigOptions(robot=name, tracker=tracker, overrides=overrides)
+    description = options.description()
+    with open_rig(options, description, Observers(), in_camera_frame=True) as rig:
+        found = measure_turn(rig, description, lambda *_: None)
+    true = Rotation.from_rotvec([10.0, -40.0, 25.0], degrees=True).as_matrix()
+    off_deg = Rotation.from_matrix(found.camera_to_robot @ true.T).as_rotvec(degrees=True)
+    assert (np.abs(off_deg) < 2.5 * found.uncertainty_deg).all()
