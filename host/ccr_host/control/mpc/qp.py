@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
 from ccr_host.control.mpc.problem import Expansion
-from ccr_host.robot.kinematics import IntArray, products
+from ccr_host.robot.kinematics import products
 
 FloatArray = NDArray[np.float64]
 
@@ -26,6 +26,8 @@ OPTIMAL, NOT_CONVEX, FAILED, BOUND = 0, 1, 2, 3
 
 _SHORT = 80
 """Angles up to which DAQP is faster in plain Python."""
+_DIAGONAL = "iaib->iab"
+"""A view of the blocks on a diagonal."""
 _DAQP_OPTIMAL = 1
 _DAQP_NOT_CONVEX = -5
 
@@ -166,29 +168,21 @@ def condensed(expansion: Expansion, blend: float, ridge: float) -> tuple[FloatAr
     """Hessian and gradient by all angles, (M n, M n) and (M n,)."""
     transitions, residuals, curvature = expansion
     steps, n = len(curvature), curvature.shape[1] // 2
-    here, later, before = _stages(steps)
     rows = np.zeros((steps, 3 + n, steps, n))
-    rows[here, :, here] = residuals[:, :n].transpose(0, 2, 1)
-    rows[later, :, before] = residuals[1:, n : 2 * n].transpose(0, 2, 1)
+    np.einsum(_DIAGONAL, rows)[:] = residuals[:, :n].transpose(0, 2, 1)
+    np.einsum(_DIAGONAL, rows[1:, :, :-1])[:] = residuals[1:, n : 2 * n].transpose(0, 2, 1)
     if transitions[0, n, 2 * n]:
-        rows[:, :3] = np.add.accumulate(rows[:, :3])
+        np.add.accumulate(rows[:, :3], out=rows[:, :3])
     flat = rows.reshape(steps * (3 + n), steps * n)
     hessian: FloatArray = flat.T @ flat
     if ridge > 0.0:
         hessian += ridge * np.eye(steps * n)
     blocks, bent = hessian.reshape(steps, n, steps, n), blend * curvature
-    blocks[here, :, here] += bent[:, :n, :n]
-    blocks[before, :, before] += bent[1:, n:, n:]
-    blocks[later, :, before] += bent[1:, :n, n:]
-    blocks[before, :, later] += bent[1:, n:, :n]
+    np.einsum(_DIAGONAL, blocks)[:] += bent[:, :n, :n]
+    np.einsum(_DIAGONAL, blocks[:-1, :, :-1])[:] += bent[1:, n:, n:]
+    np.einsum(_DIAGONAL, blocks[1:, :, :-1])[:] += bent[1:, :n, n:]
+    np.einsum(_DIAGONAL, blocks[:-1, :, 1:])[:] += bent[1:, n:, :n]
     return hessian, flat.T @ residuals[:, 2 * n + 3].ravel()
-
-
-@lru_cache(maxsize=128)
-def _stages(steps: int) -> tuple[IntArray, IntArray, IntArray]:
-    """All stages, those that have one before them, and these."""
-    here = np.arange(steps)
-    return here, here[1:], here[:-1]
 
 
 @lru_cache(maxsize=128)
