@@ -60,8 +60,8 @@ _MAX_BASE_MOTION_MM = 1.0
 _MIN_SWING_DEG = 30.0
 """Least change of M2's direction; below it sag and rotation cannot be told apart."""
 _MIN_SIDEWAYS_MM = 5.0
-_NOTABLE_MM = 1.0
-"""Hysteresis that is named when the rests do not repeat."""
+_NOTABLE_MM = 5.0
+"""Width of the hysteresis from which it is named as a cause; `default` has 3 mm."""
 _DISTINCT = 1.03
 """Least ratio of the distances from the predictions of two hypotheses on the motors; 1.08 and more
 on robots with one thing wrong, 1.001 with markers on the backbone of a robot without weight."""
