@@ -1,4 +1,4 @@
-"""How much faster than real time the simulated robots are; `dirty` has every effect at once.
+"""How much faster than real time the simulated robots are; `dirty` has every effect at once too.
 
     nice -n 19 python -m bench.twin_speed
 
@@ -19,7 +19,20 @@ from ccr_host.sim.robot.robot import TwinRobot
 RUNS = 5
 SECONDS = 6
 PICTURE_US = 50_000
-ROBOTS = ("ideal", "paper", "default", "dirty")
+EVERY_EFFECT = (
+    *("twin.friction=0.1", "twin.capstan_friction=0.15", "twin.creep_share=0.05"),
+    *("twin.stiffness_taper=0.1", "twin.stiffening=0.2", "twin.torsion_stiffness_nm_rad=0.1"),
+    *("twin.axial_stiffness_n_m=16000.0", "twin.servo_stall_torque_nm=0.8"),
+    *("twin.servo_droop_deg_per_nm=5.0", "twin.servo_backlash_deg=0.5", "twin.servo_lag_ms=10.0"),
+)
+ROBOTS = {
+    **{name: load(name) for name in ("ideal", "paper", "default", "dirty")},
+    **{name: load(name) for name in ("single", "two-spatial", "three-spatial")},
+    **{
+        f"{name}, every effect": load(name, EVERY_EFFECT)
+        for name in ("two-spatial", "three-spatial")
+    },
+}
 
 
 def main() -> None:
@@ -28,10 +41,10 @@ def main() -> None:
     print("|---|---|---|")
     speeds: dict[tuple[str, int], list[float]] = {}
     for _ in range(RUNS):
-        for name in ROBOTS:
+        for name, description in ROBOTS.items():
             for rate_hz in (1, 20):
                 speeds.setdefault((name, rate_hz), []).append(
-                    times_real_time(load(name).twin, rate_hz)
+                    times_real_time(description.twin, rate_hz)
                 )
     for name in ROBOTS:
         print(f"| {name} | {median(speeds[name, 1]):.0f} | {median(speeds[name, 20]):.0f} |")
@@ -46,8 +59,12 @@ def times_real_time(twin: Twin, rate_hz: int) -> float:
         if picture % pictures_per_step == 0:
             phase = picture / 40
             first_deg, second_deg = 20 + 20 * math.sin(phase), 40 * math.cos(phase)
+            angles_deg = [first_deg, second_deg] * len(twin.servo_neutral_us)
             robot.set_pulses_half_us(
-                (round(3000 + first_deg * 2000 / 90), round(3000 + second_deg * 2000 / 90))
+                tuple(
+                    round(3000 + angle_deg * 2000 / 90)
+                    for angle_deg in angles_deg[: len(twin.servo_neutral_us)]
+                )
             )
         robot.advance_to((picture + 1) * PICTURE_US)
         robot.markers_mm()

@@ -7,7 +7,13 @@ from ccr_host.description import schema
 from ccr_host.run.execute import execute_quietly, reference_of
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult, ratio_to_twin_floor, summarise
-from ccr_host.run.twin_floor import floor_on_map_mm, keep_static_map, static_map_of, twin_floor_mm
+from ccr_host.run.twin_floor import (
+    floor_by_descent_mm,
+    floor_on_map_mm,
+    keep_static_map,
+    static_map_of,
+    twin_floor_mm,
+)
 from ccr_host.sim.robot.static_map import StaticMap
 
 
@@ -101,3 +107,14 @@ def test_a_twin_without_rest_has_no_floor(short_path, tmp_path, monkeypatch):
         result.reference, result.records, None, None, 0.0,
     )  # fmt: skip
     assert twin_floor_mm(hopeless) is None
+
+
+def test_a_robot_of_four_motors_has_a_floor_that_is_kept(tmp_path):
+    description = schema.load("two-spatial")
+    reference = reference_of(RunOptions("helix", robot="two-spatial"))
+    few = type(reference)(**{**vars(reference), "target_mm": reference.target_mm[:8]})
+    computed = floor_by_descent_mm(description, few, tmp_path)
+    (file,) = tmp_path.iterdir()
+    assert file.name.startswith("floor-")
+    assert 0 <= computed < 0.1
+    assert floor_by_descent_mm(description, few, tmp_path) == computed

@@ -84,6 +84,33 @@ class Equilibrium:
         position: Array = (tip - base) * _MM_PER_M
         return position
 
+    @property
+    def pose(self) -> tuple[Array, Array]:
+        """Motor angles and joints, at which the next search starts."""
+        return self.motor_rad, self.joints_rad
+
+    @pose.setter
+    def pose(self, pose: tuple[Array, Array]) -> None:
+        self.motor_rad, self.joints_rad = pose
+
+    @property
+    def forces_n(self) -> Array:
+        """Force of each tendon at the pose that was found last, 0 or less."""
+        forces_n: Array = self._data.actuator_force
+        return forces_n
+
+    def play_rad(self, motor: int) -> tuple[float, ...]:
+        """Turns of a motor, from 0, that would make a tendon taut; none if one that it winds is.
+
+        They are those from the pose that was found last, one in each direction in which it winds.
+        """
+        travel_rad = (self._data.ctrl - self._data.ten_length) / self._wound_m_rad
+        mine = np.array(self._motors) == motor
+        if (self.forces_n[mine] < 0).any():
+            return ()
+        sides = (travel_rad[mine & (self._wound_m_rad * side > 0)] for side in (1, -1))
+        return tuple(float(side[abs(side).argmin()]) for side in sides if side.size)
+
     def _walk(self, there_rad: Array) -> None:
         """Find the rest pose at motor angles, by way of others if they are far from the present."""
         travel_rad = there_rad - self.motor_rad

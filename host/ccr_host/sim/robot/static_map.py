@@ -7,8 +7,10 @@ import math
 import os
 import zipfile
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +28,8 @@ GRID_STEP_DEG = 1.0
 _MAP_VERSION = 3
 """Part of the cache key; increment it when the map of the same twin changes."""
 
-_MOST_MAPS_KEPT = 100
-"""0.7 MB each."""
+_MOST_KEPT = 100
+"""Files of a kind: a map has 0.7 MB."""
 
 
 @dataclass(frozen=True)
@@ -90,14 +92,36 @@ def load_static_map(
     Raises:
         CcrError: no rest pose was found for some motor angles.
     """
+    key = (
+        _MAP_VERSION,
+        twin.model_dump_json(include=set(STATIC_KEYS)),
+        np.asarray(lower_deg, dtype=np.float64).tolist(),
+        np.asarray(upper_deg, dtype=np.float64).tolist(),
+        step_deg,
+    )
+    compute = partial(compute_static_map, twin, lower_deg, upper_deg, step_deg)
+    return StaticMap(**kept_arrays(cache, "static-map", key, lambda: vars(compute())))
+
+
+def kept_arrays(
+    cache: Path | None, name: str, key: object, compute: Callable[[], dict[str, Array]]
+) -> dict[str, Array]:
+    """Arrays from the cache folder; computed and stored there if they are missing.
+
+    Args:
+        cache: folder; None computes without storing.
+        name: start of the file's name.
+        key: all that the arrays depend on, by its representation.
+        compute: makes them.
+    """
     if cache is None:
-        return compute_static_map(twin, lower_deg, upper_deg, step_deg)
-    file = cache / f"static-map-{_key(twin, lower_deg, upper_deg, step_deg)}.npz"
+        return compute()
+    file = cache / f"{name}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.npz"
     kept = _read(file)
     if kept is not None:
         return kept
-    found = compute_static_map(twin, lower_deg, upper_deg, step_deg)
-    _write(file, found)
+    found = compute()
+    _write(file, name, found)
     return found
 
 
@@ -111,25 +135,25 @@ def _extrapolated(before_last: Array, last: Array, here: Array) -> Array:
     return 3 * (here - last) + before_last
 
 
-def _read(file: Path) -> StaticMap | None:
+def _read(file: Path) -> dict[str, Array] | None:
     try:
         with np.load(file) as kept:
-            return StaticMap(kept["axis_1_rad"], kept["axis_2_rad"], kept["tip_mm"])
-    except (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile):
+            return dict(kept)
+    except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile):
         return None
 
 
-def _write(file: Path, found: StaticMap) -> None:
+def _write(file: Path, name: str, found: dict[str, Array]) -> None:
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         with replacing(file) as draft, draft.open("wb") as opened:
-            np.savez(opened, **vars(found))
-        kept = sorted(file.parent.glob("static-map-*.npz"), key=lambda map_: map_.stat().st_mtime)
-        for oldest in kept[:-_MOST_MAPS_KEPT]:
+            np.savez(opened, **found)  # type: ignore[arg-type]
+        kept = sorted(file.parent.glob(f"{name}-*.npz"), key=lambda one: one.stat().st_mtime)
+        for oldest in kept[:-_MOST_KEPT]:
             oldest.unlink()
 
 
-_STATIC_KEYS = (
+STATIC_KEYS = (
     "segments", "flexures", "segment_lengths_mm", "tendon_radius_mm", "marker_offset_mm",
     "pulley_radius_mm",
     "bending_stiffness_nm_rad", "disk_mass_g", "marker_mass_g", "payload_g", "payload_start_s",
@@ -138,14 +162,3 @@ _STATIC_KEYS = (
     "torsion_stiffness_nm_rad",
 )  # fmt: skip
 """Keys that a rest pose depends on."""
-
-
-def _key(twin: Twin, lower_deg: Array, upper_deg: Array, step_deg: float) -> str:
-    content = (
-        _MAP_VERSION,
-        twin.model_dump_json(include=set(_STATIC_KEYS)),
-        np.asarray(lower_deg, dtype=np.float64).tolist(),
-        np.asarray(upper_deg, dtype=np.float64).tolist(),
-        step_deg,
-    )
-    return hashlib.sha256(repr(content).encode()).hexdigest()[:16]

@@ -1,0 +1,140 @@
+"""The rest poses of a twin, of any number of motors, whose tips are nearest to targets."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ccr_host.core.errors import CcrError
+from ccr_host.description.simulation import Twin
+from ccr_host.sim.robot.equilibrium import Equilibrium
+
+Array = NDArray[np.float64]
+
+_PROBE_RAD = 1e-3
+_WITHIN = 1e-9
+"""Least distance from the limits, rad: a search begins between them."""
+_ROUNDS, _GAINED_MM = 10, 1e-3
+_ROUNDING_MM = 1e-6
+_EFFORT_MM_N = 0.02
+"""Weight of the tendons' forces beside the distance: 1 mm costs as much as 50 N. It decides where
+many motor angles are as good; tendons that pull against each other would buckle the backbone."""
+
+
+class NearestRest:
+    """Follows targets with the tip of a twin at rest.
+
+    Between two tendons that are slack a motor moves nothing, and no derivative tells on which side
+    of this play it should be. So motors are turned to where they begin to pull, to the better side,
+    in turns with Gauss-Newton steps. What is found is a minimum, not always the least one.
+
+    Args:
+        twin: the ``twin`` section of the robot description.
+        lower_rad: lower limits of the shafts, (n,).
+        upper_rad: upper limits of the shafts, (n,).
+    """
+
+    def __init__(self, twin: Twin, lower_rad: Array, upper_rad: Array) -> None:
+        self._equilibrium = Equilibrium(twin)
+        self._lower_rad, self._upper_rad = lower_rad, upper_rad
+        self.motor_rad: Array = np.clip(np.zeros(len(lower_rad)), lower_rad, upper_rad)
+        """Motor angles of the last pose, (n,), at which the next search starts."""
+
+    def distance_mm(self, target_mm: Array, reach_rad: Array | float = np.inf) -> float:
+        """Go to the rest pose nearest to a target, and return its distance.
+
+        Args:
+            target_mm: desired tip, (3,).
+            reach_rad: largest change of the motor angles, (n,).
+
+        Raises:
+            CcrError: the twin has no rest pose there.
+        """
+        lower_rad = np.maximum(self._lower_rad, self.motor_rad - reach_rad)
+        upper_rad = np.minimum(self._upper_rad, self.motor_rad + reach_rad)
+        motor_rad = np.clip(self.motor_rad, lower_rad + _WITHIN, upper_rad - _WITHIN)
+        distance_mm = np.inf
+        for _ in range(_ROUNDS):
+            motor_rad = self._taken_up(motor_rad, target_mm, lower_rad, upper_rad)
+            found = least_squares(
+                self._cost_mm,
+                motor_rad,
+                self._cost_slope_mm_rad,
+                bounds=(lower_rad, upper_rad),
+                ftol=1e-4,
+                xtol=1e-5,
+                gtol=1e-2,
+                max_nfev=30,
+                args=(target_mm,),
+            )
+            before_mm, distance_mm = distance_mm, float(np.linalg.norm(found.fun[:3]))
+            motor_rad = found.x
+            if distance_mm > before_mm - _GAINED_MM:
+                break
+        self.motor_rad = motor_rad
+        return distance_mm
+
+    def _taken_up(
+        self, motor_rad: Array, target_mm: Array, lower_rad: Array, upper_rad: Array
+    ) -> Array:
+        """Turn motors whose tendons are slack to where they pull, if that brings the tip nearer."""
+        distance_mm = float(np.linalg.norm(self._equilibrium.tip_mm(motor_rad) - target_mm))
+        for motor in range(len(motor_rad)):
+            self._equilibrium.tip_mm(motor_rad)
+            better_rad = motor_rad
+            for play_rad in self._equilibrium.play_rad(motor):
+                trial_rad = motor_rad.copy()
+                trial_rad[motor] += play_rad + np.copysign(_PROBE_RAD, play_rad)
+                if lower_rad[motor] < trial_rad[motor] < upper_rad[motor]:
+                    trial_mm = np.linalg.norm(self._equilibrium.tip_mm(trial_rad) - target_mm)
+                    if trial_mm < distance_mm - _ROUNDING_MM:
+                        better_rad, distance_mm = trial_rad, float(trial_mm)
+            motor_rad = better_rad
+        return motor_rad
+
+    def _cost_mm(self, motor_rad: Array, target_mm: Array) -> Array:
+        """The tip off its target, then the weighted forces of the tendons.
+
+        Not a number where there is no rest: the search then takes a shorter step.
+        """
+        start = self._equilibrium.pose
+        try:
+            off_mm = self._equilibrium.tip_mm(motor_rad) - target_mm
+        except CcrError:
+            self._equilibrium.pose = start
+            return np.full(3 + len(self._equilibrium.forces_n), np.nan)
+        return np.concatenate([off_mm, _EFFORT_MM_N * self._equilibrium.forces_n])
+
+    def _cost_slope_mm_rad(self, motor_rad: Array, target_mm: Array) -> Array:
+        here_mm = self._cost_mm(motor_rad, target_mm)
+        here, columns = self._equilibrium.pose, []
+        for motor, angle_rad in enumerate(motor_rad):
+            probe_rad = np.zeros(len(motor_rad))
+            is_below = angle_rad < self._upper_rad[motor] - _PROBE_RAD
+            probe_rad[motor] = _PROBE_RAD if is_below else -_PROBE_RAD
+            there_mm = self._cost_mm(motor_rad + probe_rad, target_mm)
+            columns.append((there_mm - here_mm) / probe_rad[motor])
+            self._equilibrium.pose = here
+        slope: Array = np.nan_to_num(np.array(columns).T)
+        return slope
+
+
+def distances_mm(
+    twin: Twin, lower_deg: Array, upper_deg: Array, targets_mm: Array, reach_deg: Array
+) -> Array:
+    """Distance of each target, (N, 3), from the nearest rest, each found from the one before, (N,).
+
+    Args:
+        twin: the ``twin`` section of the robot description.
+        lower_deg: lower limits of the shafts, (n,).
+        upper_deg: upper limits of the shafts, (n,).
+        targets_mm: desired tips.
+        reach_deg: largest change of the motor angles from one target to the next, (n,).
+
+    Raises:
+        CcrError: the twin has no rest pose at the start.
+    """
+    nearest = NearestRest(twin, np.radians(lower_deg), np.radians(upper_deg))
+    nearest.distance_mm(targets_mm[0])
+    return np.array([nearest.distance_mm(target, np.radians(reach_deg)) for target in targets_mm])
