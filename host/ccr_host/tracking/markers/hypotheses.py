@@ -51,6 +51,8 @@ _BASE_CREEP_MM = 0.1
 """Creep of base or camera that the memory of M1 follows."""
 _BASE_MEMORY = 40
 """Frames over which the place of M1 is averaged."""
+FADED = 15.0
+"""A hypothesis less likely than the best by this is dropped (3e-7)."""
 _MOST_BRANCHES = 32
 """Choices for the first markers that are continued, the likeliest ones; with two moving markers
 there are hardly ever as many."""
@@ -151,7 +153,7 @@ class _Branch(NamedTuple):
 
 
 def continuations(parent: Hypothesis, scene: Scene, duration_s: float) -> Iterator[Hypothesis]:
-    """The continuations of a hypothesis by the frame."""
+    """The continuations of a hypothesis by the frame, without those that fade beside the best."""
     index, base, score = _find_base(parent, scene)
     model = parent.model
     before = model.moved(parent.belief, duration_s, scene.motor_motion_rad)
@@ -168,9 +170,13 @@ def continuations(parent: Hypothesis, scene: Scene, duration_s: float) -> Iterat
         ]
         if len(branches) > _MOST_BRANCHES:
             branches = sorted(branches, key=lambda one: -one.gain)[:_MOST_BRANCHES]
-    for branch in branches:
+    best = -math.inf
+    for branch in sorted(branches, key=lambda one: -one.gain):
+        if branch.gain < best - FADED:
+            return
         child = _with_labels(trunk, branch, expected, relative)
         if model.holds(child.belief):
+            best = max(best, branch.gain)
             yield child
 
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ccr_host.description.schema import Robot
 from ccr_host.tracking.markers.hypotheses import (
+    FADED,
     MISSING,
     NEAR_MM,
     Hypothesis,
@@ -43,8 +44,6 @@ BASE_MEMORY_US = 3_000_000
 _LOG_DOUBT = math.log(DOUBT)
 _TRUST = 35.0
 """Highest score, so that ten frames can refute a hypothesis with any history."""
-_FADED = 15.0
-"""A hypothesis less likely than the best by this is dropped (3e-7)."""
 _MOST = 12
 """Number of hypotheses kept."""
 _PROVEN_FRAMES = 4
@@ -205,7 +204,7 @@ def _pruned(grown: Iterable[Hypothesis]) -> list[Hypothesis]:
     """Sort by score; merge equal hypotheses, drop unlikely ones, limit scores to `_TRUST`."""
     kept: list[Hypothesis] = []
     for one in sorted(grown, key=lambda one: -one.score):
-        if kept and (one.score < kept[0].score - _FADED or len(kept) == _MOST):
+        if kept and (one.score < kept[0].score - FADED or len(kept) == _MOST):
             break
         for index, better in enumerate(kept):
             if better.resembles(one):

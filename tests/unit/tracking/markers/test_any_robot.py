@@ -52,7 +52,7 @@ def moving(rng: np.random.Generator, robot: Robot, frames: int) -> tuple[np.ndar
 
 
 @pytest.mark.long
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(seed=SEEDS, segments=SEGMENTS, registered=st.booleans())
 def test_markers_are_told_apart_or_lost_but_never_confused(seed, segments, registered) -> None:
     rng, robot = drawn(seed, segments)
