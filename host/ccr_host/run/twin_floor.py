@@ -30,7 +30,7 @@ from ccr_host.sim.robot.static_map import (
 )
 
 _MAPPED_MOTORS = 2
-_MOST_TARGETS = 100
+_MOST_TARGETS = 40
 
 
 def twin_floor_mm(result: RunResult) -> float | None:
@@ -97,7 +97,7 @@ def floor_by_descent_mm(
 ) -> float:
     """Mean distance of the path from rest poses within the rates of board and servo, mm.
 
-    Of one lap, and of up to `_MOST_TARGETS` evenly spaced targets: one takes up to 0.3 s.
+    Of one lap, and of up to `_MOST_TARGETS` evenly spaced targets: one takes up to 0.7 s.
 
     Raises:
         CcrError: the twin has no rest pose on the way to the path.

@@ -185,7 +185,8 @@ def test_a_motor_may_wind_several_tendons_either_way():
 @pytest.mark.parametrize("name", ["two-spatial", "three-spatial"])
 def test_the_work_of_all_servos_is_what_structure_and_tendons_store(name):
     """The moment on each pulley is the slope of the energy by its angle."""
-    twin = load(name, ["twin.gravity_m_s2=0", "twin.slack_mm=0", "twin.joint_damping=4e-3"]).twin
+    lossless = ("twin.friction=0", "twin.creep_share=0", "twin.joint_damping=4e-3")
+    twin = load(name, ["twin.gravity_m_s2=0", "twin.slack_mm=0", *lossless]).twin
     mechanics = Mechanics(twin, 0.0)
     goal_rad = np.random.default_rng(3).uniform(-0.3, 0.5, len(twin.servo_neutral_us))
     shares = np.linspace(0.0, 1.0, 26)
