@@ -94,14 +94,17 @@ PathArgument = Annotated[
     str,
     typer.Argument(
         metavar="PATH",
-        help="ellipse, 8shape, star, or a table in a file (t_s,y_mm,z_mm[,x_mm]).",
+        help="ellipse, 8shape, star, swing, circle, helix, dome8, letters, or a table in a file "
+        "(t_s,y_mm,z_mm[,x_mm]).",
         autocompletion=complete_paths,
     ),
 ]
 ControllerOption = Annotated[
-    str,
+    str | None,
     typer.Option(
-        metavar="NAME", help="A controller, or FILE.py:CLASS.", autocompletion=complete_controllers
+        metavar="NAME",
+        help="A controller, or FILE.py:CLASS; adaptive by default, pid-ik for robots of segments.",
+        autocompletion=complete_controllers,
     ),
 ]
 RobotOption = Annotated[

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 def track(
     path: PathArgument,
-    controller: ControllerOption = "adaptive",
+    controller: ControllerOption = None,
     robot: RobotOption = None,
     device: DeviceOption = "emulator:",
     tracker: TrackerOption = "twin:",
@@ -74,6 +74,8 @@ def track(
     Example: ccr-host track 8shape --set twin.payload_g=5
     """
     from ccr_host.commands import terminal
+    from ccr_host.control.registry import default_controller
+    from ccr_host.description.schema import load
     from ccr_host.record.folder import ResultFolder
     from ccr_host.record.keep import execute_logged, keep_result
     from ccr_host.run.campaign import in_background
@@ -81,6 +83,7 @@ def track(
     from ccr_host.run.open_rig import is_simulated
 
     with ExitStack() as stack:
+        controller = controller or default_controller(load(robot, overrides or ()).robot)
         options = RunOptions(
             path=path,
             controller=controller,

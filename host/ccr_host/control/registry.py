@@ -11,7 +11,7 @@ from ccr_host.control.mpc.controller import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
 from ccr_host.control.shell import Law, Shell
 from ccr_host.core.plugins import is_plugin, make_plugin, unknown_plugin
-from ccr_host.description.schema import Description
+from ccr_host.description.schema import Description, Robot
 
 _MAKERS: dict[str, Callable[[Description], Controller]] = {
     OpenLoop.name: OpenLoop,
@@ -28,14 +28,20 @@ _BASELINES = {
 """Module and law in ``control.baselines``; loaded only when one is requested."""
 
 
-def controller_names() -> list[str]:
-    """The controllers of this project and of the paper."""
-    return list(_MAKERS)
+def controller_names(robot: Robot | None = None) -> list[str]:
+    """The controllers of this project and of the paper, for one robot or for any."""
+    known = robot is None or AdaptiveLaw.knows(robot)
+    return [name for name in _MAKERS if known or name != AdaptiveLaw.name]
 
 
 def baseline_names() -> list[str]:
     """The baselines: controllers from the literature, for comparison."""
     return list(_BASELINES)
+
+
+def default_controller(robot: Robot) -> str:
+    """What follows a path best: `adaptive` where it knows the robot, else `pid-ik`."""
+    return AdaptiveLaw.name if AdaptiveLaw.knows(robot) else "pid-ik"
 
 
 def make_controller(name: str, description: Description) -> Controller:

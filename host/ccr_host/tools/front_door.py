@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.base import Controller
+from ccr_host.control.registry import default_controller
 from ccr_host.core.errors import ConfigError, DeviceError, TrackerError
 from ccr_host.core.plugins import Given
 from ccr_host.core.stop_signals import kill_interrupts
@@ -198,7 +199,7 @@ class Robot:
     def track(
         self,
         path: str | Path,
-        controller: str | Controller | Callable[[Description], Controller] = "adaptive",
+        controller: str | Controller | Callable[[Description], Controller] | None = None,
         *,
         rate_hz: float = 1.0,
         laps: int = 1,
@@ -213,8 +214,9 @@ class Robot:
         The run uses a new connection, so that its log can be replayed.
 
         Args:
-            path: ellipse, 8shape, star, or a file.
-            controller: a name, FILE.py:CLASS, a class, or an object with its methods.
+            path: a built-in path, or a file.
+            controller: a name, FILE.py:CLASS, a class, or an object with its methods; by default
+                `adaptive`, `pid-ik` for robots that it does not know.
             rate_hz: control steps per second.
             laps: number of laps of a closed path.
             unchecked: skip the checks of markers and motion.
@@ -228,7 +230,7 @@ class Robot:
             CcrError, KeyboardInterrupt: the run ended early; the folder contains the results so
                 far.
         """
-        name = _name(controller)
+        name = _name(controller or default_controller(self._options.description().robot))
         options = RunOptions(
             **vars(self._options),
             path=str(path),

@@ -28,7 +28,7 @@ from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
 from ccr_host.control.shell import Law, Measurement, PathView, Plan, Stage, smooth_moves
 from ccr_host.core.errors import ConfigError
-from ccr_host.description.schema import Description
+from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
@@ -61,16 +61,21 @@ class AdaptiveLaw(Law):
     feedback_s = 0.0
 
     def __init__(self, description: Description) -> None:
-        if description.robot.segments:
+        if not self.knows(description.robot):
             raise ConfigError(
                 "controller adaptive knows only robots of two planar segments with a motor each",
-                "use --controller mpc-offset, or describe such a robot without [[robot.segments]]",
+                "use --controller pid-ik, or describe such a robot without [[robot.segments]]",
             )
         self._limits = MotorLimits.of(description.servo)
         self.settle_s = description.control.settle_s
         self._scaling = Scaling.of(description)
         self._identified = identified_rests(description)
         self._model = make_model(description.control)
+
+    @staticmethod
+    def knows(robot: Robot) -> bool:
+        """Whether its static model is that of a robot: two planar segments with a motor each."""
+        return not robot.segments
 
     @property
     def delay_s(self) -> float:
