@@ -43,7 +43,7 @@ def test_another_robot_is_drawn_with_its_own_measures(tmp_path: Path) -> None:
     assert {"L_1 = 61.5 mm", "L_2 = 44 mm", "d_m = 12 mm"} <= texts
 
 
-@pytest.mark.parametrize("robot", [None])
+@pytest.mark.parametrize("robot", [None, "two-spatial", "three-spatial"])
 def test_the_holes_are_where_the_twin_has_them(drawing: ModuleType, robot: str | None) -> None:
     description = schema.load(robot)
     sites = ET.fromstring(robot_mjcf(description.twin)).iter("site")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ccr_host.control.base import Outcome
 from ccr_host.core.errors import full_text
 from ccr_host.link.exchange import LinkStatistics
-from ccr_host.robot.reference import PATH_AXES, Reference
+from ccr_host.robot.reference import PATH_AXES, REACHABLE_MM, Reference
 from ccr_host.run.observer import StepRecord, measured_errors_mm, true_errors_mm
 from ccr_host.run.options import RunOptions
 
@@ -138,9 +138,13 @@ def _lap_figures(
 
 
 def ratio_to_twin_floor(summary: Mapping[str, Any]) -> float | None:
-    """Mean true error divided by the least that the twin allows; None without a twin."""
+    """Mean true error divided by the least that the twin allows.
+
+    None without a twin, or if it can reach the whole path.
+    """
     error_mm, floor_mm = summary.get("true_mean_error_mm"), summary["twin_floor_mean_error_mm"]
-    return error_mm / floor_mm if error_mm is not None and floor_mm else None
+    is_meaningful = error_mm is not None and floor_mm is not None and floor_mm > REACHABLE_MM
+    return error_mm / floor_mm if is_meaningful else None
 
 
 def _count(records: Sequence[StepRecord], outcome: Outcome) -> int:
