@@ -16,7 +16,7 @@ def assert_one_clear_line(ended: Ended, status: int, *words: str) -> None:
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["track", "circle"], ["circle", "ellipse", "8shape", "star"]),
+        (["track", "spiral"], ["spiral", "ellipse", "8shape", "star"]),
         (["track", "8shape", "--controller", "pid9"], ["pid9", "mpc"]),
         (["track", "8shape", "--robot", "nowhere.toml"], ["nowhere.toml"]),
         (["track", "8shape", "--set", "twin.slak_mm=1"], ["twin.slak_mm", "slack_mm"]),
@@ -34,8 +34,8 @@ def assert_one_clear_line(ended: Ended, status: int, *words: str) -> None:
         (["track", "8shape", "--out", "/proc/nowhere"], ["/proc/nowhere"]),
         (["track", "8shape", "--out", "/dev/null"], ["/dev/null: not a folder"]),
         (["compare", "--controller", "pid9"], ["pid9"]),
-        (["compare", "--path", "circle"], ["circle"]),
-        (["workspace", "circle"], ["circle"]),
+        (["compare", "--path", "spiral"], ["spiral"]),
+        (["workspace", "spiral"], ["spiral"]),
         (["emulate", "--tcp", "5025"], ["5025", "host and a port"]),
         (["emulate", "--tcp", "127.0.0.1:99999"], ["99999"]),
     ],

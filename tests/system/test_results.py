@@ -127,7 +127,7 @@ def test_a_folder_that_is_replaced_in_mid_run_costs_its_files_alone(
 @pytest.mark.parametrize(
     ("words", "status"),
     [
-        (("track", "circle"), 2),
+        (("track", "spiral"), 2),
         (("track", "8shape", "--controller", "mcp"), 2),
         (("track", "8shape", "--device", "tcp://127.0.0.1:1"), 3),
         (("track", "8shape", "--tracker", "ndi+tcp://127.0.0.1:1"), 3),
@@ -135,8 +135,8 @@ def test_a_folder_that_is_replaced_in_mid_run_costs_its_files_alone(
         (("track", "short.csv", *PAPERS, "--set", "tracker.latency_ms=1000"), 3),
         (("compare", "--controller", "mcp"), 2),
         (("compare", "--path", "short.csv", *PAPERS, "--device", "tcp://127.0.0.1:1"), 3),
-        (("workspace", "circle"), 2),
-        (("sweep", "--path", "circle"), 2),
+        (("workspace", "spiral"), 2),
+        (("sweep", "--path", "spiral"), 2),
         (("sweep", "--scheduler", "here"), 2),
         (("export", "gone"), 2),
         (("report", "gone"), 2),

@@ -76,7 +76,7 @@ def test_a_full_disk_behind_standard_output_is_reported_once(tmp_path: Path) -> 
 
 def test_an_unreadable_error_message_keeps_its_status(tmp_path: Path) -> None:
     for streams in ("2>&-", "2> /dev/full", "> /dev/full"):
-        assert in_shell(tmp_path, "track", "circle", streams=streams)[0] == 2
+        assert in_shell(tmp_path, "track", "spiral", streams=streams)[0] == 2
 
 
 def test_a_reader_that_closes_the_pipe_is_not_an_error(tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def test_the_death_of_a_worker_loses_nothing(
     ("words", "named"),
     [
         (["--runs", "0"], ["--runs"]),
-        (["--path", "circle"], ["circle", "ellipse"]),
+        (["--path", "spiral"], ["spiral", "ellipse"]),
         (["--controller", "pid9"], ["pid9", "mpc"]),
         (["--rate", "0"], ["rate"]),
         (["--twins", "gone.jsonl"], ["gone.jsonl"]),

@@ -29,10 +29,9 @@ from ccr_host.link.messages import (
     State,
     StateReport,
 )
-from ccr_host.robot.marker_shape import described_lengths_mm, seen_lengths_mm, wrong_segments
 from ccr_host.robot.rests import Rests
 from ccr_host.tools.equipment import equipment_text
-from ccr_host.tracking.markers.check import MarkerCheck
+from ccr_host.tracking.markers.check import MarkerCheck, seen_lengths_mm, wrong_segments
 from ccr_host.tracking.tracker import Sample, Tracker
 
 
@@ -196,7 +195,7 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
     robot = description.robot
     if np.isfinite(markers_mm).all():
         lengths = " and ".join(f"{length:.1f}" for length in seen_lengths_mm(markers_mm, robot))
-        described = " and ".join(f"{length:g}" for length in described_lengths_mm(robot))
+        described = " and ".join(f"{length:g}" for length in robot.segment_lengths_mm)
         trouble = MarkerCheck(description).trouble(markers_mm)
         yield judged(
             "scale",

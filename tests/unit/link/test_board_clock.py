@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.link.board_clock import BoardClock
+from ccr_host.link.board import BoardClock
 
 SECOND_US = 1_000_000
 DAY_US = 24 * 3600 * SECOND_US

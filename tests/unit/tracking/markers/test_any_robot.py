@@ -12,8 +12,7 @@ from ccr_host.core.errors import TrackerError
 from ccr_host.description import schema
 from ccr_host.description.robot import Robot
 from ccr_host.robot.kinematics import ConstantCurvature
-from ccr_host.robot.marker_shape import seen_lengths_mm
-from ccr_host.tracking.markers.check import MarkerCheck
+from ccr_host.tracking.markers.check import MarkerCheck, seen_lengths_mm
 from ccr_host.tracking.markers.labelling import Labeller
 from ccr_host.tracking.tracker import Sample
 from tests.unit.robot.random_robots import random_robot
