@@ -114,7 +114,10 @@ def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def at_work(ccr_host: CcrHost, recorded_run: Path) -> CcrHost:
     """A folder with the files that the docs describe."""
-    (ccr_host.folder / "my-robot.toml").write_text('name = "my robot"\n')
+    # A fit takes 30 times as long in plain Python.
+    (ccr_host.folder / "my-robot.toml").write_text(
+        'name = "my robot"\n[control]\nsolver = "compiled"\n'
+    )
     write_short_path(ccr_host.folder)
     write_rests(ccr_host.folder / "rests.csv")
     shutil.copytree(recorded_run, ccr_host.folder / "kept")

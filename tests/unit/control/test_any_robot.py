@@ -78,4 +78,4 @@ def test_on_a_robot_as_believed_that_hangs_a_little_the_tip_comes_to_the_path(ro
 def test_adaptive_refuses_robots_of_other_segments_and_says_what_to_choose(robot):
     with pytest.raises(ConfigError, match="two planar segments") as refusal:
         made(robot, "adaptive")
-    assert "mpc-offset" in refusal.value.cure
+    assert "pid-ik" in refusal.value.cure
