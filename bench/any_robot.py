@@ -18,7 +18,8 @@ import numpy as np
 import tomlkit
 
 from ccr_host.core.errors import CcrError
-from ccr_host.description.schema import Robot, Segment, Tendon, load
+from ccr_host.description.schema import Robot, Segment, Tendon
+from ccr_host.description.source import text_of, tree_of
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.observer import true_errors_mm
@@ -68,9 +69,8 @@ def _turn(angle_deg: float) -> float:
 
 def description_text(robot: Robot) -> str:
     """The robot with the faults of `default`, as TOML."""
-    faults = load().twin.model_dump(include=load().twin.model_fields_set)
-    for per_motor in ("servo_neutral_us", "servo_drift_deg"):
-        faults.pop(per_motor, None)
+    faults = dict(tree_of(text_of(None))["twin"])
+    del faults["servo_neutral_us"]
     reach_mm = sum(segment.length_mm for segment in robot.segments)
     faults["bending_stiffness_nm_rad"] = 0.02 * (reach_mm / 100.0) ** 2
     faults["tendon_force_max_n"] = 200.0
@@ -121,18 +121,18 @@ def judged(robot: int, folder: Path, controller: str, rate_hz: float) -> dict[st
 
 def print_table(rows: list[dict[str, Any]]) -> None:
     """One line for each controller and rate."""
-    print("| controller | rate | robots | failed | median | 95 % | greatest | median of ratio |")
+    print("| controller | rate | robots | failed | median | 95 % | greatest | median floor |")
     print("|---|---|---|---|---|---|---|---|")
     for controller, rate_hz in sorted({(row["controller"], row["rate_hz"]) for row in rows}):
         mine = [r for r in rows if (r["controller"], r["rate_hz"]) == (controller, rate_hz)]
         done = [row for row in mine if "mean_mm" in row]
         means = [row["mean_mm"] for row in done] or [np.nan]
-        ratios = [row["mean_mm"] / row["floor_mm"] for row in done if row["floor_mm"]] or [np.nan]
+        floors = [row["floor_mm"] for row in done if row["floor_mm"] is not None] or [np.nan]
         print(
             f"| {controller} | {rate_hz:g} Hz | {len(mine)} | {len(mine) - len(done)} | "
             f"{np.median(means):.2f} | {np.percentile(means, 95):.2f} | "
             f"{max([row['max_mm'] for row in done], default=np.nan):.1f} | "
-            f"{np.median(ratios):.2f} |"
+            f"{np.median(floors):.2f} |"
         )
 
 

@@ -176,7 +176,8 @@ class Robot(Section):
     def _as_described(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         written: dict[str, Any] = handler(self)
         if self.segments:
-            del written["segment_lengths_mm"], written["tendon_radius_mm"]
+            for key in ("segment_lengths_mm", "tendon_radius_mm"):
+                written.pop(key, None)
         return written
 
     @model_validator(mode="after")
