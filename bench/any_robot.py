@@ -32,7 +32,13 @@ DURATION_S = 60.0
 RESULTS = "runs.jsonl"
 
 
-def random_robot(rng: np.random.Generator, segments: int) -> Robot:
+def random_robot(
+    rng: np.random.Generator,
+    segments: int,
+    *,
+    lengths_mm: tuple[float, float] = (20.0, 150.0),
+    radii_mm: tuple[float, float] = (2.0, 15.0),
+) -> Robot:
     """Planar segments with a pair of tendons, spatial ones with two pairs or three tendons."""
     motors = 0
     described = []
@@ -43,24 +49,33 @@ def random_robot(rng: np.random.Generator, segments: int) -> Robot:
         for part in range({"plane": 1, "pairs": 2, "three": 3}[kind]):
             motors += 1
             apart_deg = 120.0 * part if kind == "three" else 90.0 * part
-            angle_deg = direction_deg + apart_deg
+            angle_deg = direction_deg + apart_deg + float(rng.uniform(-20, 20))
             pulls.append(Tendon(angle_deg=_turn(angle_deg), motor=motors))
             if kind != "three":
                 opposite = _turn(angle_deg + 180.0)
                 pulls.append(Tendon(angle_deg=opposite, motor=motors, winding=-1))
         described.append(
             Segment(
-                length_mm=float(rng.uniform(30, 80)),
-                tendon_radius_mm=float(rng.uniform(3, 8)),
+                length_mm=float(rng.uniform(*lengths_mm)),
+                tendon_radius_mm=float(rng.uniform(*radii_mm)),
                 bends="plane" if kind == "plane" else "space",
                 direction_deg=_turn(direction_deg),
                 tendons=tuple(pulls),
             )
         )
-    widest_mm = max(segment.tendon_radius_mm for segment in described)
     return Robot(
-        segments=tuple(described), gravity_direction=(0, -1, 0), pulley_radius_mm=2.0 * widest_mm
+        segments=tuple(described),
+        marker_offset_mm=float(rng.uniform(0, 40)),
+        pulley_radius_mm=float(rng.uniform(3, 20)),
     )
+
+
+def built(rng: np.random.Generator, segments: int) -> Robot:
+    """A random robot of a size that can be built, hanging, with pulleys that suit its tendons."""
+    robot = random_robot(rng, segments, lengths_mm=(30.0, 80.0), radii_mm=(3.0, 8.0))
+    widest_mm = max(segment.tendon_radius_mm for segment in robot.segments)
+    hanging = {"gravity_direction": (0.0, -1.0, 0.0), "pulley_radius_mm": 2.0 * widest_mm}
+    return robot.model_copy(update=hanging)
 
 
 def _turn(angle_deg: float) -> float:
@@ -150,7 +165,7 @@ def main() -> None:
     done = {(row["robot"], row["controller"], row["rate_hz"]) for row in rows}
     for robot in range(1, arguments.robots + 1):
         rng = np.random.default_rng(robot)
-        described = random_robot(rng, 1 + robot % 4)
+        described = built(rng, 1 + robot % 4)
         (arguments.out / f"{robot}.toml").write_text(description_text(described))
         (arguments.out / f"{robot}.csv").write_text(path_text(described, rng))
         for rate_hz in arguments.rate:

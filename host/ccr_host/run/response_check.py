@@ -92,7 +92,7 @@ class Responses(NamedTuple):
     """(n, V): those of the described robot."""
 
     def cosines(self) -> Array:
-        """Of the angles between seen and expected displacements, (n, n)."""
+        """Cosines of the angles between seen and expected displacements, (n, n)."""
         seen, expected = (
             one / np.maximum(np.linalg.norm(one, axis=1, keepdims=True), 1e-9) for one in self
         )

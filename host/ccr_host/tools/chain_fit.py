@@ -246,7 +246,7 @@ class ChainFit:
         return self.model.predicted_mm(self.score, rows)
 
     def turn_covariance(self) -> FloatArray:
-        """Of the robot's turn, about the axes of the measurement, rad^2, (3, 3)."""
+        """Covariance of the robot's turn about the axes of the measurement, rad^2, (3, 3)."""
         own = np.array([unknown.kind == "turn" for unknown in self.model.unknowns])
         deviation = self.model.deviation[own]
         covariance: FloatArray = self.covariance[np.ix_(own, own)]

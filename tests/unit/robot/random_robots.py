@@ -1,49 +1,13 @@
-"""Robots of any kind, and their kinematics by other means."""
+"""Kinematics of robots of any kind by other means."""
 
 from __future__ import annotations
 
 import numpy as np
 import scipy
 
-from ccr_host.description.schema import Robot, Segment, Tendon
+from ccr_host.description.schema import Robot
 
 TO_PAPER = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-
-
-def random_robot(rng: np.random.Generator, segments: int) -> Robot:
-    """Planar segments with a pair of tendons, spatial ones with two pairs or three tendons."""
-    motors = 0
-    described = []
-    for _ in range(segments):
-        kind = rng.choice(["plane", "pairs", "three"])
-        direction_deg = float(rng.uniform(-180, 180))
-        pulls: list[Tendon] = []
-        for part in range({"plane": 1, "pairs": 2, "three": 3}[kind]):
-            motors += 1
-            apart_deg = 120.0 * part if kind == "three" else 90.0 * part
-            angle_deg = direction_deg + apart_deg + float(rng.uniform(-20, 20))
-            pulls.append(Tendon(angle_deg=_turn(angle_deg), motor=motors))
-            if kind != "three":
-                opposite = _turn(angle_deg + 180.0)
-                pulls.append(Tendon(angle_deg=opposite, motor=motors, winding=-1))
-        described.append(
-            Segment(
-                length_mm=float(rng.uniform(20, 150)),
-                tendon_radius_mm=float(rng.uniform(2, 15)),
-                bends="plane" if kind == "plane" else "space",
-                direction_deg=_turn(direction_deg),
-                tendons=tuple(pulls),
-            )
-        )
-    return Robot(
-        segments=tuple(described),
-        marker_offset_mm=float(rng.uniform(0, 40)),
-        pulley_radius_mm=float(rng.uniform(3, 20)),
-    )
-
-
-def _turn(angle_deg: float) -> float:
-    return (angle_deg + 180.0) % 360.0 - 180.0
 
 
 def freedom_of(robot: Robot) -> list[tuple[int, np.ndarray]]:

@@ -3,6 +3,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from bench.any_robot import random_robot
 from ccr_host.description.schema import Robot
 from ccr_host.robot.backbone import (
     fitted_bending_rad,
@@ -11,7 +12,6 @@ from ccr_host.robot.backbone import (
     turns_to,
 )
 from ccr_host.robot.kinematics import ConstantCurvature
-from tests.unit.robot.random_robots import random_robot
 
 MODEL = ConstantCurvature(Robot())
 ANGLE = st.floats(-0.8, 0.8)

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.any_robot import random_robot
 from ccr_host.description.schema import Robot
 from ccr_host.robot.arc import arc_derivatives, arc_derivatives_at
 from ccr_host.robot.kinematics import ConstantCurvature
-from tests.unit.robot.random_robots import chain_of_transforms, levers_of, random_robot
+from tests.unit.robot.random_robots import chain_of_transforms, levers_of
 
 PAPER = ConstantCurvature(Robot())
 GAIN = 12.5 / 4.5

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.any_robot import random_robot
 from ccr_host.description.schema import Robot, Servo
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.workspace import MotorLimits, Workspace
-from tests.unit.robot.random_robots import random_robot
 
 PAPER = ConstantCurvature(Robot())
 LIMITS = MotorLimits.of(Servo())

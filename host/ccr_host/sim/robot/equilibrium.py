@@ -35,7 +35,7 @@ _NEWTON_LIMIT = 60
 _LONGEST_STEP_RAD = 0.2
 _SHORTEST_SHARE = 1e-3
 _PUSHES_BACK = 0.1
-"""Of the force along a step before it."""
+"""Greatest force against a step at its end, as a share of the force along it at its start."""
 _KEPT_WHILE_SHRINKING_BY = 0.3
 """A compliance is reused while each step with it reduces the forces to less than this fraction."""
 

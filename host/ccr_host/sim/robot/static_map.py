@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,11 +144,11 @@ def _read(file: Path) -> dict[str, Array] | None:
         return None
 
 
-def _write(file: Path, name: str, found: dict[str, Array]) -> None:
+def _write(file: Path, name: str, found: dict[str, Any]) -> None:
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         with replacing(file) as draft, draft.open("wb") as opened:
-            np.savez(opened, **found)  # type: ignore[arg-type]
+            np.savez(opened, **found)
         kept = sorted(file.parent.glob(f"{name}-*.npz"), key=lambda one: one.stat().st_mtime)
         for oldest in kept[:-_MOST_KEPT]:
             oldest.unlink()

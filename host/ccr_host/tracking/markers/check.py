@@ -70,7 +70,7 @@ class MarkerCheck:
     def __init__(self, description: Description, *, in_robot_frame: bool = True) -> None:
         self._robot = robot = description.robot
         self.names = robot.markers
-        """Of the markers."""
+        """Names of the markers, M1 first."""
         self._as_named: Order = tuple(range(len(robot.markers)))
         self._turned_round = self._as_named[::-1]
         self._exchanges = _exchanges(self._as_named)

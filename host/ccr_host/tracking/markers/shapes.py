@@ -99,7 +99,7 @@ class Misfit(Protocol):
 
 
 class Steps(Misfit):
-    """Of the vector from each marker to the next, in the robot's frame.
+    """Misfit of the vectors from each marker to the next, in the robot's frame.
 
     Args:
         deviation_mm: see `Tolerances`.
@@ -124,14 +124,14 @@ class Steps(Misfit):
 
 
 class Distances(Misfit):
-    """Of the distances between all markers, which no turn of the camera changes.
+    """Misfit of the distances between all markers, which no turn of the camera changes.
 
     Args:
         deviation_mm: see `Tolerances`.
     """
 
     surface_mm = 3.0
-    """Deviation of the distance of markers that are no neighbours."""
+    """Deviation of the distance between markers that are not neighbours."""
 
     def __init__(self, deviation_mm: Array) -> None:
         self._deviation_mm = deviation_mm

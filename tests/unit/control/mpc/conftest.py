@@ -23,7 +23,7 @@ LIMITS = MotorLimits.of(DESCRIPTION.servo)
 
 
 def constants(position_weight=1.0, effort_weight=0.5) -> Constants:
-    """Of the paper's robot."""
+    """The constants of the paper's robot with some weights."""
     return Constants.of(DESCRIPTION.robot, Weights(position_weight, effort_weight))
 
 

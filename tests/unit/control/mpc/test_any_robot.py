@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bench.any_robot import random_robot
 from ccr_host.control.base import Observation, Outcome
 from ccr_host.control.mpc import sqp
 from ccr_host.control.mpc.controller import ModelPredictive
@@ -15,7 +16,6 @@ from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits
-from tests.unit.robot.random_robots import random_robot
 
 SHIPPED = {
     "single": "swing",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bench.any_robot import random_robot
 from ccr_host.control.mpc import qp
 from ccr_host.control.mpc.problem import Constants, Expansion, Tracking, Weights, expand, roll_out
 from ccr_host.control.mpc.qp import (
@@ -18,7 +19,6 @@ from ccr_host.control.mpc.qp import (
     solved,
     solved_by_loops,
 )
-from tests.unit.robot.random_robots import random_robot
 
 WIDE = 1e3
 

@@ -15,6 +15,7 @@ from ccr_host.description.schema import Description, load
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.sim.robot.equilibrium import Equilibrium
 from ccr_host.sim.robot.mechanics import Mechanics
+from ccr_host.sim.robot.memory import CapstanFriction
 
 X, Y, Z = 0, 1, 2
 BACKBONE = np.array([0.0, -1.0, 0.0])
@@ -212,8 +213,9 @@ def test_a_tendon_loses_tension_by_the_angle_that_both_hinges_turn_it(angle_deg)
         mechanics.pull([q_rad, 0.0])
         mechanics.advance(1)
     friction = mechanics._memories[0][1]
+    assert isinstance(friction, CapstanFriction)
     turned_by_rad = np.arccos(mechanics._data.site_xmat[mechanics._disks[-1]][4])
-    last = friction._divisors[friction._pulleys[friction._tendon == 0]][-1]  # type: ignore[attr-defined]
+    last = friction._divisors[friction._pulleys[friction._tendon == 0]][-1]
     # The last half flexure lies beyond the last hole in which the tendon turns.
     assert np.log(last) == pytest.approx(0.3 * turned_by_rad * 11 / 12, rel=0.03)
 

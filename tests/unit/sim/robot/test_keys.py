@@ -38,7 +38,7 @@ CHANGED = {
     "marker_mass_g": 3.1,
     "payload_g": 1.0,
     "payload_start_s": 0.5,
-    "slack_mm": 1.0,
+    "slack_mm": (1.0,) * 4,
     "tendon_stiffness_n_m": 4100.0,
     "tendon_force_max_n": 1.0,
     "servo_rate_deg_s": 200.0,

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from bench.any_robot import random_robot
 from ccr_host.core.errors import TrackerError
 from ccr_host.description import schema
 from ccr_host.description.robot import Robot
@@ -15,7 +16,6 @@ from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.tracking.markers.check import MarkerCheck, seen_lengths_mm
 from ccr_host.tracking.markers.labelling import Labeller
 from ccr_host.tracking.tracker import Sample
-from tests.unit.robot.random_robots import random_robot
 
 FRAME_US = 50_000
 NOISE_MM = 0.15
