@@ -3,7 +3,8 @@
 Some things never change, so that a recorded byte stream keeps its meaning and hosts and boards of
 different versions can at least identify each other. Others need a new protocol version. The rest
 is free: prose, requirements, the firmware's version, new messages, enums, flag bits and
-constants, and ranges that become wider.
+constants, and ranges that become wider. Only new optional messages and their capability bits also
+keep the spec hash, so that host and board need not be updated together.
 """
 
 from __future__ import annotations
@@ -148,6 +149,8 @@ def _message(old: Message, new: Message) -> Iterator[str]:
     place = f"message {old.name}"
     if old.id != new.id:
         yield f"{place}: its id has become 0x{new.id:02X}"
+    if old.optional != new.optional:
+        yield f"{place}: must stay {f'optional ({old.optional})' if old.optional else 'mandatory'}"
     if old.rules != new.rules:
         yield f"{place}: reply, retry, session or states have changed"
     for field, now in zip(old.wire_fields, new.wire_fields, strict=False):

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from ccr_protocol import meaning
-from ccr_protocol.spec import Spec
+from ccr_protocol.spec import CAPABILITIES, Spec
 
 _PROSE_KEYS = frozenset({"prose", "text"})
 _LISTS_IN_ANY_ORDER = ("constant", "enum", "flags", "struct", "message")
@@ -103,12 +103,21 @@ def spec_hash(tree: Mapping[str, Any]) -> int:
     """32 bits of SHA-256 over what matters on the wire and in the board's behaviour.
 
     Prose, the wording of requirements, the firmware's version and the order of definitions are
-    left out; the order of fields counts.
+    left out; the order of fields counts. Optional messages and their capabilities are left out too:
+    `hello_reply` announces them, so that boards with and without them are equally understood.
     """
     meaning = {key: value for key, value in tree.items() if key != "requirement"}
+    optional = {node["optional"] for node in tree["message"] if "optional" in node}
+    meaning["message"] = [node for node in tree["message"] if "optional" not in node]
+    meaning["flags"] = [
+        {**node, "bits": [bit for bit in node["bits"] if bit["name"] not in optional]}
+        if node["name"] == CAPABILITIES
+        else node
+        for node in tree["flags"]
+    ]
     meaning["protocol"] = {k: v for k, v in tree["protocol"].items() if k != "firmware_version"}
     for key in _LISTS_IN_ANY_ORDER:
-        meaning[key] = sorted(tree[key], key=lambda node: str(node["name"]))
+        meaning[key] = sorted(meaning[key], key=lambda node: str(node["name"]))
     meaning["state_machine"] = sorted(
         (source, node["event"], node["to"])
         for node in tree["state_machine"]["transitions"]

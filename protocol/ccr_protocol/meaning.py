@@ -9,8 +9,11 @@ from typing import TypeVar
 
 from ccr_protocol.spec import (
     ANY_STATE,
+    CAPABILITIES,
     REPLY_BIT,
+    Enumeration,
     Field,
+    FlagSet,
     Message,
     Report,
     Request,
@@ -136,6 +139,7 @@ def _messages(spec: Spec) -> Iterator[str]:
         yield f"message id 0x{number:02X}: given twice"
     for message in spec.messages:
         yield from _payload(message, spec)
+        yield from _optional(message, spec)
         if isinstance(message, Request):
             yield from _request(message, spec)
     for required in ("hello", "hello_reply", "ack", "nack"):
@@ -149,6 +153,17 @@ def _payload(message: Message, spec: Spec) -> Iterator[str]:
     if message.struct_name and message.struct is None:
         yield f"{place}: there is no struct {message.struct_name}"
     yield from _repeated_fields(message.wire_fields, place)
+
+
+def _optional(message: Message, spec: Spec) -> Iterator[str]:
+    """A host that knows only what is mandatory must not meet anything else."""
+    known = {bit.name for one in spec.flag_sets if one.name == CAPABILITIES for bit in one.bits}
+    place = f"message {message.name}"
+    if message.optional and message.optional not in known:
+        yield f"{place}, optional: there is no capability {message.optional}"
+    reply = spec.message_by_name.get(message.rules.reply) if message.rules else None
+    if reply and reply.optional not in (None, message.optional):
+        yield f"{place}, reply: {reply.name} needs the capability {reply.optional}"
 
 
 def _request(request: Request, spec: Spec) -> Iterator[str]:
@@ -174,18 +189,21 @@ def _request(request: Request, spec: Spec) -> Iterator[str]:
 
 
 def _unused(spec: Spec) -> Iterator[str]:
-    fields = [field for one in (*spec.structs, *spec.messages) for field in one.fields]
+    """What only optional messages use counts as unused: the hash would depend on them."""
+    mandatory = [message for message in spec.messages if not message.optional]
+    fields = [field for one in (*spec.structs, *mandatory) for field in one.fields]
     enums = {field.enum for field in fields}
     # Bits of the detail of a nack; no field can carry them by type.
     flags = {field.flags for field in fields} | {"config_groups"}
-    structs = {message.struct_name for message in spec.messages}
-    yield from (
-        f"enum {one.name}: nothing uses it"
-        for one in spec.enums
-        if one.name not in enums and not one.internal
+    structs = {message.struct_name for message in mandatory}
+    kinds: tuple[tuple[str, Iterable[Enumeration | FlagSet | Struct], set[str | None]], ...] = (
+        ("enum", (enum for enum in spec.enums if not enum.internal), enums),
+        ("flags", spec.flag_sets, flags),
+        ("struct", spec.structs, structs),
     )
-    yield from (f"flags {f.name}: nothing uses it" for f in spec.flag_sets if f.name not in flags)
-    yield from (f"struct {s.name}: nothing uses it" for s in spec.structs if s.name not in structs)
+    for kind, defined, used in kinds:
+        for name in (one.name for one in defined if one.name not in used):
+            yield f"{kind} {name}: no mandatory message uses it"
 
 
 def _state_machine(spec: Spec) -> Iterator[str]:

@@ -154,6 +154,8 @@ def _struct_class(struct: Struct) -> str:
 
 def _message_class(message: Message, spec: Spec) -> str:
     arguments = [f'name="{message.name}"', f"number=0x{message.id:02X}"]
+    if message.optional:
+        arguments.append(f"capability=Capabilities.{message.optional.upper()}")
     rules = message.rules
     if not rules:
         return "\n".join(_class_head(message, "Message", arguments))
@@ -171,8 +173,10 @@ def _class_head(
     inside = ", ".join([base, *arguments])
     if len(head) + len(inside) + 3 <= _WIDTH:
         yield f"{head}({inside}):"
-    else:
+    elif len(inside) + 4 <= _WIDTH:
         yield from (f"{head}(", f"    {inside}", "):")
+    else:
+        yield from (f"{head}(", *(f"    {one}," for one in (base, *arguments)), "):")
     yield from _class_docstring(owner.name, owner.prose)
     nested = owner.struct if isinstance(owner, Message) else None
     if constant:

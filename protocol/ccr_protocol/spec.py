@@ -40,6 +40,9 @@ REPLY_BIT = 0x80
 ANY_STATE = ("any",)
 """Stands for all states in a request's list of states."""
 
+CAPABILITIES = "capabilities"
+"""The flags in `hello_reply` that tell which optional messages a board knows."""
+
 FIRST_CONFIGURATION = ("limits", "slew", "watchdog", "calibration")
 """Structs in an EEPROM slot where a spec does not say which, in this order."""
 
@@ -245,6 +248,8 @@ class Message(_Part):
     id: U8
     name: Name
     prose: Prose
+    optional: Name | None = None
+    """The capability of the boards that know the message, if not all do."""
     fields: tuple[Field, ...] = ()
     struct_name: Name | None = Key(None, alias="struct")
     _struct: Struct | None = PrivateAttr(None)
@@ -432,6 +437,11 @@ class Spec(_Part):
     def version(self) -> int:
         """Version of the protocol that the spec describes."""
         return self.protocol.version
+
+    @property
+    def optional_capabilities(self) -> frozenset[str]:
+        """Capabilities that stand for messages which not all boards know."""
+        return frozenset(message.optional for message in self.messages if message.optional)
 
     @property
     def firmware_version(self) -> tuple[int, int, int]:

@@ -18,7 +18,8 @@ _NOTE = (
     "a message, with its fields and the first field out of range and inconsistent axis or null; "
     "unknown_id; bad_length; or undefined_value, where an enum does not have the value. "
     "axes: number of axes of the board that the vector is for, on which lengths depend. "
-    "requests: the rules of each request; its payload has size + axes * axis_size bytes. "
+    "requests: the rules of each request; its payload has size + axes * axis_size bytes; "
+    "optional: the capability of the boards that know it, or null if all do. "
     "transitions: state, event and the state after it, for every pair."
 )
 
@@ -62,6 +63,7 @@ def _requests(spec: Spec) -> Iterator[dict[str, Any]]:
             yield {
                 "name": message.name,
                 "id": message.id,
+                "optional": message.optional,
                 "reply_id": spec.message_by_name[message.rules.reply].id,
                 "size": Size.of(message.wire_fields).fixed,
                 "axis_size": Size.of(message.wire_fields).per_axis,

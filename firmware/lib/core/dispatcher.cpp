@@ -1,12 +1,13 @@
 #include "dispatcher.h"
 
 #include "axes.h"
+#include "link_limits.h"
 #include "little_endian.h"
 
 namespace ccr {
 
 constexpr uint8_t longer(uint8_t size, uint8_t other) { return size > other ? size : other; }
-static_assert(kOutstandingRequests *
+static_assert(kLinkLimits.outstanding_requests *
                           wire_size(longer(CountersReply::kSize, CalibrationReply::kSize)) +
                       2 * wire_size(Telemetry::kSize) + wire_size(Ack::kSize) <=
                   kSendBytes,
@@ -54,6 +55,9 @@ void Dispatcher::dispatch(const FrameDecoder& frame) {
       return handle<Blink>(frame);
     case GetFaultRecord::kId:
       return handle<GetFaultRecord>(frame);
+    case GetLinkLimits::kId:
+      return kAnnouncesLinkLimits ? handle<GetLinkLimits>(frame)
+                                  : refuse(frame, Refusal{NackCode::kUnknownId, 0});
     case Arm::kId:
       return handle<Arm>(frame);
     case Disarm::kId:
@@ -176,7 +180,8 @@ void Dispatcher::execute(const FrameDecoder& frame, const Hello&) {
     reply.boot_id = controller_.boot_id();
     reply.reset_cause = cause_;
     reply.eeprom_status = controller_.eeprom_status();
-    reply.capabilities = hardware_.capabilities();
+    reply.capabilities = static_cast<uint16_t>(
+        hardware_.capabilities() | (kAnnouncesLinkLimits ? capabilities::kLinkLimits : 0));
     reply.axes = kAxes;
     reply.max_payload = kMaxPayload;
     reply.tick_us = kTickUs;
@@ -234,6 +239,10 @@ void Dispatcher::execute(const FrameDecoder& frame, const Blink& request) {
 void Dispatcher::execute(const FrameDecoder& frame, const GetFaultRecord& request) {
   send<FaultRecordReply>(frame.sequence(),
        [&] { return controller_.fault_record(request.place); });
+}
+
+void Dispatcher::execute(const FrameDecoder& frame, const GetLinkLimits&) {
+  send<LinkLimitsReply>(frame.sequence(), [] { return kLinkLimits; });
 }
 
 void Dispatcher::execute(const FrameDecoder& frame, const Arm&) {

@@ -73,6 +73,7 @@ class Dispatcher {
   void execute(const FrameDecoder& frame, const SetTelemetry& request);
   void execute(const FrameDecoder& frame, const Blink& request);
   void execute(const FrameDecoder& frame, const GetFaultRecord& request);
+  void execute(const FrameDecoder& frame, const GetLinkLimits&);
   void execute(const FrameDecoder& frame, const Arm&);
   void execute(const FrameDecoder& frame, const Disarm&);
   void execute(const FrameDecoder& frame, const Stop&);

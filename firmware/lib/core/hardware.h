@@ -8,7 +8,7 @@ namespace ccr {
 
 class Hardware {
  public:
-  /// Bits of `capabilities`.
+  /// Bits of `capabilities`, except those of optional messages, which the core sets.
   virtual uint16_t capabilities() = 0;
 
   /// Time since the reset; wraps.

@@ -45,11 +45,12 @@ constexpr uint8_t kRetryWindowTicks = 50U;
 constexpr uint16_t kWayToRestMs = 60000U;
 /// Time from a reset until the board accepts requests; anything received earlier is lost. [us]
 constexpr uint16_t kListensAfterUs = 2000U;
-/// Number of requests that a host may have sent without having received their replies (REQ-5): the
-/// longest replies to them and two reports fit into send_bytes. [request]
+/// Number of requests that a host may have sent without having received their replies (REQ-5),
+/// unless the board announces another (`link_limits`): the longest replies to them and two reports
+/// fit into send_bytes. [request]
 constexpr uint8_t kOutstandingRequests = 5U;
-/// Number of bytes that these requests may have in total, as encoded frames: they fit into the
-/// receive buffer. [byte]
+/// Number of bytes that these requests may have in total, as encoded frames, unless the board
+/// announces another: they fit into the receive buffer. [byte]
 constexpr uint8_t kOutstandingBytes = kIsLarge ? 127U : 63U;
 /// Size of the send buffer. A frame that does not fit is dropped and counted. All frames except the
 /// reply to `stop` leave room for that reply. [byte]
@@ -255,6 +256,8 @@ constexpr uint16_t kEeprom = 0x01;
 constexpr uint16_t kHardwarePulses = 0x02;
 /// Reports the least free stack.
 constexpr uint16_t kStackMonitor = 0x04;
+/// What may be outstanding is not what the constants say: `get_link_limits` tells.
+constexpr uint16_t kLinkLimits = 0x08;
 }  // namespace capabilities
 
 /// Groups of the configuration.
@@ -1478,6 +1481,78 @@ inline int8_t inconsistent_axis(const FaultRecordReply&) {
   return kNone;
 }
 
+/// Asks how much a host may have outstanding. Until it knows, a host sends one request at a time.
+struct GetLinkLimits {
+  enum : uint8_t { kId = 0x0A, kSize = 0 };
+};
+static_assert(GetLinkLimits::kSize == 0 && uint8_t{GetLinkLimits::kSize} <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const GetLinkLimits&, uint8_t*) {}
+
+inline Reading decode(const uint8_t*, uint8_t size, GetLinkLimits&) {
+  if (size != GetLinkLimits::kSize) {
+    return Reading::kBadLength;
+  }
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const GetLinkLimits&) {
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const GetLinkLimits&) {
+  return kNone;
+}
+
+/// What a host may have outstanding, in place of the constants of the same names.
+struct LinkLimitsReply {
+  enum : uint8_t { kId = 0x8A, kSize = 3 };
+
+  /// Number of requests without a reply. [request] 1 to 255.
+  uint8_t outstanding_requests;
+  /// Their bytes in total, as encoded frames; a single request may be longer. [byte]
+  uint16_t outstanding_bytes;
+};
+static_assert(LinkLimitsReply::kSize == sizeof(LinkLimitsReply::outstanding_requests) +
+              sizeof(LinkLimitsReply::outstanding_bytes) && uint8_t{LinkLimitsReply::kSize} <=
+              kMaxPayload, "payload layout");
+
+inline void encode(const LinkLimitsReply& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<LinkLimitsReply>()) {
+    __builtin_memcpy(payload, &value, LinkLimitsReply::kSize);
+    return;
+  }
+  put_u8(payload, value.outstanding_requests);
+  put_u16(payload + 1, value.outstanding_bytes);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, LinkLimitsReply& value) {
+  if (size != LinkLimitsReply::kSize) {
+    return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<LinkLimitsReply>()) {
+    __builtin_memcpy(&value, payload, LinkLimitsReply::kSize);
+    return Reading::kOk;
+  }
+  value.outstanding_requests = get_u8(payload);
+  value.outstanding_bytes = get_u16(payload + 1);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const LinkLimitsReply& value) {
+  if (value.outstanding_requests < 1U) {
+    return 0;
+  }
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const LinkLimitsReply&) {
+  return kNone;
+}
+
 /// Enables the servos one after another. Refused while the configuration is incomplete or being
 /// saved.
 struct Arm {
@@ -2556,6 +2631,7 @@ constexpr RequestRule kRequestRules[] = {
     {SetTelemetry::kId, Ack::kId, SetTelemetry::kSize, Retry::kOnce, true, 0x01FEU},
     {Blink::kId, Ack::kId, Blink::kSize, Retry::kRepeat, false, 0x01FFU},
     {GetFaultRecord::kId, FaultRecordReply::kId, GetFaultRecord::kSize, Retry::kRepeat, false, 0x01FFU},
+    {GetLinkLimits::kId, LinkLimitsReply::kId, GetLinkLimits::kSize, Retry::kRepeat, false, 0x01FFU},
     {Arm::kId, Ack::kId, Arm::kSize, Retry::kOnce, true, 0x0002U},
     {Disarm::kId, Ack::kId, Disarm::kSize, Retry::kOnce, true, 0x007EU},
     {Stop::kId, Ack::kId, Stop::kSize, Retry::kRepeat, false, 0x01FFU},

@@ -1,9 +1,19 @@
 // Checks and answers of requests, sessions, retries and telemetry.
-#include "test_bench.h"
+#include <link_limits.h>
 
 #include <algorithm>
 
+#include "test_bench.h"
+
 using namespace ccr;
+
+namespace {
+
+bool is_known(const RequestRule& rule) {
+  return rule.id != GetLinkLimits::kId || kAnnouncesLinkLimits;
+}
+
+}  // namespace
 
 TEST_CASE("REQ-1: each request is answered once, in order, with its sequence number") {
   Bench bench;
@@ -130,6 +140,9 @@ TEST_CASE("REQ-4: ids that are not requests, including replies, get unknown_id")
 TEST_CASE("every request in the spec is dispatched") {
   Bench bench;
   for (const RequestRule& rule : kRequestRules) {
+    if (!is_known(rule)) {
+      continue;
+    }
     const Frame answer = bench.ask_raw(wire(rule.id, 1, Bytes(rule.size)));
     if (answer.id == Nack::kId) {
       CHECK(read<Nack>(answer).code != NackCode::kUnknownId);
@@ -149,8 +162,16 @@ TEST_CASE("a request is only admitted in the states that the spec lists") {
     const Frame answer = bench.ask_raw(wire(rule.id, 1, payload));
     const bool is_refused = answer.id == Nack::kId;
     CHECK((is_refused || is_allowed(rule, State::kBoot)));
-    CHECK((!is_refused || rule.needs_session || !is_allowed(rule, State::kBoot)));
+    CHECK((!is_refused || !is_known(rule) || rule.needs_session ||
+           !is_allowed(rule, State::kBoot)));
   }
+}
+
+TEST_CASE("an optional request that the board does not announce gets unknown_id") {
+  Bench bench;
+  CHECK_FALSE(kAnnouncesLinkLimits);
+  CHECK((read<HelloReply>(bench.ask(Hello{})).capabilities & capabilities::kLinkLimits) == 0);
+  CHECK(bench.refused(GetLinkLimits{}).code == NackCode::kUnknownId);
 }
 
 TEST_CASE("hello identifies the board") {

@@ -334,6 +334,7 @@ class Board:
             raise SpecMismatchError(identity)
         if self._motors is not None and identity.axes < self._motors:
             raise TooFewAxesError(identity.axes, self._motors)
+        self._exchange.limits = self._link_limits(identity)
         request = m.OpenSession(m.SPEC_HASH, self._session)
         booting = (m.NackCode.BAD_STATE, State.BOOT)
         session = self._while_refused(request, booting, m.SessionReply, deadline_us)
@@ -341,6 +342,11 @@ class Board:
             identity = self._hello()
         self._identity = identity
         return identity, session.state
+
+    def _link_limits(self, identity: m.HelloReply) -> m.LinkLimitsReply:
+        if identity.capabilities & m.GetLinkLimits.CAPABILITY:
+            return self._ask(m.GetLinkLimits(), m.LinkLimitsReply)
+        return m.LinkLimitsReply(m.OUTSTANDING_REQUESTS, m.OUTSTANDING_BYTES.of(identity.axes))
 
     def _while_refused(
         self, request: m.Request, for_now: tuple[m.NackCode, int], reply: type[R], deadline_us: int

@@ -191,14 +191,15 @@ class Client(Board):
         target = m.SetTarget(self._session, (*target_cdeg, *unused_cdeg), ramp_ms, validity_ms)
         if target.first_out_of_range() is not None:
             raise ValueError(f"ramp of {ramp_ms} ms or validity of {validity_ms} ms out of range")
-        now_us = self._clock.now_us()
+        sequence, now_us = self._exchange.send(target)
         if now_us > self._fed_until_us:
             self._gap_us, self._gap_end_us = now_us - self._fed_us, now_us
         self._fed_us, self._fed_until_us = now_us, now_us + validity_ms * 1000
-        self._targets.sent(self._exchange.send(target, now_us), now_us)
+        self._targets.sent(sequence, now_us)
         if now_us - self._synced_us >= _SYNC_PERIOD_US:
-            self._synced_us = now_us
-            self._exchange.send(m.ClockSync(now_us % _U32), now_us)
+            self._exchange.wait_for_room(m.ClockSync.SIZE)
+            self._synced_us = self._clock.now_us()
+            self._exchange.send(m.ClockSync(self._synced_us % _U32))
 
     def disarm(self) -> None:
         """Lead the robot to rest and end the pulses; returns when that is done.

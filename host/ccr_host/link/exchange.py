@@ -16,16 +16,20 @@ from ccr_host.link.device_errors import BoardSilentError, RequestRefusedError
 from ccr_host.link.framing import Frame, FrameDecoder, FramingError, encode_frame
 from ccr_host.link.messages import (
     FRAME_DELIMITER,
+    FRAME_OVERHEAD,
     MESSAGES,
     RETRY_WINDOW_TICKS,
     TICK_US,
     Ack,
     CountersReply,
+    LinkLimitsReply,
     Message,
     Nack,
     PayloadError,
     Request,
+    Stop,
     TargetReply,
+    Telemetry,
 )
 
 ANSWER_TIMEOUT_US = 100_000
@@ -35,6 +39,8 @@ POLL_STEP_US = 200
 """Duration of five bytes at 250000 baud: the resolution of the round-trip times."""
 _COARSE_POLL_US = 2000
 """If the host polled less often than this, a round trip says nothing about the link."""
+_ENCODING_BYTES = FRAME_OVERHEAD + 2
+"""What a frame on the wire has besides its payload: also a code byte of COBS and the zero."""
 _U8 = 1 << 8
 _U16 = 1 << 16
 
@@ -167,8 +173,21 @@ class _Awaited:
         return isinstance(message, Nack) or message.ID == self.request.REPLY_ID
 
 
+@dataclass(frozen=True, slots=True)
+class _Outstanding:
+    """A request that was sent, and whose reply has not been received."""
+
+    wire_bytes: int
+    sent_us: int
+
+
 class Exchange:
-    """Makes one request at a time; any other message of the board goes to `on_message`."""
+    """Makes one request at a time; any other message of the board goes to `on_message`.
+
+    Requests that are sent without waiting for their replies are held back while as many are
+    outstanding as the board accepts (REQ-5). A reply that is `ANSWER_TIMEOUT_US` late counts as
+    lost. Only `stop` is never held back.
+    """
 
     def __init__(
         self,
@@ -187,6 +206,9 @@ class Exchange:
         self._next_sequence = 0
         self._awaited: _Awaited | None = None
         self._polled_us = clock.now_us()
+        self._outstanding: dict[int, _Outstanding] = {}
+        self.limits = LinkLimitsReply(outstanding_requests=1, outstanding_bytes=0)
+        """What the board accepts; one request at a time until that is known."""
 
     @property
     def waiting(self) -> bool:
@@ -197,12 +219,44 @@ class Exchange:
         """Terminate a frame that an interrupted write may have left on the wire."""
         self._transport.write(bytes([FRAME_DELIMITER]))
 
-    def send(self, request: Request, now_us: int) -> int:
-        """Send without waiting; returns the sequence number."""
+    def wait_for_room(self, payload_bytes: int) -> None:
+        """Wait until the board accepts one more request with so long a payload.
+
+        Raises:
+            DeviceError: the port is gone.
+        """
+        clock, limits = self._clock, self.limits
+        while True:
+            now_us = clock.now_us()
+            self._outstanding = {
+                sequence: one
+                for sequence, one in self._outstanding.items()
+                if now_us - one.sent_us < ANSWER_TIMEOUT_US
+            }
+            waiting = [one.wire_bytes for one in self._outstanding.values()]
+            total_bytes = sum(waiting) + payload_bytes + _ENCODING_BYTES
+            fits = len(waiting) < limits.outstanding_requests
+            if not waiting or (fits and total_bytes <= limits.outstanding_bytes):
+                return
+            clock.sleep_until_us(now_us + POLL_STEP_US)
+            self.poll(clock.now_us())
+
+    def send(self, request: Request) -> tuple[int, int]:
+        """Send as soon as the board accepts it, without waiting for the reply.
+
+        Returns:
+            Sequence number, and host time in us at which it was sent.
+
+        Raises:
+            DeviceError: the port is gone.
+        """
+        payload = request.pack()
+        self.wait_for_room(len(payload))
         sequence = self._next_sequence
         self._next_sequence = (sequence + 1) % _U8
-        self._write(encode_frame(request.ID, sequence, request.pack()), now_us)
-        return sequence
+        now_us = self._clock.now_us()
+        self._write(encode_frame(request.ID, sequence, payload), sequence, now_us)
+        return sequence, now_us
 
     def request(self, request: Request, attempts: int = ATTEMPTS) -> Message:
         """Send and wait for the answer; if none comes, repeat with the same sequence number.
@@ -212,16 +266,19 @@ class Exchange:
             RequestRefusedError: the board answered `nack`.
             DeviceError: the port is gone.
         """
+        payload = request.pack()
+        if request.ID != Stop.ID:
+            self.wait_for_room(len(payload))
         sequence = self._next_sequence
         self._next_sequence = (sequence + 1) % _U8
-        frame = encode_frame(request.ID, sequence, request.pack())
+        frame = encode_frame(request.ID, sequence, payload)
         awaited = self._awaited = _Awaited(request, sequence)
         try:
             for attempt in range(attempts):
                 sent_us = self._clock.now_us()
                 if attempt > 0:
                     self._counts.retries += 1
-                self._write(frame, sent_us)
+                self._write(frame, sequence, sent_us)
                 answer = self._wait_for_answer(awaited, sent_us + ANSWER_TIMEOUT_US)
                 if answer is not None:
                     if attempt == 0:
@@ -258,8 +315,9 @@ class Exchange:
                 return None
             clock.sleep_until_us(min(now_us + POLL_STEP_US, deadline_us))
 
-    def _write(self, frame: bytes, now_us: int) -> None:
+    def _write(self, frame: bytes, sequence: int, now_us: int) -> None:
         self._counts.sent += 1
+        self._outstanding[sequence] = _Outstanding(len(frame), now_us)
         if self._on_frame:
             self._on_frame("sent", now_us, frame)
         self._transport.write(frame)
@@ -274,6 +332,8 @@ class Exchange:
         if message is None:
             self._counts.unusable += 1
             return
+        if not isinstance(message, Telemetry):
+            self._outstanding.pop(frame.sequence, None)
         received = Received(message, frame.sequence, now_us)
         if self._awaited and self._awaited.matches(message, frame.sequence):
             self._awaited.answer = received

@@ -53,12 +53,13 @@ slew allowed, plus 6 s to brake and accelerate at the lowest acceleration. [ms]
 LISTENS_AFTER_US: Final = 2000
 """Time from a reset until the board accepts requests; anything received earlier is lost. [us]"""
 OUTSTANDING_REQUESTS: Final = 5
-"""Number of requests that a host may have sent without having received their replies (REQ-5): the
-longest replies to them and two reports fit into send_bytes. [request]
+"""Number of requests that a host may have sent without having received their replies (REQ-5),
+unless the board announces another (`link_limits`): the longest replies to them and two reports
+fit into send_bytes. [request]
 """
 OUTSTANDING_BYTES: Final = BySize(63, 127, 2)
-"""Number of bytes that these requests may have in total, as encoded frames: they fit into the
-receive buffer. [byte]
+"""Number of bytes that these requests may have in total, as encoded frames, unless the board
+announces another: they fit into the receive buffer. [byte]
 """
 SEND_BYTES: Final = BySize(255, 1023, 2)
 """Size of the send buffer. A frame that does not fit is dropped and counted. All frames except the
@@ -267,6 +268,8 @@ class Capabilities(IntFlag):
     """Pulses come from a timer, not from software."""
     STACK_MONITOR = 0x04
     """Reports the least free stack."""
+    LINK_LIMITS = 0x08
+    """What may be outstanding is not what the constants say: `get_link_limits` tells."""
 
 
 class ConfigGroups(IntFlag):
@@ -609,6 +612,31 @@ class FaultRecordReply(Message, name="fault_record_reply", number=0x89):
     """The record as it is in EEPROM."""
 
     record: FaultRecord = nested(FaultRecord)
+
+
+class GetLinkLimits(
+    Request,
+    name="get_link_limits",
+    number=0x0A,
+    capability=Capabilities.LINK_LIMITS,
+    reply=0x8A,
+    retry="repeat",
+):
+    """Asks how much a host may have outstanding.
+
+    Until it knows, a host sends one request at a time.
+    """
+
+
+class LinkLimitsReply(
+    Message, name="link_limits_reply", number=0x8A, capability=Capabilities.LINK_LIMITS
+):
+    """What a host may have outstanding, in place of the constants of the same names."""
+
+    outstanding_requests: int = wire("B", 1, 255, "request")
+    """Number of requests without a reply."""
+    outstanding_bytes: int = wire("H", 0, 65535, "byte")
+    """Their bytes in total, as encoded frames; a single request may be longer."""
 
 
 class Arm(Request, name="arm", number=0x10, reply=0x70, retry="once", session=True):

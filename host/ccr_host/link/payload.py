@@ -272,10 +272,13 @@ class Message(Payload):
     """A payload with an id."""
 
     ID: ClassVar[int] = 0
+    CAPABILITY: ClassVar[int] = 0
+    """Bit of the boards that know it, if it is optional; 0 if every board does."""
 
-    def __init_subclass__(cls, *, name: str = "", number: int = 0) -> None:
+    def __init_subclass__(cls, *, name: str = "", number: int = 0, capability: int = 0) -> None:
         super().__init_subclass__(name=name)
         cls.ID = number
+        cls.CAPABILITY = capability
 
 
 class Request(Message):
@@ -290,11 +293,12 @@ class Request(Message):
         *,
         name: str = "",
         number: int = 0,
+        capability: int = 0,
         reply: int = 0,
         retry: Retry = "never",
         session: bool = False,
     ) -> None:
-        super().__init_subclass__(name=name, number=number)
+        super().__init_subclass__(name=name, number=number, capability=capability)
         cls.REPLY_ID = reply
         cls.RETRY = retry
         cls.NEEDS_SESSION = session

@@ -504,3 +504,11 @@ def _kept_function(uno: Uno) -> str:
 def _rises_and_falls(edges: list[Edge], pin: int) -> tuple[list[Edge], list[Edge]]:
     mine = [edge for edge in edges if edge.pin == pin]
     return [edge for edge in mine if edge.level], [edge for edge in mine if not edge.level]
+
+
+def test_a_board_built_for_one_outstanding_request_announces_it() -> None:
+    uno = Uno("-DCCR_OUTSTANDING_REQUESTS=1")
+    uno.wait(BOOT_OVER_US)
+    assert uno.hello().capabilities & m.Capabilities.LINK_LIMITS
+    limits = uno.ask(m.GetLinkLimits())
+    assert limits == m.LinkLimitsReply(1, m.OUTSTANDING_BYTES.of(2))

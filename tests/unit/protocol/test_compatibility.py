@@ -173,6 +173,17 @@ NEW_VERSION: dict[str, tuple[Edit, str]] = {
         lambda t: find(t, "message", "arm").update(retry="repeat"),
         "message arm: reply, retry, session or states have changed",
     ),
+    "optional message made mandatory": (
+        lambda t: [
+            find(t, "message", name).pop("optional")
+            for name in ("get_link_limits", "link_limits_reply")
+        ],
+        "message get_link_limits: must stay optional (link_limits)",
+    ),
+    "mandatory message made optional": (
+        lambda t: find(t, "message", "blink").update(optional="link_limits"),
+        "message blink: must stay mandatory",
+    ),
     "states": (
         lambda t: find(t, "message", "arm").update(states=["disarmed", "fault"]),
         "message arm: reply, retry, session or states have changed",
@@ -209,7 +220,7 @@ FREE: dict[str, Edit] = {
         {"id": 0xD5, "name": "log", "direction": "to_host", "prose": "New."}
     ),
     "new flag": lambda t: find(t, "flags", "capabilities")["bits"].append(
-        {"name": "radio", "bit": 3, "prose": "New."}
+        {"name": "radio", "bit": 9, "prose": "New."}
     ),
     "new constant": lambda t: t["constant"].append(
         {"name": "answer", "value": 42, "unit": "tick", "prose": "New."}

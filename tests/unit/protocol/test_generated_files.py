@@ -90,6 +90,10 @@ MEANINGFUL = {
     "field order": lambda t: find(t, "message", "nack")["fields"].reverse(),
     "EEPROM": lambda t: t["eeprom"].update(magic=1),
     "framing": lambda t: t["framing"].update(max_payload=47),
+    "optional message made mandatory": lambda t: [
+        find(t, "message", name).pop("optional")
+        for name in ("get_link_limits", "link_limits_reply")
+    ],
 }
 
 MEANINGLESS = {
@@ -98,6 +102,14 @@ MEANINGLESS = {
     "firmware version": lambda t: t["protocol"].update(firmware_version=[9, 9, 9]),
     "order of messages": lambda t: t["message"].reverse(),
     "order of transitions": lambda t: t["state_machine"]["transitions"].reverse(),
+    "optional message and its capability": lambda t: (
+        find(t, "flags", "capabilities")["bits"].append(
+            {"name": "telepathy", "bit": 15, "prose": "New."}
+        ),
+        t["message"].append(
+            {**find(t, "message", "telemetry"), "id": 0xD5, "name": "mood", "optional": "telepathy"}
+        ),
+    ),
 }
 
 

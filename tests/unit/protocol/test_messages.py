@@ -174,6 +174,7 @@ def test_requests_have_the_rules_of_the_vectors(vector_document) -> None:
         row["id"]: (
             *(row["name"], row["reply_id"], row["size"], row["axis_size"]),
             *(row["retry"], row["session"]),
+            messages.Capabilities[row["optional"].upper()] if row["optional"] else 0,
         )
         for row in vector_document["requests"]
     }
@@ -185,6 +186,7 @@ def test_requests_have_the_rules_of_the_vectors(vector_document) -> None:
             request.AXIS_SIZE,
             request.RETRY,
             request.NEEDS_SESSION,
+            request.CAPABILITY,
         )
         for request in messages.REQUESTS.values()
     }

@@ -319,11 +319,26 @@ MEANING: dict[str, tuple[Edit, str]] = {
     "no nack": (lambda t: remove(t["message"], "nack"), "message nack: missing"),
     "unused struct": (
         lambda t: t["struct"].append({**find(t, "struct", "slew"), "name": "spare"}),
-        "struct spare: nothing uses it",
+        "struct spare: no mandatory message uses it",
     ),
     "unused enum": (
         lambda t: t["enum"].append({**find(t, "enum", "fault"), "name": "spare"}),
-        "enum spare: nothing uses it",
+        "enum spare: no mandatory message uses it",
+    ),
+    "struct of an optional message only": (
+        lambda t: (
+            t["struct"].append({**find(t, "struct", "slew"), "name": "spare"}),
+            _set(find(t, "message", "link_limits_reply"), struct="spare"),
+        ),
+        "struct spare: no mandatory message uses it",
+    ),
+    "unknown capability": (
+        lambda t: _set(find(t, "message", "link_limits_reply"), optional="telepathy"),
+        "message link_limits_reply, optional: there is no capability telepathy",
+    ),
+    "mandatory request with an optional reply": (
+        lambda t: find(t, "message", "get_link_limits").pop("optional"),
+        "message get_link_limits, reply: link_limits_reply needs the capability link_limits",
     ),
     "no boot state": (
         lambda t: _set(value(t, "state", "boot"), name="birth"),

@@ -18,6 +18,7 @@ from ccr_host.link.messages import (
     TICK_US,
     Ack,
     Fault,
+    LinkLimitsReply,
     ResetCause,
     State,
     StateReport,
@@ -102,6 +103,7 @@ class UnoEmulator:
         board_time_at_reset_us: value of its 32-bit clock at a reset, to test wrapping.
         tick_offset: value of its tick counter at a reset, to test wrapping.
         axes: number of servos; that of an UNO by default.
+        link_limits: what a host may have outstanding; None for the limits of the spec.
     """
 
     def __init__(
@@ -115,11 +117,13 @@ class UnoEmulator:
         board_time_at_reset_us: int = 0,
         tick_offset: int = 0,
         axes: int = 2,
+        link_limits: LinkLimitsReply | None = None,
     ) -> None:
         self.axes = axes
         self._eeprom = eeprom if eeprom is not None else EepromImage()
         self._baud = baud
         self._spec_hash = spec_hash
+        self._link_limits = link_limits
         self._board_time_at_reset_us = board_time_at_reset_us
         self._tick_offset = tick_offset
         self._now_us = start_us
@@ -134,7 +138,9 @@ class UnoEmulator:
         self._core = BoardCore(
             self._eeprom, cause, had_pulses, self._tick_offset, self.inputs, self.axes
         )
-        self._dispatcher = Dispatcher(self._core, self.board_time_us, self._spec_hash)
+        self._dispatcher = Dispatcher(
+            self._core, self.board_time_us, self._spec_hash, self._link_limits
+        )
         self._decoder = FrameDecoder(MAX_PAYLOAD.of(self.axes))
         self._received_early = bytearray()
         self._sending = SendBuffer(self._baud, SEND_BYTES.of(self.axes))

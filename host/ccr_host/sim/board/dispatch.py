@@ -39,14 +39,22 @@ class Dispatcher:
         core: the board.
         board_time_us: the board's clock.
         spec_hash: hash of the spec that the board claims to be built from.
+        link_limits: what it announces; None for a board with the limits of the spec.
     """
 
     def __init__(
-        self, core: BoardCore, board_time_us: Callable[[], int], spec_hash: int = m.SPEC_HASH
+        self,
+        core: BoardCore,
+        board_time_us: Callable[[], int],
+        spec_hash: int = m.SPEC_HASH,
+        link_limits: m.LinkLimitsReply | None = None,
     ) -> None:
         self._core = core
         self._board_time_us = board_time_us
         self._spec_hash = spec_hash
+        self._link_limits = link_limits
+        announced = m.Capabilities.LINK_LIMITS if link_limits else 0
+        self._capabilities = CAPABILITIES | announced
         self._sequence = 0
 
     def answer(self, frame: Frame) -> bytes:
@@ -79,7 +87,7 @@ class Dispatcher:
 
     def _parse(self, frame: Frame) -> m.Request:
         kind = m.REQUESTS.get(frame.id)
-        if kind is None:
+        if kind is None or kind.CAPABILITY & ~self._capabilities:
             raise Refusal(m.NackCode.UNKNOWN_ID)
         if len(frame.payload) != kind.size(self._core.axes):
             raise Refusal(m.NackCode.BAD_LENGTH)
@@ -124,7 +132,7 @@ class Dispatcher:
             boot_id=self._core.boot_id,
             reset_cause=self._core.reset_cause,
             eeprom_status=self._core.eeprom_status,
-            capabilities=CAPABILITIES,
+            capabilities=self._capabilities,
             axes=self._core.axes,
             max_payload=m.MAX_PAYLOAD.of(self._core.axes),
             tick_us=m.TICK_US,
@@ -160,6 +168,11 @@ class Dispatcher:
     @_execute.register
     def _(self, request: m.GetFaultRecord) -> m.Message:
         return m.FaultRecordReply(self._core.fault_log.at(request.place))
+
+    @_execute.register
+    def _(self, request: m.GetLinkLimits) -> m.Message:
+        assert self._link_limits is not None, "the request is refused without them"
+        return self._link_limits
 
     @_execute.register
     def _(self, request: m.Arm) -> m.Message:
