@@ -20,10 +20,12 @@ COLUMNS = "t_s,pattern,q1_deg,q2_deg,...,tip_x_mm,tip_y_mm,tip_z_mm"
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3}
 _COMMANDS = {"deg": math.radians(1.0), "rad": 1.0, **_MILLIMETRES}
-_COLUMN = re.compile(rf"(t|q[1-9]\d*|(?:tip|middle)_[xyz]){UNIT}")
+MIDDLE = "middle"
+"""M2 of a robot of two segments; of longer ones the markers below the tip are m2, m3 and so on."""
+_COLUMN = re.compile(rf"(t|q[1-9]\d*|(?:tip|{MIDDLE}|m[2-9]|m1\d)_[xyz]){UNIT}")
 _NOT_SEEN = ("", "nan")
-"""In place of a coordinate of M2."""
-_UNITS = {"t": _SECONDS, "q": _COMMANDS, "tip": _MILLIMETRES, "middle": _MILLIMETRES}
+"""In place of a coordinate of a marker below the tip."""
+_UNITS = {"t": _SECONDS, "q": _COMMANDS, **dict.fromkeys(("tip", MIDDLE, "m"), _MILLIMETRES)}
 _WORDS = ("pattern", "count")
 _TIP = ("tip_x", "tip_y", "tip_z")
 _MOST_BYTES = 100_000_000
@@ -90,9 +92,7 @@ def read_measured(file: Path) -> Measured:
         for name, factor, written, cell in described:
             if name == "pattern":
                 patterns[row] = cell
-            elif name not in _WORDS and not (
-                name.startswith("middle") and cell.lower() in _NOT_SEEN
-            ):
+            elif name not in _WORDS and not (name.startswith("m") and cell.lower() in _NOT_SEEN):
                 values[name][row] = factor * table.number(line, written, cell)
     for (line, _), later in zip(table.lines[1:], np.diff(values["t"]) > 0.0, strict=True):
         if not later:
@@ -110,7 +110,7 @@ def read_measured(file: Path) -> Measured:
         command,
         columns.unit,
         np.stack([values[f"tip_{axis}"] for axis in "xyz"], axis=-1),
-        np.stack([values.get(f"middle_{axis}", nothing) for axis in "xyz"], axis=-1),
+        np.stack([values.get(f"{MIDDLE}_{axis}", nothing) for axis in "xyz"], axis=-1),
         np.array(patterns, dtype=np.str_),
     )
 

@@ -25,6 +25,7 @@ from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
+from ccr_host.tools.measured import MIDDLE
 from ccr_host.tools.survey import identification_stops_rad
 from ccr_host.tracking.markers.check import MarkerCheck
 
@@ -171,7 +172,8 @@ class RestTable:
         self._file = file
         self._stream = stream
         self._writer = csv.writer(stream, lineterminator="\n")
-        markers = ("tip", "middle") if len(robot.chain) > 1 else ("tip",)
+        between = [name.lower() for name in robot.markers[1:-1]]
+        markers = ["tip", *(between if len(between) != 1 else [MIDDLE])]
         marks = [f"{marker}_{axis}_mm" for marker in markers for axis in "xyz"]
         angles = [f"q{motor}_deg" for motor in range(1, robot.motors + 1)]
         self._write(["t_s", "pattern", *angles, *marks, "count"])
@@ -182,8 +184,8 @@ class RestTable:
         Raises:
             CcrError: the file cannot be written.
         """
-        first_mm, *middle_mm, tip_mm = markers_mm.mean(axis=0)
-        vectors_mm = np.concatenate([place - first_mm for place in (tip_mm, *middle_mm[:1])])
+        first_mm, *between_mm, tip_mm = markers_mm.mean(axis=0)
+        vectors_mm = np.concatenate([place - first_mm for place in (tip_mm, *between_mm)])
         self._write(
             [
                 f"{time_us * 1e-6:.3f}",

@@ -17,7 +17,7 @@ from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
 from ccr_host.tools.hysteresis import home_of, sweeps_of
 from ccr_host.tools.identify import identify
-from ccr_host.tools.measured import Measured, read_measured
+from ccr_host.tools.measured import FEWEST_ROWS, Measured, read_measured
 from ccr_host.tools.record import PATTERNS, Stops, new_table, record_rests, stops_of
 
 SLACK_MM = (0.9, 1.4, 0.9, 1.4)
@@ -140,6 +140,35 @@ def test_a_file_is_never_overwritten_and_an_empty_one_not_left(tmp_path: Path) -
     assert file.read_text() == before
     with pytest.raises(ConfigError, match="No such file"), new_table(tmp_path / "no" / "f", 2):
         raise AssertionError
+
+
+@pytest.mark.parametrize(
+    ("name", "marked"),
+    [
+        ("single", ["tip"]),
+        ("default", ["tip", "middle"]),
+        ("two-spatial", ["tip", "middle"]),
+        ("three-spatial", ["tip", "m2", "m3"]),
+    ],
+)
+def test_a_row_has_every_marker_as_seen_from_the_first(
+    tmp_path: Path, name: str, marked: list[str]
+) -> None:
+    robot, file = RigOptions(robot=name).description().robot, tmp_path / "recorded.csv"
+    q_rad = np.linspace(0.1, 1.0, robot.motors)
+    markers_mm = np.random.default_rng(1).normal(size=(5, len(robot.markers), 3))
+    with new_table(file, robot) as table:
+        for row in range(FEWEST_ROWS):
+            table.add(1_000_000 * row, "single", (-1) ** row * q_rad, markers_mm)
+    header, first, *_ = (line.split(",") for line in file.read_text().splitlines())
+    start = 2 + robot.motors
+    assert header[start:-1] == [f"{marker}_{axis}_mm" for marker in marked for axis in "xyz"]
+    mean_mm = markers_mm.mean(axis=0)
+    expected_mm = np.roll(mean_mm[1:] - mean_mm[0], 1, axis=0)
+    np.testing.assert_allclose(np.array(first[start:-1], float), expected_mm.ravel(), atol=1e-4)
+    measured = read_measured(file)
+    np.testing.assert_allclose(measured.tip_mm[0], expected_mm[0], atol=1e-4)
+    assert np.isfinite(measured.middle_mm).all() == ("middle" in marked)
 
 
 @pytest.mark.parametrize(
