@@ -2,7 +2,7 @@
 
     python bench/limits.py [--robot NAME] [--rate HZ ...] [--seed N ...] [--controller NAME ...]
 
-Mean true error, mm, over the whole path. The feedforward knows the static map of the twin, its
+Mean true error, mm, over the whole path. The feedforward knows the rest poses of the twin, its
 servos and the delay; it uses no measurements and neglects friction and deadband.
 """
 
@@ -25,32 +25,27 @@ from ccr_host.run.loop import follow_path
 from ccr_host.run.observer import RunObserver, StepRecord, true_errors_mm
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
-from ccr_host.run.twin_floor import floor_on_map_mm, static_map_of
-from ccr_host.sim.robot.static_map import StaticMap, default_cache
+from ccr_host.run.twin_floor import default_cache, rests_along, twin_floor_mm
 
 Array = NDArray[np.float64]
 
 PREVIEWS = (0, 1, 2, 3)
 """Previews, in steps; the best one is used, since delay and servo rate are known."""
-FINER = 20
-"""Subdivisions of a cell of the map for the search of the nearest pose."""
 RAMP_SHARE = 0.8
 
 
 class KnowingFeedforward:
-    """Commands the poses nearest to the path on the twin's own map."""
+    """Commands the rest poses of the twin that are nearest to the path."""
 
     name = "feedforward"
 
-    def __init__(self, description: Description, static_map: StaticMap, preview: int) -> None:
-        self._description = description
-        self._map = static_map
-        self._preview = preview
+    def __init__(self, description: Description, preview: int) -> None:
+        self._description, self._preview = description, preview
 
     def start(self, reference: Reference) -> Command:
-        """Look up all poses and command the first one."""
+        """Find all poses and command the first one."""
         self._ramp_s = RAMP_SHARE * reference.period_s
-        shafts_rad = np.array([nearest_rad(self._map, point) for point in reference.target_mm])
+        shafts_rad, _ = rests_along(self._description, reference, cache=default_cache())
         self._commands_rad = self._commands_for(shafts_rad)
         return self._command(0)
 
@@ -72,43 +67,18 @@ class KnowingFeedforward:
         )
 
 
-def nearest_rad(static_map: StaticMap, point_mm: Array) -> Array:
-    """Shaft angles with the rest nearest to a point, (2,), bilinear between nodes of the map."""
-    distance_mm = np.linalg.norm(static_map.tip_mm - point_mm, axis=2)
-    row, column = np.unravel_index(distance_mm.argmin(), distance_mm.shape)
-    axes = static_map.axis_1_rad, static_map.axis_2_rad
-    low = [max(node - 1, 0) for node in (int(row), int(column))]
-    high = [min(node + 2, len(axis)) for node, axis in zip((row, column), axes, strict=True)]
-    patch_mm = static_map.tip_mm[low[0] : high[0], low[1] : high[1]]
-    for along in (0, 1):
-        patch_mm = _finer(patch_mm, along)
-    fine = [_finer(axis[begin:end], 0) for axis, begin, end in zip(axes, low, high, strict=True)]
-    off_mm = np.linalg.norm(patch_mm - point_mm, axis=2)
-    best = np.unravel_index(off_mm.argmin(), off_mm.shape)
-    return np.array([angles[node] for angles, node in zip(fine, best, strict=True)])
-
-
-def _finer(values: Array, along: int) -> Array:
-    nodes = np.moveaxis(values, along, 0)
-    position = np.linspace(0.0, len(nodes) - 1.0, FINER * (len(nodes) - 1) + 1)
-    before = np.minimum(position.astype(int), len(nodes) - 2)
-    share = (position - before).reshape(-1, *[1] * (nodes.ndim - 1))
-    between: Array = (1.0 - share) * nodes[before] + share * nodes[before + 1]
-    return np.moveaxis(between, 0, along)
-
-
 def mean_error_mm(records: list[StepRecord]) -> float:
     """Mean error of the true tip, mm."""
     errors_mm = true_errors_mm(records)
     return float("nan") if errors_mm is None else float(np.linalg.norm(errors_mm, axis=1).mean())
 
 
-def feedforward_mm(options: RunOptions, static_map: StaticMap) -> float:
+def feedforward_mm(options: RunOptions) -> float:
     """Mean error with the best preview, mm."""
     description, reference = options.description(), reference_of(options)
     errors_mm = []
     for preview in PREVIEWS:
-        controller = KnowingFeedforward(description, static_map, preview)
+        controller = KnowingFeedforward(description, preview)
         observer = RunObserver()
         with open_rig(options, description, observer) as rig:
             records = follow_path(
@@ -128,17 +98,14 @@ def main() -> None:
     parser.add_argument("--controller", nargs="+", default=[*controller_names(), *baseline_names()])
     arguments = parser.parse_args()
     base = RunOptions(path="", robot=arguments.robot, overrides=tuple(arguments.overrides))
-    static_map = static_map_of(base.description(), default_cache())
     paths = PAPER_PATHS
     for rate_hz in arguments.rate:
         runs = [replace(base, path=path, rate_hz=rate_hz) for path in paths]
-        floors_mm = [
-            floor_on_map_mm(static_map, run.description(), reference_of(run)) for run in runs
-        ]
+        floors_mm = [twin_floor_mm(run, reference_of(run)) or float("nan") for run in runs]
         print(f"\n| {rate_hz:g} Hz | seed |", *(f"{path} | ratio |" for path in paths))
         print("|---" * (2 + 2 * len(paths)) + "|")
         _print_row("floor", "", floors_mm, floors_mm)
-        known_mm = [feedforward_mm(run, static_map) for run in runs]
+        known_mm = [feedforward_mm(run) for run in runs]
         _print_row("feedforward that knows the twin", "", known_mm, floors_mm)
         for name in arguments.controller:
             for seed in arguments.seed:

@@ -25,13 +25,11 @@ import subprocess
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from bench.limits import KnowingFeedforward
-from ccr_host.control.base import Command
 from ccr_host.control.registry import baseline_names, controller_names
 from ccr_host.core.errors import CcrError
 from ccr_host.core.user_file import replacing
@@ -40,12 +38,9 @@ from ccr_host.description.schema import Description
 from ccr_host.description.source import shipped_descriptions
 from ccr_host.record.folder import ResultFolder
 from ccr_host.robot.paths import PAPER_PATHS
-from ccr_host.robot.reference import Reference
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.rest_motion import visit
-from ccr_host.run.twin_floor import static_map_of
-from ccr_host.sim.robot.static_map import StaticMap
 from ccr_host.tools.hysteresis import home_of
 from ccr_host.tools.measured import Measured
 from ccr_host.tools.record import stops_of
@@ -61,25 +56,13 @@ REPEATABILITY = "repeatability.json"
 HOME_PATTERNS = ("single", "pairs", "release")
 
 
-@lru_cache(maxsize=1)
-def _static_map(description: str) -> StaticMap:
-    """Map of a plant, the same for all of its runs in this process, which follow each other."""
-    return static_map_of(Description.model_validate_json(description), None)
-
-
 class Ahead0(KnowingFeedforward):
-    """Feedforward without preview that finds out by itself what it knows."""
+    """Feedforward without preview."""
 
     preview = 0
 
     def __init__(self, description: Description) -> None:
-        self._about = description
-
-    def start(self, reference: Reference) -> Command:
-        """Compute the map, then command the first pose."""
-        static_map = _static_map(self._about.model_dump_json())
-        super().__init__(self._about, static_map, self.preview)
-        return super().start(reference)
+        super().__init__(description, self.preview)
 
 
 class Ahead1(Ahead0):

@@ -2,8 +2,8 @@
 
     python bench/sweep_throughput.py [--twins N] [--workers N ...]
 
-Each twin takes four runs (1 and 20 Hz, ``adaptive`` and ``mpc``) and one static map. CPU seconds
-are reproducible on a busy machine; runs per minute need an idle one.
+Each twin takes four runs (1 and 20 Hz, ``adaptive`` and ``mpc``). CPU seconds are reproducible on a
+busy machine; runs per minute need an idle one.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def main() -> None:
 
 
 def print_costs(rows: list[Row]) -> None:
-    """Print median CPU seconds of a run by controller and rate, and of a twin's static map."""
+    """Print median CPU seconds of a run by controller and rate."""
     print("| Hz | controller | CPU s per run |", *(f"{part} |" for part in PARTS))
     print("|---" * (3 + len(PARTS)) + "|")
     for rate_hz, name in DRIVES:
@@ -50,7 +50,6 @@ def print_costs(rows: list[Row]) -> None:
             for column in ("cpu_s", *(f"cpu_{part}_s" for part in PARTS))
         ]
         print(f"| {rate_hz:g} | {name} |", *(f"{s:.2f} |" for s in seconds))
-    print(f"static map of a twin: {np.median([row['map_cpu_s'] for row in rows]):.2f} CPU s")
 
 
 if __name__ == "__main__":

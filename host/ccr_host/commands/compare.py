@@ -147,10 +147,10 @@ def _keep(folder: ResultFolder, results: Sequence[RunResult]) -> dict[str, Any]:
     from ccr_host.record.folder import FIGURES
     from ccr_host.record.paper_results import PAPER_RESULTS
     from ccr_host.run.summary import summarise
-    from ccr_host.run.twin_floor import twin_floor_mm
+    from ccr_host.run.twin_floor import floor_of_run_mm
 
     content = {
-        "runs": [summarise(result, twin_floor_mm=twin_floor_mm(result)) for result in results],
+        "runs": [summarise(result, twin_floor_mm=floor_of_run_mm(result)) for result in results],
         "paper": {path: vars(figures) for path, figures in PAPER_RESULTS.items()},
     }
     folder.keep_json("compare.json", content)

@@ -20,7 +20,7 @@ from ccr_host.run.open_rig import is_simulated
 from ccr_host.run.operator import Operator
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import TIMING_KEYS, RunResult, summarise
-from ccr_host.run.twin_floor import twin_floor_mm
+from ccr_host.run.twin_floor import floor_of_run_mm
 
 _MANY_LOGS = 4
 
@@ -91,7 +91,7 @@ def keep_result(
 
 
 def _write(folder: ResultFolder, result: RunResult, open_loop: RunResult | None) -> dict[str, Any]:
-    summary = summarise(result, open_loop, twin_floor_mm(result))
+    summary = summarise(result, open_loop, floor_of_run_mm(result))
     if not result.started:
         return summary
     content = {

@@ -20,7 +20,7 @@ from ccr_host.run.execute import execute_quietly
 from ccr_host.run.open_rig import is_simulated
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult
-from ccr_host.run.twin_floor import keep_static_map
+from ccr_host.run.twin_floor import floor_of_run_mm
 
 ATTEMPTS = 3
 """Number of attempts at a run whose process is killed."""
@@ -37,12 +37,11 @@ class ProcessLostError(CcrError):
 def in_background(options: RunOptions) -> Iterator[Callable[[], RunResult]]:
     """Execute a run in another process; yields a function that waits for its result.
 
-    By then the static map of the twin is in the user's cache, too. Leaving the context without
-    asking for the result ends the process. The function raises ProcessLostError, or the error of
-    the run.
+    By then the floor of its path is in the user's cache, too. Leaving the context without asking
+    for the result ends the process. The function raises ProcessLostError, or the error of the run.
     """
     with _Worker() as worker:
-        worker.begin(_execute_and_keep_map, options)
+        worker.begin(_execute_and_keep_floor, options)
 
         def result() -> RunResult:
             outcome = worker.outcome()
@@ -148,9 +147,11 @@ def _work(connection: Connection) -> None:
             return  # the parent is gone
 
 
-def _execute_and_keep_map(options: RunOptions) -> Outcome:
-    keep_static_map(options)
-    return _execute(options)
+def _execute_and_keep_floor(options: RunOptions) -> Outcome:
+    outcome = _execute(options)
+    if isinstance(outcome, RunResult):
+        floor_of_run_mm(outcome)
+    return outcome
 
 
 def _execute(options: RunOptions) -> Outcome:

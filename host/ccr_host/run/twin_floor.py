@@ -1,12 +1,11 @@
-"""The least mean error on a path that the statics of the twin allow.
-
-Of a robot with two motors it is found on a map of its rest poses, of any other by descent from
-target to target: a minimum that can be followed, not always the least one.
-"""
+"""The least mean error on a path that the statics of the twin allow."""
 
 from __future__ import annotations
 
+import hashlib
 import math
+import os
+import zipfile
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,118 +13,111 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import CcrError
+from ccr_host.core.user_file import replacing
 from ccr_host.description.schema import Description
 from ccr_host.robot.reference import Reference
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult
-from ccr_host.sim.robot.floor import floor_of
-from ccr_host.sim.robot.nearest_rest import distances_mm
+from ccr_host.sim.robot.nearest_rest import nearest_rests
 from ccr_host.sim.robot.plant import TWIN
-from ccr_host.sim.robot.static_map import (
-    STATIC_KEYS,
-    StaticMap,
-    default_cache,
-    kept_arrays,
-    load_static_map,
-)
 
-_MAPPED_MOTORS = 2
-_MOST_TARGETS = 40
+Array = NDArray[np.float64]
+
+_MOST_SEARCHED = 160
+"""Targets times motors: a target takes 6 ms of CPU with two motors, up to 0.7 s with nine."""
+_MOST_KEPT = 500
+"""Files of about 3 kB."""
+_VERSION = 1
+"""Part of what files are found by; increment it when the rests of the same twin change."""
+_UNREADABLE = (OSError, ValueError, EOFError, RuntimeError, KeyError, zipfile.BadZipFile)
 
 
-def twin_floor_mm(result: RunResult) -> float | None:
-    """Floor of a run's path on its twin; what it takes to compute is kept in the user's cache.
-
-    It applies to the undisturbed robot: a payload added during the run, a push, friction and
-    deadband are not considered.
-
-    Returns:
-        mm; None if the robot was real or not the twin, or if the twin has no rest pose for some
-        motor angles.
-    """
+def floor_of_run_mm(result: RunResult) -> float | None:
+    """``twin_floor_mm`` of a run, kept in the user's cache; None if the robot was real."""
     if all(record.true_mm is None for record in result.records):
         return None
-    options = result.options
-    static_map = static_map_of_run(options, default_cache())
-    if static_map is not None:
-        return floor_on_map_mm(static_map, options.description(), result.reference)
-    with suppress(CcrError):
-        if options.plant == TWIN and options.description().robot.motors != _MAPPED_MOTORS:
-            return floor_by_descent_mm(options.description(), result.reference, default_cache())
-    return None
+    return twin_floor_mm(result.options, result.reference, default_cache())
 
 
-def keep_static_map(options: RunOptions) -> None:
-    """Store the static map of a run's twin in the user's cache, if it is missing."""
-    static_map_of_run(options, default_cache())
+def twin_floor_mm(
+    options: RunOptions, reference: Reference, cache: Path | None = None
+) -> float | None:
+    """Mean distance of the path from rest poses of the twin, within the rates of board and servo.
 
+    Of one lap, and of evenly spaced targets where there are many. It applies to the undisturbed
+    robot: a payload added during the run, a push, friction and deadband are not considered.
 
-def static_map_of_run(options: RunOptions, cache: Path | None) -> StaticMap | None:
-    """The static map of a run's twin of two motors.
+    Args:
+        options: of the run.
+        reference: its path.
+        cache: folder for what was found; None does not keep it.
 
-    None for other plants and numbers of motors, or if some rest pose is missing.
+    Returns:
+        mm; None if the plant is not the twin, or if the twin has no rest pose somewhere.
     """
-    with suppress(CcrError):
-        if options.plant == TWIN and options.description().robot.motors == _MAPPED_MOTORS:
-            return static_map_of(options.description(), cache)
-    return None
+    if options.plant != TWIN:
+        return None
+    description = options.description()
+    every = math.ceil(reference.lap_steps * description.robot.motors / _MOST_SEARCHED)
+    try:
+        _, distances_mm = rests_along(description, reference, every, cache)
+    except CcrError:
+        return None
+    return float(distances_mm.mean())
 
 
-def static_map_of(description: Description, cache: Path | None) -> StaticMap:
-    """The rest poses of a twin of two motors within their limits.
+def rests_along(
+    description: Description, reference: Reference, every: int = 1, cache: Path | None = None
+) -> tuple[Array, Array]:
+    """The twin's rest poses nearest to a lap's targets, from one to the next within the rates.
+
+    What is found is a minimum that can be followed, not always the least one (docs/sweep.md).
 
     Args:
         description: of the robot.
-        cache: folder of the stored maps; None computes without storing.
+        reference: the path.
+        every: number of steps between targets.
+        cache: folder for what was found; None does not keep it.
+
+    Returns:
+        Angles of the shafts in rad, (M, n), and distances in mm, (M,).
 
     Raises:
-        CcrError: some motor angles leave the twin without a rest pose.
+        CcrError: the twin has no rest pose on the way.
     """
-    lower_deg, upper_deg = _shaft_limits_deg(description)
-    return load_static_map(description.twin, lower_deg, upper_deg, cache)
-
-
-def floor_on_map_mm(static_map: StaticMap, description: Description, reference: Reference) -> float:
-    """Least mean distance of any motor path within the rates of board and servo, mm."""
-    rate_rad_s = np.radians(_rate_deg_s(description))
-    floor = floor_of(static_map, reference.target_mm, reference.period_s, rate_rad_s)
-    return floor.within_rate_mm
-
-
-def floor_by_descent_mm(
-    description: Description, reference: Reference, cache: Path | None
-) -> float:
-    """Mean distance of the path from rest poses within the rates of board and servo, mm.
-
-    Of one lap, and of up to `_MOST_TARGETS` evenly spaced targets: one takes up to 0.7 s.
-
-    Raises:
-        CcrError: the twin has no rest pose on the way to the path.
-    """
-    twin, (lower_deg, upper_deg) = description.twin, _shaft_limits_deg(description)
-    every = math.ceil(reference.lap_steps / _MOST_TARGETS)
+    lower_rad, upper_rad = np.radians(_shaft_limits_deg(description))
     targets_mm = reference.target_mm[: reference.lap_steps : every]
-    reach_deg = every * reference.period_s * _rate_deg_s(description)
-    key = (
-        twin.model_dump_json(include=set(STATIC_KEYS)),
-        *(array.tolist() for array in (lower_deg, upper_deg, targets_mm, reach_deg)),
-    )
-    found = kept_arrays(
-        cache,
-        "floor",
-        key,
-        lambda: {"mm": distances_mm(twin, lower_deg, upper_deg, targets_mm, reach_deg)},
-    )
-    return float(found["mm"].mean())
+    rate_deg_s = np.minimum(description.servo.slew_deg_s, description.twin.servo_rate_deg_s)
+    reach_rad = np.radians(every * reference.period_s * rate_deg_s)
+    motion = (lower_rad, upper_rad, targets_mm, reach_rad)
+    if cache is None:
+        return nearest_rests(description.twin, *motion)
+    of_what = (_VERSION, description.twin.model_dump_json(), *(part.tolist() for part in motion))
+    file = cache / f"rests-{hashlib.sha256(repr(of_what).encode()).hexdigest()[:16]}.npz"
+    with suppress(*_UNREADABLE), np.load(file) as kept:
+        return kept["motors_rad"], kept["distances_mm"]
+    found = nearest_rests(description.twin, *motion)
+    _keep(file, *found)
+    return found
 
 
-def _rate_deg_s(description: Description) -> NDArray[np.float64]:
-    return np.minimum(description.servo.slew_deg_s, description.twin.servo_rate_deg_s)
+def default_cache() -> Path:
+    """Folder for results that can be recomputed."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ccr-host"
 
 
-def _shaft_limits_deg(
-    description: Description,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _keep(file: Path, motors_rad: Array, distances_mm: Array) -> None:
+    """Write a file of the cache; where that is impossible, results are computed again."""
+    with suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(file) as draft, draft.open("wb") as opened:
+            np.savez(opened, motors_rad=motors_rad, distances_mm=distances_mm)
+        kept = sorted(file.parent.glob("rests-*.npz"), key=lambda one: one.stat().st_mtime)
+        for oldest in kept[:-_MOST_KEPT]:
+            oldest.unlink()
+
+
+def _shaft_limits_deg(description: Description) -> tuple[Array, Array]:
     """Angles of the twin's shafts at the limits of the commanded angles, (n,) each."""
     servo, twin = description.servo, description.twin
     limits_deg = np.array([servo.angle_min_deg, servo.angle_max_deg])

@@ -14,7 +14,7 @@ from ccr_host.record.replay import replay
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import summarise
-from ccr_host.run.twin_floor import keep_static_map, twin_floor_mm
+from ccr_host.run.twin_floor import floor_of_run_mm
 from ccr_host.sim.robot.plant import Plant
 
 QUICK = (
@@ -75,17 +75,13 @@ def test_a_run_moves_it_and_knows_its_true_tip(path, tmp_path, tracker, device):
     lag_mm = 1.0 if device == "emulator+pty:" else 0.0  # A loaded machine is late in real time.
     assert figures["true_mean_error_mm"] < 0.2 + lag_mm
     assert figures["mean_error_mm"] < 0.2 + lag_mm
-    assert twin_floor_mm(result) is None
+    assert floor_of_run_mm(result) is None
     assert replay(RunRecording(tmp_path)).difference is None
     assert RunRecording(tmp_path).options.plant == "python:Arm"
 
 
-def test_it_has_neither_the_twins_static_map_nor_the_papers_figures(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    run = RunOptions(path="8shape", controller="mpc", plant=Given(Arm))
-    keep_static_map(run)
-    assert not [*tmp_path.iterdir()]
-    assert paper_mean_mm(run) is None
+def test_the_papers_figures_are_not_put_beside_its():
+    assert paper_mean_mm(RunOptions(path="8shape", controller="mpc", plant=Given(Arm))) is None
 
 
 def test_its_own_tip_counts_and_it_is_told_when_the_path_begins(path):

@@ -1,20 +1,17 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ccr_host.description import schema
 from ccr_host.run.execute import execute_quietly, reference_of
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult, ratio_to_twin_floor, summarise
-from ccr_host.run.twin_floor import (
-    floor_by_descent_mm,
-    floor_on_map_mm,
-    keep_static_map,
-    static_map_of,
-    twin_floor_mm,
-)
-from ccr_host.sim.robot.static_map import StaticMap
+from ccr_host.run.twin_floor import floor_of_run_mm, rests_along, twin_floor_mm
+from ccr_host.sim.robot.equilibrium import Equilibrium
+
+FAR_MM = 500.0
+"""Coordinate of targets that draw both motors to their limits."""
 
 
 @pytest.fixture
@@ -25,96 +22,113 @@ def short_path(tmp_path):
 
 
 @pytest.fixture
-def narrow():
-    """Limits that make a small map."""
-    return ("servo.angle_min_deg=-20", "servo.angle_max_deg=20")
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "ccr-host"
 
 
-def _shaft_limits_deg(*overrides):
-    static_map = static_map_of(schema.load("ideal", overrides), None)
-    axes = static_map.axis_1_rad, static_map.axis_2_rad
-    return [(round(np.degrees(a[0]), 6), round(np.degrees(a[-1]), 6)) for a in axes]
+def floor_mm(path, *overrides, cache=None, robot="ideal"):
+    options = RunOptions(path, robot=robot, overrides=overrides)
+    return twin_floor_mm(options, reference_of(options), cache)
 
 
-def test_the_map_covers_what_the_limits_of_angle_and_pulse_leave_of_the_true_shafts():
-    few = ("servo.angle_min_deg=-4", "servo.angle_max_deg=[4, 2]")
-    assert _shaft_limits_deg(*few) == [(-4, 4), (-4, 2)]
+def jumps(*targets_mm):
+    """The reference of a path of these tips."""
+    reference = reference_of(RunOptions("8shape"))
+    target_mm = np.resize(np.array(targets_mm), reference.target_mm.shape)
+    return type(reference)(**{**vars(reference), "target_mm": target_mm})
+
+
+def shaft_ranges_deg(*overrides):
+    """Least and greatest shaft angle on the way to targets that no pose reaches."""
+    options = RunOptions("8shape", robot="ideal", overrides=overrides)
+    far = jumps((FAR_MM, -100.0, FAR_MM), (-FAR_MM, -100.0, -FAR_MM))
+    motors_deg = np.degrees(rests_along(options.description(), far, every=11)[0])
+    return [*zip(motors_deg.min(axis=0).round(3), motors_deg.max(axis=0).round(3), strict=True)]
+
+
+def test_shafts_move_as_far_as_the_limits_of_angle_and_pulse_allow():
+    few = ("servo.angle_min_deg=-25", "servo.angle_max_deg=[25, 20]")
+    assert shaft_ranges_deg(*few) == [(-25, 25), (-25, 20)]
     other_neutral = (*few, "twin.servo_neutral_us=[1510, 1500]")
-    assert _shaft_limits_deg(*other_neutral) == [(-4.9, 3.1), (-4, 2)]
+    assert shaft_ranges_deg(*other_neutral) == [(-25.9, 24.1), (-25, 20)]
     reversed_second = (*few, "twin.servo_us_per_90_deg=[1000, -1000]")
-    assert _shaft_limits_deg(*reversed_second) == [(-4, 4), (-2, 4)]
-    assert _shaft_limits_deg(*few, "servo.pulse_max_us=1510") == [(-4, 0.9), (-4, 0.9)]
+    assert shaft_ranges_deg(*reversed_second) == [(-25, 25), (-20, 25)]
+    narrow = (*few, "servo.pulse_max_us=1610")
+    assert shaft_ranges_deg(*narrow) == [(-25, 9.9), (-25, 9.9)]
 
 
 @pytest.mark.parametrize("slow", ["servo.slew_deg_s=5", "twin.servo_rate_deg_s=5"])
 def test_the_slower_of_board_and_servo_bounds_the_floor(slow):
-    axis = np.radians(np.arange(-20.0, 21.0))
-    x, y = np.meshgrid(np.degrees(axis), np.degrees(axis), indexing="ij")
-    plane = StaticMap(axis, axis, np.stack([x, y, np.zeros_like(x)], axis=-1))
-    reference = reference_of(RunOptions("8shape"))
-    moved = np.zeros_like(reference.target_mm)
-    moved[1::2, 0] = 12.0
-    jumping = type(reference)(**{**vars(reference), "target_mm": moved})
-    usual = floor_on_map_mm(plane, schema.load(), jumping)
-    assert usual == pytest.approx(0.0, abs=1e-9)
-    assert floor_on_map_mm(plane, schema.load(None, [slow]), jumping) > 2.0
+    usual, limited = (RunOptions("8shape", overrides=o) for o in ((), (slow,)))
+    equilibrium = Equilibrium(usual.description().twin)
+    jumping = jumps(*(equilibrium.tip_mm(q) for q in ((0.5, 0.5), (0.8, 0.2))))
+    assert twin_floor_mm(usual, jumping) == pytest.approx(0.0, abs=0.02)
+    assert twin_floor_mm(limited, jumping) > 2.0
 
 
-def test_a_later_payload_and_a_push_leave_the_floor_as_it_is(short_path, narrow):
-    def floor_mm(*overrides):
-        options = RunOptions(short_path, "mpc", overrides=(*narrow, *overrides))
-        description = options.description()
-        return floor_on_map_mm(static_map_of(description, None), description, reference_of(options))
-
-    undisturbed = floor_mm()
+def test_a_later_payload_and_a_push_leave_the_floor_as_it_is(short_path):
+    undisturbed = floor_mm(short_path)
     push = "twin.push={force_n = [0, 0, 0.05], start_s = 0, end_s = 1}"
-    assert floor_mm("twin.payload_g=5", "twin.payload_start_s=1") == undisturbed
-    assert floor_mm(push) == undisturbed
-    assert floor_mm("twin.payload_g=5") != undisturbed
+    assert floor_mm(short_path, "twin.payload_g=5", "twin.payload_start_s=1") == undisturbed
+    assert floor_mm(short_path, push) == undisturbed
+    assert floor_mm(short_path, "twin.payload_g=5") != undisturbed
 
 
-def test_summary_and_floor_are_the_same_whether_or_not_the_map_was_kept(
-    short_path, narrow, tmp_path, monkeypatch
-):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    options = RunOptions(short_path, "open-loop", overrides=narrow)
-    keep_static_map(options)
-    (kept,) = (tmp_path / "cache" / "ccr-host").iterdir()
-    result = execute_quietly(options)
-    warm = summarise(result, twin_floor_mm=twin_floor_mm(result))
-    kept.unlink()
-    cold = summarise(result, twin_floor_mm=twin_floor_mm(result))
+def test_summary_and_floor_are_the_same_whether_or_not_the_floor_was_kept(short_path, cache):
+    result = execute_quietly(RunOptions(short_path, "open-loop"))
+    cold = summarise(result, twin_floor_mm=floor_of_run_mm(result))
+    (file,) = cache.iterdir()
+    file.touch()
+    written = file.stat().st_mtime_ns
+    warm = summarise(result, twin_floor_mm=floor_of_run_mm(result))
     assert json.dumps(warm) == json.dumps(cold)
+    assert file.stat().st_mtime_ns == written
     assert ratio_to_twin_floor(warm) == pytest.approx(
         warm["true_mean_error_mm"] / warm["twin_floor_mean_error_mm"]
     )
     assert warm["twin_floor_mean_error_mm"] > 0
 
 
+def test_a_kept_floor_is_only_that_of_the_same_twin_path_and_limits(short_path, tmp_path):
+    kept = tmp_path / "kept"
+    for overrides in ((), ("twin.slack_mm=0.5",), ("servo.angle_max_deg=30",)):
+        assert floor_mm(short_path, *overrides, cache=kept) == floor_mm(short_path, *overrides)
+    assert floor_mm("8shape", cache=kept) == floor_mm("8shape")
+    assert len([*kept.iterdir()]) == 4
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut off", b"not an archive"])
+def test_a_damaged_file_is_computed_again(short_path, tmp_path, content):
+    kept = tmp_path / "kept"
+    computed = floor_mm(short_path, cache=kept)
+    (file,) = kept.iterdir()
+    whole = file.stat().st_size
+    file.write_bytes(content)
+    assert floor_mm(short_path, cache=kept) == computed
+    assert file.stat().st_size == whole
+
+
+def test_a_cache_that_cannot_be_written_does_not_matter(short_path, tmp_path):
+    in_the_way = tmp_path / "file"
+    in_the_way.touch()
+    assert floor_mm(short_path, cache=in_the_way) == floor_mm(short_path)
+
+
 def test_a_run_without_a_twin_has_no_floor(short_path):
     options = RunOptions(short_path, "mpc")
     nothing = RunResult(options, reference_of(options), [], None, None, 0.0)
-    assert twin_floor_mm(nothing) is None
+    assert floor_of_run_mm(nothing) is None
     assert ratio_to_twin_floor(summarise(nothing)) is None
 
 
-def test_a_twin_without_rest_has_no_floor(short_path, tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    result = execute_quietly(RunOptions(short_path, "open-loop", overrides=()))
+def test_a_twin_without_rest_has_no_floor(short_path):
     collapses = ("twin.payload_g=3000", "twin.bending_stiffness_nm_rad=0.0001")
-    hopeless = RunResult(
-        RunOptions(short_path, "mpc", overrides=collapses),
-        result.reference, result.records, None, None, 0.0,
-    )  # fmt: skip
-    assert twin_floor_mm(hopeless) is None
+    assert floor_mm(short_path, *collapses) is None
 
 
-def test_a_robot_of_four_motors_has_a_floor_that_is_kept(tmp_path):
-    description = schema.load("two-spatial")
-    reference = reference_of(RunOptions("helix", robot="two-spatial"))
+def test_robots_of_other_kinds_have_a_floor():
+    options = RunOptions("helix", robot="two-spatial")
+    reference = reference_of(options)
     few = type(reference)(**{**vars(reference), "target_mm": reference.target_mm[:8]})
-    computed = floor_by_descent_mm(description, few, tmp_path)
-    (file,) = tmp_path.iterdir()
-    assert file.name.startswith("floor-")
-    assert 0 <= computed < 0.1
-    assert floor_by_descent_mm(description, few, tmp_path) == computed
+    assert 0 <= twin_floor_mm(replace(options, path="helix"), few) < 0.1

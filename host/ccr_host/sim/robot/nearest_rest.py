@@ -120,21 +120,31 @@ class NearestRest:
         return slope
 
 
-def distances_mm(
-    twin: Twin, lower_deg: Array, upper_deg: Array, targets_mm: Array, reach_deg: Array
-) -> Array:
-    """Distance of each target, (N, 3), from the nearest rest, each found from the one before, (N,).
+def nearest_rests(
+    twin: Twin, lower_rad: Array, upper_rad: Array, targets_mm: Array, reach_rad: Array
+) -> tuple[Array, Array]:
+    """The rest pose nearest to each target, found from the one before.
 
     Args:
         twin: the ``twin`` section of the robot description.
-        lower_deg: lower limits of the shafts, (n,).
-        upper_deg: upper limits of the shafts, (n,).
-        targets_mm: desired tips.
-        reach_deg: largest change of the motor angles from one target to the next, (n,).
+        lower_rad: lower limits of the shafts, (n,).
+        upper_rad: upper limits of the shafts, (n,).
+        targets_mm: desired tips, (N, 3).
+        reach_rad: largest change of the motor angles from one target to the next, (n,).
+
+    Returns:
+        Motor angles, (N, n), and distances from the targets in mm, (N,).
 
     Raises:
-        CcrError: the twin has no rest pose at the start.
+        CcrError: the twin has no rest pose on the way.
     """
-    nearest = NearestRest(twin, np.radians(lower_deg), np.radians(upper_deg))
+    nearest = NearestRest(twin, lower_rad, upper_rad)
     nearest.distance_mm(targets_mm[0])
-    return np.array([nearest.distance_mm(target, np.radians(reach_deg)) for target in targets_mm])
+    distances_mm, motors_rad = (
+        np.empty(len(targets_mm)),
+        np.empty((len(targets_mm), len(lower_rad))),
+    )
+    for step, target_mm in enumerate(targets_mm):
+        distances_mm[step] = nearest.distance_mm(target_mm, reach_rad)
+        motors_rad[step] = nearest.motor_rad
+    return motors_rad, distances_mm

@@ -21,11 +21,10 @@ from ccr_host.run.execute import execute, reference_of
 from ccr_host.run.observer import RunObserver, RunSetup, StepRecord, true_errors_mm
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult, ratio_to_twin_floor, summarise
-from ccr_host.run.twin_floor import floor_on_map_mm, static_map_of_run
+from ccr_host.run.twin_floor import twin_floor_mm
 from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.robot.mechanics import UnfitTwinError
 from ccr_host.sim.robot.scene import TwinScene
-from ccr_host.sim.robot.static_map import StaticMap
 from ccr_host.tools.sweep.plan import Drive, TwinJob
 
 _CALLS = ((TwinScene, "advance_to", "twin"), (SerialLine, "advance_to", "emulator"))
@@ -165,15 +164,17 @@ this: two thirds of the error of the paper's open loop, twice that of its contro
 
 
 def run_job(job: TwinJob) -> list[Row]:
-    """One row for each drive; the twin's static map is computed once for all of them.
+    """One row for each drive; the floor of a rate is computed once for all controllers.
 
     Raises:
         ConfigError: the job refers to a file that exists only on another machine.
     """
-    stopwatch = CpuStopwatch()
-    static_map = static_map_of_run(job.options(job.drives[0]), cache=None)
-    map_s = stopwatch.elapsed_s()
-    return [{**_run(job, drive, static_map), "map_cpu_s": map_s} for drive in job.drives]
+    floors_mm: dict[float, float | None] = {}
+    for drive in job.drives:
+        options = job.options(drive)
+        if options.rate_hz not in floors_mm:
+            floors_mm[options.rate_hz] = twin_floor_mm(options, reference_of(options))
+    return [_run(job, drive, floors_mm[drive[0]]) for drive in job.drives]
 
 
 def failed_row(job: TwinJob, drive: Drive, why: str) -> Row:
@@ -181,10 +182,8 @@ def failed_row(job: TwinJob, drive: Drive, why: str) -> Row:
     return {**_identity(job, drive), "diverged": False, "within_limits": True, "fault": why}
 
 
-def _run(job: TwinJob, drive: Drive, static_map: StaticMap | None) -> Row:
+def _run(job: TwinJob, drive: Drive, floor_mm: float | None) -> Row:
     options = job.options(drive)
-    description, reference = options.description(), reference_of(options)
-    floor_mm = None if static_map is None else floor_on_map_mm(static_map, description, reference)
     watch = LimitWatch()
     try:
         with cpu_seconds_of(options) as spent:

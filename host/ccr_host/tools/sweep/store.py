@@ -57,7 +57,6 @@ _SCHEMA = pa.schema(
         *((f"link_rtt_us_{name}", pa.float64()) for name in ("median", "p99")),
         *((f"solve_us_{name}", pa.float64()) for name in ("median", "p99", "max")),
         ("wall_s", pa.float64()),
-        ("map_cpu_s", pa.float64()),
         *(
             (f"cpu_{part}s", pa.float64())
             for part in ("", "twin_", "emulator_", "controller_", "rest_")

@@ -13,7 +13,7 @@ from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.observer import true_errors_mm
 from ccr_host.run.options import RunOptions
-from ccr_host.sim.robot.static_map import Equilibrium
+from ccr_host.sim.robot.equilibrium import Equilibrium
 
 USUAL, UPSIDE_DOWN, ON_ITS_SIDE, HANGING = "[0,0,-1]", "[0,0,2]", "[1,0,0]", "[0,-1,0]"
 ASKEW = "[0.6,-0.6,0.5]"

@@ -17,7 +17,7 @@ from ccr_host.control.adaptive.tip import seen_of, tip_mm, tip_of, turned_back_m
 from ccr_host.description.schema import Robot
 from ccr_host.description.simulation import Twin
 from ccr_host.robot.kinematics import ConstantCurvature
-from ccr_host.sim.robot.static_map import Equilibrium
+from ccr_host.sim.robot.equilibrium import Equilibrium
 
 PRIOR = parameters_of(prior_of(Robot()).mean)
 HINDERED = PRIOR._replace(

@@ -6,12 +6,10 @@ import pytest
 from ccr_host.description.schema import load
 from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.equilibrium import Equilibrium
-from ccr_host.sim.robot.floor import floor_of
-from ccr_host.sim.robot.nearest_rest import NearestRest, distances_mm
-from ccr_host.sim.robot.static_map import compute_static_map
+from ccr_host.sim.robot.nearest_rest import NearestRest, nearest_rests
 
-LIMIT_DEG = np.array([60.0, 60.0])
-FAST_DEG = np.array([1000.0, 1000.0])
+LIMIT_RAD = np.radians([60.0, 60.0])
+FAST_RAD = np.radians([1000.0, 1000.0])
 
 
 def eight_mm() -> np.ndarray:
@@ -19,26 +17,37 @@ def eight_mm() -> np.ndarray:
     return np.stack([25 * np.sin(2 * phase), np.full(40, -85.0), 20 * np.sin(phase)], axis=1)
 
 
-def test_of_two_motors_it_is_as_near_as_the_map_of_all_rest_poses():
+@pytest.mark.long
+def test_no_rest_pose_of_two_motors_is_nearer():
     """The path takes both motors through their slack, where no derivative leads."""
     twin, targets_mm = Twin(), eight_mm()
-    grid = compute_static_map(twin, -LIMIT_DEG, LIMIT_DEG, 2.0)
-    followed_mm = distances_mm(twin, -LIMIT_DEG, LIMIT_DEG, targets_mm, FAST_DEG)
-    for target_mm, distance_mm in zip(targets_mm, followed_mm, strict=True):
-        on_map_mm = floor_of(grid, target_mm[None], 1.0, np.radians(FAST_DEG)).per_step_mm
-        assert distance_mm == pytest.approx(on_map_mm, abs=0.1)
+    _, distances_mm = nearest_rests(twin, -LIMIT_RAD, LIMIT_RAD, targets_mm, FAST_RAD)
+    equilibrium = Equilibrium(twin)
+    angles_rad = np.linspace(-1.0, 1.0, 25) * LIMIT_RAD[0]
+    grid_mm = np.array([equilibrium.tip_mm((a, b)) for a in angles_rad for b in angles_rad])
+    on_grid_mm = np.linalg.norm(grid_mm - targets_mm[:, None], axis=2).min(axis=1)
+    assert (distances_mm <= on_grid_mm + 0.01).all()
+
+
+def test_the_motor_angles_hold_the_tip_at_the_distances():
+    twin, targets_mm = Twin(), eight_mm()[::5]
+    motors_rad, distances_mm = nearest_rests(twin, -LIMIT_RAD, LIMIT_RAD, targets_mm, FAST_RAD)
+    equilibrium = Equilibrium(twin)
+    tips_mm = np.array([equilibrium.tip_mm(motor_rad) for motor_rad in motors_rad])
+    found_mm = np.linalg.norm(tips_mm - targets_mm, axis=1)
+    assert found_mm == pytest.approx(distances_mm, abs=1e-3)
 
 
 def test_a_path_of_rest_poses_has_no_distance_whatever_the_number_of_motors():
     for name in ("single", "two-spatial", "three-spatial"):
         twin = load(name).twin
         motors = len(twin.servo_neutral_us)
-        limit_deg = np.full(motors, 85.0)
+        limit_rad = np.radians(np.full(motors, 85.0))
         waves = np.linspace(0.0, 3.0, 8)[:, None] + np.arange(motors)
         equilibrium = Equilibrium(twin)
         targets_mm = np.array([equilibrium.tip_mm(0.5 * np.sin(wave)) for wave in waves])
-        followed_mm = distances_mm(twin, -limit_deg, limit_deg, targets_mm, 10 * limit_deg)
-        assert followed_mm == pytest.approx(np.zeros(8), abs=0.02)
+        _, distances_mm = nearest_rests(twin, -limit_rad, limit_rad, targets_mm, 10 * limit_rad)
+        assert distances_mm == pytest.approx(np.zeros(8), abs=0.1)
 
 
 def test_limits_and_rates_keep_the_motors_from_the_target():

@@ -60,11 +60,11 @@ def test_a_run_that_a_fault_ends_says_so_and_the_others_go_on(short_path, narrow
     assert not rows[0]["diverged"]
 
 
-def test_a_twin_that_has_no_static_map_is_run_without_floor(plan, monkeypatch):
+def test_a_twin_that_has_no_rest_is_run_without_floor(plan, monkeypatch):
     def no_rest(*_: object, **__: object) -> None:
         raise CcrError("no rest pose")
 
-    monkeypatch.setattr(twin_floor, "static_map_of", no_rest)
+    monkeypatch.setattr(twin_floor, "rests_along", no_rest)
     (row,) = run_job(plan.jobs([0], [(2.0, "open-loop")])[0])
     assert row["twin_floor_mean_error_mm"] is None
     assert np.isfinite(row["true_mean_error_mm"])
