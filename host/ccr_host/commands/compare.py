@@ -22,8 +22,8 @@ from ccr_host.commands.options import (
     complete_paths,
     console,
     print_json,
+    print_notes,
     tell_kept,
-    warn_of_mismatch,
 )
 from ccr_host.core.errors import CcrError
 from ccr_host.run.options import RunOptions
@@ -103,7 +103,7 @@ def compare(
         for one_path in path or PAPER_RESULTS
         for name in names
     ]
-    warn_of_mismatch(runs[0])
+    print_notes(runs)
     for run in runs:
         reference_of(run)  # rejects bad options before the first run starts
     screen = console(on_stderr=as_json)

@@ -13,9 +13,11 @@ from rich.console import Console
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.standard_streams import warn
 from ccr_host.core.user_file import printable
-from ccr_host.run.options import RigOptions
+from ccr_host.run.options import RigOptions, RunOptions
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ccr_host.record.folder import ResultFolder
 
 
@@ -176,16 +178,19 @@ JsonOption = Annotated[
 ]
 
 
-def warn_of_mismatch(options: RigOptions) -> None:
-    """Print a note if the board is real and the robot simulated, or vice versa.
+def print_notes(runs: Sequence[RunOptions]) -> None:
+    """Print a line for each thing about runs on one rig that is allowed, but hardly meant.
 
     Raises:
-        ConfigError: the device or tracker URI is invalid.
+        ConfigError: the device or tracker URI is invalid, or the description unusable.
     """
+    from ccr_host.control.registry import rate_note
     from ccr_host.run.open_rig import mismatch_of
 
-    if mismatch := mismatch_of(options):
-        console(on_stderr=True).print(f"note: {mismatch}")
+    robot = runs[0].description().robot
+    notes = [mismatch_of(runs[0]), *(rate_note(r.controller, r.rate_hz, robot) for r in runs)]
+    for note in dict.fromkeys(filter(None, notes)):
+        console(on_stderr=True).print(f"note: {note}", soft_wrap=True)
 
 
 def require_named_tracker(context: typer.Context, options: RigOptions) -> None:

@@ -24,8 +24,8 @@ from ccr_host.commands.options import (
     UncheckedOption,
     console,
     print_json,
+    print_notes,
     tell_kept,
-    warn_of_mismatch,
 )
 from ccr_host.commands.view import ViewOption
 from ccr_host.run.options import RunOptions
@@ -98,7 +98,7 @@ def track(
             laps=laps,
             checks="none" if unchecked else "motion",
         )
-        warn_of_mismatch(options)
+        print_notes([options])
         reference = reference_of(options)
         folder = stack.enter_context(ResultFolder(out, f"{reference.name}-{controller}"))
         screen = console(on_stderr=as_json)

@@ -44,6 +44,18 @@ def default_controller(robot: Robot) -> str:
     return AdaptiveLaw.name if AdaptiveLaw.knows(robot) else "pid-ik"
 
 
+def rate_note(name: str, rate_hz: float, robot: Robot) -> str:
+    """What happens to a controller at a rate that it was not made for; empty if it was."""
+    shortest_s: float = getattr(_MAKERS.get(name), "shortest_period_s", 0.0)
+    if rate_hz * shortest_s <= 1.0:
+        return ""
+    others = dict.fromkeys(["mpc-offset", "pid-ik", default_controller(robot)])
+    return (
+        f"{name} leaves out the delays of camera and servos: above {1.0 / shortest_s:g} Hz it may "
+        f"swing, or leave the path by tens of mm; take {' or '.join(others)}"
+    )
+
+
 def make_controller(name: str, description: Description) -> Controller:
     """Build a controller for a robot.
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.base import Controller
-from ccr_host.control.registry import default_controller
+from ccr_host.control.registry import default_controller, rate_note
 from ccr_host.core.errors import ConfigError, DeviceError, TrackerError
 from ccr_host.core.plugins import Given
 from ccr_host.core.stop_signals import kill_interrupts
@@ -230,7 +230,10 @@ class Robot:
             CcrError, KeyboardInterrupt: the run ended early; the folder contains the results so
                 far.
         """
-        name = _name(controller or default_controller(self._options.description().robot))
+        robot = self._options.description().robot
+        name = _name(controller or default_controller(robot))
+        if note := rate_note(name, rate_hz, robot):
+            warnings.warn(note, stacklevel=2)
         options = RunOptions(
             **vars(self._options),
             path=str(path),

@@ -36,6 +36,9 @@ class ModelPredictive:
     """
 
     name = "mpc"
+    shortest_period_s = 0.2
+    """At shorter ones the delays of camera and servos, which (14) leaves out, let it swing or run
+    away, see docs/control-baselines.md."""
 
     def __init__(self, description: Description) -> None:
         control, model = description.control, ConstantCurvature(description.robot)
