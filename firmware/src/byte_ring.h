@@ -48,12 +48,16 @@ class ByteRing {
     set(head_, head);
   }
 
-  /// Removes the oldest byte; call only if the ring is not empty.
-  uint8_t pop() {
-    const Index tail = value_of(tail_);
-    const uint8_t byte = bytes_[tail];
-    set(tail_, after(tail));
-    return byte;
+  /// Removes the oldest byte; false if there is none. Call with interrupts off if the index is long:
+  /// unlocked, and without a call, it keeps the sending interrupt short.
+  bool pop(uint8_t& byte) {
+    const Index tail = tail_;
+    if (tail == head_) {
+      return false;
+    }
+    byte = bytes_[tail];
+    tail_ = after(tail);
+    return true;
   }
 
  private:

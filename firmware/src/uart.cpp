@@ -33,8 +33,9 @@ static_assert(divisor(kClocksPerCount) <= 4096, "the baud rate register has 12 b
 // 115200, the fallback, is 2.1 % off.
 static_assert(error_baud(kClocksPerCount) * 40 <= kBaud, "baud rate more than 2.5 % off");
 
-// 2.5 ms of a saturated line; the main loop returns after 0.5 ms at most.
-ByteRing<ccr::kOutstandingBytes + 1> received;
+// What may be outstanding: 2.5 ms of a saturated line. On a large board twice as much, 10 ms, as a
+// dozen of its long replies find room in an empty send buffer, and are built one after another.
+ByteRing<(ccr::kIsLarge ? 2 : 1) * (ccr::kOutstandingBytes + 1)> received;
 // The UART holds two more bytes.
 ByteRing<ccr::kSendBytes + 1> to_send;
 volatile uint8_t lost_bytes = 0;
@@ -50,7 +51,11 @@ void start() {
 
 bool has_received() { return !received.is_empty(); }
 
-uint8_t take_byte() { return received.pop(); }
+uint8_t take_byte() {
+  uint8_t byte = 0;
+  received.pop(byte);
+  return byte;
+}
 
 uint8_t take_lost_bytes() {
   static uint8_t taken = 0;
@@ -79,10 +84,10 @@ ISR(CCR_UART_RX_vect) {
 }
 
 ISR(CCR_UART_UDRE_vect) {
-  if (!to_send.is_empty()) {
-    UDR0 = to_send.pop();
-  }
-  if (to_send.is_empty()) {
+  uint8_t byte;
+  if (to_send.pop(byte)) {
+    UDR0 = byte;
+  } else {
     UCSR0B = UCSR0B & static_cast<uint8_t>(~_BV(UDRIE0));
   }
 }

@@ -17,6 +17,8 @@ from tests.conformance.talk import Talk
 
 SESSION = 0x5E55
 AXIS_TICKS = 2
+FLOOD_BYTES = 20_000
+"""40 ticks of a line that never pauses."""
 BOARDS: dict[str, Callable[..., SteppedDevice]] = {
     **{f"emulator {axes}": partial(EmulatedDevice, axes=axes) for axes in (1, 6, 12)},
     **{
@@ -52,6 +54,11 @@ class Robot:
         reply = self.ask(m.GetState())
         assert isinstance(reply, m.StateReply)
         return reply.report
+
+    def counters(self) -> m.CountersReply:
+        reply = self.ask(m.GetCounters())
+        assert isinstance(reply, m.CountersReply)
+        return reply
 
     def wait_ticks(self, ticks: int) -> None:
         self.device.advance_to(self.device.since_reset_us() + ticks * m.TICK_US)
@@ -200,6 +207,47 @@ def test_the_longest_request_and_a_stop_may_be_outstanding(configured: Robot) ->
     assert len(frames) <= m.OUTSTANDING_BYTES.of(configured.axes)
     answers = configured.talk.exchange(frames, 2 * m.TICK_US)
     assert [(a.id, a.sequence) for a in answers] == [(m.Ack.ID, 7), (m.Ack.ID, 8)]
+
+
+FLOODS = {
+    "states": "s",
+    "counters": "c",
+    "targets": "t",
+    "targets and states": "tttttts",
+    "hellos": "h",
+}
+
+
+@pytest.mark.parametrize("flood", FLOODS.values(), ids=FLOODS.keys())
+def test_on_a_line_that_never_pauses_each_request_is_obeyed_and_a_stop_is_answered(
+    configured: Robot, flood: str
+) -> None:
+    configured.done(m.SetAcceleration(SESSION, m.Acceleration((1,) * configured.axes)))
+    configured.arm()
+    configured.done(m.SetTelemetry(SESSION, 1))
+    before = configured.counters()
+    target = m.SetTarget(SESSION, (8000,) * configured.axes, 10_000, 10_000)
+    requests = {
+        "s": m.GetState(),
+        "c": m.GetCounters(),
+        "t": target,
+        "h": m.Hello(m.PROTOCOL_VERSION, m.SPEC_HASH),
+    }
+    burst = b"".join(encode_frame(r.ID, 1, r.pack()) for r in map(requests.__getitem__, flood))
+    flooded = burst * (FLOOD_BYTES // len(burst))
+    stop = encode_frame(m.Stop.ID, 99, b"")
+    data = flooded + stop + burst * 5
+    answers = configured.talk.exchange(data, len(data) * 10_000_000 // m.BAUD + 50_000)
+    acks = [m.Ack.unpack(a.payload) for a in answers if (a.id, a.sequence) == (m.Ack.ID, 99)]
+    assert acks == [m.Ack(m.Stop.ID, m.State.STOPPED)]
+    counters = configured.counters()
+    assert counters.overruns == 0
+    # The end of the exchange and get_counters itself come on top.
+    accepted = counters.frames_accepted - before.frames_accepted
+    assert accepted == data.count(0) + 2
+    assert counters.targets_accepted - before.targets_accepted == flooded.count(
+        encode_frame(target.ID, 1, target.pack())
+    )
 
 
 def test_pulses_are_exact_on_a_saturated_line(configured: Robot) -> None:

@@ -42,9 +42,16 @@ uint16_t pulse_half_us(const Calibration& calibration, uint8_t axis, int16_t ang
   return pulse > greatest ? greatest : static_cast<uint16_t>(pulse);
 }
 
+// Compares the products that `rounded_quotient` would divide: a division takes 600 cycles, and a
+// target of 12 axes would need 12 of them. With a neutral pulse in range, a quotient is beyond the
+// whole number n if the dividend is at least half a divisor beyond that of n.
 bool is_saturated(const Calibration& calibration, uint8_t axis, int16_t angle_cdeg) {
-  const int32_t pulse = wanted_half_us(calibration, axis, angle_cdeg);
-  return pulse < least_half_us(calibration, axis) || pulse > greatest_half_us(calibration, axis);
+  const int16_t neutral = static_cast<int16_t>(calibration.neutral_half_us[axis]);
+  const int16_t down = static_cast<int16_t>(least_half_us(calibration, axis) - neutral);
+  const int16_t up = static_cast<int16_t>(greatest_half_us(calibration, axis) - neutral);
+  const int32_t product = int32_t{angle_cdeg} * calibration.per_90_deg_half_us[axis];
+  return product <= int32_t{down} * kReferenceCdeg - kReferenceCdeg / 2 ||
+         product >= int32_t{up} * kReferenceCdeg + kReferenceCdeg / 2;
 }
 
 bool is_allowed_pulse(const Calibration& calibration, uint8_t axis, uint16_t half_us) {

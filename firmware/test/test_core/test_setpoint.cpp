@@ -120,6 +120,24 @@ TEST_CASE("PUL-1: pulses are rounded halves away from zero and clamped") {
   }
 }
 
+TEST_CASE("PUL-1, TGT-1: a pulse counts as clamped exactly if the unclamped one is out of range") {
+  const uint16_t limits[][3] = {
+      {3000, 1000, 5000}, {1000, 1000, 1001}, {5000, 4000, 5000}, {3100, 2900, 3101}};
+  for (const uint16_t(&of)[3] : limits) {
+    for (const int slope : {-4000, -1801, -100, 100, 999, 2000, 4000}) {
+      const Calibration calibration = {
+          {of[0], of[0]}, {static_cast<int16_t>(slope), 100}, {of[1], of[1]}, {of[2], of[2]}};
+      unsigned different = 0;
+      for (int angle = -13500; angle <= 13500; ++angle) {
+        const double wanted = of[0] + std::round(angle * static_cast<double>(slope) / 9000.0);
+        const bool is_beyond = wanted < of[1] || wanted > of[2];
+        different += is_saturated(calibration, 0, static_cast<int16_t>(angle)) != is_beyond;
+      }
+      CHECK(different == 0);
+    }
+  }
+}
+
 TEST_CASE("PUL-1: floor and ceiling apply whatever the calibration") {
   const Calibration absurd = {{3000, 3000}, {4000, 4000}, {0, 0}, {65535, 65535}};
   CHECK(pulse_half_us(absurd, 0, 13500) == kPulseCeilingHalfUs);

@@ -88,6 +88,7 @@ class Script:
             m.OpenSession(m.SPEC_HASH, session),
             m.ClockSync(int(self.rng.integers(0, 2**32))),
             m.GetState(),
+            m.GetLinkLimits(),
             m.Blink(self._integer(0, 3)),
             m.GetCounters(),
             m.GetLimits(),
