@@ -21,7 +21,7 @@ from ccr_host.description.schema import Robot
 from ccr_host.description.simulation import Twin
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.options import RunOptions
 from ccr_host.sim.robot.robot import TwinRobot
@@ -101,7 +101,7 @@ def closed_loop(path: str, seed: int = 1) -> Motion:
 def at_20_hz(path: str) -> Motion:
     """The nearest configurations of a path at 20 Hz."""
     limits = MotorLimits(np.radians([-85.0, -85.0]), np.radians([85.0, 85.0]))
-    reference = load_path(path, 20.0, ConstantCurvature(Robot()), limits)
+    reference = load_path(path, 20.0, Workspace(ConstantCurvature(Robot()), limits))
     return played_back(reference.q_rad, FRAME_US)
 
 

@@ -40,7 +40,7 @@ from ccr_host.description import schema
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 
 WARM_UP_STEPS = 5
 SAME_MINIMUM = 1e-6
@@ -113,7 +113,7 @@ def compare(
 ) -> dict[str, Score]:
     """All ways on the same steps, taking turns at each step or, ``alone``, at each lap."""
     model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
-    reference = load_path(PATHS[model.motors], 1.0, model, limits)
+    reference = load_path(PATHS[model.motors], 1.0, Workspace(model, limits))
     formulation = Formulation(description, reference)
     makers = ways(description, formulation, folder)
     usable = {}

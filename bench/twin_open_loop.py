@@ -22,7 +22,7 @@ from ccr_host.description.simulation import Twin
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 from ccr_host.sim.robot.robot import TwinRobot
 
 Array = NDArray[np.float64]
@@ -150,7 +150,7 @@ def paper_paths() -> list[Reference]:
     """Sample the three paths of Section IV once per second."""
     description = Description()
     model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
-    return [load_path(name, 1.0, model, limits) for name in PAPER]
+    return [load_path(name, 1.0, Workspace(model, limits)) for name in PAPER]
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ SUMMARY_KEYS = {
     "mean_error_mm", "rmse_mm", "p95_error_mm", "max_error_mm", "mean_lateral_error_mm",
     "true_mean_error_mm", "true_rmse_mm", "true_p95_error_mm", "true_max_error_mm",
     "true_mean_lateral_error_mm", "floor_mean_error_mm", "twin_floor_mean_error_mm",
+    "surface",
     "unreachable_steps", "laps", "open", "solve_us", "missed_deadlines", "tracker_lost_steps",
     "coasted_steps", "held_steps", "skipped_steps", "clamped_commands", "board_holds",
     "board_relaxes", "link", "wall_s", "faults",

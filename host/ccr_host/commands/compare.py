@@ -16,6 +16,7 @@ from ccr_host.commands.options import (
     RobotOption,
     SeedOption,
     SetOption,
+    SurfaceOption,
     TrackerOption,
     UncheckedOption,
     complete_controllers,
@@ -63,6 +64,7 @@ def compare(
     tracker: TrackerOption = "twin:",
     plant: PlantOption = "twin",
     rate: RateOption = 1.0,
+    surface: SurfaceOption = "model",
     seed: SeedOption = 1,
     overrides: SetOption = None,
     realtime: RealtimeOption = False,
@@ -99,6 +101,7 @@ def compare(
             seed=seed,
             realtime=realtime,
             checks="none" if unchecked else "motion",
+            surface=surface,
         )
         for one_path in path or PAPER_RESULTS
         for name in names

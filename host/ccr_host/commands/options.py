@@ -13,7 +13,7 @@ from rich.console import Console
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.standard_streams import warn
 from ccr_host.core.user_file import printable
-from ccr_host.run.options import RigOptions, RunOptions
+from ccr_host.run.options import RigOptions, RunOptions, SurfaceName
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -154,6 +154,13 @@ SetOption = Annotated[
 UncheckedOption = Annotated[
     bool,
     typer.Option("--unchecked", help="Skip the checks of the robot's markers and motion."),
+]
+SurfaceOption = Annotated[
+    SurfaceName,
+    typer.Option(
+        help="Whose surface gives a lateral path its x: the model's (10), or the robot's as "
+        "identified (calibrate --identify)."
+    ),
 ]
 RealtimeOption = Annotated[bool, typer.Option("--realtime", help="Run in real time.")]
 OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")]

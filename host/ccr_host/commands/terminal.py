@@ -139,7 +139,8 @@ def run_table(summary: Mapping[str, Any], options: RunOptions) -> Group:
     else:
         rows += laps
     has_paper = any(of_paper is not None for _, _, of_paper in rows)
-    title = f"{summary['path']} with {controller}{_early_note(summary)}: tip error (mm)"
+    drive = f"{summary['path']} with {controller}{options.on_surface}"
+    title = f"{drive}{_early_note(summary)}: tip error (mm)"
     table = Table(title=title, title_justify="left")
     table.add_column("")
     table.add_column("this run", justify="right")
@@ -220,7 +221,7 @@ def comparison_table(
             "ratio": [_ratio(ratio_to_twin_floor(summary)) for summary in summaries],
         }
     table = Table(
-        title="tip error (mm)",
+        title=f"tip error (mm){options[0].on_surface}",
         title_justify="left",
         box=box.SIMPLE,
         collapse_padding=True,

@@ -20,6 +20,7 @@ from ccr_host.commands.options import (
     RobotOption,
     SeedOption,
     SetOption,
+    SurfaceOption,
     TrackerOption,
     UncheckedOption,
     console,
@@ -47,6 +48,7 @@ def track(
     tracker: TrackerOption = "twin:",
     plant: PlantOption = "twin",
     rate: RateOption = 1.0,
+    surface: SurfaceOption = "model",
     seed: SeedOption = 1,
     overrides: SetOption = None,
     realtime: RealtimeOption = False,
@@ -97,6 +99,7 @@ def track(
             realtime=realtime,
             laps=laps,
             checks="none" if unchecked else "motion",
+            surface=surface,
         )
         print_notes([options])
         reference = reference_of(options)

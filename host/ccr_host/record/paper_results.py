@@ -35,11 +35,12 @@ def paper_mean_mm(options: RunOptions) -> float | None:
     """Mean error of the same experiment in the paper, in mm.
 
     Returns:
-        None unless path, controller, rate and robot are the paper's. Of a real robot only the
-        geometry is known.
+        None unless path, surface, controller, rate and robot are the paper's. Of a real robot only
+        the geometry is known.
     """
     paper = PAPER_RESULTS.get(options.path)
-    if paper is None or options.rate_hz != _PAPER_RATE_HZ or options.laps != 1:
+    is_path = options.surface == "model" and options.laps == 1
+    if paper is None or options.rate_hz != _PAPER_RATE_HZ or not is_path:
         return None
     figures = {"open-loop": paper.open_loop_mm, "mpc": paper.mpc_mm}
     return figures.get(options.controller) if _is_papers_robot(options) else None

@@ -69,7 +69,8 @@ class RecordedRun:
     def title(self) -> str:
         """Title of the run."""
         options = self.setup.options
-        return f"{self.setup.reference.name}, {options.controller}, {options.rate_hz:g} Hz"
+        drive = f"{options.controller}, {options.rate_hz:g} Hz"
+        return f"{self.setup.reference.name}, {drive}{options.on_surface}"
 
 
 def read_run(folder: Path) -> RecordedRun:
@@ -133,10 +134,11 @@ def _error_figures(records: Sequence[StepRecord]) -> Mapping[str, Any]:
 
 def overlay_svgs(runs: Sequence[RecordedRun], names: Sequence[str]) -> Iterator[str]:
     """All runs on one path in one figure, for each path that has several; a name for each run."""
-    on_paths: dict[str, list[PlottedRun]] = {}
+    on_paths: dict[tuple[str, str], list[PlottedRun]] = {}
     for run, name in zip(runs, names, strict=True):
         if run.records:
-            on_paths.setdefault(run.setup.reference.name, []).append(_plotted(run, name))
+            path = run.setup.reference.name, run.setup.options.surface
+            on_paths.setdefault(path, []).append(_plotted(run, name))
     for together in on_paths.values():
         if len(together) > 1:
             yield svg_element(run_figure(together))

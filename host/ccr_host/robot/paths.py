@@ -1,9 +1,9 @@
 """Desired paths: the paper's three (16)-(18), some in space for robots of any size, and files.
 
 A path prescribes two lateral coordinates: its y is f[0] of (10), its z is f[2]. The third, x along
-the robot, is f[1]; it follows from (10) at the nearest reachable configuration unless the path
-prescribes it too. The paths in space are in parts of the robot's length, which they take to reach
-along -x when it is straight.
+the robot, is f[1]; it follows from the robot's surface at the nearest reachable configuration
+unless the path prescribes it too. The paths in space are in parts of the robot's length, which they
+take to reach along -x when it is straight.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.user_file import is_there, printable
-from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.path_file import SampledPath, read_path_file
 from ccr_host.robot.reference import MAX_SAMPLES, Reference
-from ccr_host.robot.workspace import MotorLimits, Workspace
+from ccr_host.robot.workspace import Surface
 
 __all__ = ["MAX_SAMPLES", "PAPER_PATHS", "Reference", "load_path", "path_names"]
 
@@ -128,16 +127,13 @@ def path_names() -> list[str]:
     return list(_SHAPES)
 
 
-def load_path(
-    name_or_file: str, rate_hz: float, model: ConstantCurvature, limits: MotorLimits
-) -> Reference:
+def load_path(name_or_file: str, rate_hz: float, surface: Surface) -> Reference:
     """Sample a built-in path, or a file, at the control rate.
 
     Args:
         name_or_file: one of ``path_names()`` or a file, see `path_file`.
         rate_hz: control rate.
-        model: the controller's model of the robot.
-        limits: limits of the motor angles.
+        surface: what the robot reaches.
 
     Raises:
         ConfigError: unknown name, unusable file, or a rate that gives no sensible path.
@@ -150,14 +146,14 @@ def load_path(
     if name_or_file in _SHAPES:
         shape = _SHAPES[name_or_file]
         time_s = _clock(name_or_file, shape.duration_s * rate_hz, rate_hz)
-        line = SampledPath(time_s, *shape.line_mm(time_s, sum(model.lengths_mm)))
-        return _reference(name_or_file, rate_hz, line, model, limits)
+        line = SampledPath(time_s, *shape.line_mm(time_s, surface.length_mm))
+        return _reference(name_or_file, rate_hz, line, surface)
     rows = read_path_file(_existing_file(name_or_file))
     duration_s = float(rows.time_s[-1]) - float(rows.time_s[0])
     # A file includes both ends, so the last row is a sample too.
     time_s = _clock(name_or_file, duration_s * rate_hz + 1.0, rate_hz)
     name = _title(Path(name_or_file))
-    return _reference(name, rate_hz, rows.resampled(time_s), model, limits)
+    return _reference(name, rate_hz, rows.resampled(time_s), surface)
 
 
 def _title(file: Path) -> str:
@@ -193,13 +189,11 @@ def _clock(name: str, samples: float, rate_hz: float) -> FloatArray:
     return np.arange(count) / rate_hz
 
 
-def _reference(
-    name: str, rate_hz: float, path: SampledPath, model: ConstantCurvature, limits: MotorLimits
-) -> Reference:
+def _reference(name: str, rate_hz: float, path: SampledPath, surface: Surface) -> Reference:
     lateral = [path.y_mm, path.z_mm]
     given = lateral if path.x_mm is None else [path.y_mm, path.x_mm, path.z_mm]
-    nearest = Workspace(model, limits).nearest(np.stack(given, axis=-1))
-    along = model.tip_mm(nearest.q_rad)[:, 1] if path.x_mm is None else path.x_mm
+    nearest = surface.nearest(np.stack(given, axis=-1))
+    along = nearest.tip_mm[:, 1] if path.x_mm is None else path.x_mm
     return Reference(
         name=name,
         period_s=1.0 / rate_hz,

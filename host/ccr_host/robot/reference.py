@@ -33,8 +33,8 @@ class Reference:
     ``time_s`` (N,) starts at 0. ``target_mm`` (N, 3) is the desired tip in the frame of (10): the
     path's own coordinates even where they cannot be reached: f[0] and f[2], and f[1] if it has
     that too. ``q_rad`` (N, n) are the nearest reachable motor angles, ``unavoidable_mm`` (N,) the
-    distance that remains there, in the path's own coordinates, according to the model. All laps
-    are identical.
+    distance that remains there, in the path's own coordinates, according to the surface on which
+    the path was laid. All laps are identical.
     """
 
     name: str
@@ -89,7 +89,7 @@ class Reference:
 
     @property
     def reachable(self) -> NDArray[np.bool_]:
-        """Which samples the model can reach, (N,)."""
+        """Which samples can be reached, (N,)."""
         return self.unavoidable_mm <= REACHABLE_MM
 
     @property
@@ -99,5 +99,5 @@ class Reference:
 
     @property
     def floor_mean_mm(self) -> float:
-        """Mean error that remains with the best motor angles, according to the model."""
+        """Mean error that remains with the best motor angles, according to the surface."""
         return float(np.mean(self.unavoidable_mm))

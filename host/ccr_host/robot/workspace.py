@@ -16,6 +16,7 @@ segment bent beyond its fold rolls up further and reaches less far to the side.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,19 +73,46 @@ class MotorLimits:
 
 @dataclass(frozen=True)
 class Nearest:
-    """Nearest reachable configurations: ``q_rad`` (N, n), ``distance_mm`` (N,)."""
+    """Nearest reachable configurations: ``q_rad`` (N, n), ``tip_mm`` (N, 3), ``distance_mm`` (N,).
+
+    The distance is that of the tip in the coordinates that were given.
+    """
 
     q_rad: FloatArray
+    tip_mm: FloatArray
     distance_mm: FloatArray
 
 
+def axes_of(points_mm: FloatArray) -> list[int]:
+    """The coordinates of f that points of two or three columns state."""
+    return LATERAL if points_mm.shape[1] == len(LATERAL) else [0, 1, 2]
+
+
+class Surface(Protocol):
+    """What a robot reaches according to some model of it."""
+
+    @property
+    def length_mm(self) -> float:
+        """Described length of its segments, to which paths in space are scaled."""
+        ...
+
+    def nearest(self, points_mm: ArrayLike) -> Nearest:
+        """Project points onto the surface.
+
+        Args:
+            points_mm: desired f[0] and f[2], (N, 2), or desired f, (N, 3); any finite numbers.
+        """
+        ...
+
+
 class Workspace:
-    """What one robot reaches between its motor limits."""
+    """What one robot of constant curvature (10) reaches between its motor limits."""
 
     def __init__(self, model: ConstantCurvature, limits: MotorLimits) -> None:
         self.model = model
         self.limits = limits
-        self._length_mm = sum(model.lengths_mm) + model.marker_offset_mm
+        self.length_mm: float = sum(model.lengths_mm)
+        self._length_mm = self.length_mm + model.marker_offset_mm
         self._middle_rad = 0.5 * (limits.lower_rad + limits.upper_rad)
         self._straightest_rad = limits.clip(np.zeros(model.motors))
         shares = np.diag((0.5 * np.maximum(limits.upper_rad - limits.lower_rad, 1e-12)) ** -2.0)
@@ -104,16 +132,17 @@ class Workspace:
             distance.
         """
         points = np.asarray(points_mm, dtype=np.float64)
-        axes = LATERAL if points.shape[1] == len(LATERAL) else [0, 1, 2]
+        axes = axes_of(points)
         pieces = [
             self._approached(points[first : first + _ROWS], axes)
             for first in range(0, len(points), _ROWS)
         ]
         q_rad = np.concatenate(pieces) if pieces else np.empty((0, self.model.motors))
+        tip_mm = self.model.tip_mm(q_rad)
         # Points near the largest float overflow to infinite distance, which is acceptable.
         with np.errstate(over="ignore"):
-            miss = np.linalg.norm(self.model.tip_mm(q_rad)[:, axes] - points, axis=1)
-        return Nearest(q_rad, miss)
+            miss = np.linalg.norm(tip_mm[:, axes] - points, axis=1)
+        return Nearest(q_rad, tip_mm, miss)
 
     def boundary_mm(self, points: int = 240) -> FloatArray:
         """The edge of what is reached laterally as a closed line, (points + 1, 3)."""

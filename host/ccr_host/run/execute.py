@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
+from ccr_host.control.adaptive.surface import IdentifiedSurface
 from ccr_host.control.base import Phase
 from ccr_host.control.registry import make_controller
 from ccr_host.core.clock import Stopwatch
 from ccr_host.core.errors import DeviceError, TrackerError, full_text
+from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
-from ccr_host.robot.workspace import MotorLimits, Workspace
+from ccr_host.robot.workspace import MotorLimits, Surface, Workspace
 from ccr_host.run.loop import Progress, follow_path
 from ccr_host.run.observer import Observers, RunObserver, RunSetup, StepRecord
 from ccr_host.run.open_rig import open_rig
@@ -22,19 +26,27 @@ from ccr_host.run.summary import RunResult
 
 
 def reference_of(options: RunOptions) -> Reference:
-    """The desired path according to the controller's model.
+    """The desired path, on the surface that the options name.
 
     Raises:
-        ConfigError: unknown path, unusable file or description, or laps of an open path.
+        ConfigError: unknown path, unusable file or description, laps of an open path, or a robot
+            that was not identified.
     """
-    description = options.description()
-    model = ConstantCurvature(description.robot)
-    lap = load_path(options.path, options.rate_hz, model, MotorLimits.of(description.servo))
-    return lap.repeated(options.laps)
+    if options.surface == "robot":
+        surface: Surface = _identified_surface(options.description().model_dump_json())
+    else:
+        surface = workspace_of(options)
+    return load_path(options.path, options.rate_hz, surface).repeated(options.laps)
+
+
+@lru_cache(maxsize=1)
+def _identified_surface(description: str) -> IdentifiedSurface:
+    """Kept, as its fit takes 4 s of CPU in plain Python."""
+    return IdentifiedSurface(Description.model_validate_json(description))
 
 
 def workspace_of(options: RunOptions) -> Workspace:
-    """The reachable surface of the robot according to the controller's model."""
+    """What the robot reaches according to (10)."""
     description = options.description()
     return Workspace(ConstantCurvature(description.robot), MotorLimits.of(description.servo))
 

@@ -102,6 +102,7 @@ def summarise(
     return {
         "path": reference.name,
         "controller": result.options.controller,
+        "surface": result.options.surface,
         "rate_hz": result.options.rate_hz,
         "steps": len(records),
         "planned_steps": len(reference),

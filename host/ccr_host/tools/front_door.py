@@ -30,7 +30,7 @@ from ccr_host.run.execute import execute_quietly, reference_of
 from ccr_host.run.igtl_server import published
 from ccr_host.run.observer import Observers, RunObserver
 from ccr_host.run.open_rig import is_simulated, open_rig
-from ccr_host.run.options import RigOptions, RunOptions
+from ccr_host.run.options import RigOptions, RunOptions, SurfaceName
 from ccr_host.run.rest_motion import command, move_to
 from ccr_host.run.rig import Rig
 from ccr_host.sim.robot.plant import TWIN, Plant
@@ -203,6 +203,7 @@ class Robot:
         *,
         rate_hz: float = 1.0,
         laps: int = 1,
+        surface: SurfaceName = "model",
         unchecked: bool = False,
         with_open: bool | None = None,
         out: str | Path | None = None,
@@ -219,6 +220,7 @@ class Robot:
                 `adaptive`, `pid-ik` for robots that it does not know.
             rate_hz: control steps per second.
             laps: number of laps of a closed path.
+            surface: whose surface gives a lateral path its third coordinate.
             unchecked: skip the checks of markers and motion.
             with_open: also run the open loop for comparison; by default if simulated.
             out: folder for the results; ``runs/<date>-...`` by default.
@@ -241,6 +243,7 @@ class Robot:
             rate_hz=float(rate_hz),
             laps=laps,
             checks="none" if unchecked else "motion",
+            surface=surface,
         )
         reference = reference_of(options)
         self._connected()

@@ -17,7 +17,10 @@ _TROUBLED_STATES = frozenset({State.FAULT, State.STOPPED, State.RELAXING})
 def status_html(setup: RunSetup, moment: Moment, dropped_batches: int = 0) -> str:
     """Table of what matters at a moment."""
     rows = [
-        ("run", _text(f"{setup.reference.name}, {setup.options.controller}")),
+        (
+            "run",
+            _text(f"{setup.reference.name}, {setup.options.controller}{setup.options.on_surface}"),
+        ),
         ("phase", f"<b>{_text(_phase(moment))}</b>"),
         ("step", _step(setup, moment)),
         ("error", _error(moment)),

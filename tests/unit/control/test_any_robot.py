@@ -15,7 +15,7 @@ from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 
 SHIPPED = {
     "single": "swing",
@@ -32,7 +32,7 @@ WEIRD = ([math.nan, 0.0, 0.0], [math.inf, 0.0, 0.0], [1e200, 0.0, 0.0], [1e4, -1
 def made(robot: str, name: str) -> tuple[Controller, Description, Reference]:
     description = schema.load(robot)
     model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
-    path = load_path(SHIPPED[robot], 5.0, model, limits)
+    path = load_path(SHIPPED[robot], 5.0, Workspace(model, limits))
     return make_controller(name, description), description, path
 
 

@@ -11,7 +11,7 @@ from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 
 DEFAULT = schema.load()
 MODEL = ConstantCurvature(DEFAULT.robot)
@@ -19,7 +19,7 @@ MODEL = ConstantCurvature(DEFAULT.robot)
 
 def reference(name, rate_hz=1.0, description=DEFAULT):
     limits = MotorLimits.of(description.servo)
-    return load_path(name, rate_hz, ConstantCurvature(description.robot), limits)
+    return load_path(name, rate_hz, Workspace(ConstantCurvature(description.robot), limits))
 
 
 def angles(path, description=DEFAULT, tip_mm=None):

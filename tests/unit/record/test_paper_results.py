@@ -28,6 +28,7 @@ def test_the_papers_own_experiment_has_its_mean() -> None:
         {"path": "mine.csv"},
         {"rate_hz": 20.0},
         {"laps": 3},
+        {"surface": "robot"},
         {"robot": "hard"},
         {"robot": "default"},
         {"robot": None},

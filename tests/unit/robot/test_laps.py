@@ -5,14 +5,14 @@ from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path, path_names
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 
 DESCRIPTION = Description()
 
 
 def _path(name, rate_hz=1.0):
     limits = MotorLimits.of(DESCRIPTION.servo)
-    return load_path(str(name), rate_hz, ConstantCurvature(DESCRIPTION.robot), limits)
+    return load_path(str(name), rate_hz, Workspace(ConstantCurvature(DESCRIPTION.robot), limits))
 
 
 def _file(folder, rows):

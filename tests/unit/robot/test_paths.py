@@ -12,14 +12,14 @@ from ccr_host.description.schema import Robot, Servo
 from ccr_host.description.schema import load as load_description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import PAPER_PATHS, load_path, path_names
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 
 MODEL = ConstantCurvature(Robot())
 LIMITS = MotorLimits.of(Servo())
 
 
 def load(name, rate_hz=1.0):
-    return load_path(str(name), rate_hz, MODEL, LIMITS)
+    return load_path(str(name), rate_hz, Workspace(MODEL, LIMITS))
 
 
 def write(folder, text):
@@ -94,7 +94,7 @@ def test_third_coordinate_comes_from_the_model_at_the_nearest_configuration(name
 def test_robots_reach_the_paths_of_their_kind_and_return_to_the_start(robot, name):
     description = load_description(robot)
     model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
-    reference = load_path(name, 2.0, model, limits)
+    reference = load_path(name, 2.0, Workspace(model, limits))
     assert reference.unreachable_steps == 0
     assert model.tip_mm(reference.q_rad) == pytest.approx(reference.target_mm, abs=0.01)
     steps_mm = np.linalg.norm(np.diff(reference.target_mm, axis=0), axis=1)

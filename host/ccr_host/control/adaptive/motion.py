@@ -55,8 +55,8 @@ class Pose(NamedTuple):
         return stacked(self.theta_1, self.theta_2)
 
 
-def first_pose(p: Parameters, q_1: float, q_2: float) -> Pose:
-    """The pose at setpoints without a history of motion."""
+def first_pose(p: Parameters, q_1: Number, q_2: Number) -> Pose:
+    """The pose, or poses, at setpoints without a history of motion."""
     guess_1, guess_2 = likely_of(p, q_1, q_2)
     anchors = routes_of(p, guess_1, guess_2)
     shafts = shafts_of(p, (q_1, q_2), (0.0, 0.0))

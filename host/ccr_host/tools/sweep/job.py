@@ -153,7 +153,7 @@ def _pulse_limits_us(servo: Servo) -> tuple[NDArray[np.float64], NDArray[np.floa
 Row = dict[str, Any]
 
 _NO_FIGURES = (
-    "path", "controller", "planned_steps", "device", "tracker", "laps", "open", "faults",
+    "path", "controller", "surface", "planned_steps", "device", "tracker", "laps", "open", "faults",
     "skipped_steps", "board_holds", "board_relaxes", "clamped_commands",
 )  # fmt: skip
 """Keys of the JSON summary left out: given otherwise, the same for all runs, or real-time only."""

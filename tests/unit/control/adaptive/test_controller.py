@@ -10,7 +10,7 @@ from ccr_host.control.registry import make_controller
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 
 DESCRIPTION = Description()
 PRIOR = parameters_of(prior_of(DESCRIPTION.robot).mean)
@@ -18,7 +18,7 @@ LIMITS = MotorLimits.of(DESCRIPTION.servo)
 
 
 def _reference(name, rate_hz):
-    return load_path(name, rate_hz, ConstantCurvature(DESCRIPTION.robot), LIMITS)
+    return load_path(name, rate_hz, Workspace(ConstantCurvature(DESCRIPTION.robot), LIMITS))
 
 
 def _approach(controller, tip_of, time_us):

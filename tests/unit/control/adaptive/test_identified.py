@@ -15,7 +15,7 @@ from ccr_host.description.schema import Description, Identified
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.rests import Rests
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 from ccr_host.tools.survey import identified_section, trial_fit
 
 BELIEVED = Description()
@@ -74,7 +74,7 @@ def _end_of_approach(controller):
 def test_an_identified_robot_is_known_without_a_tour():
     controller = make_controller("adaptive", _identified())
     model, limits = ConstantCurvature(BELIEVED.robot), MotorLimits.of(BELIEVED.servo)
-    controller.start(load_path("8shape", 1.0, model, limits))
+    controller.start(load_path("8shape", 1.0, Workspace(model, limits)))
     command, duration_us = _end_of_approach(controller)
     there = Rests(np.zeros(2), command.q_rad[None], np.zeros((1, 3, 3)), np.ones(1))
     known_mm, prior_mm = (predicted_mm(p, there)[0, 1] for p in (TRUTH, PRIOR))

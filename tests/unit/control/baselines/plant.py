@@ -14,7 +14,7 @@ from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 
 DESCRIPTION = Description()
 LIMITS = MotorLimits.of(DESCRIPTION.servo)
@@ -27,7 +27,7 @@ TipOf = Callable[[np.ndarray], np.ndarray | None]
 
 @lru_cache
 def reference_of(name: str, rate_hz: float) -> Reference:
-    return load_path(name, rate_hz, BELIEVED, LIMITS)
+    return load_path(name, rate_hz, Workspace(BELIEVED, LIMITS))
 
 
 @dataclass(frozen=True)

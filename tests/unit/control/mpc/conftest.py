@@ -15,7 +15,7 @@ from ccr_host.control.mpc.sqp import Bounds
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 
 DESCRIPTION = Description()
 MODEL = ConstantCurvature(DESCRIPTION.robot)
@@ -151,7 +151,9 @@ def planner_within(solver):
 @pytest.fixture(scope="session")
 def random_steps():
     """Steps along all three paths: the robot is off its reference, the measurement off both."""
-    references = [load_path(name, 1.0, MODEL, LIMITS) for name in ("ellipse", "8shape", "star")]
+    references = [
+        load_path(name, 1.0, Workspace(MODEL, LIMITS)) for name in ("ellipse", "8shape", "star")
+    ]
 
     def draw(live: int, count: int, seed: int) -> list[Step]:
         rng = np.random.default_rng(seed)

@@ -15,7 +15,7 @@ from ccr_host.control.mpc.sqp import Bounds, feasible, solve
 from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 
 SHIPPED = {
     "single": "swing",
@@ -100,7 +100,7 @@ def test_solution_is_feasible_stationary_and_no_worse_than_the_guess(segments, b
 def controller(robot, *overrides):
     description = schema.load(robot, overrides)
     model = ConstantCurvature(description.robot)
-    path = load_path(SHIPPED[robot], 1.0, model, MotorLimits.of(description.servo))
+    path = load_path(SHIPPED[robot], 1.0, Workspace(model, MotorLimits.of(description.servo)))
     return ModelPredictive(description), model, path
 
 

@@ -19,7 +19,7 @@ from ccr_host.control.mpc.problem import Constants, Tracking, Weights, roll_out
 from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 
 pytestmark = pytest.mark.long  # Without numba's cache, compiling takes a minute.
 
@@ -42,7 +42,7 @@ def both(overrides):
 def path_of(name, overrides=(), rate_hz=1.0):
     description = schema.load(overrides=overrides)
     model = ConstantCurvature(description.robot)
-    return load_path(name, rate_hz, model, MotorLimits.of(description.servo))
+    return load_path(name, rate_hz, Workspace(model, MotorLimits.of(description.servo)))
 
 
 def observation(step, tip_mm, q_rad):

@@ -18,7 +18,7 @@ from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, Workspace
 
 DEFAULT = schema.load()
 MODEL = ConstantCurvature(DEFAULT.robot)
@@ -27,7 +27,7 @@ LIMITS = MotorLimits.of(DEFAULT.servo)
 
 def reference(name="8shape", rate_hz=1.0, description=DEFAULT):
     limits = MotorLimits.of(description.servo)
-    return load_path(name, rate_hz, ConstantCurvature(description.robot), limits)
+    return load_path(name, rate_hz, Workspace(ConstantCurvature(description.robot), limits))
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import pytest
 
 from ccr_host.core.clock import RealClock, VirtualClock
 from ccr_host.core.errors import ConfigError
+from ccr_host.description.file import keep_in
 from ccr_host.description.schema import Description
 from ccr_host.link.client import Client
 from ccr_host.link.framing import decode_single_frame, encode_frame
@@ -17,13 +18,16 @@ from ccr_host.record.log import topics
 from ccr_host.record.log.reader import LogEnd, RunRecording
 from ccr_host.record.log.run_log import RunLog
 from ccr_host.record.replay import replay
+from ccr_host.run.execute import reference_of
 from ccr_host.run.options import RunOptions
+from ccr_host.run.summary import summarise
 from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.eeprom import EepromImage
 from ccr_host.sim.board.serial_line import LineNoise, SerialLine
 from ccr_host.sim.serving.ports import TcpPort
 from ccr_host.sim.serving.server import BackgroundServer, BoardServer
 from ccr_host.tools.equipment import EquipmentChange, change_equipment
+from tests.unit.control.adaptive.test_surface import SHORTER_MM, identified_as_short
 from tests.unit.record.replay.rewrite import rewritten
 
 SEED = 3
@@ -90,6 +94,21 @@ def test_laps_repeat_byte_for_byte(folder, tmp_path):
     assert result.failure is None
     assert RunRecording(folder).reference.laps == 3
     assert_equal(folder, steps=24)
+
+
+@pytest.mark.long
+def test_a_replay_takes_the_surface_that_was_fixed_before_the_run(folder, short_path, tmp_path):
+    robot, out = str(tmp_path / "mine.toml"), tmp_path / "mine.toml"
+    rests = identified_as_short().model_dump(include={"identified"}, exclude_none=True)
+    keep_in(out, rests, None)
+    result = run(folder, short_path, robot=robot, surface="robot")
+    assert result.failure is None
+    assert summarise(result)["surface"] == RunRecording(folder).options.surface == "robot"
+    out.unlink()
+    recorded, described = RunRecording(folder).reference, reference_of(RunOptions(short_path))
+    assert np.array_equal(recorded.target_mm, result.reference.target_mm)
+    assert np.all(recorded.target_mm[:, 1] > described.target_mm[:, 1] + SHORTER_MM)
+    assert_equal(folder, steps=4)
 
 
 @pytest.mark.long
