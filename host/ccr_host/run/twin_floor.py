@@ -42,10 +42,11 @@ def floor_of_run_mm(result: RunResult) -> float | None:
 def twin_floor_mm(
     options: RunOptions, reference: Reference, cache: Path | None = None
 ) -> float | None:
-    """Mean distance of the path from rest poses of the twin, within the rates of board and servo.
+    """Mean distance of the path from the nearest rest poses of the twin.
 
     Of one lap, and of evenly spaced targets where there are many. It applies to the undisturbed
-    robot: a payload added during the run, a push, friction and deadband are not considered.
+    robot: a payload added during the run, a push, friction, deadband and the rates of the servos
+    are not considered.
 
     Args:
         options: of the run.
@@ -69,9 +70,10 @@ def twin_floor_mm(
 def rests_along(
     description: Description, reference: Reference, every: int = 1, cache: Path | None = None
 ) -> tuple[Array, Array]:
-    """The twin's rest poses nearest to a lap's targets, from one to the next within the rates.
+    """The twin's rest poses nearest to a lap's targets.
 
-    What is found is a minimum that can be followed, not always the least one (docs/sweep.md).
+    Each is sought from the one before and from the model's: a minimum, not always the least one
+    (docs/sweep.md).
 
     Args:
         description: of the robot.
@@ -85,18 +87,21 @@ def rests_along(
     Raises:
         CcrError: the twin has no rest pose on the way.
     """
-    lower_rad, upper_rad = np.radians(_shaft_limits_deg(description))
-    targets_mm = reference.target_mm[: reference.lap_steps : every]
-    rate_deg_s = np.minimum(description.servo.slew_deg_s, description.twin.servo_rate_deg_s)
-    reach_rad = np.radians(every * reference.period_s * rate_deg_s)
-    motion = (lower_rad, upper_rad, targets_mm, reach_rad)
+    servo, chosen = description.servo, slice(0, reference.lap_steps, every)
+    limits_deg = np.array([servo.angle_min_deg, servo.angle_max_deg])
+    at_limits_rad = np.radians(_shafts_deg(description, limits_deg))
+    guesses_rad = np.radians(_shafts_deg(description, np.degrees(reference.q_rad[chosen])))
+    way = (
+        at_limits_rad.min(axis=0), at_limits_rad.max(axis=0),
+        reference.target_mm[chosen], guesses_rad,
+    )  # fmt: skip
     if cache is None:
-        return nearest_rests(description.twin, *motion)
-    of_what = (_VERSION, description.twin.model_dump_json(), *(part.tolist() for part in motion))
+        return nearest_rests(description.twin, *way)
+    of_what = (_VERSION, description.twin.model_dump_json(), *(part.tolist() for part in way))
     file = cache / f"rests-{hashlib.sha256(repr(of_what).encode()).hexdigest()[:16]}.npz"
     with suppress(*_UNREADABLE), np.load(file) as kept:
         return kept["motors_rad"], kept["distances_mm"]
-    found = nearest_rests(description.twin, *motion)
+    found = nearest_rests(description.twin, *way)
     _keep(file, *found)
     return found
 
@@ -117,14 +122,16 @@ def _keep(file: Path, motors_rad: Array, distances_mm: Array) -> None:
             oldest.unlink()
 
 
-def _shaft_limits_deg(description: Description) -> tuple[Array, Array]:
-    """Angles of the twin's shafts at the limits of the commanded angles, (n,) each."""
+def _shafts_deg(description: Description, commanded_deg: Array) -> Array:
+    """Angles of the twin's shafts at commanded ones, as far as pulses go; (..., n) each."""
     servo, twin = description.servo, description.twin
-    limits_deg = np.array([servo.angle_min_deg, servo.angle_max_deg])
     pulses_us = np.clip(
-        np.array(servo.neutral_pulse_us) + limits_deg / 90.0 * np.array(servo.pulse_per_90_deg_us),
+        np.array(servo.neutral_pulse_us)
+        + commanded_deg / 90.0 * np.array(servo.pulse_per_90_deg_us),
         servo.pulse_min_us,
         servo.pulse_max_us,
     )
-    shafts_deg = (pulses_us - twin.servo_neutral_us) * 90.0 / np.array(twin.servo_us_per_90_deg)
-    return shafts_deg.min(axis=0), shafts_deg.max(axis=0)
+    shafts_deg: Array = (
+        (pulses_us - twin.servo_neutral_us) * 90.0 / np.array(twin.servo_us_per_90_deg)
+    )
+    return shafts_deg
