@@ -1,14 +1,16 @@
 """Timing of the firmware in cycles of the real binary in simavr.
 
-``python bench/firmware_timing.py`` builds the firmware with avr-gcc and prints a table with the
-project's targets. Cycles do not depend on the machine. Needs gcc-avr, avr-libc, libsimavr-dev.
+``python bench/firmware_timing.py --board mega2560 --axes 12`` builds the firmware with avr-gcc and
+prints a table; for an UNO, the default, with the project's targets. Cycles do not depend on the
+machine. Needs gcc-avr, avr-libc, libsimavr-dev.
 """
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +36,20 @@ TARGETS = 200
 SATURATED_S = 4
 PROFILED_S = 1
 VALIDITY_MS = 10_000
+REPLY_US = 5_000
+"""Duration of the longest reply on the line."""
 SESSION = 0xBE4C
+USUAL_AXES = {"uno": 2, "mega2560": 12}
+AIMS = {
+    "last byte of a request to first byte of the reply": "200 us",
+    "set_target to the last of its pulses": "20 ms + that",
+    "pulse jitter of all pins, link saturated": "0 cycles",
+    "  bytes lost": "0",
+    "flash": "13312 bytes",
+    "static RAM": "1024 bytes",
+    "least free stack": "512 bytes",
+}
+"""For an UNO."""
 GAPS_US = np.random.default_rng(2).integers(0, 4, 100_000)
 """Pause between bursts, so that bytes arrive at every phase of the pulses; 0.2 % of the time."""
 
@@ -46,6 +61,7 @@ class Rig:
     board: SimavrBoard
     clock: VirtualClock
     pulses: list[Pulse]
+    axes: int
 
     def say(self, request: m.Request, sequence: int = 0) -> int:
         """Send now; return the cycle of the end of the last stop bit."""
@@ -56,44 +72,71 @@ class Rig:
     def wait_us(self, duration_us: int) -> None:
         self.clock.sleep_until_us(self.clock.now_us() + duration_us)
 
+    def target(self, angle_cdeg: int = 0) -> m.SetTarget:
+        """All axes to one angle; that of 0 keeps the board active and changes nothing."""
+        return m.SetTarget(SESSION, (angle_cdeg,) * self.axes, 0, VALIDITY_MS)
+
 
 def main() -> None:
-    """Print the table."""
+    """Command line of the bench."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--board", choices=USUAL_AXES, default="uno")
+    parser.add_argument("--axes", type=int, help="servos of the board; 2 (UNO) or 12 by default")
+    words = parser.parse_args()
+    axes = words.axes or USUAL_AXES[words.board]
+    with tempfile.TemporaryDirectory() as folder:
+        Console().print(measure(words.board, axes, Path(folder)))
+
+
+def measure(board: str, axes: int, folder: Path) -> Table:
+    """Build and measure a board; its table."""
     rng = np.random.default_rng(1)
-    table = Table(title="Firmware on an UNO, from cycles", title_justify="left")
+    title = f"Firmware on a board {board} with {axes} axes, from cycles"
+    table = Table(title=title, title_justify="left")
     for heading, justify in (("what", "left"), ("measured", "right"), ("aim", "right")):
         table.add_column(heading, justify=justify)
-    with tempfile.TemporaryDirectory() as folder:
-        elf = build_firmware(Path(folder))
-        flash, ram = sizes(elf)
-        with armed(elf) as rig:
-            reply_us = reply_latencies_us(rig, rng)
-            latch_us = target_latencies_us(rig, rng)
-        with armed(elf) as rig:
-            busy = saturate(rig, SATURATED_S)
-            free_stack = free_stack_bytes(rig)
-        with armed(elf, profiling=True) as rig:
-            masked_us = longest_masked_us(rig)
-        peer = build_peer(Path(folder))
-        with closing(SimavrBoard(read_flash_image(peer))) as board:
-            peer_jitter = jitter_of_peer(board)
-    table.add_row("last byte of a request to first byte of the reply", *spread(reply_us), "200 us")
-    table.add_row("set_target to its pulse", *spread(latch_us, 1e-3, "ms"), "20 ms + that")
-    table.add_row("pulse jitter, link saturated", f"{busy.jitter_cycles} cycles", "0 cycles")
-    table.add_row("  the same with timer interrupts", f"{peer_jitter} cycles", "")
-    table.add_row("processor busy, link saturated", f"{busy.share:.0%}", "")
-    table.add_row("  bytes lost", f"{busy.overruns}", "0")
-    table.add_row("longest time with interrupts off", f"{masked_us:.1f} us", "")
-    table.add_row("flash", f"{flash} bytes", "13312 bytes")
-    table.add_row("static RAM", f"{ram} bytes", "1024 bytes")
-    table.add_row("least free stack", f"{free_stack} bytes", "512 bytes")
-    Console().print(table)
+    elf = build_firmware(folder, board, axes)
+    flash, ram = sizes(elf)
+    with armed(elf, axes) as rig:
+        reply_us = reply_latencies_us(rig, rng)
+        latch_us = target_latencies_us(rig, rng)
+    with armed(elf, axes) as rig:
+        busy = saturate(rig, SATURATED_S, [m.GetState(), rig.target()])
+        free_stack = free_stack_bytes(rig)
+    with armed(elf, axes) as rig:
+        busy_with_targets = saturate(rig, SATURATED_S, [rig.target()])
+    with armed(elf, axes, profiling=True) as rig:
+        saturate(rig, PROFILED_S, [m.GetState(), rig.target()])
+        masked_us = rig.board.statistics().longest_masked_cycles / CYCLES_PER_US
+    aims = AIMS if board == "uno" else {}
+
+    def add(what: str, measured: str) -> None:
+        table.add_row(what, measured, aims.get(what, ""))
+
+    add("last byte of a request to first byte of the reply", spread(reply_us))
+    add("set_target to the last of its pulses", spread(latch_us, 1e-3, "ms"))
+    jitter_of_all = max(busy.jitter_cycles, busy_with_targets.jitter_cycles)
+    add("pulse jitter of all pins, link saturated", f"{jitter_of_all} cycles")
+    if board == "uno":
+        with closing(SimavrBoard(read_flash_image(build_peer(folder)))) as peer:
+            add("  the same with timer interrupts", f"{jitter_of_peer(peer)} cycles")
+    add("processor busy, link saturated", f"{busy.share:.0%}")
+    add("  with targets alone", f"{busy_with_targets.share:.0%}")
+    add("  bytes lost", f"{busy.overruns + busy_with_targets.overruns}")
+    add("longest time with interrupts off", f"{masked_us:.1f} us")
+    add("flash", f"{flash} bytes")
+    add("static RAM", f"{ram} bytes")
+    add("least free stack", f"{free_stack} bytes")
+    return table
 
 
-def build_firmware(folder: Path) -> Path:
+def build_firmware(folder: Path, board: str, axes: int) -> Path:
     """Build the firmware of this checkout."""
     script = ROOT / "scripts" / "build-firmware"
-    subprocess.run([str(script), str(folder)], check=True, capture_output=True)
+    flags = ["-UCCR_AXES", f"-DCCR_AXES={axes}"]
+    subprocess.run(
+        [str(script), "--board", board, str(folder), *flags], check=True, capture_output=True
+    )
     return folder / "firmware.elf"
 
 
@@ -114,7 +157,7 @@ def sizes(elf: Path) -> tuple[int, int]:
 
 
 @contextmanager
-def armed(elf: Path, *, profiling: bool = False) -> Iterator[Rig]:
+def armed(elf: Path, axes: int, *, profiling: bool = False) -> Iterator[Rig]:
     """A board that is configured and armed."""
     with closing(SimavrBoard(read_flash_image(elf), profiling=profiling)) as board:
         pulses: list[Pulse] = []
@@ -125,19 +168,20 @@ def armed(elf: Path, *, profiling: bool = False) -> Iterator[Rig]:
         client.connect(telemetry_period_ticks=0)
         client.configure(board_config(schema.load()))
         client.arm()
-        rig = Rig(board, clock, pulses)
+        rig = Rig(board, clock, pulses, axes)
         rig.say(m.OpenSession(m.SPEC_HASH, SESSION))
-        rig.say(m.SetTarget(SESSION, (0, 0), 0, VALIDITY_MS))
+        rig.say(rig.target())
         board.take_output()
         yield rig
 
 
 def reply_latencies_us(rig: Rig, rng: np.random.Generator) -> np.ndarray:
     """Time from the end of the request to the first start bit of its answer, at random phases."""
-    kinds: list[Callable[[], m.Request]] = [m.GetState, m.GetCounters, m.GetLimits, keep_alive]
+    kinds: list[Callable[[], m.Request]] = [m.GetState, m.GetCounters, m.GetLimits, rig.target]
     latencies = []
     for n in range(REQUESTS):
-        rig.wait_us(int(rng.integers(0, m.TICK_US)))
+        rig.wait_us(REPLY_US + int(rng.integers(0, m.TICK_US)))
+        rig.board.take_departures()
         heard = rig.say(kinds[n % len(kinds)](), n % 256)
         first = rig.board.take_departures()[0]
         latencies.append((first.start_cycle - heard) / CYCLES_PER_US)
@@ -145,19 +189,22 @@ def reply_latencies_us(rig: Rig, rng: np.random.Generator) -> np.ndarray:
 
 
 def target_latencies_us(rig: Rig, rng: np.random.Generator) -> np.ndarray:
-    """Time from the end of the request to the start of the first pulse with its effect."""
+    """Time from the end of the request until each axis has begun a pulse with its effect."""
     latencies = []
     angle_cdeg = 0
     for n in range(TARGETS):
         rig.wait_us(60_000 + int(rng.integers(0, m.TICK_US)))
-        before = rig.pulses[-2:][0].width_cycles
+        before = {pulse.pin: pulse.width_cycles for pulse in rig.pulses}
         angle_cdeg = 300 - angle_cdeg
-        target = m.SetTarget(SESSION, (angle_cdeg, angle_cdeg), 0, VALIDITY_MS)
         rig.pulses.clear()
-        heard = rig.say(target, n % 256)
+        heard = rig.say(rig.target(angle_cdeg), n % 256)
         rig.wait_us(60_000)
-        changed = next(p for p in rig.pulses if p.pin == 0 and p.width_cycles != before)
-        latencies.append((changed.end_cycle - changed.width_cycles - heard) / CYCLES_PER_US)
+        changed = [p for p in rig.pulses if p.width_cycles != before.get(p.pin)]
+        begins = [
+            next(p.end_cycle - p.width_cycles for p in changed if p.pin == pin)
+            for pin in range(rig.axes)
+        ]
+        latencies.append((max(begins) - heard) / CYCLES_PER_US)
         rig.board.take_output()
     return np.array(latencies)
 
@@ -171,14 +218,14 @@ class Busy:
     overruns: int
 
 
-def saturate(rig: Rig, duration_s: float) -> Busy:
-    """Send requests back to back at 250000 baud."""
+def saturate(rig: Rig, duration_s: float, requests: Sequence[m.Request]) -> Busy:
+    """Send requests in turn, back to back at 250000 baud."""
     rig.wait_us(100_000)
     rig.pulses.clear()
     rig.board.forget_statistics()
     begin_cycle = rig.board.cycle
     bytes_wanted = round(duration_s * m.BAUD / 10)
-    burst = encode_frame(m.GetState.ID, 1, b"") + encode_frame(*frame_parts(keep_alive()))
+    burst = b"".join(encode_frame(one.ID, 2, one.pack()) for one in requests)
     slice_us = len(burst) * 10 * 1_000_000 // m.BAUD
     for gap_us in GAPS_US[: bytes_wanted // len(burst)]:
         rig.board.receive(burst)
@@ -187,26 +234,16 @@ def saturate(rig: Rig, duration_s: float) -> Busy:
     statistics = rig.board.statistics()
     cycles = rig.board.cycle - begin_cycle
     return Busy(
-        jitter_cycles=jitter_cycles(rig.pulses),
+        jitter_cycles=jitter_cycles(rig.pulses, rig.axes),
         share=1 - statistics.slept_cycles / cycles,
         overruns=statistics.overruns,
     )
 
 
-def frame_parts(request: m.Request) -> tuple[int, int, bytes]:
-    """Arguments of ``encode_frame``."""
-    return request.ID, 2, request.pack()
-
-
-def keep_alive() -> m.SetTarget:
-    """A target that changes nothing."""
-    return m.SetTarget(SESSION, (0, 0), 0, VALIDITY_MS)
-
-
-def jitter_cycles(pulses: list[Pulse]) -> int:
+def jitter_cycles(pulses: list[Pulse], axes: int) -> int:
     """Spread of the widths or of the periods, whichever is larger."""
     spreads = []
-    for pin in (0, 1):
+    for pin in range(axes):
         own = [pulse for pulse in pulses if pulse.pin == pin]
         assert len(own) > 40, "the board has made pulses"
         widths = np.array([pulse.width_cycles for pulse in own])
@@ -224,13 +261,7 @@ def jitter_of_peer(board: SimavrBoard) -> int:
     for gap_us in GAPS_US[:2_000]:
         board.receive(bytes(range(25)))
         board.advance_to(board.now_us + 1_000 + int(gap_us))
-    return jitter_cycles(pulses)
-
-
-def longest_masked_us(rig: Rig) -> float:
-    """Longest time with interrupts off while busy and moving."""
-    saturate(rig, PROFILED_S)
-    return rig.board.statistics().longest_masked_cycles / CYCLES_PER_US
+    return jitter_cycles(pulses, 2)
 
 
 def free_stack_bytes(rig: Rig) -> int:
@@ -238,6 +269,7 @@ def free_stack_bytes(rig: Rig) -> int:
     rig.wait_us(200_000)
     rig.board.take_output()
     rig.say(m.GetState())
+    rig.wait_us(REPLY_US)
     decoded = SimavrLine(rig.board).read()
     return last_report(decoded).free_stack_bytes
 
@@ -248,9 +280,9 @@ def last_report(data: bytes) -> m.StateReport:
     return m.StateReply.unpack(frames[-1].payload).report
 
 
-def spread(values: np.ndarray, scale: float = 1.0, unit: str = "us") -> tuple[str]:
+def spread(values: np.ndarray, scale: float = 1.0, unit: str = "us") -> str:
     """Median and maximum as one cell."""
-    return (f"{np.median(values) * scale:.1f}, at most {values.max() * scale:.1f} {unit}",)
+    return f"{np.median(values) * scale:.1f}, at most {values.max() * scale:.1f} {unit}"
 
 
 if __name__ == "__main__":
