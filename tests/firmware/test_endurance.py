@@ -23,10 +23,13 @@ HOUR_S = 3600
 WRAP_S = 2**32 / 1e6
 
 
-def operate(seed: int, duration_s: float, board_time_at_reset_us: int = 0) -> None:
+def operate(
+    seed: int, duration_s: float, board_time_at_reset_us: int = 0, name: str = "uno", axes: int = 2
+) -> None:
     """Targets every second, and occasional silence that ends in link loss and a new start."""
     rng = np.random.default_rng(seed)
-    elf = firmware_elf(f"-DCCR_TIME_AT_RESET_US={board_time_at_reset_us}UL")
+    start = f"-DCCR_TIME_AT_RESET_US={board_time_at_reset_us}UL"
+    elf = firmware_elf(start, "-UCCR_AXES", f"-DCCR_AXES={axes}", board=name)
     with closing(SimavrBoard(read_flash_image(elf))) as board:
         line, clock = SimavrLine(board), VirtualClock(slice_us=m.TICK_US)
         clock.attach(line)
@@ -34,12 +37,12 @@ def operate(seed: int, duration_s: float, board_time_at_reset_us: int = 0) -> No
         with Client(line, clock, drawn_session(rng)) as client:
             clock.attach(client)
             client.connect(telemetry_period_ticks=5)
-            client.configure(board_config(schema.load()))
+            client.configure(board_config(schema.load()).for_board(axes))
             boot_id = client.identity.boot_id
             client.arm()
             last_tick = 0
             while clock.now_us() < duration_s * 1e6:
-                client.set_target(rng.uniform(-1.4, 1.4, 2), ramp_ms=0, validity_ms=2500)
+                client.set_target(rng.uniform(-1.4, 1.4, axes), ramp_ms=0, validity_ms=2500)
                 clock.sleep_until_us(clock.now_us() + 1_000_000)
                 if rng.random() < 0.002:
                     lose_the_link(client, clock)
@@ -64,8 +67,11 @@ def lose_the_link(client: Client, clock: VirtualClock) -> None:
     client.arm()
 
 
-def test_minutes_of_operation_across_the_wrap_of_the_microsecond_clock() -> None:
-    operate(seed=1, duration_s=150, board_time_at_reset_us=2**32 - 60_000_000)
+@pytest.mark.parametrize(("board", "axes"), [("uno", 2), ("mega2560", 12)])
+def test_minutes_of_operation_across_the_wrap_of_the_microsecond_clock(
+    board: str, axes: int
+) -> None:
+    operate(1, 150, board_time_at_reset_us=2**32 - 60_000_000, name=board, axes=axes)
 
 
 @pytest.mark.slow
@@ -74,3 +80,10 @@ def test_two_hours_of_operation(seed: int) -> None:
     """72 hours in all; each run crosses the wrap after 71.6 minutes."""
     assert 2 * HOUR_S > WRAP_S
     operate(seed, 2 * HOUR_S)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axes", [2, 6, 12])
+@pytest.mark.parametrize("seed", range(4))
+def test_two_hours_of_operation_of_a_mega(seed: int, axes: int) -> None:
+    operate(seed, 2 * HOUR_S, name="mega2560", axes=axes)

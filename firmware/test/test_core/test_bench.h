@@ -3,6 +3,7 @@
 
 #include <board.h>
 #include <doctest/doctest.h>
+#include <link_limits.h>
 
 #include <memory>
 
@@ -51,12 +52,40 @@ Message read(const Frame& frame) {
 
 constexpr uint16_t kSession = 0x4D2A;
 
-inline ccr::Limits some_limits() { return {{-6000, -9000}, {6000, 9000}, {0, 1000}}; }
-inline ccr::Slew some_slew() { return {{500, 400}}; }
+/// Whether the board offers a request of the spec; it may be optional.
+inline bool is_known(const ccr::RequestRule& rule) {
+  return rule.id != ccr::GetLinkLimits::kId || ccr::kAnnouncesLinkLimits;
+}
+
+/// Sets the first axis and every second one after it to one value, and the others to another one.
+template <typename Number>
+void set_in_turn(Number (&values)[ccr::kAxes], Number first, Number second) {
+  for (uint8_t axis = 0; axis < ccr::kAxes; ++axis) {
+    values[axis] = axis % 2 == 0 ? first : second;
+  }
+}
+
+inline ccr::Limits some_limits() {
+  ccr::Limits limits;
+  set_in_turn<int16_t>(limits.angle_min_cdeg, -6000, -9000);
+  set_in_turn<int16_t>(limits.angle_max_cdeg, 6000, 9000);
+  set_in_turn<int16_t>(limits.rest_cdeg, 0, 1000);
+  return limits;
+}
+inline ccr::Slew some_slew() {
+  ccr::Slew slew;
+  set_in_turn<uint16_t>(slew.slew_cdeg_tick, 500, 400);
+  return slew;
+}
 /// Ten ticks of hold, two for each axis.
 inline ccr::Watchdog some_watchdog() { return {200, 100, 40}; }
 inline ccr::Calibration some_calibration() {
-  return {{3000, 3100}, {2000, -1800}, {1200, 1300}, {4800, 4700}};
+  ccr::Calibration calibration;
+  set_in_turn<uint16_t>(calibration.neutral_half_us, 3000, 3100);
+  set_in_turn<int16_t>(calibration.per_90_deg_half_us, 2000, -1800);
+  set_in_turn<uint16_t>(calibration.pulse_min_half_us, 1200, 1300);
+  set_in_turn<uint16_t>(calibration.pulse_max_half_us, 4800, 4700);
+  return calibration;
 }
 
 class Bench {
@@ -156,8 +185,9 @@ class Bench {
 
   ccr::TargetReply target(int16_t first, int16_t second, uint16_t ramp_ms = 0,
                           uint16_t validity_ms = 10000) {
-    return read<ccr::TargetReply>(
-        ask(ccr::SetTarget{kSession, {first, second}, ramp_ms, validity_ms}));
+    ccr::SetTarget target{kSession, {}, ramp_ms, validity_ms};
+    set_in_turn(target.target_cdeg, first, second);
+    return read<ccr::TargetReply>(ask(target));
   }
 
   void save() {
@@ -166,7 +196,7 @@ class Bench {
     REQUIRE_FALSE(has_flag(ccr::status_flags::kEepromBusy));
   }
 
-  bool has_pulses() const { return pulses.half_us[0] != 0 || pulses.half_us[1] != 0; }
+  bool has_pulses() const { return !pulses.are_none(); }
 
  private:
   std::unique_ptr<ccr::Board> board_;

@@ -40,17 +40,32 @@ Calibration random_calibration(Random& random) {
   return calibration;
 }
 
+Slew random_slew(Random& random) {
+  Slew slew = {};
+  for (int axis = 0; axis < kAxes; ++axis) {
+    slew.slew_cdeg_tick[axis] = any<uint16_t>(random, axis % 2, 2001);
+  }
+  return slew;
+}
+
+SetTarget random_target(Random& random, uint16_t session) {
+  SetTarget target = {session, {}, any<uint16_t>(random, 0, 2000), any<uint16_t>(random, 19, 600)};
+  for (int axis = 0; axis < kAxes; ++axis) {
+    target.target_cdeg[axis] = any<int16_t>(random, -18000, 18000);
+  }
+  return target;
+}
+
 Bytes random_request(Random& random) {
   const uint8_t sequence = any<uint8_t>(random, 0, 255);
   const uint16_t session = between(random, 0, 50) == 0 ? uint16_t{1} : kSession;
-  const uint16_t slew = any<uint16_t>(random, 0, 2001);
   switch (between(random, 0, 19)) {
     case 0:
       return wire(sequence, OpenSession{kSpecHash, session});
     case 1:
       return wire(sequence, SetLimits{session, random_limits(random)});
     case 2:
-      return wire(sequence, SetSlew{session, {{slew, any<uint16_t>(random, 1, 2000)}}});
+      return wire(sequence, SetSlew{session, random_slew(random)});
     case 3:
       return wire(sequence, SetWatchdog{session, {any<uint16_t>(random, 19, 500),
                                                   any<uint16_t>(random, 9, 500),
@@ -73,13 +88,9 @@ Bytes random_request(Random& random) {
     case 13:
       return wire(sequence, SetTelemetry{session, any<uint8_t>(random, 0, 3)});
     case 14:
-      return wire(any<uint8_t>(random, 0, 255), sequence, Bytes(any<uint8_t>(random, 0, 48)));
+      return wire(any<uint8_t>(random, 0, 255), sequence, Bytes(any<uint8_t>(random, 0, kMaxPayload)));
     default:
-      return wire(sequence,
-                  SetTarget{session,
-                            {any<int16_t>(random, -18000, 18000), any<int16_t>(random, -18000, 18000)},
-                            any<uint16_t>(random, 0, 2000),
-                            any<uint16_t>(random, 19, 600)});
+      return wire(sequence, random_target(random, session));
   }
 }
 

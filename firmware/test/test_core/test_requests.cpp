@@ -1,19 +1,10 @@
 // Checks and answers of requests, sessions, retries and telemetry.
-#include <link_limits.h>
+#include "test_bench.h"
 
 #include <algorithm>
 
-#include "test_bench.h"
-
 using namespace ccr;
 
-namespace {
-
-bool is_known(const RequestRule& rule) {
-  return rule.id != GetLinkLimits::kId || kAnnouncesLinkLimits;
-}
-
-}  // namespace
 
 TEST_CASE("REQ-1: each request is answered once, in order, with its sequence number") {
   Bench bench;

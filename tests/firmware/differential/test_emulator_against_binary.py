@@ -34,6 +34,7 @@ COMMANDS_PER_SEED = 10_000
 MEGA_COMMANDS = 3_000
 SEEDS = range(10)
 MORE_SEEDS = range(10, 110)
+MORE_MEGA_SEEDS = range(110, 130)
 
 _SEND_AT_US = 3_500
 """Into the frame, after its pulses and 5.5 ms after the tick."""
@@ -167,6 +168,13 @@ def test_a_mega_of_any_number_of_axes_does_what_the_emulator_does(axes: int, see
     commands, states = run_both(seed, MEGA_COMMANDS, "mega2560", axes)
     assert commands >= MEGA_COMMANDS
     assert states >= {m.State.ARMING, m.State.ACTIVE, m.State.HOLD}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axes", [2, 6, 12])
+@pytest.mark.parametrize("seed", MORE_MEGA_SEEDS)
+def test_a_mega_does_what_the_emulator_does_for_long(axes: int, seed: int) -> None:
+    run_both(seed, COMMANDS_PER_SEED, "mega2560", axes)
 
 
 @pytest.mark.slow

@@ -20,6 +20,8 @@ from tests.firmware.native_core.conftest import (
 )
 
 SOURCES = sorted((TESTS / "test_core").glob("*.cpp"))
+FOR_ANY_AXES = [TESTS / "test_core" / f"{name}.cpp" for name in ("main", "test_axes")]
+PROPERTIES = TESTS / "test_core" / "test_properties.cpp"
 SPEC = FIRMWARE.parent / "protocol" / "spec.toml"
 ONLY_ON_THE_PINS = {"TIM-2"}
 """Requirements that the core alone cannot show."""
@@ -47,6 +49,21 @@ def test_every_case_passes_and_none_is_left_out(build: Build) -> None:
     assert int(cases[1]) == int(cases[2]) == written
     assert written >= 75
     assert int(assertions[1]) > 100_000
+
+
+def test_the_cases_for_any_number_of_axes_pass_with_the_most(build: Build) -> None:
+    program = build("g++", ["-O0", "-DCCR_AXES=12"], [*FOR_ANY_AXES, *core_sources()])
+    assert re.search(r"test cases: +8 \| +8 passed", run(program, "--no-colors"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axes", [1, 4, 6, 12])
+def test_the_cases_and_properties_hold_with_sanitizers_for_any_number_of_axes(
+    build: Build, axes: int
+) -> None:
+    flags = ["-O1", "-g", f"-DCCR_AXES={axes}", *SANITIZERS]
+    program = build("g++", flags, core_sources(), unoptimised=[*FOR_ANY_AXES, PROPERTIES])
+    assert re.search(r"test cases: +9 \| +9 passed", run(program, "--no-colors"))
 
 
 def test_every_requirement_that_the_core_can_show_has_a_case() -> None:

@@ -13,7 +13,10 @@ SECONDS = 5
 LONG_SECONDS = 1800
 
 
-@pytest.fixture(scope="module", params=[2, pytest.param(12, marks=pytest.mark.slow)])
+_MANY_AXES = [pytest.param(axes, marks=pytest.mark.slow) for axes in (6, 12)]
+
+
+@pytest.fixture(scope="module", params=[2, *_MANY_AXES])
 def fuzzer(build: Build, request: pytest.FixtureRequest) -> Path:
     flags = ["-O1", "-g", "-fsanitize=fuzzer", f"-DCCR_AXES={request.param}", *SANITIZERS]
     return build("clang++", flags, [TESTS / "fuzz" / "fuzz_board.cpp", *core_sources()])

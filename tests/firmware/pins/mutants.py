@@ -165,8 +165,8 @@ AT_THE_PINS = [
     Mutant(
         "pins are connected too early",
         "src/frame_timer.cpp",
-        "constexpr uint8_t kCommitAtMs = kTickAtMs + 1;",
-        "constexpr uint8_t kCommitAtMs = 1;",
+        "(kTickAtMs + 1 + pulse_timers::kFirstStartUs / 1000) % kMsPerFrame;",
+        "1;",
         "arming gives pulses",
     ),
     Mutant(

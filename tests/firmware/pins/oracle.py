@@ -7,13 +7,13 @@ be told to break it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ccr_host.link import messages as m
 from ccr_host.link.framing import Frame
 
-Pins = tuple[int, int]
-NO_PULSES: Pins = (0, 0)
+Pins = tuple[int, ...]
+"""Pulses of each axis in a frame, in 0.5 us; 0 is no pulse."""
 _NEVER = 1 << 60
 _LATE_FRAMES = 3
 """Time from the tick that ends the pulses to the first frame without them, including rounding."""
@@ -42,12 +42,13 @@ def ticks(duration_ms: int) -> int:
 class PinOracle:
     """State from one reset to the next; frame 0 starts with the reset."""
 
+    axes: int
     limits: m.Limits | None = None
     slew: m.Slew | None = None
     watchdog: m.Watchdog | None = None
     calibration: m.Calibration | None = None
     session: int | None = None
-    pins: Pins = NO_PULSES
+    pins: Pins = field(init=False)
     armed_frame: int = _NEVER
     """Frame of the last `arm`; never while stopped."""
     stopped: bool = False
@@ -60,6 +61,9 @@ class PinOracle:
     """Frame from which there must be no pulses."""
     remembered: tuple[Frame, Frame, int] | None = None
     """The last `once` request that was acknowledged, its answer, and when."""
+
+    def __post_init__(self) -> None:
+        self.pins = (0,) * self.axes
 
     # What is said
 
@@ -88,7 +92,7 @@ class PinOracle:
         if isinstance(request, m.Arm | m.SetTarget):
             require(not self.stopped, "a stop is latched", request)
         if isinstance(request, m.ClearFault):
-            require(self.pins == NO_PULSES, "cleared after a frame without pulses", self.pins)
+            require(not any(self.pins), "cleared after a frame without pulses", self.pins)
 
     def _note(self, now: int, request: m.Request, reply: m.Message) -> None:
         match request:
@@ -113,7 +117,7 @@ class PinOracle:
                 self.stopped, self.armed_frame = False, _NEVER
             case m.Arm():
                 self.armed_frame, self.validity, self.slow_frame = now, 0, _NEVER
-                self._feed(now, 2 * self._axis_ticks() + self._way_ticks())
+                self._feed(now, self.axes * self._axis_ticks() + self._way_ticks())
             case m.SetTarget():
                 self.validity = ticks(request.validity_ms)
                 self._feed(now, self.validity)
@@ -162,8 +166,8 @@ class PinOracle:
         require(self.armed_frame < frame, "no pulses before arming", frame)
         rule = "disarming ends" if self.slow_frame < frame else "a silent host ends the pulses"
         require(frame < self.dead_frame, rule, (frame, self.dead_frame))
-        second_frame = self.armed_frame + 1 + self._axis_ticks()
-        require(axis == 0 or frame >= second_frame, "one servo after the other", frame)
+        first_frame = self.armed_frame + 1 + axis * self._axis_ticks()
+        require(frame >= first_frame, "one servo after the other", frame)
 
     def _judge_width(self, axis: int, pulse: int) -> None:
         calibration, limits = self.calibration, self.limits

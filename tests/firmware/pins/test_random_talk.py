@@ -12,7 +12,7 @@ import pytest
 from ccr_host.link import messages as m
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
 from ccr_host.sim.board.eeprom import EepromImage
-from tests.conformance.device import SimavrDevice
+from tests.conformance.device import AXES, PULSES_OVER_US, SimavrDevice
 from tests.firmware.differential.script import Script
 from tests.firmware.pins.mutants import AT_THE_PINS, IN_THE_HOST, INSIDE, Mutant
 from tests.firmware.pins.oracle import PinOracle, ViolationError, require
@@ -21,27 +21,34 @@ FRAMES = 2500
 """50 s of the board's time."""
 SEEDS = range(6)
 MORE_SEEDS = range(400)
+MORE_MEGA_SEEDS = range(40)
 MUTANT_SEEDS = range(30)
 _RESETS = list(m.ResetCause)
+_SENT_WITHIN_US = {"uno": 4_000, "mega2560": 1_000}
+"""Span of the moments at which bytes are sent: the longest of them end before the tick."""
 
 
 class WatchedTalk:
     """Random requests to a binary, checked by the oracle frame by frame."""
 
-    def __init__(self, seed: int, elf: Path | None = None) -> None:
+    def __init__(
+        self, seed: int, elf: Path | None = None, board: str = "uno", axes: int = AXES
+    ) -> None:
         self.rng = np.random.default_rng(seed)
-        self.device = SimavrDevice(EepromImage(), elf)
-        self.script = Script(self.rng)
+        self.axes, self._sent_within_us = axes, _SENT_WITHIN_US[board]
+        self.device = SimavrDevice(EepromImage(), elf, board=board, axes=axes)
+        self.script = Script(self.rng, axes=axes)
         self.pulses = 0
         self.states: set[m.State] = set()
         self._started()
 
     def _started(self) -> None:
-        self.oracle = PinOracle()
+        self.oracle = PinOracle(self.axes)
         self.state = m.State.BOOT
         self._heard, self._said = FrameDecoder(), FrameDecoder()
         self._unanswered: deque[Frame] = deque()
         self._frame = 0
+        self._is_supplied = False
 
     def run(self, frames: int) -> None:
         for _ in range(frames):
@@ -52,16 +59,21 @@ class WatchedTalk:
             self._one_frame()
 
     def _look(self) -> None:
-        pins = self.device.pulses_in_frame(self._frame)
+        """Judge the frame before, in which all pulses have ended, and what was said in it."""
+        self.device.advance_to(self._frame * m.TICK_US + PULSES_OVER_US)
+        if self._frame > 0:
+            before = self._frame - 1
+            pins = self.device.seen_in_frame(before)
+            self.oracle.look(before, pins)
+            require(self._is_supplied == any(pins), "the supply is on with the pulses", before)
+            self.pulses += sum(pulse > 0 for pulse in pins)
         self._read_answers()
-        self.oracle.look(self._frame, pins)
-        is_supplied = self.device.board.servo_supply_on
-        require(is_supplied == any(pins), "the supply is on with the pulses", self._frame)
-        self.pulses += sum(pulse > 0 for pulse in pins)
+        self._is_supplied = self.device.board.servo_supply_on
 
     def _one_frame(self) -> None:
         self._look()
-        self.device.advance_to(self._frame * m.TICK_US + 3_100 + int(self.rng.integers(0, 4_000)))
+        sent_us = 3_100 + int(self.rng.integers(0, self._sent_within_us))
+        self.device.advance_to(self._frame * m.TICK_US + sent_us)
         self._say()
         self._frame += 1
 
@@ -83,7 +95,7 @@ class WatchedTalk:
         """Stop, clear and arm again, far away, with no tick between."""
         session = self.script.session
         low = int(self.rng.integers(-9000, 8900))
-        limits = m.Limits((low, low), (low + 100, low + 100), (low, low))
+        limits = m.Limits((low,) * self.axes, (low + 100,) * self.axes, (low,) * self.axes)
         return self.script.say(
             m.Stop(), m.SetLimits(session, limits), m.ClearFault(session), m.Arm(session)
         )
@@ -120,8 +132,14 @@ class WatchedTalk:
                 oracle.calibration = group
 
 
-def talk(seed: int, frames: int = FRAMES, elf: Path | None = None) -> WatchedTalk:
-    watched = WatchedTalk(seed, elf)
+def talk(
+    seed: int,
+    frames: int = FRAMES,
+    elf: Path | None = None,
+    board: str = "uno",
+    axes: int = AXES,
+) -> WatchedTalk:
+    watched = WatchedTalk(seed, elf, board, axes)
     with closing(watched.device):
         watched.run(frames)
     return watched
@@ -131,6 +149,19 @@ def test_the_pins_obey_the_rules_whatever_a_host_sends() -> None:
     runs = [talk(seed) for seed in SEEDS]
     assert sum(run.pulses for run in runs) > 5000
     assert set.union(*(run.states for run in runs)) == set(m.State)
+
+
+def test_the_pins_of_a_mega_obey_the_rules_whatever_a_host_sends() -> None:
+    assert talk(12, 1000, board="mega2560", axes=12).pulses > 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axes", [2, 6, 12])
+@pytest.mark.parametrize("seed", MORE_MEGA_SEEDS)
+def test_the_pins_of_a_mega_obey_the_rules_for_long_whatever_a_host_sends(
+    seed: int, axes: int
+) -> None:
+    talk(2000 + seed, board="mega2560", axes=axes)
 
 
 @pytest.mark.slow
