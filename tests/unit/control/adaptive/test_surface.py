@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.identification import predicted_mm, tour_bending_rad
@@ -84,6 +86,22 @@ def test_a_point_that_has_all_coordinates_keeps_them(surface: IdentifiedSurface)
     assert again.tip_mm == pytest.approx(reached_mm, abs=1e-3)
     beyond = surface.nearest(reached_mm - [0.0, 5.0, 0.0])
     assert np.all(beyond.distance_mm > 1.0)
+
+
+@pytest.mark.long
+@given(direction_deg=st.floats(0.0, 360.0), away_mm=st.floats(50.0, 150.0))
+@settings(max_examples=20, deadline=None)
+def test_no_neighbouring_pose_is_nearer_to_a_point_out_of_reach(
+    surface: IdentifiedSurface, direction_deg: float, away_mm: float
+) -> None:
+    direction_rad = np.radians(direction_deg)
+    point_mm = away_mm * np.array([np.cos(direction_rad), np.sin(direction_rad)])
+    found = surface.nearest(point_mm[None])
+    steps_rad = np.radians(4.0) * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+    lateral_mm = tips_mm(LIMITS.clip(found.q_rad + steps_rad))[:, [0, 2]]
+    here_mm, *there_mm = np.linalg.norm(lateral_mm - point_mm, axis=1)
+    # What differs by less than the fit is uncertain by is as near.
+    assert min(there_mm) > here_mm - 0.3
 
 
 @pytest.mark.long

@@ -18,6 +18,7 @@ from ccr_host.record.log import topics
 from ccr_host.record.log.reader import LogEnd, RunRecording
 from ccr_host.record.log.run_log import RunLog
 from ccr_host.record.replay import replay
+from ccr_host.record.report import read_run
 from ccr_host.run.execute import reference_of
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import summarise
@@ -104,6 +105,7 @@ def test_a_replay_takes_the_surface_that_was_fixed_before_the_run(folder, short_
     result = run(folder, short_path, robot=robot, surface="robot")
     assert result.failure is None
     assert summarise(result)["surface"] == RunRecording(folder).options.surface == "robot"
+    assert read_run(folder).title == "short, mpc, 1 Hz, on the surface of the robot"
     out.unlink()
     recorded, described = RunRecording(folder).reference, reference_of(RunOptions(short_path))
     assert np.array_equal(recorded.target_mm, result.reference.target_mm)
