@@ -30,6 +30,7 @@ MOST_BENDING_RAD = 1.2
 """Of each segment on the path."""
 DURATION_S = 60.0
 RESULTS = "runs.jsonl"
+CONTROLLERS = ["mpc", "mpc-offset", "pid-ik", "adaptive"]
 
 
 def random_robot(
@@ -123,7 +124,7 @@ def judged(robot: int, folder: Path, controller: str, rate_hz: float) -> dict[st
         errors_mm = true_errors_mm(result.records)
         if result.failure is not None or errors_mm is None:
             return found | {"failure": str(result.failure)}
-        floor_mm = twin_floor_mm(result)
+        floor_mm = twin_floor_mm(result.options, result.reference)
     except CcrError as error:
         return found | {"failure": str(error)}
     off_mm = np.linalg.norm(errors_mm, axis=1)
@@ -157,7 +158,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--robots", type=int, default=100)
     parser.add_argument("--rate", type=float, nargs="+", default=[1.0, 20.0])
-    parser.add_argument("--controller", nargs="+", default=["mpc", "mpc-offset", "pid-ik"])
+    parser.add_argument(
+        "--controller", nargs="+", default=["mpc", "mpc-offset", "pid-ik", "adaptive"]
+    )
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     kept = arguments.out / RESULTS

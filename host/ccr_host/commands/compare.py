@@ -79,14 +79,13 @@ def compare(
     from ccr_host.commands import terminal
     from ccr_host.control.registry import baseline_names, controller_names
     from ccr_host.core.stop_signals import signals_deferred
-    from ccr_host.description.schema import load
     from ccr_host.record.folder import ResultFolder
     from ccr_host.record.paper_results import PAPER_RESULTS
     from ccr_host.run.campaign import execute_all
     from ccr_host.run.execute import reference_of
     from ccr_host.run.summary import RunResult
 
-    chosen = controller or controller_names(load(robot, overrides or ()).robot)
+    chosen = controller or controller_names()
     names = list(dict.fromkeys([*chosen, *baseline_names()] if baselines else chosen))
     runs = [
         RunOptions(

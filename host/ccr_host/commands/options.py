@@ -105,7 +105,7 @@ ControllerOption = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="A controller, or FILE.py:CLASS; adaptive by default, pid-ik for robots of segments.",
+        help="A controller, or FILE.py:CLASS; adaptive by default.",
         autocompletion=complete_controllers,
     ),
 ]
@@ -189,13 +189,12 @@ def print_notes(runs: Sequence[RunOptions]) -> None:
     """Print a line for each thing about runs on one rig that is allowed, but hardly meant.
 
     Raises:
-        ConfigError: the device or tracker URI is invalid, or the description unusable.
+        ConfigError: the device or tracker URI is invalid.
     """
     from ccr_host.control.registry import rate_note
     from ccr_host.run.open_rig import mismatch_of
 
-    robot = runs[0].description().robot
-    notes = [mismatch_of(runs[0]), *(rate_note(r.controller, r.rate_hz, robot) for r in runs)]
+    notes = [mismatch_of(runs[0]), *(rate_note(r.controller, r.rate_hz) for r in runs)]
     for note in dict.fromkeys(filter(None, notes)):
         console(on_stderr=True).print(f"note: {note}", soft_wrap=True)
 

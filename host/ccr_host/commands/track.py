@@ -76,16 +76,15 @@ def track(
     Example: ccr-host track 8shape --set twin.payload_g=5
     """
     from ccr_host.commands import terminal
-    from ccr_host.control.registry import default_controller
-    from ccr_host.description.schema import load
+    from ccr_host.control.registry import DEFAULT_CONTROLLER
     from ccr_host.record.folder import ResultFolder
     from ccr_host.record.keep import execute_logged, keep_result
     from ccr_host.run.campaign import in_background
     from ccr_host.run.execute import reference_of
     from ccr_host.run.open_rig import is_simulated
 
+    controller = controller or DEFAULT_CONTROLLER
     with ExitStack() as stack:
-        controller = controller or default_controller(load(robot, overrides or ()).robot)
         options = RunOptions(
             path=path,
             controller=controller,

@@ -11,7 +11,7 @@ from ccr_host.control.mpc.controller import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
 from ccr_host.control.shell import Law, Shell
 from ccr_host.core.plugins import is_plugin, make_plugin, unknown_plugin
-from ccr_host.description.schema import Description, Robot
+from ccr_host.description.schema import Description
 
 _MAKERS: dict[str, Callable[[Description], Controller]] = {
     OpenLoop.name: OpenLoop,
@@ -28,10 +28,13 @@ _BASELINES = {
 """Module and law in ``control.baselines``; loaded only when one is requested."""
 
 
-def controller_names(robot: Robot | None = None) -> list[str]:
-    """The controllers of this project and of the paper, for one robot or for any."""
-    known = robot is None or AdaptiveLaw.knows(robot)
-    return [name for name in _MAKERS if known or name != AdaptiveLaw.name]
+DEFAULT_CONTROLLER = AdaptiveLaw.name
+"""What follows a path best, of any robot."""
+
+
+def controller_names() -> list[str]:
+    """The controllers of this project and of the paper."""
+    return list(_MAKERS)
 
 
 def baseline_names() -> list[str]:
@@ -39,17 +42,12 @@ def baseline_names() -> list[str]:
     return list(_BASELINES)
 
 
-def default_controller(robot: Robot) -> str:
-    """What follows a path best: `adaptive` where it knows the robot, else `pid-ik`."""
-    return AdaptiveLaw.name if AdaptiveLaw.knows(robot) else "pid-ik"
-
-
-def rate_note(name: str, rate_hz: float, robot: Robot) -> str:
+def rate_note(name: str, rate_hz: float) -> str:
     """What happens to a controller at a rate that it was not made for; empty if it was."""
     shortest_s: float = getattr(_MAKERS.get(name), "shortest_period_s", 0.0)
     if rate_hz * shortest_s <= 1.0:
         return ""
-    others = dict.fromkeys(["mpc-offset", "pid-ik", default_controller(robot)])
+    others = ["mpc-offset", "pid-ik", DEFAULT_CONTROLLER]
     return (
         f"{name} leaves out the delays of camera and servos: above {1.0 / shortest_s:g} Hz it may "
         f"swing, or leave the path by tens of mm; take {' or '.join(others)}"

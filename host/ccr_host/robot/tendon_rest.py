@@ -69,6 +69,13 @@ class TendonRobot:
         stretch: FloatArray = travel_mm - self.slack_mm - route
         return stretch
 
+    def levers_mm(self, y: FloatArray) -> FloatArray:
+        """Lengthening of each tendon's route by the degrees of freedom, mm/rad, (..., T, D)."""
+        bend = self.bend_rad(y)
+        lever = self.lever_mm + 2.0 * self.sag_mm[..., None] * bend[..., None, :, :]
+        levers: FloatArray = np.tensordot(lever, self.freedom, axes=((-2, -1), (1, 2)))
+        return levers
+
     def energy(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
         """Energy over k_1, (...)."""
         bend = self.bend_rad(y)
@@ -96,38 +103,42 @@ class TendonRobot:
         bend = self.bend_rad(y)
         stretch = self.stretch_mm(y, travel_mm)
         pull = np.maximum(stretch, 0.0) * self.tendon_stiffness_mm2
-        lever = self.lever_mm + 2.0 * self.sag_mm[..., None] * bend[..., None, :, :]
-        by_y = np.tensordot(lever, self.freedom, axes=((-2, -1), (1, 2)))
+        by_y = self.levers_mm(y)
         taut = (stretch > 0.0) * self.tendon_stiffness_mm2
         matrix = np.einsum("...t,...td,...te->...de", taut, by_y, by_y)
         even = self.stiffness - 2.0 * pull @ self.sag_mm
         matrix += np.einsum("...s,dsi,esi->...de", even, self.freedom, self.freedom)
         if self.load_mm.any():
-            here = self._load_by(bend)
-            for number, direction in enumerate(self.freedom):
-                slope = (self._load_by(bend + _PROBE_RAD * direction) - here) / _PROBE_RAD
-                matrix[..., number, :] += np.tensordot(slope, self.freedom, axes=((-2, -1), (1, 2)))
+            near = bend[..., None, :, :] + _PROBE_RAD * self.freedom
+            slope = (self._load_by(near) - self._load_by(bend)[..., None, :, :]) / _PROBE_RAD
+            matrix += np.tensordot(slope, self.freedom, axes=((-2, -1), (1, 2)))
         stiffness: FloatArray = matrix
         return stiffness
 
-    def rest(self, travel_mm: FloatArray, start: FloatArray | None = None) -> FloatArray:
+    def rest(
+        self,
+        travel_mm: FloatArray,
+        start: FloatArray | None = None,
+        until_rad: float = _REST_RAD,
+    ) -> FloatArray:
         """Degrees of freedom at rest, (N, D), by damped Newton steps from a guess.
 
         Args:
             travel_mm: pull of each tendon, (N, T).
             start: the guess, (N, D); by default the straight robot.
+            until_rad: a step below this is the last one.
         """
         y = np.zeros((len(travel_mm), len(self.freedom))) if start is None else start.copy()
         moving = np.arange(len(y))
         for _ in range(_NEWTON_LIMIT):
             here, travel = y[moving], travel_mm[moving]
             gradient = self.moments(here, travel)
-            step = -_solved(self.stiffness_matrix(here, travel), gradient)
+            step = -solved(self.stiffness_matrix(here, travel), gradient)
             step *= _LONGEST_STEP_RAD / np.maximum(
                 np.abs(step).max(axis=1, keepdims=True), _LONGEST_STEP_RAD
             )
             y[moving] += step * self._share(here, travel, step, gradient)[:, None]
-            moving = moving[np.abs(step).max(axis=1) > _REST_RAD]
+            moving = moving[np.abs(step).max(axis=1) > until_rad]
             if not len(moving):
                 break
         return y
@@ -155,7 +166,7 @@ class TendonRobot:
         return load_by
 
 
-def _solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     """The solutions, (N, D), with the matrices, (N, D, D), made positive definite."""
     values, vectors = np.linalg.eigh(matrix)
     values = np.maximum(values, _LEAST_STIFFNESS)

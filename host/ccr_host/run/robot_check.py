@@ -61,7 +61,7 @@ class ProbeLaw(Law):
     def start(self, path: PathView, history: SetpointHistory) -> None:
         super().start(path, history)
         self._survey = RestSurvey(np.zeros(2))
-        self.fit: StaticsFit | None = None
+        self.fit: StaticsFit[Parameters] | None = None
         """Fit of the model to the rests; None before all are known."""
 
     @property
@@ -155,7 +155,7 @@ class RobotCheck:
         found = misfit(odd, self._description)
         return MisfitError(found.cause, f"{found.cure}; --unchecked goes on all the same")
 
-    def _judge(self, rests: Rests, fit: StaticsFit | None) -> Rests | None:
+    def _judge(self, rests: Rests, fit: StaticsFit[Parameters] | None) -> Rests | None:
         if len(rests.count) < _FEWEST_RESTS:
             return None
         if fit is None:  # The rests were too odd to be fitted.

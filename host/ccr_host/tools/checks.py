@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.identification import predicted_mm
+from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.core.clock import Clock
 from ccr_host.core.errors import CcrError, TrackerError

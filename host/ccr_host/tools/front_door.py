@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.base import Controller
-from ccr_host.control.registry import default_controller, rate_note
+from ccr_host.control.registry import DEFAULT_CONTROLLER, rate_note
 from ccr_host.core.errors import ConfigError, DeviceError, TrackerError
 from ccr_host.core.plugins import Given
 from ccr_host.core.stop_signals import kill_interrupts
@@ -217,7 +217,7 @@ class Robot:
         Args:
             path: a built-in path, or a file.
             controller: a name, FILE.py:CLASS, a class, or an object with its methods; by default
-                `adaptive`, `pid-ik` for robots that it does not know.
+                `adaptive`.
             rate_hz: control steps per second.
             laps: number of laps of a closed path.
             surface: whose surface gives a lateral path its third coordinate.
@@ -232,9 +232,8 @@ class Robot:
             CcrError, KeyboardInterrupt: the run ended early; the folder contains the results so
                 far.
         """
-        robot = self._options.description().robot
-        name = _name(controller or default_controller(robot))
-        if note := rate_note(name, rate_hz, robot):
+        name = _name(controller or DEFAULT_CONTROLLER)
+        if note := rate_note(name, rate_hz):
             warnings.warn(note, stacklevel=2)
         options = RunOptions(
             **vars(self._options),

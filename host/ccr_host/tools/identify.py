@@ -171,7 +171,7 @@ def _identify_two_motors(
         markers_mm = np.stack([measured.middle_mm[rows], measured.tip_mm[rows]], axis=1)
         return Rests.of_vectors(q_rad[0], q_rad[rows], markers_mm, np.ones(len(rows)))
 
-    def fitted(rows: Rows) -> StaticsFit:
+    def fitted(rows: Rows) -> StaticsFit[Parameters]:
         fits = fits_to(Scaling.of(description), rests_at(rows), predict)
         if fits is None:
             raise misfit(rests_at(rows[:: -(-len(rows) // _RESTS_FOR_CAUSE)]), description)

@@ -21,10 +21,10 @@ from ccr_host.control.adaptive.identification import (
     digest_of,
     fits_to,
     likeliest,
-    tour_stops_rad,
 )
 from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
+from ccr_host.control.adaptive.tour import tour_stops_rad
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.description.file import file_to_keep_in, keep_in
 from ccr_host.description.schema import Description, Registration, Servo

@@ -27,7 +27,7 @@ from ccr_host.control.adaptive.misfit import (
     wrongly_mounted,
 )
 from ccr_host.control.adaptive.model import make_model
-from ccr_host.control.adaptive.parameters import COUNT, TURNS, ZEROS, Scaling
+from ccr_host.control.adaptive.parameters import COUNT, TURNS, ZEROS, Parameters, Scaling
 from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.control.adaptive.tip import turned_back_mm
 from ccr_host.core.errors import CcrError
@@ -200,7 +200,9 @@ class _Start(NamedTuple):
 _OFF_MM = attrgetter("off_mm")
 
 
-def _starts(motors: _Motors, rests: Rests, scaling: Scaling, predict: Predict) -> list[_Start]:
+def _starts(
+    motors: _Motors, rests: Rests, scaling: Scaling, predict: Predict[Parameters]
+) -> list[_Start]:
     """The nearest start for each zero of motor 1."""
     scores = np.zeros((len(_ZEROS_1_RAD), len(_ZEROS_2_RAD), COUNT))
     scores[..., ZEROS[0]] = _ZEROS_1_RAD[:, None] / scaling.deviation[ZEROS[0]]
@@ -219,7 +221,7 @@ def _start(motors: _Motors, expected_mm: Array, score: Array, seen_mm: Array) ->
     return _Start(float(off_mm), motors, turn.as_matrix(), score)
 
 
-def _nearest_starts(rests: Rests, scaling: Scaling, predict: Predict) -> list[_Start]:
+def _nearest_starts(rests: Rests, scaling: Scaling, predict: Predict[Parameters]) -> list[_Start]:
     """The nearest starts of the hypothesis on the motors that is nearest.
 
     Raises:
@@ -240,13 +242,13 @@ def _nearest_starts(rests: Rests, scaling: Scaling, predict: Predict) -> list[_S
     return best[:_STARTS]
 
 
-def _fitted(start: _Start, rests: Rests, scaling: Scaling, predict: Predict) -> Fit:
+def _fitted(start: _Start, rests: Rests, scaling: Scaling, predict: Predict[Parameters]) -> Fit:
     supposed = start.motors.drive(rests).turned(start.to_frame)
     return StaticsFit(scaling, supposed, predict, start.score).finish()
 
 
 def _mounted_otherwise(
-    robot: Robot, motors: _Motors, rests: Rests, scaling: Scaling, predict: Predict
+    robot: Robot, motors: _Motors, rests: Rests, scaling: Scaling, predict: Predict[Parameters]
 ) -> tuple[tuple[float, float, float], float]:
     """The most likely one of other directions of gravity, and the cost of its fit."""
     costs = {}

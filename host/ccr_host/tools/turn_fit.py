@@ -19,12 +19,13 @@ from ccr_host.control.adaptive.misfit import MisfitError
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
 from ccr_host.robot.chain import PAPER_FRAME
+from ccr_host.robot.rest_model import Markers
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.response_check import MotorResponses
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
-from ccr_host.tools.chain_fit import ChainModel, Markers, fit_chain
+from ccr_host.tools.chain_fit import ChainModel, fit_chain
 from ccr_host.tracking.markers.check import MarkerCheck
 
 Array = NDArray[np.float64]

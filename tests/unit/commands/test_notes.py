@@ -13,8 +13,8 @@ def noted(capsys: pytest.CaptureFixture[str], *runs: RunOptions) -> list[str]:
     return shown.err.splitlines()
 
 
-def run(controller: str, rate_hz: float, robot: str | None = None) -> RunOptions:
-    return RunOptions(path="8shape", controller=controller, rate_hz=rate_hz, robot=robot)
+def run(controller: str, rate_hz: float) -> RunOptions:
+    return RunOptions(path="8shape", controller=controller, rate_hz=rate_hz)
 
 
 def test_mpc_faster_than_its_delays_allow_is_told_with_what_to_take(
@@ -23,8 +23,6 @@ def test_mpc_faster_than_its_delays_allow_is_told_with_what_to_take(
     (line,) = noted(capsys, run("mpc", 20.0), run("mpc", 20.0), run("pid-ik", 20.0))
     assert line.startswith("note: mpc leaves out the delays")
     assert line.endswith("take mpc-offset or pid-ik or adaptive")
-    (line,) = noted(capsys, run("mpc", 20.0, "two-spatial"))
-    assert line.endswith("take mpc-offset or pid-ik")
 
 
 @pytest.mark.parametrize("controller", ["adaptive", "pid-ik", "mpc-offset", "open-loop"])

@@ -9,7 +9,6 @@ import pytest
 
 from ccr_host.control.base import Controller, Observation, Outcome
 from ccr_host.control.registry import baseline_names, controller_names, make_controller
-from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -24,7 +23,6 @@ SHIPPED = {
     "three-spatial": "circle",
 }
 NAMES = [*controller_names(), *baseline_names()]
-GENERAL = [name for name in NAMES if name != "adaptive"]
 PERIOD_US = 200_000
 WEIRD = ([math.nan, 0.0, 0.0], [math.inf, 0.0, 0.0], [1e200, 0.0, 0.0], [1e4, -1e4, 1e4], None)
 
@@ -37,7 +35,7 @@ def made(robot: str, name: str) -> tuple[Controller, Description, Reference]:
 
 
 @pytest.mark.parametrize("robot", SHIPPED)
-@pytest.mark.parametrize("name", GENERAL)
+@pytest.mark.parametrize("name", NAMES)
 def test_whatever_is_measured_no_step_raises_and_commands_stay_within_the_limits(robot, name):
     controller, description, path = made(robot, name)
     limits = MotorLimits.of(description.servo)
@@ -57,8 +55,9 @@ def test_whatever_is_measured_no_step_raises_and_commands_stay_within_the_limits
 
 
 @pytest.mark.parametrize("robot", SHIPPED)
-@pytest.mark.parametrize("name", [name for name in GENERAL if name != "open-loop"])
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("open-loop", "adaptive")])
 def test_on_a_robot_as_believed_that_hangs_a_little_the_tip_comes_to_the_path(robot, name):
+    """`adaptive` would first explore the robot, see tests/unit/control/adaptive."""
     controller, description, path = made(robot, name)
     model = ConstantCurvature(description.robot)
     sag_mm = np.array([0.0, 0.0, -2.0])
@@ -72,10 +71,3 @@ def test_on_a_robot_as_believed_that_hangs_a_little_the_tip_comes_to_the_path(ro
         assert command.outcome is not Outcome.HELD
     # What one or two motors cannot reach stays.
     assert np.mean(missed_mm[-50:]) < (2.1 if description.robot.motors < 3 else 1.0)
-
-
-@pytest.mark.parametrize("robot", [robot for robot in SHIPPED if robot != "default"])
-def test_adaptive_refuses_robots_of_other_segments_and_says_what_to_choose(robot):
-    with pytest.raises(ConfigError, match="two planar segments") as refusal:
-        made(robot, "adaptive")
-    assert "pid-ik" in refusal.value.cure

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ccr_host.control.adaptive.identification import predicted_mm
 from ccr_host.control.adaptive.misfit import MisfitError, driven
+from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema

@@ -9,12 +9,13 @@ from scipy.spatial.transform import Rotation
 from ccr_host.control.adaptive.misfit import MisfitError
 from ccr_host.description import schema
 from ccr_host.robot.chain import PAPER_FRAME
+from ccr_host.robot.rest_model import Markers
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
-from ccr_host.tools.chain_fit import ChainModel, Markers
+from ccr_host.tools.chain_fit import ChainModel
 from ccr_host.tools.turn_fit import TurnError, fit_turn, measure_turn, turn_stops_rad
 
 NAMES = "single", "two-spatial", "three-spatial"

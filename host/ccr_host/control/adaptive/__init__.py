@@ -1,6 +1,7 @@
 """Tracking on a static model that is identified before the path and learns along it.
 
-``law`` combines the other modules: ``statics`` and ``motion`` are the model, ``identification``
-fits it to rests, ``path_plan`` chooses the branch along the path, ``estimator`` continues to learn.
+``law`` combines modules that are general: ``identification`` fits a ``StaticModel`` to rests,
+``estimator`` continues to learn. ``chain_statics`` is that model for any robot; the paper's has its
+own, which knows more of printed flexures: ``statics``, ``tip``, ``motion`` and ``path_plan``.
 docs/control-statics.md has the equations.
 """

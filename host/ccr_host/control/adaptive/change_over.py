@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
-from ccr_host.control.adaptive.arithmetic import Four, Two
-from ccr_host.control.adaptive.parameters import Parameters
-from ccr_host.control.adaptive.statics import LEAST_CHANGE_OVER, Hold, hold_of
+from ccr_host.control.adaptive.static_model import Hold
+from ccr_host.control.adaptive.statics import LEAST_CHANGE_OVER
+
+Sides = tuple[float, ...]
 
 _DWELL_S = 2.0
 """Time after a change-over in which the pair changes back only if it clearly has to: the segment
@@ -24,30 +26,26 @@ class ChangeOver:
     disturbed by the jump must not cause the next one.
     """
 
-    def __init__(self) -> None:
-        self.sides: Two = 0.0, 0.0
+    def __init__(self, motors: int) -> None:
+        self.sides: Sides = (0.0,) * motors
         """The tendon of each pair that pulls: 1 or -1, 0 before the first pose."""
-        self.changes = [0, 0]
+        self.changes = [0] * motors
         """Jumps of each servo through its slack."""
         self.reversals = 0
         """Jumps soon after another one of the same servo: it was sent through its slack in vain."""
-        self._changed_s = [-math.inf, -math.inf]
+        self._changed_s = [-math.inf] * motors
 
-    def hold(
-        self, p: Parameters, theta_1: float, theta_2: float, anchors: Four, time_s: float
-    ) -> Hold:
-        """The shafts that hold a pose, see ``hold_of``.
+    def hold(self, hold_of: Callable[[Sides, Sides], Hold], time_s: float) -> Hold:
+        """The setpoints that hold a pose.
 
         Args:
-            p: parameters of the robot.
-            theta_1: bending angle of segment 1.
-            theta_2: bending angle of segment 2.
-            anchors: routes at which friction exerts no force.
+            hold_of: holds it, see ``StaticModel.hold``, by the sides that have pulled so far and
+                the moments at which they change over.
             time_s: present time.
         """
         dwells = [time_s - changed_s < _DWELL_S for changed_s in self._changed_s]
-        first, second = (_DWELL_CHANGE_OVER if it else LEAST_CHANGE_OVER for it in dwells)
-        hold = hold_of(p, theta_1, theta_2, anchors, self.sides, (first, second))
+        most = tuple(_DWELL_CHANGE_OVER if it else LEAST_CHANGE_OVER for it in dwells)
+        hold = hold_of(self.sides, most)
         for motor, (side, before) in enumerate(zip(hold.sides, self.sides, strict=True)):
             if before not in (0.0, side):
                 self.changes[motor] += 1

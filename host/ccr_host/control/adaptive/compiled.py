@@ -20,11 +20,13 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from ccr_host.control import jit
 from ccr_host.control.adaptive import arithmetic, motion, parameters, path_plan, statics, tip
 from ccr_host.control.adaptive.arithmetic import Arc, FloatArray
-from ccr_host.control.adaptive.model import PROBE, Sensitivity
+from ccr_host.control.adaptive.model import PlainModel
 from ccr_host.control.adaptive.motion import Pose, change_of, first_pose, slopes_of
 from ccr_host.control.adaptive.motion import moved as moved_to
-from ccr_host.control.adaptive.parameters import FIELDS, Parameters, Scaling
+from ccr_host.control.adaptive.parameter_space import ParameterSpace
+from ccr_host.control.adaptive.parameters import FIELDS, Parameters
 from ccr_host.control.adaptive.path_plan import polished_of
+from ccr_host.control.adaptive.static_model import PROBE, Sensitivity
 from ccr_host.control.adaptive.tip import markers_of
 from ccr_host.robot import arc
 from ccr_host.robot.arc import arc_derivatives_at
@@ -47,8 +49,8 @@ for _function in jit.functions_of(*_SOURCES):
         jit.callable_when_compiled(_function)
 
 
-class CompiledModel:
-    """``PlainModel`` in machine code.
+class CompiledModel(PlainModel):
+    """``PlainModel``, its longer computations in machine code.
 
     It is compiled, or loaded from the cache, when constructed, never when used.
     """
@@ -62,9 +64,13 @@ class CompiledModel:
         return Pose(q_1, q_2, lag_1, lag_2, tuple(anchors), theta_1, theta_2)
 
     def sensitivity(
-        self, scaling: Scaling, score: FloatArray, pose: Pose, rate_rad_s: FloatArray
+        self,
+        space: ParameterSpace[Parameters],
+        score: FloatArray,
+        pose: Pose,
+        rate_rad_s: FloatArray,
     ) -> Sensitivity:
-        near = _contiguous(np.array(scaling.perturbed(score, PROBE)).T)
+        near = _contiguous(np.array(space.perturbed(score, PROBE)).T)
         columns = self._entries.changes(near, _packed(pose), PROBE * rate_rad_s) / PROBE
         return Sensitivity(columns[:3], columns[3:])
 

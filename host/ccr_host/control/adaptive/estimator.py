@@ -8,42 +8,20 @@ innovations free the load on the tip, since payloads and pushes begin suddenly.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.identification import Fit
-from ccr_host.control.adaptive.model import PLAIN, StaticModel
-from ccr_host.control.adaptive.motion import Pose, shifted
-from ccr_host.control.adaptive.parameters import COUNT, PUSHES, Parameters, Scaling
-from ccr_host.control.adaptive.tip import tip_mm
+from ccr_host.control.adaptive.parameter_space import ParameterSpace, Roles
+from ccr_host.control.adaptive.static_model import P, S, StaticModel
 from ccr_host.control.shell import COMMAND_DELAY_S
 
 FloatArray = NDArray[np.float64]
 
-_DELAY = COUNT
-_OFFSET = slice(COUNT + 1, COUNT + 4)
-_STATES = COUNT + 4
-_DRIFTING = [
-    Parameters._fields.index(name)
-    for name in (
-        "compliance_1",
-        "compliance_2",
-        "slack_1_rad",
-        "slack_2_rad",
-        "tip_per_mm",
-    )
-]
-"""Parameters that drift: threads creep and tools change, while the geometry stays constant."""
-_HINDRANCES = [Parameters._fields.index(name) for name in ("backlash_rad", "friction_1")]
 _NOTABLE_HINDRANCE = 0.3
 """Smaller ones, in prior deviations, count as absent, so that noise on the path cannot add them."""
-_LOADS = [Parameters._fields.index("tip_per_mm"), *PUSHES]
-_IDENTIFIED = [index for index in range(COUNT) if index not in _DRIFTING + _HINDRANCES + _LOADS]
-"""Once identified at rest, these count as certain: along a path they cannot be distinguished from
-disturbances, and what they are wrong by changes slowly enough for the offset to follow it. With
-their uncertainty in the covariance of an innovation, the offset of `dirty` took up only a fifth of
-an error of 5 mm, as they were held responsible for it and not corrected."""
 
 
 @dataclass(frozen=True)
@@ -77,54 +55,63 @@ class Tuning:
     latency: the loop gain must be well below 1 at these frequencies."""
 
 
-class Estimator:
+class Estimator(Generic[P, S]):
     """Estimates the parameters of the robot, the servo delay and the tip offset.
 
     Args:
-        scaling: prior of the parameters.
+        model: computes the derivatives.
+        space: prior of the parameters.
         fit: result of the identification; None starts from the prior.
         tuning: assumptions of the filter.
-        model: computes the derivatives.
     """
 
     def __init__(
-        self, scaling: Scaling, fit: Fit | None, tuning: Tuning, model: StaticModel = PLAIN
+        self,
+        model: StaticModel[P, S],
+        space: ParameterSpace[P],
+        fit: Fit | None,
+        tuning: Tuning,
     ) -> None:
         self._model = model
-        self._scaling = scaling
+        self._space = space
         self._tuning = tuning
-        self._state = np.zeros(_STATES)
-        self._covariance = np.eye(_STATES)
+        count, roles = space.count, space.roles
+        self._count, self._loads = count, roles.loads
+        self._states = count + 4
+        self._offset = slice(count + 1, count + 4)
+        self._state = np.zeros(self._states)
+        self._covariance = np.eye(self._states)
         if fit is not None:
-            self._state[:COUNT] = fit.score
-            self._covariance[:COUNT, :COUNT] = fit.covariance
-        self._covariance[_OFFSET, _OFFSET] = np.eye(3) * tuning.offset_deviation_mm**2
-        certain = PUSHES if fit is None else PUSHES + _settled(fit)
+            self._state[:count] = fit.score
+            self._covariance[:count, :count] = fit.covariance
+        self._covariance[self._offset, self._offset] = np.eye(3) * tuning.offset_deviation_mm**2
+        certain = roles.pushes if fit is None else roles.pushes + _settled(fit, roles)
         self._covariance[certain] = 0.0
         self._covariance[:, certain] = 0.0
-        self._drifting = [index for index in _DRIFTING + _HINDRANCES if index not in certain]
+        free = roles.drifting + roles.hindrances
+        self._drifting = [index for index in free if index not in certain]
         self._believed = self._state.copy()
         self._since_believed_s = 0.0
-        self._usual_offset_mm = self._state[_OFFSET].copy()
+        self._usual_offset_mm = self._state[self._offset].copy()
         self._mean_innovation = np.zeros(3)
-        self.parameters: Parameters = scaling.parameters(self._state[:COUNT])
+        self.parameters: P = space.parameters(self._state[:count])
         self.releases = 0
 
     @property
     def offset_mm(self) -> FloatArray:
         """Measured minus modelled tip, (3,), low-pass filtered for use in commands."""
-        return self._believed[_OFFSET].copy()
+        return self._believed[self._offset].copy()
 
     @property
-    def believed(self) -> Parameters:
+    def believed(self) -> P:
         """The parameters, low-pass filtered for use in commands."""
-        return self._scaling.parameters(self._believed[:COUNT])
+        return self._space.parameters(self._believed[: self._count])
 
     @property
     def delay_s(self) -> float:
         """Estimated time from a command to the start of its motion."""
         tuning = self._tuning
-        return tuning.delay_s + tuning.delay_deviation_s * float(self._state[_DELAY])
+        return tuning.delay_s + tuning.delay_deviation_s * float(self._state[self._count])
 
     def trust(self, jolt_rad: float) -> float:
         """Weight of a measurement relative to one without oscillation."""
@@ -133,25 +120,23 @@ class Estimator:
     def hand_over(self, offset_mm: FloatArray) -> None:
         """Subtract the part of the offset, (3,), that a memory of earlier laps now accounts for."""
         for state in (self._state, self._believed):
-            state[_OFFSET] -= offset_mm
+            state[self._offset] -= offset_mm
         self._usual_offset_mm -= offset_mm
 
     def elapse(self, duration_s: float) -> None:
         """Predict over a time: parameters drift, the offset decays and gains uncertainty."""
         tuning = self._tuning
         keep = float(np.exp(-duration_s / tuning.offset_memory_s))
-        self._state[_OFFSET] *= keep
-        self._covariance[_OFFSET, :] *= keep
-        self._covariance[:, _OFFSET] *= keep
-        diagonal = np.zeros(_STATES)
+        self._state[self._offset] *= keep
+        self._covariance[self._offset, :] *= keep
+        self._covariance[:, self._offset] *= keep
+        diagonal = np.zeros(self._states)
         diagonal[self._drifting] = tuning.drift_per_sqrt_s**2 * duration_s
-        diagonal[_OFFSET] = tuning.offset_deviation_mm**2 * (1.0 - keep * keep)
-        self._covariance[np.diag_indices(_STATES)] += diagonal
+        diagonal[self._offset] = tuning.offset_deviation_mm**2 * (1.0 - keep * keep)
+        self._covariance[np.diag_indices(self._states)] += diagonal
         self._since_believed_s += duration_s
 
-    def correct(
-        self, pose: Pose, rate_rad_s: FloatArray, jolt_rad: float, seen_mm: FloatArray
-    ) -> Pose:
+    def correct(self, pose: S, rate_rad_s: FloatArray, jolt_rad: float, seen_mm: FloatArray) -> S:
         """Correct the estimate by a measurement.
 
         Args:
@@ -164,12 +149,14 @@ class Estimator:
             The pose of the corrected model.
         """
         tuning = self._tuning
-        by = self._model.sensitivity(self._scaling, self._state[:COUNT], pose, rate_rad_s)
-        jacobian = np.zeros((3, _STATES))
-        jacobian[:, :COUNT] = by.tip[:, :COUNT]
-        jacobian[:, _DELAY] = -tuning.delay_deviation_s * by.tip[:, COUNT]
-        jacobian[:, _OFFSET] = np.eye(3)
-        expected_mm = tip_mm(self.parameters, pose.theta_1, pose.theta_2) + self._state[_OFFSET]
+        by = self._model.sensitivity(self._space, self._state[: self._count], pose, rate_rad_s)
+        jacobian = np.zeros((3, self._states))
+        jacobian[:, : self._count] = by.tip[:, : self._count]
+        jacobian[:, self._count] = -tuning.delay_deviation_s * by.tip[:, self._count]
+        jacobian[:, self._offset] = np.eye(3)
+        expected_mm = (
+            self._model.tip_mm(self.parameters, pose.theta_rad) + self._state[self._offset]
+        )
         innovation = seen_mm - expected_mm
         cross = self._covariance @ jacobian.T
         noise_mm = self._noise_mm(jolt_rad)
@@ -182,15 +169,17 @@ class Estimator:
         self._covariance -= gain @ cross.T
         # Rounding makes it asymmetric, which the filter equations would amplify.
         self._covariance = 0.5 * (self._covariance + self._covariance.T)
-        score, before = self._state[:COUNT].copy(), self.parameters
+        score, before = self._state[: self._count].copy(), self.parameters
         self._state += change
-        self._state[:COUNT] = self._scaling.bounded(self._state[:COUNT])
-        self._state[_DELAY] = np.clip(self._state[_DELAY], -2.0, 2.0)
-        self.parameters = self._scaling.parameters(self._state[:COUNT])
+        self._state[: self._count] = self._space.bounded(self._state[: self._count])
+        self._state[self._count] = np.clip(self._state[self._count], -2.0, 2.0)
+        self.parameters = self._space.parameters(self._state[: self._count])
         self._free_load_if_innovations_agree(share * normalised)
         self._believe()
-        theta = pose.theta_rad + by.theta_rad[:, :COUNT] @ (self._state[:COUNT] - score)
-        return shifted(before, self.parameters, pose, theta)
+        theta = pose.theta_rad + by.theta_rad[:, : self._count] @ (
+            self._state[: self._count] - score
+        )
+        return self._model.shifted(before, self.parameters, pose, theta)
 
     def _noise_mm(self, jolt_rad: float) -> float:
         return self._tuning.noise_mm + self._tuning.swing_mm_per_rad * jolt_rad
@@ -199,7 +188,7 @@ class Estimator:
         share = 1.0 - np.exp(-self._since_believed_s / self._tuning.believed_after_s)
         self._believed += share * (self._state - self._believed)
         slowly = 1.0 - np.exp(-self._since_believed_s / self._tuning.usual_after_s)
-        self._usual_offset_mm += slowly * (self._state[_OFFSET] - self._usual_offset_mm)
+        self._usual_offset_mm += slowly * (self._state[self._offset] - self._usual_offset_mm)
         self._since_believed_s = 0.0
 
     def _free_load_if_innovations_agree(self, normalised: FloatArray) -> None:
@@ -207,14 +196,22 @@ class Estimator:
         share = tuning.innovation_share
         self._mean_innovation = (1.0 - share) * self._mean_innovation + share * normalised
         if self._mean_innovation @ self._mean_innovation * (2.0 - share) / share > tuning.freeing:
-            free = np.maximum(self._covariance[_LOADS, _LOADS], tuning.load_deviation**2)
-            self._covariance[_LOADS, _LOADS] = free
+            free = np.maximum(self._covariance[self._loads, self._loads], tuning.load_deviation**2)
+            self._covariance[self._loads, self._loads] = free
             self._mean_innovation = np.zeros(3)
             # The part of it that the offset has absorbed is removed, for the load to explain.
-            self._state[_OFFSET] = self._usual_offset_mm
+            self._state[self._offset] = self._usual_offset_mm
             self.releases += 1
 
 
-def _settled(fit: Fit) -> list[int]:
-    absent = [index for index in _HINDRANCES if fit.score[index] < _NOTABLE_HINDRANCE]
-    return _IDENTIFIED + absent
+def _settled(fit: Fit, roles: Roles) -> list[int]:
+    """Parameters that count as certain once they were identified at rest.
+
+    Along a path they cannot be distinguished from disturbances, and what they are wrong by changes
+    slowly enough for the offset to follow it. With their uncertainty in the covariance of an
+    innovation, the offset of `dirty` took up only a fifth of an error of 5 mm, as they were held
+    responsible for it and not corrected.
+    """
+    learnt = roles.drifting + roles.hindrances + roles.loads
+    absent = [index for index in roles.hindrances if fit.score[index] < _NOTABLE_HINDRANCE]
+    return [index for index in range(len(fit.score)) if index not in learnt] + absent

@@ -1,4 +1,4 @@
-"""Identification: the tour of rests, and the fit of the static model to it."""
+"""Identification: what is measured at rests, and the fit of a static model to it."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ import json
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.arithmetic import FloatArray, stacked
-from ccr_host.control.adaptive.motion import first_pose, moved
-from ccr_host.control.adaptive.parameters import COUNT, PUSHES, ZEROS, Parameters, Scaling
-from ccr_host.control.adaptive.statics import unhindered_setpoints_for
-from ccr_host.control.adaptive.tip import markers_of
+from ccr_host.control.adaptive.parameter_space import P, ParameterSpace
 from ccr_host.control.shell import Measurement
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
-from ccr_host.robot.workspace import MotorLimits
+
+FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 20
 _DAMPING_FIRST, _DAMPING_FALL, _DAMPING_RISE, _DAMPING_MOST = 1e-3, 0.1, 10.0, 1e3
@@ -33,8 +32,6 @@ _SURPRISING = 2.5
 _UNSEEN_MM = 1e6
 """Standard deviation of a marker that was not seen."""
 
-_ROWS_RAD = np.radians((0.0, 50.0, 100.0, -100.0, -50.0))
-_COLUMNS_RAD = np.radians((-110.0, -40.0, 40.0, 110.0))
 SETTLED_AFTER_S = 0.15
 """Time after which a tip counts as resting when its servos rest."""
 _FEWEST_RESTS = 10
@@ -43,17 +40,6 @@ _BELIEVABLE_MM = 60.0
 _PULSE_KEYS = {"neutral_pulse_us", "pulse_per_90_deg_us"}
 """The servo keys that define a commanded angle; limits may change."""
 _DIGITS = 12
-
-
-def predicted_mm(p: Parameters, rests: Rests) -> FloatArray:
-    """M2 and M3 at the rests, (N, ..., 2, 3), for parameters that are floats or arrays (...)."""
-    pose = first_pose(p, *rests.start_rad.tolist())
-    markers = []
-    for q_1, q_2 in rests.q_rad.tolist():
-        pose = moved(p, pose, q_1, q_2)
-        middle, tip = markers_of(p, pose.theta_1, pose.theta_2)
-        markers.append(np.stack([stacked(*middle), stacked(*tip)], axis=-2))
-    return np.array(markers)
 
 
 @dataclass(frozen=True)
@@ -95,10 +81,11 @@ class Fit:
         )
 
 
-Predict = Callable[[Parameters, Rests], FloatArray]
+Predict = Callable[[P, Rests], FloatArray]
+"""See ``StaticModel.predicted_mm``."""
 
 
-class StaticsFit:
+class StaticsFit(Generic[P]):
     """Fit by Levenberg and Marquardt's method, one step at a time.
 
     Rests whose residuals are small are then fitted again, with smaller unexplained angles.
@@ -108,18 +95,18 @@ class StaticsFit:
     Args:
         scaling: prior of the parameters.
         rests: the measurements.
-        predict: replaces ``predicted_mm``.
+        predict: predicts them.
         start: initial scores, (COUNT,); by default those of the prior.
     """
 
     def __init__(
         self,
-        scaling: Scaling,
+        scaling: ParameterSpace[P],
         rests: Rests,
-        predict: Predict | None = None,
+        predict: Predict[P],
         start: FloatArray | None = None,
     ) -> None:
-        self._predict = predict or predicted_mm
+        self._predict = predict
         self.scaling = scaling
         self.rests = rests
         seen = np.all(np.isfinite(rests.vectors_mm), axis=-1, keepdims=True)
@@ -128,7 +115,7 @@ class StaticsFit:
         deviation_mm = np.where(seen, measured_mm, _UNSEEN_MM).repeat(3, axis=-1)
         self._variance_mm2 = np.eye(6) * deviation_mm.reshape(-1, 6, 1) ** 2
         self._coordinates = 3 * np.count_nonzero(seen)
-        self._score = np.zeros(COUNT) if start is None else start
+        self._score = np.zeros(scaling.count) if start is None else start
         self._damping = _DAMPING_FIRST
         self._steps_left = _ITERATIONS
         self._shaft_rad = scaling.shaft_rad
@@ -176,17 +163,19 @@ class StaticsFit:
         An unexplained angle of a shaft moves both markers, as an error of its zero does.
         """
         near_mm = self._predict(self.scaling.perturbed(self._score, _PROBE), self.rests)
-        slope = np.moveaxis(near_mm[:, :COUNT] - near_mm[:, COUNT:], 1, -1) / _PROBE
-        slope = slope.reshape(-1, 6, COUNT)
-        slope[..., PUSHES] = 0.0
-        by_shaft = slope[..., ZEROS] * (self._shaft_rad / self.scaling.deviation[ZEROS])
+        slope = np.moveaxis(near_mm[:, :-1] - near_mm[:, -1:], 1, -1) / _PROBE
+        slope = slope.reshape(-1, 6, self.scaling.count)
+        slope[..., self.scaling.roles.pushes] = 0.0
+        by_shaft = slope @ self.scaling.by_shaft(self._shaft_rad)
         covariance_mm2 = self._variance_mm2 + by_shaft @ by_shaft.transpose(0, 2, 1)
         self._whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
         self._log_variance = float(np.linalg.slogdet(covariance_mm2)[1].sum())
         self._standardised, self._cost = self._judge(self._score)
         slope = self._whitening @ slope
         weight = np.repeat(_huber_weight(self._standardised), 3, axis=1)[..., None]
-        self._information = np.einsum("nip,niq->pq", weight * slope, slope) + np.eye(COUNT)
+        self._information = np.einsum("nip,niq->pq", weight * slope, slope) + np.eye(
+            self.scaling.count
+        )
         weighted = weight[..., 0] * self._standardised
         self._gradient = np.einsum("nip,ni->p", slope, weighted) - self._score
 
@@ -222,29 +211,6 @@ def _huber_weight(standardised: FloatArray) -> FloatArray:
     return weight
 
 
-def tour_bending_rad() -> FloatArray:
-    """Bending angles at which all parameters are observable, (N, 2), in an order of short moves.
-
-    They cover the workspace: only large bends distinguish the camera's rotation from the robot's
-    sag.
-    """
-    stops: list[tuple[float, float]] = []
-    for number, row in enumerate(_ROWS_RAD):
-        columns = _COLUMNS_RAD if number % 2 == 0 else _COLUMNS_RAD[::-1]
-        stops.extend((row, column) for column in columns)
-    return np.array(stops)
-
-
-def tour_stops_rad(p: Parameters, limits: MotorLimits) -> FloatArray:
-    """Motor angles of the tour's rests, (N, 2), as far as the limits allow.
-
-    Args:
-        p: believed parameters of the robot, floats.
-        limits: limits of the motors.
-    """
-    return limits.clip(unhindered_setpoints_for(p, tour_bending_rad()))
-
-
 class RestSurvey:
     """Collects the measurements of a robot that goes from rest to rest, any robot's.
 
@@ -278,23 +244,19 @@ class RestSurvey:
 
 
 def fits_to(
-    scaling: Scaling, rests: Rests, predict: Predict | None = None
-) -> tuple[StaticsFit, StaticsFit] | None:
-    """Prepare the fits to rests under both priors; None if rests are too few, or implausible.
-
-    The wide prior leaves the turn of an unregistered camera more uncertain, by 1 deg instead of
-    0.7 about x, which a robot without the faults that it allows for need not accept.
-    """
+    scaling: ParameterSpace[P], rests: Rests, predict: Predict[P]
+) -> list[StaticsFit[P]] | None:
+    """Prepare the fits to rests under each prior; None if rests are too few, or implausible."""
     if len(rests.q_rad) < _FEWEST_RESTS:
         return None
-    prior = scaling.parameters(np.zeros(COUNT))
-    off_mm = np.linalg.norm(rests.tip_mm - predicted_mm(prior, rests)[:, 1], axis=1)
+    prior = scaling.parameters(np.zeros(scaling.count))
+    off_mm = np.linalg.norm(rests.tip_mm - predict(prior, rests)[:, 1], axis=1)
     if not np.median(off_mm) < _BELIEVABLE_MM:
         return None
-    return StaticsFit(scaling, rests, predict), StaticsFit(scaling.narrow(), rests, predict)
+    return [StaticsFit(prior, rests, predict) for prior in scaling.priors()]
 
 
-def likeliest(fits: Iterable[StaticsFit]) -> StaticsFit:
+def likeliest(fits: Iterable[StaticsFit[P]]) -> StaticsFit[P]:
     """The fit with the largest evidence, once all are finished."""
     return max(fits, key=lambda fit: fit.finish().evidence)
 
@@ -302,7 +264,9 @@ def likeliest(fits: Iterable[StaticsFit]) -> StaticsFit:
 def digest_of(description: Description) -> str:
     """Digest of everything in a description that its identified rests depend on."""
     registration = description.registration
-    robot = description.robot.model_dump(exclude={"segments"})
+    robot = description.robot.model_dump()
+    if not description.robot.segments:
+        del robot["segments"]
     if description.robot.gravity_direction == Robot().gravity_direction:
         # Files identified before the key existed stay valid.
         del robot["gravity_direction"]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -17,18 +19,12 @@ from ccr_host.control.adaptive.identification import (
     fits_to,
     identified_rests,
     likeliest,
-    tour_stops_rad,
 )
 from ccr_host.control.adaptive.lap_memory import LapMemory
-from ccr_host.control.adaptive.model import PoseFollower, make_model
-from ccr_host.control.adaptive.motion import Pose, setpoint_for
-from ccr_host.control.adaptive.parameters import Scaling
-from ccr_host.control.adaptive.path_plan import PathPlan, plan_path
-from ccr_host.control.adaptive.statics import unhindered_setpoints_for
-from ccr_host.control.adaptive.tip import tip_mm, turned_back_mm
+from ccr_host.control.adaptive.model import make_static_model
+from ccr_host.control.adaptive.static_model import PathPlan, PoseFollower, Resting
 from ccr_host.control.shell import Law, Measurement, PathView, Plan, Stage, smooth_moves
-from ccr_host.core.errors import ConfigError
-from ccr_host.description.schema import Description, Robot
+from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
@@ -36,7 +32,6 @@ from ccr_host.robot.workspace import MotorLimits
 _TOUR_REST_S = 0.5
 """Time for the oscillation after a move to decay, and for six samples of a 20 Hz camera."""
 _KNOT_PERIOD_S = 0.25
-_REFINEMENTS = 4
 _LONGEST_SHIFT_RAD = 0.5
 """Poses further from the plan would be on another branch."""
 _OLDEST_SAMPLE_S = 0.3
@@ -53,29 +48,19 @@ class AdaptiveLaw(Law):
     continues on its estimate.
 
     Raises:
-        ConfigError: the robot has segments of its own, the description's rests were measured on
-            another robot, or ``control.solver`` needs an extra that is not installed.
+        ConfigError: the description's rests were measured on another robot, or ``control.solver``
+            needs an extra that is not installed.
     """
 
     name = "adaptive"
     feedback_s = 0.0
 
     def __init__(self, description: Description) -> None:
-        if not self.knows(description.robot):
-            raise ConfigError(
-                "controller adaptive knows only robots of two planar segments with a motor each",
-                "use --controller pid-ik, or describe such a robot without [[robot.segments]]",
-            )
         self._limits = MotorLimits.of(description.servo)
         self.settle_s = description.control.settle_s
-        self._scaling = Scaling.of(description)
         self._identified = identified_rests(description)
-        self._model = make_model(description.control)
-
-    @staticmethod
-    def knows(robot: Robot) -> bool:
-        """Whether its static model is that of a robot: two planar segments with a motor each."""
-        return not robot.segments
+        self._model, self._space = make_static_model(description)
+        self._motors = description.robot.motors
 
     @property
     def delay_s(self) -> float:
@@ -95,17 +80,17 @@ class AdaptiveLaw(Law):
     def start(self, path: PathView, history: SetpointHistory) -> None:
         """Reset everything and plan from the prior."""
         super().start(path, history)
-        self.fit: StaticsFit | None = None
+        self.fit: StaticsFit[Any] | None = None
         """The fit that the path was planned with; None if the rests were not suitable."""
-        self._survey = RestSurvey(np.zeros(2))
+        self._survey = RestSurvey(np.zeros(self._motors))
         self._is_surveying = True
-        self._estimator = Estimator(self._scaling, None, Tuning(), self._model)
+        self._estimator = Estimator(self._model, self._space, None, Tuning())
         self._memory = LapMemory(path.reference.lap_steps, path.period_s)
-        self._follower: PoseFollower | None = None
+        self._follower: PoseFollower[Any, Any] | None = None
         self._newest_s: float | None = None
         self._plan = self._plan_path()
-        self._shift_rad = np.zeros(2)
-        self.change_over = ChangeOver()
+        self._shift_rad = np.zeros_like(self._plan.theta_rad[0])
+        self.change_over = ChangeOver(self._motors)
         """Which tendons pull, and how often that changed."""
 
     def stages(self) -> Iterator[Stage]:
@@ -113,12 +98,12 @@ class AdaptiveLaw(Law):
         here_rad = self.history.at(math.inf)
         fits, predict = None, self._model.predicted_mm
         if self._identified is not None:
-            fits = fits_to(self._scaling, self._identified, predict)
+            fits = fits_to(self._space, self._identified, predict)
         if fits is None:
             self._survey.start_rad = here_rad
-            stops_rad = tour_stops_rad(self._estimator.parameters, self._limits)
+            stops_rad = self._model.tour_rad(self._estimator.parameters, self._limits)
             yield Stage("exploring the robot", smooth_moves(here_rad, stops_rad, _TOUR_REST_S))
-            fits, here_rad = fits_to(self._scaling, self.rests, predict), stops_rad[-1]
+            fits, here_rad = fits_to(self._space, self.rests, predict), stops_rad[-1]
             yield Stage("identifying the robot", here_rad[None], is_motion=False)
         for fit in fits or ():
             while fit.improve():
@@ -126,7 +111,7 @@ class AdaptiveLaw(Law):
         self._is_surveying = False
         if fits is not None:
             self.fit = likeliest(fits)
-            self._estimator = Estimator(self.fit.scaling, self.fit.result(), Tuning(), self._model)
+            self._estimator = Estimator(self._model, self.fit.scaling, self.fit.result(), Tuning())
         self._plan = self._plan_path()
         self._follower = None
         yield from super().stages()
@@ -134,7 +119,7 @@ class AdaptiveLaw(Law):
     def first_rad(self) -> FloatArray:
         """Motor angles at the first point of the plan, (2,)."""
         p, theta_rad = self._estimator.parameters, self._plan.bending_rad(0.0)
-        return self._limits.clip(unhindered_setpoints_for(p, theta_rad))
+        return self._limits.clip(self._model.unhindered_rad(p, theta_rad))
 
     def observe(self, measurement: Measurement) -> None:
         """Collect rests for the fit, later learn, but not from other moves of the approach.
@@ -151,22 +136,22 @@ class AdaptiveLaw(Law):
 
     def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
         """Plan the setpoint of the pose nearest to the path, close to the planned pose."""
-        estimator = self._estimator
+        estimator, model = self._estimator, self._model
         oldest_s = time_s - _OLDEST_SAMPLE_S
         follower = self._following(oldest_s)
         follower.advance_to(estimator.parameters, oldest_s)
         p = estimator.believed
         expected_mm = estimator.offset_mm + self._memory.at(index)
-        aim_mm = self.path.target_mm(index) - turned_back_mm(p, expected_mm)
+        aim_mm = self.path.target_mm(index) - model.turned_back_mm(p, expected_mm)
         planned_rad = self._plan.bending_rad(index)
-        theta_rad = self._model.polished(p, planned_rad + self._shift_rad, aim_mm, _REFINEMENTS)
+        theta_rad = model.nearest(p, planned_rad, self._shift_rad, aim_mm)
         shift_rad = np.clip(theta_rad - planned_rad, -_LONGEST_SHIFT_RAD, _LONGEST_SHIFT_RAD)
         self._shift_rad = shift_rad
-        theta_1, theta_2 = (planned_rad + shift_rad).tolist()
+        theta_rad = planned_rad + shift_rad
         pose = follower.ahead(estimator.parameters)
-        hold = self.change_over.hold(p, theta_1, theta_2, pose.anchors, time_s)
-        setpoint_rad = self._limits.clip(setpoint_for(p, pose, hold.shafts))
-        return Plan(setpoint_rad, (tip_mm(p, theta_1, theta_2) + expected_mm)[None])
+        hold = self.change_over.hold(partial(model.hold, p, pose, theta_rad), time_s)
+        setpoint_rad = self._limits.clip(hold.setpoint_rad)
+        return Plan(setpoint_rad, (model.tip_mm(p, theta_rad) + expected_mm)[None])
 
     def _learn(self, measurement: Measurement) -> None:
         """Correct the estimate by a measurement."""
@@ -181,7 +166,7 @@ class AdaptiveLaw(Law):
         seen_mm = measurement.tip_mm - remembered_mm
         follower.pose = estimator.correct(pose, rate_rad_s, jolt_rad, seen_mm)
 
-    def _remember(self, measurement: Measurement, pose: Pose, jolt_rad: float) -> FloatArray:
+    def _remember(self, measurement: Measurement, pose: Resting, jolt_rad: float) -> FloatArray:
         """Note the unexplained offset for the next lap; return that of the last laps, (3,)."""
         index = measurement.clock_index
         if index is None:
@@ -190,19 +175,18 @@ class AdaptiveLaw(Law):
         gained_mm = memory.turn(index)
         if gained_mm is not None:
             estimator.hand_over(gained_mm)
-        modelled_mm = tip_mm(estimator.parameters, pose.theta_1, pose.theta_2)
+        modelled_mm = self._model.tip_mm(estimator.parameters, pose.theta_rad)
         memory.note(index, measurement.tip_mm - modelled_mm, estimator.trust(jolt_rad))
         return memory.at(index)
 
-    def _following(self, time_s: float) -> PoseFollower:
+    def _following(self, time_s: float) -> PoseFollower[Any, Any]:
         if self._follower is None:
             p = self._estimator.parameters
-            self._follower = PoseFollower(p, self.history, time_s, self._model)
+            self._follower = PoseFollower(self._model, p, self.history, time_s)
         return self._follower
 
     def _plan_path(self) -> PathPlan:
-        targets_mm = self.path.reference.target_mm
+        reference = self.path.reference
         stride = max(1, round(_KNOT_PERIOD_S / self.path.period_s))
-        knots = np.unique(np.append(np.arange(0.0, len(targets_mm), stride), self.path.last))
-        p, near, polish = self._estimator.parameters, np.zeros(2), self._model.polished
-        return plan_path(p, self._limits, targets_mm[knots.astype(int)], knots, near, polish)
+        knots = np.unique(np.append(np.arange(0.0, len(reference), stride), self.path.last))
+        return self._model.plan(self._estimator.parameters, self._limits, reference, knots)

@@ -19,6 +19,7 @@ import scipy
 
 from ccr_host.control.adaptive.identification import Fit, Predict, StaticsFit
 from ccr_host.control.adaptive.model import make_model
+from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.parameters import (
     COUNT,
     ZEROS,
@@ -73,7 +74,13 @@ class MisfitError(CcrError):
     """The robot is not the described one (exit status 3)."""
 
 
-def is_misfit(fit: Fit, rests: Rests, scaling: Scaling, *, zeros_are_known: bool = True) -> bool:
+def is_misfit(
+    fit: Fit,
+    rests: Rests,
+    scaling: ParameterSpace[Parameters],
+    *,
+    zeros_are_known: bool = True,
+) -> bool:
     """Whether the fitted model is far from the rests, or near only with implausible parameters.
 
     Args:
@@ -169,7 +176,7 @@ class _Trial:
     """A hypothesis and the fit of the parameters under it."""
 
     hypothesis: _Hypothesis
-    fit: StaticsFit
+    fit: StaticsFit[Parameters]
     price: float
 
     def cost(self) -> float:
@@ -267,7 +274,7 @@ def _hypotheses_before_setup(description: Description) -> Iterator[_Hypothesis]:
 
 
 def _trials(
-    hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, predict: Predict
+    hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, predict: Predict[Parameters]
 ) -> Iterator[_Trial]:
     freed = [Parameters._fields.index(name) for name in hypothesis.freed]
     under = scaling.freed(freed, _FREEDOM)
@@ -284,7 +291,7 @@ def _trials(
 
 
 def _as_supposed(
-    hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, predict: Predict
+    hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, predict: Predict[Parameters]
 ) -> Rests:
     """The rests with the setpoints and the frame that the hypothesis implies."""
     signs = [-1.0 if motor in hypothesis.reversed else 1.0 for motor in (0, 1)]

@@ -1,88 +1,117 @@
-"""The computations at every measurement, plain or compiled as ``control.solver`` says."""
+"""The static model of the paper's robot, and the choice of a model for any robot."""
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 
-from ccr_host.control.adaptive import motion, path_plan
+from ccr_host.control.adaptive import motion, path_plan, tip
 from ccr_host.control.adaptive.arithmetic import FloatArray
-from ccr_host.control.adaptive.identification import predicted_mm
-from ccr_host.control.adaptive.motion import Pose, first_pose, turned
-from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
+from ccr_host.control.adaptive.chain_space import ChainSpace
+from ccr_host.control.adaptive.chain_statics import ChainStatics
+from ccr_host.control.adaptive.motion import Pose
+from ccr_host.control.adaptive.parameter_space import ParameterSpace
+from ccr_host.control.adaptive.parameters import Parameters, Scaling
+from ccr_host.control.adaptive.static_model import PROBE, Hold, PathPlan, Sensitivity, StaticModel
+from ccr_host.control.adaptive.statics import hold_of, unhindered_setpoints_for
+from ccr_host.control.adaptive.tour import tour_stops_rad
 from ccr_host.core.plugins import import_optional
-from ccr_host.description.schema import Control
+from ccr_host.description.schema import Control, Description
+from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
-from ccr_host.robot.setpoint_history import SetpointHistory
+from ccr_host.robot.workspace import MotorLimits
 
-PROBE = 1e-5
-"""Perturbation of scores and setpoints, for derivatives."""
-
-
-class Sensitivity(NamedTuple):
-    """``tip`` (3, COUNT + 1), ``theta_rad`` (2, COUNT + 1): a column for each score, then time."""
-
-    tip: FloatArray
-    theta_rad: FloatArray
+_REFINEMENTS = 4
 
 
-class StaticModel(Protocol):
-    """The interface of the computations; both implementations share the formulas."""
+class PlainModel(StaticModel[Parameters, Pose]):
+    """The computations in plain Python; several parameter sets at once are arrays."""
+
+    def first_pose(self, p: Parameters, setpoint_rad: FloatArray) -> Pose:
+        return motion.first_pose(p, *setpoint_rad.tolist())
 
     def moved(self, p: Parameters, pose: Pose, setpoint_rad: FloatArray) -> Pose:
-        """``motion.moved`` to setpoints, (2,)."""
-        ...
+        return motion.moved(p, pose, *setpoint_rad.tolist())
 
-    def sensitivity(
-        self, scaling: Scaling, score: FloatArray, pose: Pose, rate_rad_s: FloatArray
-    ) -> Sensitivity:
-        """Derivatives of the tip at rest in parameters and setpoints, see ``motion.change_of``.
+    def turned(self, p: Parameters, pose: Pose, setpoint_rad: FloatArray) -> Pose:
+        if p.friction_1 > 0.0:
+            return self.moved(p, pose, setpoint_rad)
+        return motion.turned(p, pose, *setpoint_rad.tolist())
 
-        Args:
-            scaling: scaling of the scores.
-            score: scores of the parameters, (COUNT,).
-            pose: pose at rest.
-            rate_rad_s: rate of the setpoints, (2,), for the last column, a speed.
-        """
-        ...
+    def shifted(
+        self, before: Parameters, after: Parameters, pose: Pose, theta_rad: FloatArray
+    ) -> Pose:
+        return motion.shifted(before, after, pose, theta_rad)
+
+    def tip_mm(self, p: Parameters, theta_rad: FloatArray) -> FloatArray:
+        return tip.tip_mm(p, *theta_rad.tolist())
+
+    def turned_back_mm(self, p: Parameters, seen_mm: FloatArray) -> FloatArray:
+        return tip.turned_back_mm(p, seen_mm)
 
     def predicted_mm(self, p: Parameters, rests: Rests) -> FloatArray:
-        """``identification.predicted_mm``."""
-        ...
+        return motion.predicted_mm(p, rests)
+
+    def sensitivity(
+        self,
+        space: ParameterSpace[Parameters],
+        score: FloatArray,
+        pose: Pose,
+        rate_rad_s: FloatArray,
+    ) -> Sensitivity:
+        here = motion.slopes_of(space.parameters(score), pose)
+        travel_1, travel_2 = np.zeros((2, space.count + 1))
+        travel_1[-1], travel_2[-1] = PROBE * rate_rad_s
+        near = space.perturbed(score, PROBE)
+        columns = np.array(motion.change_of(here, near, pose, travel_1, travel_2)) / PROBE
+        return Sensitivity(columns[:3], columns[3:])
+
+    def hold(
+        self,
+        p: Parameters,
+        pose: Pose,
+        theta_rad: FloatArray,
+        sides: tuple[float, ...],
+        change_over: tuple[float, ...],
+    ) -> Hold:
+        (side_1, side_2), (most_1, most_2) = sides, change_over
+        theta_1, theta_2 = theta_rad.tolist()
+        held = hold_of(p, theta_1, theta_2, pose.anchors, (side_1, side_2), (most_1, most_2))
+        return Hold(motion.setpoint_for(p, pose, held.shafts), held.sides)
+
+    def unhindered_rad(self, p: Parameters, theta_rad: FloatArray) -> FloatArray:
+        return unhindered_setpoints_for(p, theta_rad)
+
+    def nearest(
+        self,
+        p: Parameters,
+        planned_rad: FloatArray,
+        shift_rad: FloatArray,
+        aim_mm: FloatArray,
+    ) -> FloatArray:
+        return self.polished(p, planned_rad + shift_rad, aim_mm, _REFINEMENTS)
 
     def polished(
         self, p: Parameters, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
     ) -> FloatArray:
         """``path_plan.polished``."""
-        ...
+        return path_plan.polished(p, theta_rad, target_mm, iterations)
 
+    def plan(
+        self, p: Parameters, limits: MotorLimits, reference: Reference, knots: FloatArray
+    ) -> PathPlan:
+        targets_mm = reference.target_mm[knots.astype(int)]
+        return path_plan.plan_path(p, limits, targets_mm, knots, np.zeros(2), self.polished)
 
-class PlainModel:
-    """The computations in plain Python; several parameter sets at once are arrays."""
-
-    predicted_mm = staticmethod(predicted_mm)
-    polished = staticmethod(path_plan.polished)
-
-    def moved(self, p: Parameters, pose: Pose, setpoint_rad: FloatArray) -> Pose:
-        return motion.moved(p, pose, *setpoint_rad.tolist())
-
-    def sensitivity(
-        self, scaling: Scaling, score: FloatArray, pose: Pose, rate_rad_s: FloatArray
-    ) -> Sensitivity:
-        here = motion.slopes_of(scaling.parameters(score), pose)
-        travel_1, travel_2 = np.zeros((2, COUNT + 1))
-        travel_1[-1], travel_2[-1] = PROBE * rate_rad_s
-        near = scaling.perturbed(score, PROBE)
-        columns = np.array(motion.change_of(here, near, pose, travel_1, travel_2)) / PROBE
-        return Sensitivity(columns[:3], columns[3:])
+    def tour_rad(self, p: Parameters, limits: MotorLimits) -> FloatArray:
+        return tour_stops_rad(p, limits)
 
 
 PLAIN = PlainModel()
 
 
-def make_model(control: Control) -> StaticModel:
+def make_model(control: Control) -> PlainModel:
     """Make the model that ``control.solver`` names.
 
     Raises:
@@ -96,42 +125,15 @@ def make_model(control: Control) -> StaticModel:
     return PLAIN
 
 
-class PoseFollower:
-    """Follows a history of setpoints completely, as backlash and friction depend on every turn.
+def make_static_model(
+    description: Description,
+) -> tuple[StaticModel[Any, Any], ParameterSpace[Any]]:
+    """The static model of a robot and its parameters.
 
-    Args:
-        p: parameters, floats.
-        history: history of the setpoints.
-        time_s: time from which to follow it.
-        model: computes the poses.
+    Raises:
+        ConfigError: it needs an extra that is not installed.
     """
-
-    def __init__(
-        self,
-        p: Parameters,
-        history: SetpointHistory,
-        time_s: float,
-        model: StaticModel = PLAIN,
-    ) -> None:
-        self._model = model
-        self._history = history
-        self._time_s = time_s
-        self.pose = first_pose(p, *history.at(time_s).tolist())
-
-    def advance_to(self, p: Parameters, time_s: float) -> Pose:
-        """The pose at a time, or the present one if that is later."""
-        if time_s > self._time_s:
-            for setpoint_rad in self._history.corners(self._time_s, time_s):
-                self.pose = self._model.moved(p, self.pose, setpoint_rad)
-            self._time_s = time_s
-        return self.pose
-
-    def ahead(self, p: Parameters) -> Pose:
-        """Backlash and friction after all commands; the bending angles are not updated."""
-        pose = self.pose
-        for setpoint_rad in self._history.corners(self._time_s, math.inf):
-            if p.friction_1 > 0.0:
-                pose = self._model.moved(p, pose, setpoint_rad)
-            else:
-                pose = turned(p, pose, *setpoint_rad.tolist())
-        return pose
+    if not description.robot.segments:
+        return make_model(description.control), Scaling.of(description)
+    space = ChainSpace(description)
+    return ChainStatics(description, space), space

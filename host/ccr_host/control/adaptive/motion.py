@@ -21,8 +21,9 @@ from ccr_host.control.adaptive.statics import (
     settled,
     shafts_of,
 )
-from ccr_host.control.adaptive.tip import Tip, seen_of, tip_of
+from ccr_host.control.adaptive.tip import Tip, markers_of, seen_of, tip_of
 from ccr_host.robot.arc import Number
+from ccr_host.robot.rests import Rests
 
 _LONGEST_STEP_RAD = np.radians(8.0)
 """Travel of a motor over which the segments are assumed to move in one direction only."""
@@ -187,3 +188,14 @@ def change_of(
         yielding_1,
         yielding_2,
     )
+
+
+def predicted_mm(p: Parameters, rests: Rests) -> FloatArray:
+    """M2 and M3 at the rests, (N, ..., 2, 3), for parameters that are floats or arrays (...)."""
+    pose = first_pose(p, *rests.start_rad.tolist())
+    markers = []
+    for q_1, q_2 in rests.q_rad.tolist():
+        pose = moved(p, pose, q_1, q_2)
+        middle, tip = markers_of(p, pose.theta_1, pose.theta_2)
+        markers.append(np.stack([stacked(*middle), stacked(*tip)], axis=-2))
+    return np.array(markers)

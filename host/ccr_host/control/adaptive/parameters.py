@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.control.adaptive.parameter_space import ParameterSpace, Prior, Roles
 from ccr_host.description.schema import Description, Robot
 from ccr_host.description.simulation import Tracker
 from ccr_host.robot.arc import Number
@@ -110,18 +110,23 @@ COUNT = Parameters._fields.index("up_x")
 """Number of the uncertain ones, which come first."""
 TURNS = [Parameters._fields.index(f"turn_{axis}_rad") for axis in "xyz"]
 ZEROS = [Parameters._fields.index(f"zero_{motor}_rad") for motor in (1, 2)]
-PUSHES = [Parameters._fields.index(name) for name in ("push_x_per_mm", "push_y_per_mm")]
-"""No push is assumed on a robot at rest, as a push looks like a turned camera."""
-_RINGING_MM = 0.32
-"""Error of a coordinate of a measurement at rest, in addition to the camera's noise."""
-_MODEL_MM = 0.25
-"""Assumed error of a coordinate of a rest, however often it was measured: larger than the model's
-residual, as its errors are correlated in neighbouring rests."""
+
+
+def _numbers(*names: str) -> list[int]:
+    return [Parameters._fields.index(name) for name in names]
+
+
+PUSHES = _numbers("push_x_per_mm", "push_y_per_mm")
+_ROLES = Roles(
+    drifting=_numbers("compliance_1", "compliance_2", "slack_1_rad", "slack_2_rad", "tip_per_mm"),
+    hindrances=_numbers("backlash_rad", "friction_1"),
+    loads=[*_numbers("tip_per_mm"), *PUSHES],
+    pushes=PUSHES,
+)
+"""Threads creep and tools change, while the geometry stays constant."""
 _USUAL_TURN_DEG = 0.5
 """Standard deviation of a registration that does not state it."""
 _LEAST_TURN_DEG = 0.1
-_SHAFT_RAD = math.radians(0.5)
-"""Deadband, backlash, droop, creep and friction of cheap parts make some tenths of a degree."""
 _USUALLY_SMALL = (
     "plane_1_rad",
     "plane_2_rad",
@@ -138,15 +143,6 @@ _NARROW = 0.05
 whether a robot is the described one: with all of their freedom most robots would be."""
 _FREE_ZERO_RAD = 0.8
 """Range of the zeros: the horn of a servo fits on its spline every 14.4 deg."""
-
-
-class Prior(NamedTuple):
-    """The prior of each parameter, from the description and the kind of robot, (COUNT,) each."""
-
-    mean: FloatArray
-    deviation: FloatArray
-    lower: FloatArray
-    upper: FloatArray
 
 
 def prior_of(robot: Robot) -> Prior:
@@ -216,8 +212,8 @@ def parameters_of(vector: FloatArray | Sequence[float]) -> Parameters:
     return Parameters(*map(float, vector))
 
 
-class Scaling:
-    """Parameters as scores, (parameter - prior mean) / prior deviation, and their bounds.
+class Scaling(ParameterSpace[Parameters]):
+    """The parameters of the paper's robot as scores.
 
     Args:
         robot: section of the description for the prior.
@@ -237,17 +233,12 @@ class Scaling:
         prior = prior_of(robot)
         up = -np.array(robot.gravity_direction)
         self._known = np.append(up, robot.tendon_radius_mm)
-        self._noise_mm = math.hypot(_RINGING_MM, noise_mm / math.sqrt(3.0))
-        self._mean, self.deviation = prior.mean, prior.deviation
-        self.shaft_rad = _SHAFT_RAD
-        """Unexplained shaft angle of a rest."""
         if turn_deviation_rad is not None:
-            self.deviation[TURNS] = turn_deviation_rad
+            prior.deviation[TURNS] = turn_deviation_rad
         if zero_deviation_rad is not None:
-            self.deviation[ZEROS] = zero_deviation_rad
+            prior.deviation[ZEROS] = zero_deviation_rad
             prior.lower[ZEROS], prior.upper[ZEROS] = -_FREE_ZERO_RAD, _FREE_ZERO_RAD
-        self._lower = (prior.lower - prior.mean) / self.deviation
-        self._upper = (prior.upper - prior.mean) / self.deviation
+        super().__init__(prior, _ROLES, noise_mm)
 
     @classmethod
     def of(cls, description: Description) -> Scaling:
@@ -258,11 +249,6 @@ class Scaling:
         stated_deg = registration.uncertainty_deg or _USUAL_TURN_DEG
         turn_rad = np.radians(np.maximum(stated_deg, _LEAST_TURN_DEG))
         return cls(description.robot, turn_rad, noise_mm=noise_mm)
-
-    def deviation_mm(self, count: FloatArray) -> FloatArray:
-        """Standard deviation of a coordinate of rests that were measured ``count`` times, (N,)."""
-        deviation_mm: FloatArray = np.hypot(self._noise_mm / np.sqrt(count), _MODEL_MM)
-        return deviation_mm
 
     def parameters(self, score: FloatArray) -> Parameters:
         """The parameters of scores, as floats."""
@@ -282,6 +268,19 @@ class Scaling:
         other = copy.copy(self)
         other._known = np.append(-np.array(gravity), self._known[3])
         return other
+
+    def by_shaft(self, shaft_rad: float) -> FloatArray:
+        scores = np.zeros((COUNT, len(ZEROS)))
+        scores[ZEROS, range(len(ZEROS))] = shaft_rad / self.deviation[ZEROS]
+        return scores
+
+    def priors(self) -> tuple[Scaling, Scaling]:
+        """The wide prior leaves the turn of an unregistered camera more uncertain.
+
+        By 1 deg instead of 0.7 about x, which a robot without the faults that it allows for need
+        not accept.
+        """
+        return self, self.narrow()
 
     def narrow(self) -> Scaling:
         """For a robot without the faults of cheap parts."""
@@ -306,7 +305,3 @@ class Scaling:
         other._lower = (lower - other._mean) / other.deviation
         other._upper = (upper - other._mean) / other.deviation
         return other
-
-    def bounded(self, score: FloatArray) -> FloatArray:
-        """The nearest scores within the bounds."""
-        return np.clip(score, self._lower, self._upper)

@@ -8,12 +8,12 @@ selects one of each with minimum squared error plus a price of steps.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from ccr_host.control.adaptive.arithmetic import FloatArray, Two, split, stacked, within
 from ccr_host.control.adaptive.parameters import Parameters
+from ccr_host.control.adaptive.static_model import PathPlan
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import straight_tip_mm, tip_of
 from ccr_host.robot.arc import Number
@@ -30,18 +30,6 @@ _POLISHING_STEPS = 12
 _DAMPING_MM2 = 150.0
 """More than the curvature due to an unreachable target at the fold: 3.5 mm times 40 mm/rad^2."""
 _LONGEST_STEP_RAD = 0.1
-
-
-@dataclass(frozen=True)
-class PathPlan:
-    """Bending angles at the knots of a path, (K, 2), and the knots' step indices, (K,)."""
-
-    knots: FloatArray
-    theta_rad: FloatArray
-
-    def bending_rad(self, index: float) -> FloatArray:
-        """Bending angles at a fractional step, (2,), interpolated linearly."""
-        return np.array([np.interp(index, self.knots, column) for column in self.theta_rad.T])
 
 
 class Atlas:

@@ -159,7 +159,7 @@ def _shortfall(stiffness: Number) -> Number:
     return positive(_LEAST_STIFFNESS - stiffness)
 
 
-class Hold(NamedTuple):
+class ShaftHold(NamedTuple):
     """Shaft angles, and which tendon of each pair pulls: 1 or -1."""
 
     shafts: Two
@@ -173,7 +173,7 @@ def hold_of(
     anchors: Four,
     sides: Two,
     change_over: Two = (LEAST_CHANGE_OVER, LEAST_CHANGE_OVER),
-) -> Hold:
+) -> ShaftHold:
     """The shaft angles that hold the robot at given bending angles, the exact inverse of rest.
 
     Args:
@@ -216,7 +216,7 @@ def hold_of(
     )
     shaft_1 = (theta_1 + side_1 * taken_1) / p.gain_1
     shaft_2 = (theta_2 + p.plane_1_rad * theta_1 + side_2 * taken_2) / p.gain_2
-    return Hold((shaft_1, shaft_2), (side_1, side_2))
+    return ShaftHold((shaft_1, shaft_2), (side_1, side_2))
 
 
 def _side(pull: Number, before: Number, change_over: Number) -> Number:

@@ -4,16 +4,11 @@ import numpy as np
 import pytest
 
 from ccr_host.control.adaptive.estimator import Estimator, Tuning
-from ccr_host.control.adaptive.identification import (
-    StaticsFit,
-    fits_to,
-    likeliest,
-    predicted_mm,
-    tour_bending_rad,
-)
-from ccr_host.control.adaptive.model import PLAIN, PoseFollower
-from ccr_host.control.adaptive.motion import first_pose, moved
+from ccr_host.control.adaptive.identification import StaticsFit, fits_to, likeliest
+from ccr_host.control.adaptive.model import PLAIN
+from ccr_host.control.adaptive.motion import first_pose, moved, predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
+from ccr_host.control.adaptive.static_model import PoseFollower
 from ccr_host.control.adaptive.statics import (
     routes_of,
     settled,
@@ -21,6 +16,7 @@ from ccr_host.control.adaptive.statics import (
     unhindered_setpoints_for,
 )
 from ccr_host.control.adaptive.tip import tip_mm
+from ccr_host.control.adaptive.tour import tour_bending_rad
 from ccr_host.control.shell import smooth_moves
 from ccr_host.description.schema import Robot
 from ccr_host.robot.rests import Rests
@@ -58,14 +54,18 @@ def _tips_elsewhere(p):
 @pytest.mark.long
 def test_the_tour_tells_all_parameters_well_enough_to_predict_other_taut_poses():
     truth = _believable(1)
-    found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.15)).finish().score)
+    found = SCALING.parameters(
+        StaticsFit(SCALING, _tour_of(truth, 0.15), predicted_mm).finish().score
+    )
     assert _tips_elsewhere(found) == pytest.approx(_tips_elsewhere(truth), abs=0.5)
 
 
 @pytest.mark.long
 def test_the_tour_tells_play_from_friction():
     truth = PRIOR._replace(backlash_rad=0.008, friction_1=0.22)
-    found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.3)).finish().score)
+    found = SCALING.parameters(
+        StaticsFit(SCALING, _tour_of(truth, 0.3), predicted_mm).finish().score
+    )
     assert found.backlash_rad == pytest.approx(0.008, abs=0.003)
     assert found.friction_1 == pytest.approx(0.22, abs=0.06)
 
@@ -74,7 +74,7 @@ def test_the_tour_tells_play_from_friction():
 def test_a_wild_rest_does_not_spoil_the_fit():
     rests = _tour_of(PRIOR)
     rests.markers_mm[7, 1:] += 30.0
-    found = SCALING.parameters(StaticsFit(SCALING, rests).finish().score)
+    found = SCALING.parameters(StaticsFit(SCALING, rests, predicted_mm).finish().score)
     assert np.median(np.linalg.norm(predicted_mm(found, rests) - rests.vectors_mm, axis=2)) < 0.3
 
 
@@ -89,7 +89,7 @@ def test_a_wild_rest_does_not_spoil_the_fit():
     ],
 )
 def test_the_prior_of_cheap_robots_is_taken_only_for_robots_with_their_faults(fault, is_narrow):
-    fits = fits_to(SCALING, _tour_of(PRIOR._replace(**fault), 0.3))
+    fits = fits_to(SCALING, _tour_of(PRIOR._replace(**fault), 0.3), predicted_mm)
     assert fits is not None
     for fit in fits:
         fit.finish()
@@ -98,7 +98,7 @@ def test_the_prior_of_cheap_robots_is_taken_only_for_robots_with_their_faults(fa
 
 @pytest.mark.long
 def test_each_step_of_the_fit_leaves_less():
-    fit, left_mm = StaticsFit(SCALING, _tour_of(_believable(3))), []
+    fit, left_mm = StaticsFit(SCALING, _tour_of(_believable(3)), predicted_mm), []
     while fit.improve():
         left_mm.append(fit.result().rms_mm)
     assert len(left_mm) > 2
@@ -139,11 +139,11 @@ def test_sensitivity_is_the_derivative_of_the_rest_pose():
 
 @functools.cache
 def _fit_to_the_prior():
-    return StaticsFit(SCALING, _tour_of(PRIOR)).finish()
+    return StaticsFit(SCALING, _tour_of(PRIOR), predicted_mm).finish()
 
 
 def _estimator_at_rest():
-    estimator = Estimator(SCALING, _fit_to_the_prior(), Tuning())
+    estimator = Estimator(PLAIN, SCALING, _fit_to_the_prior(), Tuning())
     return estimator, first_pose(estimator.parameters, *HERE)
 
 
@@ -210,7 +210,7 @@ def test_following_a_history_in_pieces_or_at_once_comes_to_the_same_rest():
     history = SetpointHistory(STILL)
     for number, q in enumerate([(0.2, 0.3), (0.1, 0.5), (0.15, 0.1)]):
         history.command(float(number), np.array(q), 0.5)
-    pieces, once = PoseFollower(p, history, -1.0), PoseFollower(p, history, -1.0)
+    pieces, once = PoseFollower(PLAIN, p, history, -1.0), PoseFollower(PLAIN, p, history, -1.0)
     for time_s in (0.1, 0.4, 1.7, 1.9, 2.2):
         pieces.advance_to(p, time_s)
     apart = pieces.advance_to(p, 4.0).theta_rad - once.advance_to(p, 4.0).theta_rad

@@ -5,8 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ccr_host.control.adaptive.identification import StaticsFit, tour_stops_rad
+from ccr_host.control.adaptive.identification import StaticsFit
+from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
+from ccr_host.control.adaptive.tour import tour_stops_rad
 from ccr_host.description import schema
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
@@ -38,7 +40,7 @@ def test_the_model_explains_the_twin_whichever_way_gravity_pulls(direction: str)
     vectors_mm = np.full((len(stops_rad), 2, 3), np.nan)
     vectors_mm[:, 1] = [equilibrium.tip_mm(stop_rad) for stop_rad in stops_rad]
     rests = Rests.of_vectors(np.zeros(2), stops_rad, vectors_mm, np.full(len(stops_rad), 6.0))
-    assert StaticsFit(scaling, rests).finish().rms_mm < 0.2
+    assert StaticsFit(scaling, rests, predicted_mm).finish().rms_mm < 0.2
 
 
 @cache

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from ccr_host.control.adaptive.identification import StaticsFit, predicted_mm, tour_bending_rad
+from ccr_host.control.adaptive.identification import StaticsFit
 from ccr_host.control.adaptive.misfit import zeros_off
+from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for, zeros_rad
+from ccr_host.control.adaptive.tour import tour_bending_rad
 from ccr_host.description import schema
 from ccr_host.robot.rests import Rests
 from ccr_host.run.execute import execute_quietly
@@ -73,7 +75,7 @@ def rests_of(truth: Parameters) -> Rests:
 def test_what_is_the_robots_is_not_blamed_on_the_camera(robot: dict[str, float]) -> None:
     scaling = Scaling.of(schema.load())
     truth = scaling.parameters(np.zeros(COUNT))._replace(**robot)
-    found = scaling.parameters(StaticsFit(scaling, rests_of(truth)).finish().score)
+    found = scaling.parameters(StaticsFit(scaling, rests_of(truth), predicted_mm).finish().score)
     turn_rad = np.array([found.turn_x_rad, found.turn_y_rad, found.turn_z_rad])
     assert np.degrees(np.abs(turn_rad)).max() < 0.5
     for name, value in robot.items():
@@ -90,7 +92,7 @@ def test_the_end_of_segment_1_tells_a_zero_from_a_turned_camera() -> None:
     for first in (0, 1):  # with M2, and without
         rests.markers_mm[:, 1:] = seen_mm
         rests.markers_mm[:, 1 : 1 + first] = np.nan
-        found = scaling.parameters(StaticsFit(scaling, rests).finish().score)
+        found = scaling.parameters(StaticsFit(scaling, rests, predicted_mm).finish().score)
         off_rad.append([abs(found.turn_x_rad + 0.05), abs(zeros_rad(found)[0] - 0.06)])
     assert np.all(off_rad[0] < np.multiply(off_rad[1], 0.7))
 

@@ -1,0 +1,349 @@
+"""Static model of any robot on tendons: rests, their derivatives, and their inverse.
+
+Segments bend evenly by the degrees of freedom theta, (D,), of ``robot.tendon_rest``, whose energy
+is least at rest. Backlash is the play of ``RestModel``; dry friction is left to feedback.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+from scipy.stats import qmc
+
+from ccr_host.control.adaptive.chain_space import ChainParameters, ChainSpace
+from ccr_host.control.adaptive.parameter_space import ParameterSpace
+from ccr_host.control.adaptive.static_model import PROBE, Hold, PathPlan, Sensitivity, StaticModel
+from ccr_host.description.schema import Description
+from ccr_host.robot.chain import PAPER_FRAME
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.reference import Reference
+from ccr_host.robot.rests import Rests
+from ccr_host.robot.tendon_rest import TendonRobot, solved
+from ccr_host.robot.workspace import MotorLimits
+
+FloatArray = NDArray[np.float64]
+
+_TOUR_FIRST, _TOUR_PER_FREEDOM = 12, 4
+"""Number of rests of the tour, and how many more each degree of freedom takes."""
+_TOUR_BENDING_RAD, _TOUR_WHOLE_RAD = np.radians(100.0), np.radians(220.0)
+"""Most bending of a segment in each direction, and of all segments together."""
+_SHRINKING, _SHRINKINGS = 0.9, 20
+"""Bending out of the motors' reach is reduced, so often at most."""
+_EVENNESS = 1e-4
+"""Weight of the squared tensions beside that of the moments' errors, mm^2: it decides between
+tensions that hold the same pose, and leaves opposite tendons just taut."""
+_CORRECTIONS, _LEAST_SHARE, _HELD = 20, 0.01, 1e-6
+"""Newton's steps to the setpoints of a pose, by at least this share, and the moments over k_1 that
+may remain."""
+_SLACK_RANK, _MOST_PIVOTS = 1e-6, 1000
+_SLACKENED_MM = -1e6
+"""Pull at which no tendon is taut."""
+_LEAST_DEAD_MM = 1e-9
+"""Smaller dead travel, and looser tendons, are none."""
+_REST_RAD = 1e-5
+"""Newton's method ends with a step below this: the next one would be about its square."""
+_UNMOVED_RAD = np.radians(0.1)
+"""Demanded reversals of a shaft below this do not take up the whole backlash."""
+_PLANNING_STEPS, _FOLLOWING_STEPS = 30, 6
+_DAMPING_MM2 = 20.0
+"""More than the curvature of targets that are out of reach by a millimetre."""
+_RETURN_MM2 = 1.0
+"""Pull towards the planned bending among poses that are equally near."""
+_LONGEST_STEP_RAD = 0.2
+
+
+class ChainPose(NamedTuple):
+    """A pose at rest."""
+
+    setpoint_rad: FloatArray
+    """(n,)."""
+    travel_mm: FloatArray
+    """Pull of each tendon, behind the setpoints by backlash, (T,)."""
+    theta_rad: FloatArray
+    """Degrees of freedom, (D,)."""
+
+
+class ChainStatics(StaticModel[ChainParameters, ChainPose]):
+    """The static model of any robot.
+
+    Args:
+        description: of the robot.
+        space: its parameters.
+    """
+
+    def __init__(self, description: Description, space: ChainSpace) -> None:
+        self._space = space
+        self._model = space.model
+        self._nominal = ConstantCurvature(description.robot)
+        self._winding_mm = space.winding_mm
+        self._segments = len(description.robot.chain)
+
+    def first_pose(self, p: ChainParameters, setpoint_rad: FloatArray) -> ChainPose:
+        travel_mm = self._winding_mm @ setpoint_rad
+        return ChainPose(setpoint_rad, travel_mm, p.rest.rest(travel_mm[None])[0])
+
+    def moved(self, p: ChainParameters, pose: ChainPose, setpoint_rad: FloatArray) -> ChainPose:
+        ahead = self.turned(p, pose, setpoint_rad)
+        theta_rad = p.rest.rest(ahead.travel_mm[None], pose.theta_rad[None], _REST_RAD)[0]
+        return ahead._replace(theta_rad=theta_rad)
+
+    def turned(self, p: ChainParameters, pose: ChainPose, setpoint_rad: FloatArray) -> ChainPose:
+        travel_mm = _behind(p, pose.travel_mm, self._winding_mm @ setpoint_rad)
+        return ChainPose(setpoint_rad, travel_mm, pose.theta_rad)
+
+    def shifted(
+        self,
+        before: ChainParameters,
+        after: ChainParameters,
+        pose: ChainPose,
+        theta_rad: FloatArray,
+    ) -> ChainPose:
+        return pose._replace(theta_rad=theta_rad)
+
+    def tip_mm(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
+        tip: FloatArray = self._markers_mm(p, theta_rad[None])[0, -1]
+        return tip
+
+    def turned_back_mm(self, p: ChainParameters, seen_mm: FloatArray) -> FloatArray:
+        return seen_mm
+
+    def predicted_mm(self, p: ChainParameters, rests: Rests) -> FloatArray:
+        """Those of robots near by are first-order changes of this robot's."""
+        travel_mm = self._travel_mm(p, rests)
+        theta_rad = p.rest.rest(travel_mm)
+        here_mm = self._markers_mm(p, theta_rad)
+        if not p.near:
+            return here_mm
+        stiffness = p.rest.stiffness_matrix(theta_rad, travel_mm)
+        sets_mm = []
+        for other in p.near:
+            moments = other.rest.moments(theta_rad, self._travel_mm(other, rests))
+            sets_mm.append(self._markers_mm(other, theta_rad - solved(stiffness, moments)))
+        return np.stack([*sets_mm, here_mm], axis=1)
+
+    def sensitivity(
+        self,
+        space: ParameterSpace[ChainParameters],
+        score: FloatArray,
+        pose: ChainPose,
+        rate_rad_s: FloatArray,
+    ) -> Sensitivity:
+        """Of the parameters that are learnt along a path; the columns of the others are zero.
+
+        All that are learnt act by the bending alone.
+        """
+        p, learnt = space.parameters(score), self._space.learnt
+        theta_rad, travel_mm = pose.theta_rad[None], pose.travel_mm[None]
+        near = (space.parameters(score + step) for step in PROBE * np.eye(space.count)[learnt])
+        moments = [other.rest.moments(theta_rad, travel_mm) for other in near]
+        led_mm = travel_mm + PROBE * self._winding_mm @ rate_rad_s
+        moments.append(p.rest.moments(theta_rad, led_mm))
+        more = np.concatenate(moments) - p.rest.moments(theta_rad, travel_mm)
+        compliance = np.linalg.inv(p.rest.stiffness_matrix(theta_rad, travel_mm)[0])
+        yielding = np.zeros((theta_rad.shape[1], space.count + 1))
+        yielding[:, [*learnt, space.count]] = -compliance @ more.T / PROBE
+        _, by_theta = self._tip_by(p, theta_rad)
+        return Sensitivity(by_theta[0] @ yielding, yielding)
+
+    def hold(
+        self,
+        p: ChainParameters,
+        pose: ChainPose,
+        theta_rad: FloatArray,
+        sides: tuple[float, ...],
+        change_over: tuple[float, ...],
+    ) -> Hold:
+        """Tendons that need not pull are just taut if a motor winds them alone."""
+        tendons, held = self._tendons(p, theta_rad, sides, change_over)
+        shafts_rad = self._shafts_rad(p, theta_rad, tendons)
+        setpoints = []
+        for motor, tendon in enumerate(tendons):
+            wound_mm, half_mm = self._winding_mm[tendon, motor], p.half_dead_mm[tendon]
+            behind_mm, needed_mm = pose.travel_mm[tendon], wound_mm * shafts_rad[motor]
+            lag_mm = wound_mm * pose.setpoint_rad[motor] - behind_mm
+            ahead = lag_mm / max(half_mm, _LEAST_DEAD_MM)
+            ahead += (needed_mm - behind_mm) / (abs(wound_mm) * _UNMOVED_RAD)
+            setpoints.append((needed_mm + half_mm * np.clip(ahead, -1.0, 1.0)) / wound_mm)
+        return Hold(np.array(setpoints), held)
+
+    def unhindered_rad(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
+        free = (0.0,) * self._winding_mm.shape[1]
+        rows = [
+            self._shafts_rad(p, row, self._tendons(p, row, free, free)[0])
+            for row in theta_rad.reshape(-1, theta_rad.shape[-1])
+        ]
+        setpoints: FloatArray = np.array(rows).reshape(*theta_rad.shape[:-1], len(free))
+        return setpoints
+
+    def nearest(
+        self,
+        p: ChainParameters,
+        planned_rad: FloatArray,
+        shift_rad: FloatArray,
+        aim_mm: FloatArray,
+    ) -> FloatArray:
+        start_rad, planned = (planned_rad + shift_rad)[None], planned_rad[None]
+        found = self._polished(p, start_rad, planned, aim_mm[None], _FOLLOWING_STEPS)
+        return found.reshape(-1)
+
+    def plan(
+        self, p: ChainParameters, limits: MotorLimits, reference: Reference, knots: FloatArray
+    ) -> PathPlan:
+        """Near the configurations of the reference, between which effort and limits decided."""
+        steps = knots.astype(int)
+        planned_rad = self._nominal.bending_rad(reference.q_rad[steps])
+        targets_mm = reference.target_mm[steps]
+        found = self._polished(p, planned_rad, planned_rad, targets_mm, _PLANNING_STEPS)
+        return PathPlan(knots, found)
+
+    def tour_rad(self, p: ChainParameters, limits: MotorLimits) -> FloatArray:
+        """Bending spread evenly over all degrees of freedom, in an order of short moves."""
+        freedoms = self._model.freedom.shape[0]
+        number = _TOUR_FIRST + _TOUR_PER_FREEDOM * freedoms
+        shares = 2.0 * qmc.Halton(freedoms, scramble=False).random(number + 1)[1:] - 1.0
+        most_rad = min(_TOUR_BENDING_RAD, _TOUR_WHOLE_RAD / self._segments)
+        stops = []
+        for share in shares:
+            theta_rad, q_rad = most_rad * share, np.full_like(limits.lower_rad, np.inf)
+            for _ in range(_SHRINKINGS):
+                q_rad = self.unhindered_rad(p, theta_rad)
+                if np.array_equal(limits.clip(q_rad), q_rad):
+                    break
+                theta_rad = _SHRINKING * theta_rad
+            stops.append(limits.clip(q_rad))
+        ordered, here = [], np.zeros_like(stops[0])
+        while stops:
+            here = stops.pop(int(np.argmin([np.abs(stop - here).max() for stop in stops])))
+            ordered.append(here)
+        return np.array(ordered)
+
+    def _polished(
+        self,
+        p: ChainParameters,
+        start_rad: FloatArray,
+        planned_rad: FloatArray,
+        target_mm: FloatArray,
+        steps: int,
+    ) -> FloatArray:
+        """Damped Gauss-Newton towards the poses nearest to points, (N, D), (N, 3)."""
+        theta = start_rad
+        damping = np.diag(np.full(theta.shape[1], _DAMPING_MM2 + _RETURN_MM2))
+        for _ in range(steps):
+            tip_mm, by_theta = self._tip_by(p, theta)
+            transposed = np.swapaxes(by_theta, 1, 2)
+            slope = (transposed @ (tip_mm - target_mm)[:, :, None])[:, :, 0]
+            slope += _RETURN_MM2 * (theta - planned_rad)
+            step = np.linalg.solve(transposed @ by_theta + damping, slope[:, :, None])[:, :, 0]
+            theta = theta - np.clip(step, -_LONGEST_STEP_RAD, _LONGEST_STEP_RAD)
+        return theta
+
+    def _tip_by(self, p: ChainParameters, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tips, (N, 3), and their derivatives, (N, 3, D)."""
+        ends_mm, by_bend = self._model.ends_mm(p.rest, p.rest.bend_rad(theta_rad))
+        by_theta = np.einsum("nsdi,ysd->niy", by_bend[:, -1], self._model.freedom)
+        base_mm = self._model.group(p.score, "base")
+        return ends_mm[:, -1] @ PAPER_FRAME.T + base_mm, PAPER_FRAME @ by_theta
+
+    def _markers_mm(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
+        """M2 and the tip, (N, D) -> (N, 2, 3)."""
+        return self._model.seen_mm(p.score, p.rest, p.rest.bend_rad(theta_rad))
+
+    def _travel_mm(self, p: ChainParameters, rests: Rests) -> FloatArray:
+        """Pull of each tendon at rests, (N, T)."""
+        behind = self._winding_mm @ rests.start_rad
+        rows = []
+        for wound_mm in rests.q_rad @ self._winding_mm.T:
+            behind = _behind(p, behind, wound_mm)
+            rows.append(behind)
+        return np.array(rows)
+
+    def _tendons(
+        self,
+        p: ChainParameters,
+        theta_rad: FloatArray,
+        sides: tuple[float, ...],
+        change_over: tuple[float, ...],
+    ) -> tuple[list[int], tuple[float, ...]]:
+        """The tendon by which each motor holds a pose, and on which side: 1 or -1."""
+        every = np.arange(len(self._winding_mm))
+        tension = _tensions(p.rest, theta_rad, every)
+        pull = tension * np.abs(p.rest.lever_mm).max(axis=(1, 2))
+        tendons, held = [], []
+        for wound, side, most in zip(self._winding_mm.T, sides, change_over, strict=True):
+            first, second = np.flatnonzero(wound > 0.0), np.flatnonzero(wound < 0.0)
+            pulls = pull[first].max(initial=-1.0), pull[second].max(initial=-1.0)
+            is_first = pulls[0] >= pulls[1]
+            if side > 0.0 and len(first):
+                is_first = pulls[1] <= max(most, pulls[0])
+            elif side < 0.0 and len(second):
+                is_first = pulls[0] > max(most, pulls[1])
+            way = first if is_first else second
+            tendons.append(int(way[np.argmax(pull[way])]))
+            held.append(1.0 if is_first else -1.0)
+        return tendons, tuple(held)
+
+    def _shafts_rad(
+        self, p: ChainParameters, theta_rad: FloatArray, tendons: list[int]
+    ) -> FloatArray:
+        """Shaft angles that hold a pose, (n,); tendons that need not pull are just taut.
+
+        By the tendon with which each motor holds it, then corrected for others that are taut, too,
+        as those of a pretensioned pair are.
+        """
+        rest, winding_mm = p.rest, self._winding_mm
+        taken_mm = -rest.stretch_mm(theta_rad, np.zeros(len(winding_mm)))
+        tension = _tensions(rest, theta_rad, np.array(tendons))
+        needed_mm = taken_mm[tendons] + tension / rest.tendon_stiffness_mm2[tendons]
+        shafts_rad: FloatArray = needed_mm / winding_mm[tendons, range(len(tendons))]
+        levers_mm = rest.levers_mm(theta_rad)
+        moments = rest.moments(theta_rad, winding_mm @ shafts_rad)
+        share = 1.0
+        for _ in range(_CORRECTIONS):
+            if np.abs(moments).max() < _HELD or share < _LEAST_SHARE:
+                break
+            taut = winding_mm @ shafts_rad - taken_mm > -_LEAST_DEAD_MM
+            idle = ~(taut[:, None] & (winding_mm != 0.0)).any(axis=0)
+            # Of a motor that pulls no tendon, either side is taken to be taut, whichever it needs.
+            pulls = (taut[:, None] | idle) * winding_mm * rest.tendon_stiffness_mm2[:, None]
+            step_rad = np.linalg.lstsq(levers_mm.T @ pulls, moments, _SLACK_RANK)[0]
+            there_rad = self._taken_up(shafts_rad, step_rad * idle, taken_mm) + share * step_rad
+            there = rest.moments(theta_rad, winding_mm @ there_rad)
+            if np.abs(there).max() < np.abs(moments).max():
+                shafts_rad, moments, share = there_rad, there, 1.0
+            else:
+                share *= 0.5
+        return shafts_rad
+
+    def _taken_up(
+        self, shafts_rad: FloatArray, way_rad: FloatArray, taken_mm: FloatArray
+    ) -> FloatArray:
+        """Shaft angles, of motors that are to turn one way those at which a tendon is just taut."""
+        found = shafts_rad.copy()
+        for motor in np.flatnonzero(np.abs(way_rad) > _LEAST_DEAD_MM):
+            wound_mm = self._winding_mm[:, motor]
+            ahead = np.flatnonzero(wound_mm * way_rad[motor] > 0.0)
+            if len(ahead):
+                taut_rad = taken_mm[ahead] / wound_mm[ahead]
+                found[motor] = taut_rad[np.argmin(np.abs(taut_rad - shafts_rad[motor]))]
+        return found
+
+
+def _tensions(rest: TendonRobot, theta_rad: FloatArray, tendons: NDArray[np.intp]) -> FloatArray:
+    """Least tensions of some tendons that hold a pose, over k_1, 1/mm; 0 or more."""
+    load = rest.moments(theta_rad, np.full(len(rest.slack_mm), _SLACKENED_MM))
+    by_theta = rest.levers_mm(theta_rad)[tendons]
+    system = np.vstack([by_theta.T, math.sqrt(_EVENNESS) * np.eye(len(tendons))])
+    tension: FloatArray = nnls(
+        system, np.append(load, np.zeros(len(tendons))), maxiter=_MOST_PIVOTS
+    )[0]
+    return tension
+
+
+def _behind(p: ChainParameters, travel_mm: FloatArray, wound_mm: FloatArray) -> FloatArray:
+    """Pull of the tendons after further winding: the play operator."""
+    behind: FloatArray = np.clip(travel_mm, wound_mm - p.half_dead_mm, wound_mm + p.half_dead_mm)
+    return behind

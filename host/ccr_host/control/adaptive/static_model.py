@@ -1,0 +1,188 @@
+"""The interface of a static model: what the law, its filter and its fit need of any robot.
+
+``P`` are the parameters of a robot and ``S`` is its pose, with what backlash and friction remember;
+both belong to the model. Motors are n, bending angles D.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccr_host.control.adaptive.parameter_space import ParameterSpace
+from ccr_host.robot.reference import Reference
+from ccr_host.robot.rests import Rests
+from ccr_host.robot.setpoint_history import SetpointHistory
+from ccr_host.robot.workspace import MotorLimits
+
+FloatArray = NDArray[np.float64]
+
+PROBE = 1e-5
+"""Perturbation of scores and setpoints, for derivatives."""
+
+
+class Sensitivity(NamedTuple):
+    """``tip`` (3, COUNT + 1), ``theta_rad`` (D, COUNT + 1): a column for each score, then time."""
+
+    tip: FloatArray
+    theta_rad: FloatArray
+
+
+class Hold(NamedTuple):
+    """Setpoints that hold a pose, (n,), and which tendon of each motor's pair pulls: 1 or -1."""
+
+    setpoint_rad: FloatArray
+    sides: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class PathPlan:
+    """Bending angles at the knots of a path, (K, D), and the knots' step indices, (K,)."""
+
+    knots: FloatArray
+    theta_rad: FloatArray
+
+    def bending_rad(self, index: float) -> FloatArray:
+        """Bending angles at a fractional step, (D,), interpolated linearly."""
+        return np.array([np.interp(index, self.knots, column) for column in self.theta_rad.T])
+
+
+class Resting(Protocol):
+    """A pose at rest."""
+
+    @property
+    def theta_rad(self) -> FloatArray:
+        """Bending angles, (D,)."""
+        ...
+
+
+P = TypeVar("P")
+S = TypeVar("S", bound=Resting)
+
+
+class StaticModel(ABC, Generic[P, S]):
+    """Rest poses of a robot, their derivatives and their inverse."""
+
+    @abstractmethod
+    def first_pose(self, p: P, setpoint_rad: FloatArray) -> S:
+        """The pose at setpoints, (n,), without a history of motion."""
+
+    @abstractmethod
+    def moved(self, p: P, pose: S, setpoint_rad: FloatArray) -> S:
+        """The pose after a straight motion of the setpoints to new ones, (n,)."""
+
+    @abstractmethod
+    def turned(self, p: P, pose: S, setpoint_rad: FloatArray) -> S:
+        """``moved`` as far as what the pose remembers needs it: bending angles may stay behind."""
+
+    @abstractmethod
+    def shifted(self, before: P, after: P, pose: S, theta_rad: FloatArray) -> S:
+        """The pose at the bending angles of a corrected model, (D,)."""
+
+    @abstractmethod
+    def tip_mm(self, p: P, theta_rad: FloatArray) -> FloatArray:
+        """Tip in the camera's frame at bending angles, (D,) -> (3,)."""
+
+    @abstractmethod
+    def turned_back_mm(self, p: P, seen_mm: FloatArray) -> FloatArray:
+        """A vector of the camera's frame in the robot's, (3,)."""
+
+    @abstractmethod
+    def predicted_mm(self, p: P, rests: Rests) -> FloatArray:
+        """M2 and the tip at the rests, (N, ..., 2, 3), for one or several (...) sets ``p``."""
+
+    @abstractmethod
+    def sensitivity(
+        self, space: ParameterSpace[P], score: FloatArray, pose: S, rate_rad_s: FloatArray
+    ) -> Sensitivity:
+        """Derivatives of the tip and the bending angles at rest in parameters and setpoints.
+
+        Args:
+            space: of the parameters.
+            score: scores of the parameters, (COUNT,).
+            pose: pose at rest.
+            rate_rad_s: rate of the setpoints, (n,), for the last column, a speed.
+        """
+
+    @abstractmethod
+    def hold(
+        self,
+        p: P,
+        pose: S,
+        theta_rad: FloatArray,
+        sides: tuple[float, ...],
+        change_over: tuple[float, ...],
+    ) -> Hold:
+        """The setpoints that hold bending angles, (D,), the inverse of rest.
+
+        Args:
+            p: parameters of the robot.
+            pose: present pose.
+            theta_rad: bending angles to hold.
+            sides: which tendon of each motor's pair has pulled so far; 0 for none.
+            change_over: moment that the other tendon must have to supply before it takes over.
+        """
+
+    @abstractmethod
+    def unhindered_rad(self, p: P, theta_rad: FloatArray) -> FloatArray:
+        """Setpoints that hold bending angles without friction and backlash, (..., n)."""
+
+    @abstractmethod
+    def nearest(
+        self, p: P, planned_rad: FloatArray, shift_rad: FloatArray, aim_mm: FloatArray
+    ) -> FloatArray:
+        """Bending angles of the pose nearest to a point, (D,).
+
+        Args:
+            p: parameters of the robot.
+            planned_rad: planned bending angles, (D,).
+            shift_rad: difference to them of the last pose, (D,).
+            aim_mm: the point in the robot's frame, (3,).
+        """
+
+    @abstractmethod
+    def plan(self, p: P, limits: MotorLimits, reference: Reference, knots: FloatArray) -> PathPlan:
+        """A continuous sequence of poses along a path; ``knots`` are step indices, (K,)."""
+
+    @abstractmethod
+    def tour_rad(self, p: P, limits: MotorLimits) -> FloatArray:
+        """Motor angles of rests at which the parameters are observable, (N, n)."""
+
+
+class PoseFollower(Generic[P, S]):
+    """Follows a history of setpoints completely, as backlash and friction depend on every turn.
+
+    Args:
+        model: computes the poses.
+        p: parameters of one robot.
+        history: history of the setpoints.
+        time_s: time from which to follow it.
+    """
+
+    def __init__(
+        self, model: StaticModel[P, S], p: P, history: SetpointHistory, time_s: float
+    ) -> None:
+        self._model = model
+        self._history = history
+        self._time_s = time_s
+        self.pose = model.first_pose(p, history.at(time_s))
+
+    def advance_to(self, p: P, time_s: float) -> S:
+        """The pose at a time, or the present one if that is later."""
+        if time_s > self._time_s:
+            for setpoint_rad in self._history.corners(self._time_s, time_s):
+                self.pose = self._model.moved(p, self.pose, setpoint_rad)
+            self._time_s = time_s
+        return self.pose
+
+    def ahead(self, p: P) -> S:
+        """Backlash and friction after all commands; the bending angles need not be updated."""
+        pose = self.pose
+        for setpoint_rad in self._history.corners(self._time_s, math.inf):
+            pose = self._model.turned(p, pose, setpoint_rad)
+        return pose

@@ -1,0 +1,217 @@
+"""Rest poses of a described robot with uncertain parameters, each with its prior.
+
+Unknown are lengths, radii, stiffness and compliance of the segments, sag, dead travel, slack and
+place of every tendon, weight, and where the robot stands in the frame of the measurement.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ccr_host.description.schema import Segment
+from ccr_host.robot.chain import Weights, point_mm, tip_weights
+from ccr_host.robot.kinematics import freedom_of
+from ccr_host.robot.tendon_rest import TendonRobot
+
+FloatArray = NDArray[np.float64]
+
+_GLUE_MM, _PLACE_MM = 0.5, 5.0
+"""Deviation of a marker at the base from its place, and of the origin of other measurements."""
+_WEIGHT = 0.4
+"""Deviation of the weight times the robot's length, over the stiffness of segment 1."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A parameter of the fit, and its prior."""
+
+    kind: str
+    of: str
+    """Number of the segment or tendon, or axis."""
+    unit: str
+    mean: float
+    deviation: float
+
+    @property
+    def name(self) -> str:
+        """As in ``length_2_mm``."""
+        return "_".join(filter(None, (self.kind, self.of, self.unit)))
+
+
+class Markers(NamedTuple):
+    """What is seen of a robot."""
+
+    ends: tuple[int, ...]
+    """Numbers, from 0, of the segments at whose ends there is a marker."""
+    offset_mm: FloatArray
+    """Marker seen from the backbone, in the frame of its disk, (3,)."""
+    are_from_base: bool
+    """Whether they are seen from another marker at the base, not from anywhere near it."""
+
+
+def tip_alone(segments: int) -> Markers:
+    """The end of the backbone, seen from anywhere near the base."""
+    return Markers((segments - 1,), np.zeros(3), are_from_base=False)
+
+
+class RestModel:
+    """The robots that a description may mean, in the frame of their base until that is placed.
+
+    Args:
+        segments: as described.
+        markers: what is measured; by default the tip.
+        up: direction against gravity in the frame of the base, (3,), if the measurement is aligned
+            with that frame; the tip may then have a weight beyond that of the segments.
+    """
+
+    def __init__(
+        self,
+        segments: tuple[Segment, ...],
+        markers: Markers | None = None,
+        up: FloatArray | None = None,
+    ) -> None:
+        self._segments = segments
+        self._markers = markers or tip_alone(len(segments))
+        tendons = [(j, tendon) for j, s in enumerate(segments) for tendon in s.tendons]
+        self.segment_of = np.array([j for j, _ in tendons])
+        """Number of each tendon's segment, from 0, (T,)."""
+        self.winding = np.zeros((len(tendons), max(tendon.motor for _, tendon in tendons)))
+        """Pull of each tendon over that of the motors, (T, n)."""
+        for row, (_, tendon) in enumerate(tendons):
+            self.winding[row, tendon.motor - 1] = tendon.winding
+        self._passes = np.arange(len(segments)) <= self.segment_of[:, None]
+        self._angle_rad = np.radians([tendon.angle_deg for _, tendon in tendons])
+        self.freedom = freedom_of(segments)
+        self.length_mm = sum(s.length_mm for s in segments)
+        slack_mm = [tendon.slack_mm for _, tendon in tendons]
+        place_mm = _GLUE_MM if self._markers.are_from_base else _PLACE_MM
+        self.unknowns = _unknowns(segments, slack_mm, place_mm, up)
+        self._mean = np.array([u.mean for u in self.unknowns])
+        self.deviation = np.array([u.deviation for u in self.unknowns])
+        self._groups = _groups(self.unknowns)
+        self.frame = np.eye(3), np.zeros(3)
+        """Rotation and place of the base in the frame of the measurement, before ``turn``."""
+
+    def values(self, score: FloatArray) -> FloatArray:
+        """Parameters of scores, (parameter - mean) / deviation of the prior, both (P,)."""
+        values: FloatArray = self._mean + self.deviation * score
+        dead = self._groups["dead_travel"]
+        values[dead] = np.abs(values[dead])
+        return values
+
+    def group(self, score: FloatArray, name: str) -> FloatArray:
+        """The parameters whose names begin with this one, in order."""
+        values: FloatArray = self.values(score)[self._groups[name]]
+        return values
+
+    def robot(self, score: FloatArray) -> TendonRobot:
+        """The robot that the parameters stand for."""
+        radius_mm = self.group(score, "tendon_radius")
+        angle_rad = self._angle_rad + self.group(score, "angle")
+        towards = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
+        at_mm = self._passes * radius_mm
+        lengths_mm = self.group(score, "length")
+        compliance = np.exp(self.group(score, "log_compliance"))[self.segment_of]
+        own_mm = radius_mm[self.segment_of]
+        at_end = np.zeros(len(self._segments))
+        at_end[-1] = self.group(score, "tip_share").sum()
+        return TendonRobot(
+            lengths_mm=lengths_mm,
+            freedom=self.freedom,
+            stiffness=np.exp(np.append(0.0, self.group(score, "log_stiffness"))),
+            lever_mm=at_mm[..., None] * towards[:, None],
+            sag_mm=at_mm * self.group(score, "sag"),
+            slack_mm=self.group(score, "slack"),
+            tendon_stiffness_mm2=1.0 / (compliance * own_mm**2),
+            load_mm=self.group(score, "weight"),
+            weights=Weights(at_end, lengths_mm / lengths_mm.sum(), np.zeros(3)),
+        )
+
+    def half_dead_mm(self, score: FloatArray) -> FloatArray:
+        """Half the dead travel of each tendon, (T,)."""
+        half: FloatArray = 0.5 * self.group(score, "dead_travel")[self.segment_of]
+        return half
+
+    @property
+    def nothing(self) -> FloatArray:
+        """Scores of the description itself, (P,)."""
+        return np.zeros(len(self.unknowns))
+
+    def seen_mm(self, score: FloatArray, robot: TendonRobot, bend: FloatArray) -> FloatArray:
+        """Markers in the frame of the measurement at bending vectors, (N, S, 2) -> (N, ends, 3)."""
+        ends_mm, _ = self.ends_mm(robot, bend)
+        moved_mm = self.frame[1] + self.group(score, "base")
+        seen: FloatArray = ends_mm @ self.turn(score).T + moved_mm
+        return seen
+
+    def ends_mm(self, robot: TendonRobot, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Markers relative to that at the base, (n, ends, 3), and derivatives by the bending."""
+        ends, offset_mm = self._markers.ends, self._markers.offset_mm
+        places = np.empty((len(bend), len(ends), 3))
+        slopes = np.zeros((len(bend), len(ends), *bend.shape[1:], 3))
+        for place, end in enumerate(ends):
+            until = slice(0, end + 1)
+            at_end = tip_weights(end + 1, offset_mm)
+            point, by = point_mm(robot.lengths_mm[until], bend[:, until], at_end)
+            places[:, place], slopes[:, place, until] = point - offset_mm, by
+        return places, slopes
+
+    def turn(self, score: FloatArray) -> FloatArray:
+        """The turn from the robot's frame to that of the measurement, (3, 3)."""
+        vector = self.group(score, "turn")
+        if not len(vector):
+            return self.frame[0]
+        turn: FloatArray = Rotation.from_rotvec(vector).as_matrix() @ self.frame[0]
+        return turn
+
+
+def _unknowns(
+    segments: tuple[Segment, ...],
+    slack_mm: list[float],
+    place_deviation_mm: float,
+    up: FloatArray | None,
+) -> list[Unknown]:
+    """All parameters with their prior; stiffness and compliance by their logarithms.
+
+    Lengths are known to 5 %, radii to 7 %, tendons' places to 7 deg. The rest are assumptions about
+    robots on tendons: a few per cent of a radian of stretch, a millimetre of slack, weight that
+    bends by a tenth of a radian.
+    """
+    named = [(str(number), segment) for number, segment in enumerate(segments, 1)]
+    weight = _WEIGHT / sum(s.length_mm for s in segments)
+    weight_mean = np.zeros(3) if up is None else 0.5 * weight * up
+    turn = [Unknown("turn", axis, "rad", 0.0, 0.1) for axis in "xyz"]
+    tip = [Unknown("tip_share", "", "", 0.5, 0.5)]
+    return [
+        *(Unknown("length", n, "mm", s.length_mm, 0.05 * s.length_mm) for n, s in named),
+        *(
+            Unknown("tendon_radius", n, "mm", s.tendon_radius_mm, 0.07 * s.tendon_radius_mm)
+            for n, s in named
+        ),
+        *(Unknown("log_stiffness", n, "", math.log(s.stiffness), 0.3) for n, s in named[1:]),
+        *(Unknown("log_compliance", n, "", math.log(s.compliance), 0.7) for n, s in named),
+        *(Unknown("sag", n, "", s.sag, 0.02) for n, s in named),
+        *(Unknown("dead_travel", n, "mm", s.dead_travel_mm + 0.1, 0.2) for n, s in named),
+        *(Unknown("slack", str(n), "mm", s, 0.6) for n, s in enumerate(slack_mm, 1)),
+        *(Unknown("angle", str(n), "rad", 0.0, 0.12) for n in range(1, len(slack_mm) + 1)),
+        *(
+            Unknown("weight", axis, "per_mm", mean, weight)
+            for axis, mean in zip("xyz", weight_mean.tolist(), strict=True)
+        ),
+        *(turn if up is None else tip),
+        *(Unknown("base", axis, "mm", 0.0, place_deviation_mm) for axis in "xyz"),
+    ]
+
+
+def _groups(unknowns: list[Unknown]) -> dict[str, NDArray[np.intp]]:
+    names = [unknown.kind for unknown in unknowns]
+    return {
+        name: np.array([i for i, own in enumerate(names) if own == name], dtype=np.intp)
+        for name in {*names, "log_stiffness", "tip_share", "turn"}
+    }

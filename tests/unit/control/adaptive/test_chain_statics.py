@@ -1,0 +1,136 @@
+"""The static model of any robot: inverse, derivatives, fit; the paper's robot by both models."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ccr_host.control.adaptive.chain_space import ChainSpace
+from ccr_host.control.adaptive.chain_statics import ChainStatics
+from ccr_host.control.adaptive.identification import StaticsFit
+from ccr_host.control.adaptive.model import PLAIN
+from ccr_host.control.adaptive.parameters import COUNT, Scaling
+from ccr_host.description import schema
+from ccr_host.description.schema import Description, Robot
+from ccr_host.robot.rests import Rests
+from ccr_host.robot.workspace import MotorLimits
+
+ROBOTS = ["single", "two-spatial", "three-spatial"]
+
+
+def model_of(description: Description) -> tuple[ChainStatics, ChainSpace]:
+    space = ChainSpace(description)
+    return ChainStatics(description, space), space
+
+
+def believable(space: ChainSpace, seed: int) -> np.ndarray:
+    """Scores of a robot whose tendons are not taut while it is straight."""
+    score = 0.7 * np.random.default_rng(seed).standard_normal(space.count)
+    slack = [number for number, u in enumerate(space.model.unknowns) if u.kind == "slack"]
+    score[slack] = np.abs(score[slack])
+    return space.bounded(score)
+
+
+def some_bending(space: ChainSpace, seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-1.2, 1.2, len(space.model.freedom))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_setpoints_that_hold_a_pose_lead_there_through_slack_and_stretch(robot, seed):
+    model, space = model_of(schema.load(robot))
+    p = space.parameters(believable(space, seed))
+    for number in range(4):
+        theta_rad = some_bending(space, 10 * seed + number)
+        pose = model.first_pose(p, model.unhindered_rad(p, theta_rad))
+        assert pose.theta_rad == pytest.approx(theta_rad, abs=1e-4)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_backlash_is_taken_up_but_for_reversals_of_a_tenth_of_a_degree(robot):
+    model, space = model_of(schema.load(robot))
+    p, motors = space.parameters(believable(space, 2)), space.winding_mm.shape[1]
+    assert p.half_dead_mm.max() > 0.05
+    pose, free = model.first_pose(p, np.zeros(motors)), (0.0,) * motors
+    for number in range(6):
+        theta_rad = some_bending(space, number)
+        hold = model.hold(p, pose, theta_rad, free, free)
+        pose = model.moved(p, pose, hold.setpoint_rad)
+        assert pose.theta_rad == pytest.approx(theta_rad, abs=0.01)
+
+
+@pytest.mark.parametrize("robot", ["two-spatial", "three-spatial"])
+def test_no_tendon_of_a_motor_of_its_own_pulls_more_than_the_pose_needs(robot):
+    """One of the three tendons of a segment is just taut: there is no pretension."""
+    model, space = model_of(schema.load(robot))
+    p = space.parameters(np.zeros(space.count))
+    for seed in range(5):
+        q_rad = model.unhindered_rad(p, some_bending(space, seed))
+        stretch_mm = p.rest.stretch_mm(some_bending(space, seed), space.winding_mm @ q_rad)
+        for segment in range(len(p.rest.lengths_mm)):
+            assert stretch_mm[space.model.segment_of == segment].min() < 1e-3
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_sensitivity_is_the_slope_of_the_tip_at_rest(robot):
+    model, space = model_of(schema.load(robot))
+    score, q_rad = believable(space, 1), np.full(space.winding_mm.shape[1], 0.4)
+    pose = model.first_pose(space.parameters(score), q_rad)
+    found = model.sensitivity(space, score, pose, np.ones_like(q_rad))
+
+    def tip_mm(score: np.ndarray, q_rad: np.ndarray) -> np.ndarray:
+        p = space.parameters(score)
+        return model.tip_mm(p, model.first_pose(p, q_rad).theta_rad)
+
+    step = 1e-4
+    for number in space.learnt:
+        way = step * (np.arange(space.count) == number)
+        slope = (tip_mm(score + way, q_rad) - tip_mm(score - way, q_rad)) / (2.0 * step)
+        assert found.tip[:, number] == pytest.approx(slope, abs=1e-3)
+    slope = (tip_mm(score, q_rad + step) - tip_mm(score, q_rad - step)) / (2.0 * step)
+    assert found.tip[:, -1] == pytest.approx(slope, abs=1e-2)
+
+
+@pytest.mark.parametrize("robot", ["single", "two-spatial"])
+def test_a_tour_of_another_robot_is_fitted_to_the_noise(robot):
+    description = schema.load(robot)
+    model, space = model_of(description)
+    truth, prior = (space.parameters(s) for s in (believable(space, 5), np.zeros(space.count)))
+    stops_rad = model.tour_rad(prior, MotorLimits.of(description.servo))
+    rests = Rests(np.zeros_like(stops_rad[0]), stops_rad, np.empty(0), np.full(len(stops_rad), 6.0))
+    exact_mm = model.predicted_mm(truth, rests)
+    seen_mm = exact_mm + np.random.default_rng(1).normal(scale=0.1, size=exact_mm.shape)
+    rests = Rests.of_vectors(rests.start_rad, stops_rad, seen_mm, rests.count)
+    found = StaticsFit(space, rests, model.predicted_mm).finish()
+    off_mm = model.predicted_mm(space.parameters(found.score), rests) - exact_mm
+    assert found.explains
+    assert np.linalg.norm(off_mm, axis=-1).mean() < 0.25
+
+
+def test_the_papers_robot_rests_where_its_own_model_says_wherever_both_apply():
+    """Without what only that model knows: weight, sag, friction, uneven bending."""
+    paper = Robot()
+    plain = Scaling(paper).parameters(np.zeros(COUNT))
+    nothing = ("body_per_mm", "tip_per_mm", "sag_1", "sag_2")
+    plain = plain._replace(**dict.fromkeys(nothing, 0.0), compliance_1=0.2, compliance_2=0.1)
+    robot = Robot(segments=paper.chain, marker_offset_mm=15.0, pulley_radius_mm=12.5)
+    model, space = model_of(Description(robot=robot))
+    slack_mm = plain.slack_1_rad * paper.pulley_radius_mm
+    p = space.parameters(np.zeros(space.count))
+    r_mm2 = paper.tendon_radius_mm**2
+    rest = replace(
+        p.rest,
+        sag_mm=np.zeros_like(p.rest.sag_mm),
+        load_mm=np.zeros(3),
+        slack_mm=np.full(4, slack_mm),
+        tendon_stiffness_mm2=1.0 / (np.array([0.2, 0.2, 0.1, 0.1]) * r_mm2),
+    )
+    p = replace(p, rest=rest)
+    for q_rad in np.random.default_rng(2).uniform(-1.0, 1.0, (20, 2)):
+        general = model.first_pose(p, q_rad).theta_rad
+        special = PLAIN.first_pose(plain, q_rad).theta_rad
+        assert general == pytest.approx(special, abs=1e-6)
+        expected_mm = PLAIN.tip_mm(plain, special)
+        assert model.tip_mm(p, general) == pytest.approx(expected_mm, abs=1e-5)
