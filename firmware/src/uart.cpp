@@ -36,6 +36,7 @@ static_assert(error_baud(kClocksPerCount) * 40 <= kBaud, "baud rate more than 2.
 // What may be outstanding: 2.5 ms of a saturated line. On a large board twice as much, 10 ms, as a
 // dozen of its long replies find room in an empty send buffer, and are built one after another.
 ByteRing<(ccr::kIsLarge ? 2 : 1) * (ccr::kOutstandingBytes + 1)> received;
+static_assert(sizeof(decltype(received)::Index) == 1, "the main loop takes bytes without locking");
 // The UART holds two more bytes.
 ByteRing<ccr::kSendBytes + 1> to_send;
 volatile uint8_t lost_bytes = 0;
