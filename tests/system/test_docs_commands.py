@@ -44,7 +44,8 @@ SIMULATED = {
     r"--view$": "--view 127.0.0.1:0",
     r"^(track|compare --path) (8shape|ellipse|star)": r"\1 short.csv",
     r"^compare": "compare --path short.csv --controller mpc",
-    r"^track(?! .*spatial)": "track --controller mpc",
+    r"^track(?=.*spatial)": "track --controller pid-ik",
+    r"^track(?!.*spatial)": "track --controller mpc",
     r"^track": "track --no-open",
     r"--seed 1 --rate 1": "",
     r"^(calibrate .*) --tracker ndi-emulator:": r"\1",
@@ -52,7 +53,8 @@ SIMULATED = {
     r"^monitor": "monitor --duration 4",
     r"^view": "view --address 127.0.0.1:0",
 }
-"""What stands for hardware, real time, minutes of work and addresses that may be taken; `mpc` for
+"""What stands for hardware, real time, minutes of work and addresses that may be taken; `mpc`, on
+spatial robots at 20 Hz `pid-ik`, for
 the default controller, which approaches its path for half a minute of simulated time. A controller
 that is named comes later and counts."""
 TOLD_ELSEWHERE = {
