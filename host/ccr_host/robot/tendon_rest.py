@@ -166,6 +166,18 @@ class TendonRobot:
         return load_by
 
 
+def pulled_mm(travel_mm: FloatArray, wound_mm: FloatArray, half_dead_mm: FloatArray) -> FloatArray:
+    """Pull of tendons after further winding: the play operator.
+
+    Args:
+        travel_mm: pull of each before, (T,).
+        wound_mm: what the motors have wound up since the tendons were put on, (T,).
+        half_dead_mm: half of the travel that each loses after a reversal, (T,).
+    """
+    pulled: FloatArray = np.clip(travel_mm, wound_mm - half_dead_mm, wound_mm + half_dead_mm)
+    return pulled
+
+
 def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     """The solutions, (N, D), with the matrices, (N, D, D), made positive definite."""
     values, vectors = np.linalg.eigh(matrix)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Segment
 from ccr_host.robot.rest_model import Markers, RestModel
+from ccr_host.robot.tendon_rest import pulled_mm
 
 FloatArray = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ class ChainModel(RestModel):
         behind = self._wound_mm[0]
         rows: FloatArray = np.empty_like(self._wound_mm)
         for number, wound_mm in enumerate(self._wound_mm):
-            behind = np.clip(behind, wound_mm - half_mm, wound_mm + half_mm)
+            behind = pulled_mm(behind, wound_mm, half_mm)
             rows[number] = behind
         return rows
 

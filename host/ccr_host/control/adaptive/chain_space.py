@@ -20,8 +20,11 @@ from ccr_host.robot.tendon_rest import TendonRobot
 
 FloatArray = NDArray[np.float64]
 
-_BOUND = 4.0
+_BOUND = 5.0
 """Prior deviations within which every parameter stays."""
+_DEVIATIONS = {"slack": 1.0, "log_compliance": 1.0, "sag": 0.05}
+"""Those of a robot that was not identified: a millimetre of slack, threads as well as ropes, and
+the sag of five disks a segment."""
 _DRIFTING = ("log_compliance", "slack", "weight")
 """Threads creep and tools change, while the geometry stays constant."""
 _LOADS = ("weight", "tip_share")
@@ -63,6 +66,8 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         self._slack = [number for number, kind in enumerate(kinds) if kind == "slack"]
         mean = np.array([unknown.mean for unknown in self.model.unknowns])
         deviation = self.model.deviation
+        for number, kind in enumerate(kinds):
+            deviation[number] = _DEVIATIONS.get(kind, deviation[number])
         lower, upper = mean - _BOUND * deviation, mean + _BOUND * deviation
         lower[[kind in _NOT_NEGATIVE for kind in kinds]] = 0.0
         roles = Roles(
@@ -71,6 +76,8 @@ class ChainSpace(ParameterSpace[ChainParameters]):
             loads=[number for number, kind in enumerate(kinds) if kind in _LOADS],
             pushes=[],
         )
+        # Slack and stretch take a robot far from the prior.
+        self.believable_mm = self.model.length_mm
         self.learnt = sorted({*roles.drifting, *roles.loads})
         """Numbers of the parameters that are learnt along a path."""
         super().__init__(Prior(mean, deviation, lower, upper), roles, description.tracker.noise_mm)

@@ -22,7 +22,7 @@ from ccr_host.robot.chain import PAPER_FRAME
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
-from ccr_host.robot.tendon_rest import TendonRobot, solved
+from ccr_host.robot.tendon_rest import TendonRobot, pulled_mm, solved
 from ccr_host.robot.workspace import MotorLimits
 
 FloatArray = NDArray[np.float64]
@@ -33,7 +33,7 @@ _TOUR_BENDING_RAD, _TOUR_WHOLE_RAD = np.radians(100.0), np.radians(220.0)
 """Most bending of a segment in each direction, and of all segments together."""
 _SHRINKING, _SHRINKINGS = 0.9, 20
 """Bending out of the motors' reach is reduced, so often at most."""
-_EVENNESS = 1e-4
+_EVENNESS = 1e-7
 """Weight of the squared tensions beside that of the moments' errors, mm^2: it decides between
 tensions that hold the same pose, and leaves opposite tendons just taut."""
 _CORRECTIONS, _LEAST_SHARE, _HELD = 20, 0.01, 1e-6
@@ -43,7 +43,7 @@ _SLACK_RANK, _MOST_PIVOTS = 1e-6, 1000
 _SLACKENED_MM = -1e6
 """Pull at which no tendon is taut."""
 _LEAST_DEAD_MM = 1e-9
-"""Smaller dead travel, and looser tendons, are none."""
+"""Smaller dead travel and stretch are none."""
 _REST_RAD = 1e-5
 """Newton's method ends with a step below this: the next one would be about its square."""
 _UNMOVED_RAD = np.radians(0.1)
@@ -92,7 +92,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         return ahead._replace(theta_rad=theta_rad)
 
     def turned(self, p: ChainParameters, pose: ChainPose, setpoint_rad: FloatArray) -> ChainPose:
-        travel_mm = _behind(p, pose.travel_mm, self._winding_mm @ setpoint_rad)
+        travel_mm = pulled_mm(pose.travel_mm, self._winding_mm @ setpoint_rad, p.half_dead_mm)
         return ChainPose(setpoint_rad, travel_mm, pose.theta_rad)
 
     def shifted(
@@ -254,11 +254,11 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
     def _travel_mm(self, p: ChainParameters, rests: Rests) -> FloatArray:
         """Pull of each tendon at rests, (N, T)."""
-        behind = self._winding_mm @ rests.start_rad
+        travel_mm = self._winding_mm @ rests.start_rad
         rows = []
         for wound_mm in rests.q_rad @ self._winding_mm.T:
-            behind = _behind(p, behind, wound_mm)
-            rows.append(behind)
+            travel_mm = pulled_mm(travel_mm, wound_mm, p.half_dead_mm)
+            rows.append(travel_mm)
         return np.array(rows)
 
     def _tendons(
@@ -305,7 +305,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         for _ in range(_CORRECTIONS):
             if np.abs(moments).max() < _HELD or share < _LEAST_SHARE:
                 break
-            taut = winding_mm @ shafts_rad - taken_mm > -_LEAST_DEAD_MM
+            taut = winding_mm @ shafts_rad - taken_mm > _LEAST_DEAD_MM
             idle = ~(taut[:, None] & (winding_mm != 0.0)).any(axis=0)
             # Of a motor that pulls no tendon, either side is taken to be taut, whichever it needs.
             pulls = (taut[:, None] | idle) * winding_mm * rest.tendon_stiffness_mm2[:, None]
@@ -341,9 +341,3 @@ def _tensions(rest: TendonRobot, theta_rad: FloatArray, tendons: NDArray[np.intp
         system, np.append(load, np.zeros(len(tendons))), maxiter=_MOST_PIVOTS
     )[0]
     return tension
-
-
-def _behind(p: ChainParameters, travel_mm: FloatArray, wound_mm: FloatArray) -> FloatArray:
-    """Pull of the tendons after further winding: the play operator."""
-    behind: FloatArray = np.clip(travel_mm, wound_mm - p.half_dead_mm, wound_mm + p.half_dead_mm)
-    return behind

@@ -35,8 +35,6 @@ _UNSEEN_MM = 1e6
 SETTLED_AFTER_S = 0.15
 """Time after which a tip counts as resting when its servos rest."""
 _FEWEST_RESTS = 10
-_BELIEVABLE_MM = 60.0
-"""Random robots are 10 to 30 mm off the prior; confused markers are further off."""
 _PULSE_KEYS = {"neutral_pulse_us", "pulse_per_90_deg_us"}
 """The servo keys that define a commanded angle; limits may change."""
 _DIGITS = 12
@@ -251,7 +249,7 @@ def fits_to(
         return None
     prior = scaling.parameters(np.zeros(scaling.count))
     off_mm = np.linalg.norm(rests.tip_mm - predict(prior, rests)[:, 1], axis=1)
-    if not np.median(off_mm) < _BELIEVABLE_MM:
+    if not np.median(off_mm) < scaling.believable_mm:
         return None
     return [StaticsFit(prior, rests, predict) for prior in scaling.priors()]
 

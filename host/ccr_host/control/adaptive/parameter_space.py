@@ -56,6 +56,10 @@ class ParameterSpace(ABC, Generic[P]):
         noise_mm: RMS length of the error of a measured vector between two markers.
     """
 
+    believable_mm = 60.0
+    """Median distance of rests from the prior from which they are not fitted. Random robots of the
+    paper's kind are 10 to 30 mm off the prior; confused markers are further off."""
+
     def __init__(self, prior: Prior, roles: Roles, noise_mm: float = Tracker().noise_mm) -> None:
         self.roles = roles
         self.shaft_rad = _SHAFT_RAD
