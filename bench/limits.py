@@ -1,14 +1,17 @@
 """All controllers compared with their limits: the twin's floor and feedforward that knows the twin.
 
     python bench/limits.py [--robot NAME] [--rate HZ ...] [--seed N ...] [--controller NAME ...]
+        [--laps N] [--gravity X,Y,Z ...]
 
-Mean true error, mm, over the whole path. The feedforward knows the rest poses of the twin, its
+Mean true error of each lap, mm, and its ratio to the floor; one table for each direction of gravity
+in the robot's frame, which the description states. The feedforward knows the twin's rest poses, its
 servos and the delay; it uses no measurements and neglects friction and deadband.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,12 +35,13 @@ Array = NDArray[np.float64]
 PREVIEWS = (0, 1, 2, 3)
 """Previews, in steps; the best one is used, since delay and servo rate are known."""
 RAMP_SHARE = 0.8
+FEEDFORWARD = "feedforward"
 
 
 class KnowingFeedforward:
     """Commands the rest poses of the twin that are nearest to the path."""
 
-    name = "feedforward"
+    name = FEEDFORWARD
 
     def __init__(self, description: Description, preview: int) -> None:
         self._description, self._preview = description, preview
@@ -67,14 +71,18 @@ class KnowingFeedforward:
         )
 
 
-def mean_error_mm(records: list[StepRecord]) -> float:
-    """Mean error of the true tip, mm."""
-    errors_mm = true_errors_mm(records)
-    return float("nan") if errors_mm is None else float(np.linalg.norm(errors_mm, axis=1).mean())
+def lap_errors_mm(records: Sequence[StepRecord], reference: Reference) -> list[float]:
+    """Mean error of the true tip over each lap, mm; NaN from a lap on that was not completed."""
+    errors_mm = np.full((len(reference), 3), np.nan)
+    true_mm = true_errors_mm(records)
+    if true_mm is not None:
+        errors_mm[: len(true_mm)] = true_mm
+    norms_mm = np.linalg.norm(errors_mm, axis=1).reshape(reference.laps, -1)
+    return [float(mm) for mm in norms_mm.mean(axis=1)]
 
 
-def feedforward_mm(options: RunOptions) -> float:
-    """Mean error with the best preview, mm."""
+def feedforward_mm(options: RunOptions) -> list[float]:
+    """Mean error of each lap with the best preview, mm."""
     description, reference = options.description(), reference_of(options)
     errors_mm = []
     for preview in PREVIEWS:
@@ -84,49 +92,57 @@ def feedforward_mm(options: RunOptions) -> float:
             records = follow_path(
                 rig, controller, reference, description, observer, lambda *_: None
             )
-        errors_mm.append(mean_error_mm(records))
+        errors_mm.append(lap_errors_mm(records, reference))
     return min(errors_mm)
 
 
+def errors_mm_of(options: RunOptions) -> list[float]:
+    """Mean error of each lap of a run, mm."""
+    if options.controller == FEEDFORWARD:
+        return feedforward_mm(options)
+    result = execute(options, RunObserver(), lambda *_: None)
+    return lap_errors_mm(result.records, result.reference)
+
+
 def main() -> None:
-    """Measure and print one table per rate."""
+    """Measure and print one table per mounting and rate."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robot")
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--rate", type=float, nargs="+", default=[1.0, 20.0])
     parser.add_argument("--seed", type=int, nargs="+", default=[1])
-    parser.add_argument("--controller", nargs="+", default=[*controller_names(), *baseline_names()])
+    known = [FEEDFORWARD, *controller_names(), *baseline_names()]
+    parser.add_argument("--controller", nargs="+", default=known)
+    parser.add_argument("--laps", type=int, default=1)
+    parser.add_argument("--gravity", nargs="+", default=[""], metavar="X,Y,Z")
     arguments = parser.parse_args()
-    base = RunOptions(path="", robot=arguments.robot, overrides=tuple(arguments.overrides))
-    paths = PAPER_PATHS
-    for rate_hz in arguments.rate:
-        runs = [replace(base, path=path, rate_hz=rate_hz) for path in paths]
-        floors_mm = [twin_floor_mm(run, reference_of(run)) or float("nan") for run in runs]
-        print(f"\n| {rate_hz:g} Hz | seed |", *(f"{path} | ratio |" for path in paths))
-        print("|---" * (2 + 2 * len(paths)) + "|")
-        _print_row("floor", "", floors_mm, floors_mm)
-        known_mm = [feedforward_mm(run) for run in runs]
-        _print_row("feedforward that knows the twin", "", known_mm, floors_mm)
-        for name in arguments.controller:
-            for seed in arguments.seed:
-                results = [
-                    execute(replace(run, controller=name, seed=seed), RunObserver(), _silent)
-                    for run in runs
-                ]
-                errors_mm = [mean_error_mm(result.records) for result in results]
-                _print_row(name, str(seed), errors_mm, floors_mm)
+    for direction in arguments.gravity:
+        mounted = [f"robot.gravity_direction=[{direction}]"] if direction else []
+        overrides = (*arguments.overrides, *mounted)
+        base = RunOptions(path="", robot=arguments.robot, overrides=overrides, laps=arguments.laps)
+        for rate_hz in arguments.rate:
+            runs = [replace(base, path=path, rate_hz=rate_hz) for path in PAPER_PATHS]
+            floors_mm = [twin_floor_mm(run, reference_of(run)) or float("nan") for run in runs]
+            title = f"{rate_hz:g} Hz" + (f", gravity {direction}" if direction else "")
+            heads = [title, "seed", "lap", *(f"{path} | ratio" for path in PAPER_PATHS)]
+            print(f"\n| {' | '.join(heads)} |\n" + "|---" * (3 + 2 * len(runs)) + "|")
+            _print_row("floor", "", "", floors_mm, floors_mm)
+            for name in arguments.controller:
+                for seed in arguments.seed:
+                    seeded = [replace(run, controller=name, seed=seed) for run in runs]
+                    of_laps_mm = zip(*map(errors_mm_of, seeded), strict=True)
+                    for lap, errors_mm in enumerate(of_laps_mm, 1):
+                        _print_row(name, str(seed), str(lap), errors_mm, floors_mm)
 
 
-def _silent(*_: object) -> None:
-    pass
-
-
-def _print_row(name: str, seed: str, errors_mm: list[float], floors_mm: list[float]) -> None:
+def _print_row(
+    name: str, seed: str, lap: str, errors_mm: Sequence[float], floors_mm: Sequence[float]
+) -> None:
     cells = [
-        f"{error:.3f} | {error / floor:.2f} |"
+        f"{error:.3f} | {error / floor:.2f}"
         for error, floor in zip(errors_mm, floors_mm, strict=True)
     ]
-    print(f"| {name} | {seed} |", *cells, flush=True)
+    print(f"| {' | '.join([name, seed, lap, *cells])} |", flush=True)
 
 
 if __name__ == "__main__":
