@@ -93,6 +93,51 @@ def test_latest_target_replaces_the_one_before_from_where_it_stands(armed):
     assert armed.report_of_tick(tick + 1).setpoint_cdeg == (300, 100)
 
 
+@pytest.mark.requirement("TGT-5")
+def test_timed_target_takes_effect_at_its_tick_as_if_it_came_right_before_it(armed):
+    tick = armed.next_tick() + 5
+    armed.done(m.SetTargetAt(SESSION, (400, -300), 40, 100, tick + 1), sequence=77)
+    before = armed.report_of_tick(tick - 1)
+    assert before.state is m.State.HOLD
+    assert before.target_sequence != 77
+    report = armed.report_of_tick(tick)
+    assert (report.state, report.target_sequence) == (m.State.ACTIVE, 77)
+    assert (report.target_age_ms, report.setpoint_cdeg) == (20, (200, -150))
+    assert armed.report_of_tick(tick + 1).setpoint_cdeg == (400, -300)
+    assert armed.report_of_tick(tick + 4).state is m.State.ACTIVE
+    assert armed.report_of_tick(tick + 5).state is m.State.HOLD
+
+
+@pytest.mark.requirement("TGT-5")
+@pytest.mark.parametrize("ahead", [0, -1, 2**31, -(2**31)])
+def test_timed_target_whose_tick_is_not_ahead_is_refused(armed, ahead):
+    tick = (armed.report().tick + ahead) % 2**32
+    request = m.SetTargetAt(SESSION, (400, -300), 0, 100, tick)
+    assert armed.refusal(request) == (m.NackCode.OUT_OF_RANGE, 4)
+
+
+@pytest.mark.requirement("TGT-5")
+@pytest.mark.parametrize(
+    "newer",
+    [
+        m.SetTarget(SESSION, (100, 100), 0, 10_000),
+        m.SetTargetAt(SESSION, (100, 100), 0, 10_000, 2**30),
+        m.OpenSession(m.SPEC_HASH, SESSION),
+        m.Disarm(SESSION),
+    ],
+    ids=lambda request: request.NAME,
+)
+def test_waiting_target_is_discarded_by_what_comes_after_it(armed, newer):
+    accepted = armed.counters().targets_accepted
+    tick = armed.next_tick() + 10
+    armed.done(m.SetTargetAt(SESSION, (400, -300), 0, 10_000, tick + 1))
+    armed.done(newer)
+    report = armed.report_of_tick(tick + 2)
+    assert report.target_cdeg != (400, -300)
+    expected = accepted + isinstance(newer, m.SetTarget)
+    assert armed.counters().targets_accepted == expected
+
+
 def test_report_names_no_target_before_the_first(started):
     report = started.report()
     assert (report.target_sequence, report.target_cdeg, report.target_age_ms) == (0, (0, 0), 65535)

@@ -13,7 +13,7 @@ from ccr_host.link import messages as m
 from ccr_host.link.board import drawn_session
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
-from ccr_host.link.device_errors import BoardFaultError
+from ccr_host.link.device_errors import LinkLossError
 from ccr_host.sim.simavr.board import SimavrBoard
 from ccr_host.sim.simavr.flash_image import read_flash_image
 from ccr_host.sim.simavr.line import SimavrLine
@@ -60,7 +60,7 @@ def operate(
 
 
 def lose_the_link(client: Client, clock: VirtualClock) -> None:
-    with pytest.raises(BoardFaultError):
+    with pytest.raises(LinkLossError):
         clock.sleep_until_us(clock.now_us() + 30_000_000)
         client.poll()
     client.clear_fault()

@@ -45,6 +45,7 @@ Controller::Controller(Hardware& hardware, Start start, uint32_t first_tick)
 }
 
 Pulses Controller::tick() {
+  take_waiting_target();
   ++ticks_;
   target_.count();
   make_transition();
@@ -75,11 +76,31 @@ void Controller::accept_target(const SetTarget& target, uint8_t sequence) {
                   is_saturated(configuration_.calibration, axis, accepted);
     setpoints_[axis].aim_at(accepted, ramp_ticks);
   }
+  discard_waiting_target();
   target_.accept(sequence, was_clamped);
   safety_.accept_target(target.validity_ms);
   ++counts_.targets_accepted;
   if (was_clamped) {
     ++counts_.targets_clamped;
+  }
+}
+
+void Controller::await_tick(uint32_t tick, const SetTarget& target, uint8_t sequence) {
+  waiting_target_ = target;
+  waiting_for_tick_ = tick;
+  waiting_sequence_ = sequence;
+  has_waiting_target_ = true;
+}
+
+void Controller::take_waiting_target() {
+  if (!has_waiting_target_) {
+    return;
+  }
+  constexpr RequestRule rule = *find_request(SetTarget::kId);
+  if (!is_allowed(rule, safety_.state())) {
+    discard_waiting_target();
+  } else if (waiting_for_tick_ == ticks_ + 1) {
+    accept_target(waiting_target_, waiting_sequence_);
   }
 }
 

@@ -32,6 +32,9 @@ class Controller {
   void stop() { safety_.stop(); }
   void clear_fault();
   void accept_target(const SetTarget& target, uint8_t sequence);
+  /// Keeps a target until its tick (TGT-5).
+  void await_tick(uint32_t tick, const SetTarget& target, uint8_t sequence);
+  void discard_waiting_target() { has_waiting_target_ = false; }
   void set(const Limits& limits);
   void set(const Slew& slew);
   void set(const Watchdog& watchdog);
@@ -49,6 +52,8 @@ class Controller {
   /// Always false if none is fitted.
   bool is_emergency_stop_open() const;
   FaultRecord fault_record(uint8_t place) const { return fault_log_.at(place); }
+  /// Whether a tick, numbered as in reports, is still to come.
+  bool is_ahead(uint32_t tick) const { return static_cast<int32_t>(tick - ticks_) > 0; }
   bool is_saving() const { return store_.is_saving(); }
   State state() const { return safety_.state(); }
   uint16_t boot_id() const { return boot_id_; }
@@ -71,6 +76,7 @@ class Controller {
   const Counts& counts() const { return counts_; }
 
  private:
+  void take_waiting_target();
   void make_transition();
   void watch_emergency_stop();
   void watch_supply();
@@ -93,6 +99,10 @@ class Controller {
   Safety safety_;
   Setpoint setpoints_[kAxes];
   TargetRecord target_;
+  SetTarget waiting_target_;
+  uint32_t waiting_for_tick_;
+  uint8_t waiting_sequence_;
+  bool has_waiting_target_ = false;
   Counts counts_ = {};
   Countdown blinking_{0};
   /// State after the last tick.

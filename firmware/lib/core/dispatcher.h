@@ -40,6 +40,10 @@ class Dispatcher {
   template <typename Request>
   Refusal check(const FrameDecoder& frame, Request& request) const;
 
+  /// Handles `set_target`, and `set_target_at`, which has its fields and a tick.
+  void handle_target(const FrameDecoder& frame);
+  Refusal check_target(const FrameDecoder& frame, SetTarget& request) const;
+
   /// Checks length, session and state.
   Refusal check_admission(const FrameDecoder& frame, uint8_t size, bool needs_session,
                           uint16_t allowed_states) const;
@@ -94,7 +98,9 @@ class Dispatcher {
   void execute(const FrameDecoder& frame, const SaveConfig&);
 
   void refuse(const FrameDecoder& frame, Refusal refusal);
+  /// Also remembers the request, so that it is not executed again.
   void acknowledge(const FrameDecoder& frame);
+  void acknowledge_only(const FrameDecoder& frame);
   /// Builds a frame from the reply, or from the only struct in it, and sends it if there is room
   /// for it and, except for the answer to `stop`, for such an answer as well. On a saturated line most
   /// answers find no room, and then take no time.

@@ -258,6 +258,8 @@ constexpr uint16_t kHardwarePulses = 0x02;
 constexpr uint16_t kStackMonitor = 0x04;
 /// What may be outstanding is not what the constants say: `get_link_limits` tells.
 constexpr uint16_t kLinkLimits = 0x08;
+/// Knows `set_target_at`.
+constexpr uint16_t kTimedTargets = 0x10;
 }  // namespace capabilities
 
 /// Groups of the configuration.
@@ -1766,6 +1768,80 @@ inline int8_t inconsistent_axis(const SetTarget&) {
   return kNone;
 }
 
+/// The fields of `set_target`, and the tick for which the target waits (TGT-5). Only the newest one
+/// waits; it feeds the link watchdog when it takes effect.
+struct SetTargetAt {
+  enum : uint8_t { kId = 0x21, kSize = 10 + 2 * kAxes };
+
+  /// The open session.
+  uint16_t session;
+  /// As in `set_target`. [0.01 deg] -18000 to 18000.
+  int16_t target_cdeg[kAxes];
+  /// As in `set_target`, from that tick on. [ms] 0 to 10000.
+  uint16_t ramp_ms;
+  /// As in `set_target`, from that tick on. [ms] 20 to 10000.
+  uint16_t validity_ms;
+  /// Tick at which it takes effect, numbered as in reports; refused with out_of_range unless it is
+  /// ahead. [tick]
+  uint32_t tick;
+};
+static_assert(SetTargetAt::kSize == sizeof(SetTargetAt::session) + sizeof(SetTargetAt::target_cdeg)
+              + sizeof(SetTargetAt::ramp_ms) + sizeof(SetTargetAt::validity_ms) +
+              sizeof(SetTargetAt::tick) && uint8_t{SetTargetAt::kSize} <= kMaxPayload,
+              "payload layout");
+
+inline void encode(const SetTargetAt& value, uint8_t* payload) {
+  if (lies_as_on_the_wire<SetTargetAt>()) {
+    __builtin_memcpy(payload, &value, SetTargetAt::kSize);
+    return;
+  }
+  put_u16(payload, value.session);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    put_i16(payload + 2 + 2 * at, value.target_cdeg[at]);
+  }
+  put_u16(payload + 2 + 2 * kAxes, value.ramp_ms);
+  put_u16(payload + 4 + 2 * kAxes, value.validity_ms);
+  put_u32(payload + 6 + 2 * kAxes, value.tick);
+}
+
+inline Reading decode(const uint8_t* payload, uint8_t size, SetTargetAt& value) {
+  if (size != SetTargetAt::kSize) {
+    return Reading::kBadLength;
+  }
+  if (lies_as_on_the_wire<SetTargetAt>()) {
+    __builtin_memcpy(&value, payload, SetTargetAt::kSize);
+    return Reading::kOk;
+  }
+  value.session = get_u16(payload);
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    value.target_cdeg[at] = get_i16(payload + 2 + 2 * at);
+  }
+  value.ramp_ms = get_u16(payload + 2 + 2 * kAxes);
+  value.validity_ms = get_u16(payload + 4 + 2 * kAxes);
+  value.tick = get_u32(payload + 6 + 2 * kAxes);
+  return Reading::kOk;
+}
+
+/// Index of the first field out of its range; an array is one field.
+inline int8_t first_out_of_range(const SetTargetAt& value) {
+  for (uint8_t at = 0; at < kAxes; ++at) {
+    if (value.target_cdeg[at] < -18000 || value.target_cdeg[at] > 18000) {
+      return 1;
+    }
+  }
+  if (value.ramp_ms > 10000U) {
+    return 2;
+  }
+  if (value.validity_ms < 20U || value.validity_ms > 10000U) {
+    return 3;
+  }
+  return kNone;
+}
+
+inline int8_t inconsistent_axis(const SetTargetAt&) {
+  return kNone;
+}
+
 /// The target as accepted.
 struct TargetReply {
   enum : uint8_t { kId = 0xA0, kSize = 2 + 2 * kAxes };
@@ -2637,6 +2713,7 @@ constexpr RequestRule kRequestRules[] = {
     {Stop::kId, Ack::kId, Stop::kSize, Retry::kRepeat, false, 0x01FFU},
     {ClearFault::kId, Ack::kId, ClearFault::kSize, Retry::kOnce, true, 0x0180U},
     {SetTarget::kId, TargetReply::kId, SetTarget::kSize, Retry::kNever, true, 0x0038U},
+    {SetTargetAt::kId, Ack::kId, SetTargetAt::kSize, Retry::kNever, true, 0x0038U},
     {GetLimits::kId, LimitsReply::kId, GetLimits::kSize, Retry::kRepeat, false, 0x01FFU},
     {SetLimits::kId, Ack::kId, SetLimits::kSize, Retry::kOnce, true, 0x0182U},
     {GetSlew::kId, SlewReply::kId, GetSlew::kSize, Retry::kRepeat, false, 0x01FFU},

@@ -174,7 +174,7 @@ TEST_CASE("hello identifies the board") {
   CHECK(reply.boot_id == 1);
   CHECK((reply.reset_cause == ResetCause::kBrownOut));
   CHECK(reply.eeprom_status == EepromStatus::kBlank);
-  CHECK(reply.capabilities == bench.hardware.capabilities());
+  CHECK(reply.capabilities == (bench.hardware.capabilities() | capabilities::kTimedTargets));
   CHECK(reply.axes == 2);
   CHECK(reply.max_payload == kMaxPayload);
   CHECK(reply.tick_us == kTickUs);

@@ -88,6 +88,78 @@ TEST_CASE("TGT-4: the latest target replaces the previous one, starting at the c
   CHECK(bench.report().target_age_ms == 20);
 }
 
+TEST_CASE("TGT-5: a target with a tick takes effect as if it came right before that tick") {
+  Bench timed;
+  Bench at_once;
+  timed.make_armed();
+  at_once.make_armed();
+  const uint32_t tick = timed.report().tick + 4;
+  const SetTargetAt request{kSession, {2000, -1000}, 60, 100, tick};
+  CHECK(timed.acknowledged(request) == State::kHold);
+  while (at_once.report().tick + 1 != tick) {
+    timed.tick();
+    at_once.tick();
+    CHECK(timed.state() == State::kHold);
+  }
+  at_once.target(2000, -1000, 60, 100);
+  for (unsigned after = 0; after < 12; ++after) {
+    timed.tick();
+    at_once.tick();
+    const StateReport one = timed.report();
+    const StateReport other = at_once.report();
+    CHECK(one.state == other.state);
+    CHECK(one.target_age_ms == other.target_age_ms);
+    CHECK(one.setpoint_cdeg[0] == other.setpoint_cdeg[0]);
+    CHECK(one.setpoint_cdeg[1] == other.setpoint_cdeg[1]);
+  }
+  CHECK(timed.counters().targets_accepted == 1);
+}
+
+TEST_CASE("TGT-5: a tick that is not ahead is refused, and the tick counter may wrap") {
+  Bench bench;
+  bench.make_armed();
+  const uint32_t now = bench.report().tick;
+  for (const uint32_t later : {0x0U, 0xFFFFFFFFU, 0x80000000U}) {
+    const uint32_t tick = now + later;
+    const Nack nack = bench.refused(SetTargetAt{kSession, {}, 0, 100, tick});
+    CHECK(nack.code == NackCode::kOutOfRange);
+    CHECK(nack.detail == 4);
+  }
+  CHECK(bench.refused(SetTargetAt{kSession, {0, 18001}, 0, 100, now + 1}).detail == 1);
+  CHECK(bench.refused(SetTargetAt{kSession, {}, 0, 19, now + 1}).detail == 3);
+  CHECK(bench.acknowledged(SetTargetAt{kSession, {}, 0, 100, now + 0x7FFFFFFFU}) == State::kHold);
+}
+
+TEST_CASE("TGT-5: a newer target, a new session or a stop discards the waiting one") {
+  for (const unsigned reason : {0U, 1U, 2U, 3U}) {
+    Bench bench;
+    bench.make_armed();
+    const uint32_t tick = bench.report().tick + 3;
+    bench.acknowledged(SetTargetAt{kSession, {2000, 2000}, 0, 1000, tick});
+    uint32_t expected = 0;
+    switch (reason) {
+      case 0:
+        bench.target(0, 1000);
+        expected = 1;
+        break;
+      case 1:
+        bench.acknowledged(SetTargetAt{kSession, {0, 1000}, 0, 1000, tick + 500});
+        break;
+      case 2:
+        bench.open_session();
+        break;
+      default:
+        bench.acknowledged(Stop{});
+        bench.tick();
+        bench.acknowledged(ClearFault{kSession});
+        bench.arm();
+    }
+    bench.tick(6);
+    CHECK(bench.counters().targets_accepted == expected);
+    CHECK(bench.report().setpoint_cdeg[0] == 0);
+  }
+}
+
 TEST_CASE("the age of a target saturates at 65535") {
   Bench bench;
   CHECK(bench.report().target_age_ms == 65535);

@@ -19,6 +19,7 @@ from ccr_host.link import messages as m
 from ccr_host.link.board_config import BoardConfig, board_name
 from ccr_host.link.device_errors import (
     BoardFaultError,
+    MissingCapabilityError,
     RequestRefusedError,
     SpecMismatchError,
     TooFewAxesError,
@@ -192,6 +193,15 @@ class Board:
     def identity(self) -> m.HelloReply | None:
         """The board's answer to hello; None before :meth:`connect`."""
         return self._identity
+
+    def require(self, request: type[m.Request]) -> None:
+        """Check that the board knows an optional request.
+
+        Raises:
+            MissingCapabilityError: its firmware does not.
+        """
+        if self._identity and request.CAPABILITY & ~self._identity.capabilities:
+            raise MissingCapabilityError(request, self._identity)
 
     def read_state(self) -> m.StateReport:
         """Read the state; needs no session."""

@@ -6,7 +6,6 @@ the robot, monitors it, and makes it safe.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from types import TracebackType
 from typing import Final, Self
 
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from ccr_host.core.clock import NEVER_US, Clock
 from ccr_host.core.errors import DeviceError
 from ccr_host.core.stop_signals import interruptible_again
-from ccr_host.core.units import cdeg_to_rad, rad_to_cdeg
+from ccr_host.core.units import cdeg_to_rad
 from ccr_host.link import messages as m
 from ccr_host.link.board import STATE_POLL_US, Board, TelemetryObserver
 from ccr_host.link.board_config import BoardConfig
@@ -25,7 +24,6 @@ from ccr_host.link.device_errors import (
     BoardResetError,
     BoardSilentError,
     BoardStoppedError,
-    LinkLossError,
     RequestRefusedError,
     SessionTakenError,
     WrongStateError,
@@ -35,13 +33,11 @@ from ccr_host.link.exchange import (
     FrameObserver,
     LinkStatistics,
     Received,
-    TargetLog,
     Transport,
 )
 from ccr_host.link.messages import State
+from ccr_host.link.targets import Angles, TargetLog, latched_error, on_wire, require_range
 
-_LED_TO_REST_US = 5_000_000
-"""A gap in the targets is the cause if the board leads the robot to rest within this time."""
 _SYNC_PERIOD_US = 10_000_000
 _MARGIN_US = 1_000_000
 _STOP_ATTEMPTS = 8
@@ -87,8 +83,6 @@ class Client(Board):
         self._transport = transport
         self._on_telemetry = on_telemetry
         self._config: BoardConfig | None = None
-        self._fed_us = self._fed_until_us = 0
-        self._gap_us, self._gap_end_us = 0, -_LED_TO_REST_US
         self._targets = TargetLog()
         self._may_move = False
         self._watching = False
@@ -160,11 +154,11 @@ class Client(Board):
         """
         report = self.read_state()
         if report.state in _LATCHED_STATES:
-            raise _latched_error(report)
+            raise latched_error(report)
         if report.state in _MOVING_STATES:
             self.disarm()
         self._may_move = True
-        self._fed_us = self._fed_until_us = self._clock.now_us()
+        self._targets.fed_us = self._targets.fed_until_us = self._clock.now_us()
         self._exchange.request(m.Arm(self._session))
         config = self._config or self.read_config()
         axes_us = config.axes * (config.watchdog.arm_axis_ms * 1000 + m.TICK_US)
@@ -172,13 +166,11 @@ class Client(Board):
             State.HOLD, axes_us + config.way_to_rest_us(), on_the_way=(State.ARMING,)
         )
         self._targets.accepted_rad = cdeg_to_rad(report.setpoint_cdeg)
-        self._heard_us = self._fed_us = self._clock.now_us()
-        self._fed_until_us = self._fed_us + config.watchdog.relax_after_ms * 1000
+        self._heard_us = self._targets.fed_us = self._clock.now_us()
+        self._targets.fed_until_us = self._heard_us + config.watchdog.relax_after_ms * 1000
         self._watching = True
 
-    def set_target(
-        self, q_rad: Sequence[float] | NDArray[np.float64], *, ramp_ms: int, validity_ms: int
-    ) -> None:
+    def set_target(self, q_rad: Angles, *, ramp_ms: int, validity_ms: int) -> None:
         """Send a target without waiting; the board clamps it, see `accepted_rad`.
 
         Raises:
@@ -186,20 +178,34 @@ class Client(Board):
             DeviceError: as in :meth:`poll`.
         """
         self.poll()
-        target_cdeg = rad_to_cdeg(np.minimum(np.maximum(q_rad, -np.pi), np.pi))
-        unused_cdeg = self._config.limits.rest_cdeg[len(target_cdeg) :] if self._config else ()
-        target = m.SetTarget(self._session, (*target_cdeg, *unused_cdeg), ramp_ms, validity_ms)
-        if target.first_out_of_range() is not None:
-            raise ValueError(f"ramp of {ramp_ms} ms or validity of {validity_ms} ms out of range")
+        target = m.SetTarget(self._session, on_wire(q_rad, self._config), ramp_ms, validity_ms)
+        require_range(target)
         sequence, now_us = self._exchange.send(target)
-        if now_us > self._fed_until_us:
-            self._gap_us, self._gap_end_us = now_us - self._fed_us, now_us
-        self._fed_us, self._fed_until_us = now_us, now_us + validity_ms * 1000
+        self._targets.feed(now_us, now_us + validity_ms * 1000)
         self._targets.sent(sequence, now_us)
         if now_us - self._synced_us >= _SYNC_PERIOD_US:
             self._exchange.wait_for_room(m.ClockSync.SIZE)
             self._synced_us = self._clock.now_us()
             self._exchange.send(m.ClockSync(self._synced_us % _U32))
+
+    def set_target_at(self, tick: int, q_rad: Angles, *, ramp_ms: int, validity_ms: int) -> None:
+        """Send a target that takes effect at a control tick, numbered as in the board's reports.
+
+        The board keeps the newest one. Returns when it has acknowledged it; there is no retry.
+
+        Raises:
+            ValueError, DeviceError: as in :meth:`set_target`; also if the tick is not ahead, or the
+                board's firmware older than this request.
+        """
+        self.poll()
+        self.require(m.SetTargetAt)
+        angles_cdeg = on_wire(q_rad, self._config)
+        target = m.SetTargetAt(self._session, angles_cdeg, ramp_ms, validity_ms, tick % _U32)
+        require_range(target)
+        lead_us = (tick - self.read_state().tick) % _U32 * m.TICK_US
+        self._exchange.request(target, attempts=1)
+        now_us = self._clock.now_us()
+        self._targets.feed(now_us, now_us + lead_us + validity_ms * 1000)
 
     def disarm(self) -> None:
         """Lead the robot to rest and end the pulses; returns when that is done.
@@ -239,11 +245,11 @@ class Client(Board):
         self._exchange.poll(now_us)
         if not self._watching:
             return
-        if now_us > self._fed_until_us:
+        if now_us > self._targets.fed_until_us:
             # After a stall, the reports waiting in the port are out of date.
             self.read_state()
         if self._newest is not None and self._newest.report.state in _LOST_STATES:
-            raise self._loss(self._newest.report, now_us)
+            raise self._targets.loss(self._newest.report, now_us)
         if (refusal := self._targets.refusal) is not None:
             self._targets.refusal = None
             self._diagnose(now_us)
@@ -264,7 +270,7 @@ class Client(Board):
         if self._watching and self._newest and not self._exchange.waiting:
             report = self._newest.report
             if report.state in _LATCHED_STATES:
-                raise self._loss(report, time_us)
+                raise self._targets.loss(report, time_us)
 
     @property
     def next_turn_us(self) -> int:
@@ -346,7 +352,7 @@ class Client(Board):
             if report.state is wanted:
                 return report
             if report.state in _LOST_STATES:
-                raise self._loss(report, self._clock.now_us())
+                raise self._targets.loss(report, self._clock.now_us())
             if report.state not in on_the_way or self._clock.now_us() > deadline_us:
                 raise WrongStateError(wanted, report.state)
             self._clock.sleep_until_us(self._clock.now_us() + STATE_POLL_US)
@@ -384,18 +390,4 @@ class Client(Board):
             raise
         report = self.read_state()
         if report.state in _LOST_STATES:
-            raise self._loss(report, now_us)
-
-    def _loss(self, report: m.StateReport, now_us: int) -> DeviceError:
-        """The error to raise for a board that no longer follows its targets."""
-        latched = report.state is State.FAULT and report.fault is m.Fault.LINK_LOSS
-        if not latched and report.state is not State.RELAXING:
-            return _latched_error(report)
-        stalled, unfed_us = now_us > self._fed_until_us, now_us - self._fed_us
-        if not stalled and now_us - self._gap_end_us < _LED_TO_REST_US:
-            stalled, unfed_us = True, self._gap_us  # This target came too late.
-        return LinkLossError(unfed_us, host_stalled=stalled, latched=latched)
-
-
-def _latched_error(report: m.StateReport) -> DeviceError:
-    return BoardStoppedError() if report.state is State.STOPPED else BoardFaultError(report.fault)
+            raise self._targets.loss(report, now_us)

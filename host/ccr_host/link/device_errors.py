@@ -107,6 +107,11 @@ _RESETS: Final = {
 }
 
 
+def firmware_version(identity: HelloReply) -> str:
+    """Major, minor and patch, with dots."""
+    return ".".join(map(str, identity.firmware_version))
+
+
 class BoardSilentError(DeviceError):
     """The board answered none of the host's attempts.
 
@@ -132,9 +137,9 @@ class SpecMismatchError(DeviceError):
     """Host and board were built from different specs: only reading and stopping are possible."""
 
     def __init__(self, identity: HelloReply) -> None:
-        version = ".".join(str(part) for part in identity.firmware_version)
         super().__init__(
-            f"the board (firmware {version}) speaks protocol {identity.protocol_version}, "
+            f"the board (firmware {firmware_version(identity)}) speaks protocol "
+            f"{identity.protocol_version}, "
             f"spec {identity.spec_hash:08x}; this host protocol {PROTOCOL_VERSION}, "
             f"spec {SPEC_HASH:08x}",
             "flash the board: ccr-host flash, or upgrade the host to the board's version",
@@ -161,6 +166,16 @@ class TooFewAxesError(DeviceError):
             f"the board drives {servos}, the described robot has {motors} motors",
             "check --device and --robot; a Mega 2560 drives up to 12: ccr-host flash --board "
             "mega2560",
+        )
+
+
+class MissingCapabilityError(DeviceError):
+    """The board's firmware does not know an optional request."""
+
+    def __init__(self, request: type[Request], identity: HelloReply) -> None:
+        super().__init__(
+            f"the board's firmware ({firmware_version(identity)}) does not know {request.NAME}",
+            "flash the board: ccr-host flash",
         )
 
 

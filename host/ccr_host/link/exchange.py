@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.core.clock import Clock
-from ccr_host.core.units import cdeg_to_rad
 from ccr_host.link.device_errors import BoardSilentError, RequestRefusedError
 from ccr_host.link.framing import Frame, FrameDecoder, FramingError, encode_frame
 from ccr_host.link.messages import (
@@ -28,7 +26,6 @@ from ccr_host.link.messages import (
     PayloadError,
     Request,
     Stop,
-    TargetReply,
     Telemetry,
 )
 
@@ -339,48 +336,6 @@ class Exchange:
             self._awaited.answer = received
         else:
             self._on_message(received)
-
-
-class TargetLog:
-    """Tracks the answers to targets, which are never repeated, so some remain unanswered.
-
-    Targets are kept by sequence number, so their number is bounded: it wraps after 256.
-    """
-
-    def __init__(self) -> None:
-        self.accepted_rad: NDArray[np.float64] | None = None
-        """Newest target as the board has accepted it, shape (axes,)."""
-        self._open_since_us: dict[int, int] = {}
-        self._given_up = 0
-        self.refusal: Nack | None = None
-        """The newest refusal that has not been handled."""
-
-    def sent(self, sequence: int, time_us: int) -> None:
-        """Note a new target, which is now unanswered."""
-        self._given_up += sequence in self._open_since_us
-        self._open_since_us[sequence] = time_us
-
-    @property
-    def awaits_answer(self) -> bool:
-        """Whether a target is unanswered."""
-        return bool(self._open_since_us)
-
-    def answered(self, sequence: int, reply: TargetReply) -> int | None:
-        """Note an answer; returns the time at which its target was sent, None if unknown."""
-        sent_us = self._open_since_us.pop(sequence, None)
-        if sent_us is not None:
-            self.accepted_rad = cdeg_to_rad(reply.target_cdeg)
-        return sent_us
-
-    def refused(self, sequence: int, refusal: Nack) -> None:
-        """Keep a refusal until it is handled."""
-        self._open_since_us.pop(sequence, None)
-        self.refusal = refusal
-
-    def unanswered(self, sent_before_us: int) -> int:
-        """Number of unanswered targets that were sent before a time."""
-        overdue = sum(sent_us < sent_before_us for sent_us in self._open_since_us.values())
-        return self._given_up + overdue
 
 
 def _parse(frame: Frame) -> Message | None:

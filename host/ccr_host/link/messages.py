@@ -270,6 +270,8 @@ class Capabilities(IntFlag):
     """Reports the least free stack."""
     LINK_LIMITS = 0x08
     """What may be outstanding is not what the constants say: `get_link_limits` tells."""
+    TIMED_TARGETS = 0x10
+    """Knows `set_target_at`."""
 
 
 class ConfigGroups(IntFlag):
@@ -696,6 +698,36 @@ class SetTarget(Request, name="set_target", number=0x20, reply=0xA0, retry="neve
     """
     validity_ms: int = wire("H", 20, 10000, "ms")
     """The board holds its pose if no other target follows within this time."""
+
+
+class SetTargetAt(
+    Request,
+    name="set_target_at",
+    number=0x21,
+    capability=Capabilities.TIMED_TARGETS,
+    reply=0x70,
+    retry="never",
+    session=True,
+):
+    """The fields of `set_target`, and the tick for which the target waits (TGT-5).
+
+    Only the newest one waits; it feeds the link watchdog when it takes effect.
+    """
+
+    ALLOWED_STATES = frozenset({State.ACTIVE, State.HOLD, State.RELAXING})
+
+    session: int = wire("H", 0, 65535)
+    """The open session."""
+    target_cdeg: tuple[int, ...] = wire("h", -18000, 18000, "deg", 0.01, count=AXES)
+    """As in `set_target`."""
+    ramp_ms: int = wire("H", 0, 10000, "ms")
+    """As in `set_target`, from that tick on."""
+    validity_ms: int = wire("H", 20, 10000, "ms")
+    """As in `set_target`, from that tick on."""
+    tick: int = wire("I", 0, 4294967295, "tick")
+    """Tick at which it takes effect, numbered as in reports; refused with out_of_range unless it is
+    ahead.
+    """
 
 
 class TargetReply(Message, name="target_reply", number=0xA0):

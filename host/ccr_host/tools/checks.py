@@ -16,10 +16,16 @@ from ccr_host.core.errors import CcrError, TrackerError
 from ccr_host.description.schema import Description
 from ccr_host.link.board_config import board_config, differences
 from ccr_host.link.client import Client
-from ccr_host.link.device_errors import BoardFaultError, BoardStoppedError, WrongBoardError
+from ccr_host.link.device_errors import (
+    BoardFaultError,
+    BoardStoppedError,
+    WrongBoardError,
+    firmware_version,
+)
 from ccr_host.link.exchange import LinkStatistics
 from ccr_host.link.messages import (
     TICK_US,
+    Capabilities,
     CountersReply,
     EepromStatus,
     Fault,
@@ -33,6 +39,9 @@ from ccr_host.robot.rests import Rests
 from ccr_host.tools.equipment import equipment_text
 from ccr_host.tracking.markers.check import MarkerCheck, seen_lengths_mm, wrong_segments
 from ccr_host.tracking.tracker import Sample, Tracker
+
+_FIRMWARE_CAPABILITIES = Capabilities.TIMED_TARGETS
+"""Those that the newest firmware has on any board."""
 
 
 class Severity(enum.IntEnum):
@@ -267,8 +276,10 @@ def check_board(client: Client, clock: Clock, description: Description) -> Itera
 
 
 def _identity(identity: HelloReply) -> Finding:
-    version = ".".join(str(part) for part in identity.firmware_version)
     cause = identity.reset_cause
+    lacking = ~identity.capabilities & _FIRMWARE_CAPABILITIES
+    older = f" (older than this host, without {lacking.name}: ccr-host flash)" if lacking else ""
+    version = firmware_version(identity) + older.lower()
     return judged(
         "board",
         f"firmware {version}, boot {identity.boot_id}, last reset: {cause.name.lower()}",

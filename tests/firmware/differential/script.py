@@ -26,6 +26,8 @@ class Script:
     rng: np.random.Generator
     accelerations: bool = False
     """Whether acceleration limits are set, too."""
+    tick: int | None = None
+    """Number of the next tick if targets for later ticks are drawn, too; kept by the caller."""
     axes: int = AXES
     commands: int = 0
     _sequence: int = 0
@@ -74,6 +76,8 @@ class Script:
             return m.ClearFault(session)
         if state is State.DISARMED and self._chance(0.3):
             return m.Arm(session)
+        if state in _MOVING and self.tick is not None and self._chance(0.1):
+            return self._timed_target(self.tick)
         if state in _MOVING and self._chance(0.5):
             return self._target()
         if state in _CONFIGURABLE and self._chance(0.4):
@@ -103,6 +107,8 @@ class Script:
             self._target(),
             self._configuration(),
         ]
+        if self.tick is not None:
+            choices.append(self._timed_target(self.tick))
         if self._chance(0.15):
             choices = [m.Disarm(session), m.Stop(), m.SaveConfig(session), m.Arm(session)]
         return choices[int(self.rng.integers(len(choices)))]
@@ -116,6 +122,12 @@ class Script:
             ramp_ms=self._integer(0, 10_100) if wide else self._integer(0, 400),
             validity_ms=self._integer(0, 10_100) if wide else self._integer(20, 600),
         )
+
+    def _timed_target(self, tick: int) -> m.SetTargetAt:
+        target = self._target()
+        times = target.ramp_ms, target.validity_ms
+        later = max(tick + self._integer(-2, 10), 0)
+        return m.SetTargetAt(target.session, target.target_cdeg, *times, later)
 
     def _configuration(self) -> m.Request:
         session = self._session
@@ -147,7 +159,8 @@ class Script:
                     m.Watchdog(
                         relax_after_ms=self._integer(20, 500),
                         relax_slew_cdeg_tick=self._integer(10, int(500 * beyond)),
-                        arm_axis_ms=self._integer(20, 200),
+                        # All axes together take as long, or hardly any arming would end.
+                        arm_axis_ms=self._integer(20, max(40, 400 // max(self.axes, 2))),
                     ),
                 )
             case _:

@@ -5,7 +5,7 @@ import subprocess
 
 from tests.conformance.firmware_build import firmware_elf
 
-FLASH_BYTES = 13 * 1024
+FLASH_BYTES = 13 * 1024 + 512
 STATIC_RAM_BYTES = 1024
 
 

@@ -16,10 +16,11 @@ from ccr_host.description import schema
 from ccr_host.description.schema import Description
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
-from ccr_host.link.messages import ResetCause
+from ccr_host.link.messages import Capabilities, ResetCause
 from ccr_host.robot.rests import Rests
 from ccr_host.run.open_rig import mismatch_of
 from ccr_host.run.options import RigOptions
+from ccr_host.sim.board import dispatch
 from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.tools.checks import Finding, Severity, check_board, exit_status
@@ -40,6 +41,16 @@ def test_the_twin_on_the_emulated_board_is_fit_for_a_run(tmp_path) -> None:
         subject for subject, found in findings.items() if found.severity is not Severity.GOOD
     } <= about_this_computer
     assert {"board", "state", "EEPROM", "link", "rate", "noise"} <= findings.keys()
+
+
+def test_a_board_of_older_firmware_is_fit_for_a_run_and_said_to_be_older(
+    tmp_path, monkeypatch
+) -> None:
+    assert "older" not in examined(tmp_path)["board"].text
+    monkeypatch.setattr(dispatch, "CAPABILITIES", Capabilities.EEPROM)
+    board = examined(tmp_path)["board"]
+    assert board.severity is Severity.GOOD
+    assert "older than this host, without timed_targets: ccr-host flash" in board.text
 
 
 def test_the_led_blinks_where_that_was_asked_for(tmp_path) -> None:

@@ -22,6 +22,8 @@ from ccr_host.link.messages import (
     FaultRecord,
     Limits,
     ResetCause,
+    SetTarget,
+    SetTargetAt,
     State,
     StateReport,
     StatusFlags,
@@ -68,14 +70,23 @@ class Acknowledged:
     """A stop came after it: it is neither executed nor acknowledged again."""
 
 
+@dataclass(frozen=True, slots=True)
+class WaitingTarget:
+    """A target that has yet to take effect."""
+
+    request: SetTargetAt
+    sequence: int
+
+
 @dataclass(slots=True)
 class Session:
-    """One session; a new one has no acknowledged request and no telemetry."""
+    """One session; a new one has no acknowledged request, no waiting target and no telemetry."""
 
     number: int | None = None
     """None before the first session after a reset."""
     telemetry: TelemetryStream = field(default_factory=TelemetryStream)
     acknowledged: Acknowledged | None = None
+    waiting_target: WaitingTarget | None = None
 
 
 class Counters:
@@ -235,8 +246,18 @@ class BoardCore:
         """Whether a fitted emergency stop is open."""
         return self.configuration.equipment.emergency_stop == 1 and self._inputs.emergency_stop_open
 
+    @property
+    def tick_number(self) -> int:
+        """Number of the last tick, as in reports."""
+        return (self._tick_offset + self.next_tick) % _U32
+
+    def is_ahead(self, tick: int) -> bool:
+        """Whether a tick, numbered as in reports, is still to come."""
+        return 0 < (tick - self.tick_number) % _U32 < _U32 // 2
+
     def tick(self) -> None:
         """Run one control tick in the order of TIM-4; the caller sends reports."""
+        self._take_waiting_target()
         tick = self.next_tick
         self.next_tick += 1
         config = self.configuration
@@ -274,6 +295,7 @@ class BoardCore:
         self, target_cdeg: Axes, ramp_ms: int, validity_ms: int, sequence: int
     ) -> Axes:
         """Start to follow a target; return the target as clamped, 0.01 deg."""
+        self.session.waiting_target = None
         limits = self.configuration.limits
         accepted = clamped(target_cdeg, limits.angle_min_cdeg, limits.angle_max_cdeg)
         calibration = self.configuration.calibration
@@ -314,7 +336,7 @@ class BoardCore:
     def report(self) -> StateReport:
         """State report of the current tick."""
         return StateReport(
-            tick=(self._tick_offset + self.next_tick) % _U32,
+            tick=self.tick_number,
             state=self.safety.state,
             fault=self.safety.fault,
             flags=self.flags(),
@@ -327,6 +349,18 @@ class BoardCore:
             free_stack_bytes=_STACK_NOT_MEASURED,
             supply_dv=self._supply_dv,
         )
+
+    def _take_waiting_target(self) -> None:
+        waiting = self.session.waiting_target
+        if waiting is None:
+            return
+        target = waiting.request
+        if self.state not in SetTarget.ALLOWED_STATES:
+            self.session.waiting_target = None
+        elif (target.tick - self.tick_number) % _U32 == 1:
+            self.accept_target(
+                target.target_cdeg, target.ramp_ms, target.validity_ms, waiting.sequence
+            )
 
     def _watch_supply(self) -> None:
         equipment = self.configuration.equipment
@@ -369,7 +403,7 @@ class BoardCore:
         fault = self.safety.fault
         if fault is not self._logged_fault and not self.fault_log.is_writing:
             self._logged_fault = fault
-            tick = (self._tick_offset + self.next_tick) % _U32
+            tick = self.tick_number
             self.fault_log.begin(
                 FaultRecord(0, fault, self._state_before, self.boot_id, tick, check=0)
             )
@@ -378,7 +412,7 @@ class BoardCore:
         self._state_before = self.state
 
     def _led(self, tick: int) -> bool:
-        shown_tick = (self._tick_offset + self.next_tick) % _U32
+        shown_tick = self.tick_number
         if tick < self._blinking_until_tick:
             return shown_tick // BLINK_STEP_TICKS % 2 == 0
         return shown_tick // LED_STEP_TICKS % _LED_STEPS in _LED_ON_IN_STEPS[self.state]

@@ -8,9 +8,15 @@ from functools import singledispatchmethod
 
 from ccr_host.link import messages as m
 from ccr_host.link.framing import Frame, encode_frame
-from ccr_host.sim.board.core import Acknowledged, BoardCore, Session, TelemetryStream
+from ccr_host.sim.board.core import (
+    Acknowledged,
+    BoardCore,
+    Session,
+    TelemetryStream,
+    WaitingTarget,
+)
 
-CAPABILITIES = m.Capabilities.EEPROM | m.Capabilities.HARDWARE_PULSES
+CAPABILITIES = m.Capabilities.EEPROM | m.Capabilities.HARDWARE_PULSES | m.Capabilities.TIMED_TARGETS
 
 _CONFIG_GROUP_REQUESTS = (
     m.SetLimits,
@@ -105,6 +111,8 @@ class Dispatcher:
         axis = request.inconsistent_axis()
         if axis is not None:
             raise Refusal(m.NackCode.INCONSISTENT, axis)
+        if isinstance(request, m.SetTargetAt) and not core.is_ahead(request.tick):
+            raise Refusal(m.NackCode.OUT_OF_RANGE, 4)
         if isinstance(request, m.OpenSession) and request.spec_hash != self._spec_hash:
             raise Refusal(m.NackCode.SPEC_MISMATCH)
         if isinstance(request, _NEEDS_CONFIGURATION) and core.configuration.missing:
@@ -203,6 +211,11 @@ class Dispatcher:
             request.target_cdeg, request.ramp_ms, request.validity_ms, self._sequence
         )
         return m.TargetReply(self._core.state, self._core.flags(), accepted)
+
+    @_execute.register
+    def _(self, request: m.SetTargetAt) -> m.Message:
+        self._core.session.waiting_target = WaitingTarget(request, self._sequence)
+        return self._ack(request)
 
     @_execute.register
     def _(self, request: m.GetLimits) -> m.Message:
