@@ -35,7 +35,10 @@ _PROBE_RAD = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class TendonRobot:
-    """What rest depends on; arrays without a leading dimension."""
+    """What rest depends on, without a leading dimension.
+
+    But ``slack_mm`` and ``tendon_stiffness_mm2`` may have one: robots that differ in these alone.
+    """
 
     lengths_mm: FloatArray
     """(S,)."""

@@ -78,8 +78,9 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         )
         # Slack and stretch take a robot far from the prior.
         self.believable_mm = self.model.length_mm
-        self.learnt = sorted({*roles.drifting, *roles.loads})
-        """Numbers of the parameters that are learnt along a path."""
+        self.of_tendons = [n for n in roles.drifting if n not in roles.loads]
+        """Numbers of those learnt along a path that change tendons alone; ``roles.loads`` are the
+        others that are learnt."""
         super().__init__(Prior(mean, deviation, lower, upper), roles, description.tracker.noise_mm)
 
     def parameters(self, score: FloatArray) -> ChainParameters:

@@ -7,6 +7,7 @@ is least at rest. Backlash is the play of ``RestModel``; dry friction is left to
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -136,16 +137,24 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
         All that are learnt act by the bending alone.
         """
-        p, learnt = space.parameters(score), self._space.learnt
+        p, steps = space.parameters(score), PROBE * np.eye(space.count)
+        tendons, loads = self._space.of_tendons, space.roles.loads
         theta_rad, travel_mm = pose.theta_rad[None], pose.travel_mm[None]
-        near = (space.parameters(score + step) for step in PROBE * np.eye(space.count)[learnt])
-        moments = [other.rest.moments(theta_rad, travel_mm) for other in near]
+        near = [space.parameters(score + steps[number]).rest for number in tendons + loads]
+        # Robots that differ in their tendons alone are computed at once.
+        together = replace(
+            p.rest,
+            slack_mm=np.array([rest.slack_mm for rest in near[: len(tendons)]]),
+            tendon_stiffness_mm2=np.array([r.tendon_stiffness_mm2 for r in near[: len(tendons)]]),
+        )
+        moments = [together.moments(theta_rad.repeat(len(tendons), axis=0), travel_mm)]
+        moments += [rest.moments(theta_rad, travel_mm) for rest in near[len(tendons) :]]
         led_mm = travel_mm + PROBE * self._winding_mm @ rate_rad_s
         moments.append(p.rest.moments(theta_rad, led_mm))
         more = np.concatenate(moments) - p.rest.moments(theta_rad, travel_mm)
         compliance = np.linalg.inv(p.rest.stiffness_matrix(theta_rad, travel_mm)[0])
         yielding = np.zeros((theta_rad.shape[1], space.count + 1))
-        yielding[:, [*learnt, space.count]] = -compliance @ more.T / PROBE
+        yielding[:, [*tendons, *loads, space.count]] = -compliance @ more.T / PROBE
         _, by_theta = self._tip_by(p, theta_rad)
         return Sensitivity(by_theta[0] @ yielding, yielding)
 
