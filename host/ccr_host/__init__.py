@@ -15,10 +15,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from ccr_host.core.errors import CcrError, CodeError, ConfigError, DeviceError, TrackerError
-from ccr_host.core.version import __version__
 
 if TYPE_CHECKING:
     from ccr_host.control.base import Command, Controller, Observation, Outcome
+    from ccr_host.core.version import __version__
     from ccr_host.description.schema import Description
     from ccr_host.run.observer import RunObserver
     from ccr_host.sim.robot.plant import Plant
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ccr_host.tracking.tracker import MarkerFrame, Pose, RawTracker, TrackerHealth
 
 _HOME = {
+    "core.version": ("__version__",),
     "control.base": ("Command", "Controller", "Observation", "Outcome"),
     "description.schema": ("Description",),
     "run.observer": ("RunObserver",),

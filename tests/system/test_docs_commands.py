@@ -63,6 +63,7 @@ TOLD_ELSEWHERE = {
     r"simavr:": "tests/firmware runs the binary in simavr",
     r"sweep": "tests/system/test_sweep.py",
     r"setup": "tests/system/test_setup.py",
+    r"--surface robot": "tests/unit/control/adaptive/test_surface.py",
     r"calibrate (--identify )?--robot": "tests/system/test_calibrate.py",
 }
 HELP = {"--help", "-h", "--with-open"}

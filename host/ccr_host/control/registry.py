@@ -45,7 +45,7 @@ def baseline_names() -> list[str]:
 def rate_note(name: str, rate_hz: float) -> str:
     """What happens to a controller at a rate that it was not made for; empty if it was."""
     shortest_s: float = getattr(_MAKERS.get(name), "shortest_period_s", 0.0)
-    if rate_hz * shortest_s <= 1.0:
+    if not (shortest_s > 0.0 and rate_hz * shortest_s > 1.0):
         return ""
     others = ["mpc-offset", "pid-ik", DEFAULT_CONTROLLER]
     return (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 Table = tuple[int, ...]
@@ -12,12 +13,12 @@ def reflected_table(polynomial_reflected: int) -> Table:
     return tuple(_after_a_byte(byte, polynomial_reflected) for byte in range(256))
 
 
-def crc16(data: bytes, table: Table, initial: int) -> int:
-    """CRC of ``data`` before any final inversion."""
+def crc16(data: bytes, table: Table, initial: int, final_xor: int) -> int:
+    """CRC of ``data`` by a lookup table."""
     crc = initial
     for byte in data:
         crc = (crc >> 8) ^ table[(crc ^ byte) & 0xFF]
-    return crc
+    return crc ^ final_xor
 
 
 def _after_a_byte(crc: int, polynomial_reflected: int) -> int:
@@ -27,18 +28,9 @@ def _after_a_byte(crc: int, polynomial_reflected: int) -> int:
 
 
 _X25_TABLE: Final = reflected_table(0x8408)  # x^16 + x^12 + x^5 + 1, least significant bit first
-_INITIAL = 0xFFFF
-_FINAL_XOR = 0xFFFF
-
-
-def crc16_x25(data: bytes) -> int:
-    """CRC-16/X-25 of `data`; check value for "123456789": 0x906E."""
-    return crc16(data, _X25_TABLE, _INITIAL) ^ _FINAL_XOR
-
-
 _ARC_TABLE: Final = reflected_table(0xA001)  # x^16 + x^15 + x^2 + 1, least significant bit first
 
-
-def crc16_arc(data: bytes) -> int:
-    """CRC-16/ARC of `data`; check value for "123456789": 0xBB3D."""
-    return crc16(data, _ARC_TABLE, 0)
+crc16_x25 = partial(crc16, table=_X25_TABLE, initial=0xFFFF, final_xor=0xFFFF)
+"""CRC-16/X-25 of bytes; check value for "123456789": 0x906E."""
+crc16_arc = partial(crc16, table=_ARC_TABLE, initial=0, final_xor=0)
+"""CRC-16/ARC of bytes; check value for "123456789": 0xBB3D."""

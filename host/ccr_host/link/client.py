@@ -36,7 +36,7 @@ from ccr_host.link.exchange import (
     Transport,
 )
 from ccr_host.link.messages import State
-from ccr_host.link.targets import Angles, TargetLog, latched_error, on_wire, require_range
+from ccr_host.link.targets import Angles, TargetLog, latched_error, on_wire
 
 _SYNC_PERIOD_US = 10_000_000
 _MARGIN_US = 1_000_000
@@ -178,11 +178,9 @@ class Client(Board):
             DeviceError: as in :meth:`poll`.
         """
         self.poll()
-        target = m.SetTarget(self._session, on_wire(q_rad, self._config), ramp_ms, validity_ms)
-        require_range(target)
+        target = on_wire(self._session, q_rad, ramp_ms, validity_ms, self._config)
         sequence, now_us = self._exchange.send(target)
-        self._targets.feed(now_us, now_us + validity_ms * 1000)
-        self._targets.sent(sequence, now_us)
+        self._targets.feed(now_us, now_us + validity_ms * 1000, unanswered=sequence)
         if now_us - self._synced_us >= _SYNC_PERIOD_US:
             self._exchange.wait_for_room(m.ClockSync.SIZE)
             self._synced_us = self._clock.now_us()
@@ -199,9 +197,10 @@ class Client(Board):
         """
         self.poll()
         self.require(m.SetTargetAt)
-        angles_cdeg = on_wire(q_rad, self._config)
-        target = m.SetTargetAt(self._session, angles_cdeg, ramp_ms, validity_ms, tick % _U32)
-        require_range(target)
+        now = on_wire(self._session, q_rad, ramp_ms, validity_ms, self._config)
+        target = m.SetTargetAt(
+            now.session, now.target_cdeg, now.ramp_ms, now.validity_ms, tick % _U32
+        )
         lead_us = (tick - self.read_state().tick) % _U32 * m.TICK_US
         self._exchange.request(target, attempts=1)
         now_us = self._clock.now_us()

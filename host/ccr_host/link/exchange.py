@@ -170,14 +170,6 @@ class _Awaited:
         return isinstance(message, Nack) or message.ID == self.request.REPLY_ID
 
 
-@dataclass(frozen=True, slots=True)
-class _Outstanding:
-    """A request that was sent, and whose reply has not been received."""
-
-    wire_bytes: int
-    sent_us: int
-
-
 class Exchange:
     """Makes one request at a time; any other message of the board goes to `on_message`.
 
@@ -203,7 +195,8 @@ class Exchange:
         self._next_sequence = 0
         self._awaited: _Awaited | None = None
         self._polled_us = clock.now_us()
-        self._outstanding: dict[int, _Outstanding] = {}
+        self._outstanding: dict[int, tuple[int, int]] = {}
+        """Bytes on the wire, and time of sending in us, of requests without a reply."""
         self.limits = LinkLimitsReply(outstanding_requests=1, outstanding_bytes=0)
         """What the board accepts; one request at a time until that is known."""
 
@@ -223,14 +216,14 @@ class Exchange:
             DeviceError: the port is gone.
         """
         clock, limits = self._clock, self.limits
-        while True:
+        while self._outstanding:
             now_us = clock.now_us()
             self._outstanding = {
-                sequence: one
-                for sequence, one in self._outstanding.items()
-                if now_us - one.sent_us < ANSWER_TIMEOUT_US
+                sequence: (wire_bytes, sent_us)
+                for sequence, (wire_bytes, sent_us) in self._outstanding.items()
+                if now_us - sent_us < ANSWER_TIMEOUT_US
             }
-            waiting = [one.wire_bytes for one in self._outstanding.values()]
+            waiting = [wire_bytes for wire_bytes, _ in self._outstanding.values()]
             total_bytes = sum(waiting) + payload_bytes + _ENCODING_BYTES
             fits = len(waiting) < limits.outstanding_requests
             if not waiting or (fits and total_bytes <= limits.outstanding_bytes):
@@ -248,7 +241,8 @@ class Exchange:
             DeviceError: the port is gone.
         """
         payload = request.pack()
-        self.wait_for_room(len(payload))
+        if self._outstanding:
+            self.wait_for_room(len(payload))
         sequence = self._next_sequence
         self._next_sequence = (sequence + 1) % _U8
         now_us = self._clock.now_us()
@@ -314,7 +308,7 @@ class Exchange:
 
     def _write(self, frame: bytes, sequence: int, now_us: int) -> None:
         self._counts.sent += 1
-        self._outstanding[sequence] = _Outstanding(len(frame), now_us)
+        self._outstanding[sequence] = len(frame), now_us
         if self._on_frame:
             self._on_frame("sent", now_us, frame)
         self._transport.write(frame)

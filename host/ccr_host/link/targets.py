@@ -39,11 +39,6 @@ class TargetLog:
         self.refusal: m.Nack | None = None
         """The newest refusal that has not been handled."""
 
-    def sent(self, sequence: int, time_us: int) -> None:
-        """Note a new target, which is now unanswered."""
-        self._given_up += sequence in self._open_since_us
-        self._open_since_us[sequence] = time_us
-
     @property
     def awaits_answer(self) -> bool:
         """Whether a target is unanswered."""
@@ -66,8 +61,14 @@ class TargetLog:
         overdue = sum(sent_us < sent_before_us for sent_us in self._open_since_us.values())
         return self._given_up + overdue
 
-    def feed(self, now_us: int, until_us: int) -> None:
-        """Note that the board follows a target until a time, and whether that came too late."""
+    def feed(self, now_us: int, until_us: int, unanswered: int | None = None) -> None:
+        """Note that the board follows a target until a time, and whether that came too late.
+
+        ``unanswered`` is its sequence number if its answer is still to come.
+        """
+        if unanswered is not None:
+            self._given_up += unanswered in self._open_since_us
+            self._open_since_us[unanswered] = now_us
         if now_us > self.fed_until_us:
             self._gap_us, self._gap_end_us = now_us - self.fed_us, now_us
         self.fed_us, self.fed_until_us = now_us, until_us
@@ -88,19 +89,18 @@ def latched_error(report: m.StateReport) -> DeviceError:
     return BoardStoppedError() if report.state is State.STOPPED else BoardFaultError(report.fault)
 
 
-def on_wire(q_rad: Angles, config: BoardConfig | None) -> tuple[int, ...]:
-    """Angles of all axes of a board, 0.01 deg; those without a motor stay at their rest."""
-    target_cdeg = rad_to_cdeg(np.minimum(np.maximum(q_rad, -np.pi), np.pi))
-    unused_cdeg = config.limits.rest_cdeg[len(target_cdeg) :] if config else ()
-    return (*target_cdeg, *unused_cdeg)
-
-
-def require_range(target: m.SetTarget | m.SetTargetAt) -> None:
-    """Check the times of a target.
+def on_wire(
+    session: int, q_rad: Angles, ramp_ms: int, validity_ms: int, config: BoardConfig | None
+) -> m.SetTarget:
+    """A target for all axes of a board; those without a motor stay at their rest.
 
     Raises:
         ValueError: ramp or validity is out of range.
     """
+    target_cdeg = rad_to_cdeg(np.minimum(np.maximum(q_rad, -np.pi), np.pi))
+    unused_cdeg = config.limits.rest_cdeg[len(target_cdeg) :] if config else ()
+    target = m.SetTarget(session, (*target_cdeg, *unused_cdeg), ramp_ms, validity_ms)
     if target.first_out_of_range() is not None:
-        times = f"ramp of {target.ramp_ms} ms or validity of {target.validity_ms} ms"
+        times = f"ramp of {ramp_ms} ms or validity of {validity_ms} ms"
         raise ValueError(f"{times} out of range")
+    return target
