@@ -162,6 +162,7 @@ def test_arc_of_an_array_equals_arc_of_its_elements():
             assert whole[order][index] == pytest.approx(single, abs=1e-15)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("segments", [1, 2, 3, 4])
 def test_random_robots_are_chains_of_homogeneous_transforms_and_their_derivatives(segments):
     rng = np.random.default_rng(segments)

@@ -175,6 +175,7 @@ def test_units_that_make_no_sense_are_asked_for(tmp_path, text, question):
         load(write(tmp_path, text))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "text",
     [

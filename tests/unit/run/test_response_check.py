@@ -65,6 +65,7 @@ def test_each_reversed_motor_is_named(name) -> None:
         assert found.as_described().cost - found.likeliest().cost > MATCHING
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SHIPPED[1:])
 def test_every_two_exchanged_motors_are_named(name) -> None:
     motors = schema.load(name).robot.motors

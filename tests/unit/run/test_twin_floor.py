@@ -88,6 +88,7 @@ def test_summary_and_floor_are_the_same_whether_or_not_the_floor_was_kept(short_
     assert warm["twin_floor_mean_error_mm"] > 0
 
 
+@pytest.mark.long
 def test_a_kept_floor_is_only_that_of_the_same_twin_path_and_limits(short_path, tmp_path):
     kept = tmp_path / "kept"
     for overrides in ((), ("twin.slack_mm=0.5",), ("servo.angle_max_deg=30",)):

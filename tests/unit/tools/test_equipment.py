@@ -237,6 +237,7 @@ def test_fault_log_is_read_in_order_when_its_numbers_wrap() -> None:
         assert [record.number for record in client.read_fault_log()] == [1, 0, 65535, 65534]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("is_open", [False, True])
 def test_emergency_stop_that_is_open_when_it_is_configured_is_reported(
     is_open: bool,

@@ -51,6 +51,7 @@ DEVICES = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.long
 @DEVICES
 def test_nothing_is_armed_until_asked_and_the_robot_goes_where_it_is_sent(options):
     with opened(**options) as robot:
@@ -69,6 +70,7 @@ def test_nothing_is_armed_until_asked_and_the_robot_goes_where_it_is_sent(option
         assert Watched.pulses[-1] == (0, 0)
 
 
+@pytest.mark.long
 @DEVICES
 @pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt, SystemExit])
 def test_however_the_block_is_left_the_robot_is_disarmed(options, error):

@@ -41,6 +41,7 @@ def rests_of(name: str, seed: int, led=lambda q: q, camera=None) -> Rests:
     return rests.turned(turn.as_matrix().T)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_turn_is_found_as_exactly_as_stated(name: str, seed: int) -> None:
@@ -52,6 +53,7 @@ def test_the_turn_is_found_as_exactly_as_stated(name: str, seed: int) -> None:
     assert found.residual_mm < 1.0
 
 
+@pytest.mark.long
 def test_a_reversed_and_two_exchanged_motors_are_named() -> None:
     description = schema.load("two-spatial")
     level = Rotation.identity()
@@ -62,6 +64,7 @@ def test_a_reversed_and_two_exchanged_motors_are_named() -> None:
         fit_turn(rests_of("two-spatial", 1, lambda q: q[:, [2, 1, 0, 3]], level), description)
 
 
+@pytest.mark.long
 def test_few_rests_and_a_robot_that_is_held_give_no_turn() -> None:
     description, rests = schema.load("two-spatial"), rests_of("two-spatial", 1)
     few = replace(

@@ -154,6 +154,7 @@ def test_no_step_ends_within_a_pause_though_the_host_stalls(
     assert all(record.end_us > witness.continued_us for record in after)
 
 
+@pytest.mark.long
 def test_stop_ends_a_pause(options: RunOptions) -> None:
     witness = Witness(stop_while="paused")
     witness.pauses_left = 1_000_000

@@ -102,6 +102,7 @@ def soft_and_loose(space: ChainSpace, seed: int) -> np.ndarray:
     return score
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("true_score", [believable, soft_and_loose])
 @pytest.mark.parametrize("robot", ["single", "two-spatial"])
 def test_a_tour_of_another_robot_is_fitted_to_the_noise(robot, true_score):

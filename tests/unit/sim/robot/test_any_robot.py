@@ -183,6 +183,7 @@ def test_a_motor_may_wind_several_tendons_either_way():
     assert abs((tip - base)[Z]) > 5.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["two-spatial", "three-spatial"])
 def test_the_work_of_all_servos_is_what_structure_and_tendons_store(name):
     """The moment on each pulley is the slope of the energy by its angle."""

@@ -42,6 +42,7 @@ def test_the_motor_angles_hold_the_tip_at_the_distances():
     assert found_mm == pytest.approx(distances_mm, abs=1e-3)
 
 
+@pytest.mark.long
 def test_a_path_of_rest_poses_has_no_distance_whatever_the_number_of_motors():
     for name in ("single", "two-spatial", "three-spatial"):
         twin = load(name).twin

@@ -76,6 +76,7 @@ def test_markers_are_told_apart_or_lost_but_never_confused(seed, segments, regis
             assert known.all()
 
 
+@pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(seed=SEEDS, segments=SEGMENTS)
 def test_named_markers_of_a_robot_that_moves_are_accepted(seed, segments) -> None:
@@ -88,6 +89,7 @@ def test_named_markers_of_a_robot_that_moves_are_accepted(seed, segments) -> Non
         check.robot_moves()
 
 
+@pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(seed=SEEDS, segments=SEGMENTS)
 def test_two_exchanged_names_are_told_at_rest(seed, segments) -> None:
@@ -101,6 +103,7 @@ def test_two_exchanged_names_are_told_at_rest(seed, segments) -> None:
         assert f"M{first + 1} and M{second + 1} are exchanged" in cause
 
 
+@pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(seed=SEEDS, segments=st.integers(2, 4))
 def test_two_markers_that_change_places_end_a_run(seed, segments) -> None:

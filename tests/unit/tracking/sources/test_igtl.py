@@ -275,6 +275,7 @@ def test_rotation_of_a_tool_is_that_of_the_matrix():
     assert (Rotation.from_quat((x, y, z, w)) * turn.inv()).magnitude() < 1e-9
 
 
+@pytest.mark.long
 def test_real_server_that_goes_away_and_comes_back():
     clock = RealClock()
     server = pyigtl.OpenIGTLinkServer(port=0, local_server=True)
