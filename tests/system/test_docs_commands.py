@@ -54,9 +54,8 @@ SIMULATED = {
     r"^view": "view --address 127.0.0.1:0",
 }
 """What stands for hardware, real time, minutes of work and addresses that may be taken; `mpc`, on
-spatial robots at 20 Hz `pid-ik`, for
-the default controller, which approaches its path for half a minute of simulated time. A controller
-that is named comes later and counts."""
+spatial robots `pid-ik`, for the default controller, which approaches its path for half a minute of
+simulated time. A controller that is named comes later and counts."""
 TOLD_ELSEWHERE = {
     r"flash": "tests/firmware flashes a simulated UNO",
     r"tcp://127\.0\.0\.1:5025": "tests/system/test_emulate.py",

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
-from scipy.stats import qmc
 
 from ccr_host.control.adaptive.chain_space import ChainParameters, ChainSpace
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
@@ -211,6 +210,8 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
     def tour_rad(self, p: ChainParameters, limits: MotorLimits) -> FloatArray:
         """Bending spread evenly over all degrees of freedom, in an order of short moves."""
+        from scipy.stats import qmc  # noqa: PLC0415 - takes 0.2 s, which other robots need not wait
+
         freedoms = self._model.freedom.shape[0]
         number = _TOUR_FIRST + _TOUR_PER_FREEDOM * freedoms
         shares = 2.0 * qmc.Halton(freedoms, scramble=False).random(number + 1)[1:] - 1.0

@@ -141,7 +141,7 @@ class Estimator(Generic[P, S]):
 
         Args:
             pose: the model's pose when it was taken.
-            rate_rad_s: rate of the setpoints at that time, (2,).
+            rate_rad_s: rate of the setpoints at that time, (n,).
             jolt_rad: recent jump of the setpoints.
             seen_mm: measured tip, (3,).
 

@@ -117,7 +117,7 @@ class AdaptiveLaw(Law):
         yield from super().stages()
 
     def first_rad(self) -> FloatArray:
-        """Motor angles at the first point of the plan, (2,)."""
+        """Motor angles at the first point of the plan, (n,)."""
         p, theta_rad = self._estimator.parameters, self._plan.bending_rad(0.0)
         return self._limits.clip(self._model.unhindered_rad(p, theta_rad))
 

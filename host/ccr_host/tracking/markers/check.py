@@ -180,13 +180,14 @@ class MarkerCheck:
         if np.add.reduce(np.fmax(own_mm, 0.0)) <= _JUMP_MM:
             return None
         moved_mm = _lengths_mm(markers_mm[:, None] - self._last)
+        jumps: dict[Order, float] = {}
         for order in self._exchanges:
             others_mm = moved_mm[list(order), self._as_named]
             moved = [place for place in self._as_named if order[place] != place]
             limit_mm = _JUMP_RATIO * (own_mm[moved].sum() - _JUMP_MM)
             if others_mm[moved].sum() < limit_mm:
-                return order
-        return None
+                jumps[order] = float(np.nansum(others_mm))
+        return min(jumps, key=lambda order: jumps[order], default=None)
 
     def _told(self, markers_mm: Array) -> str:
         distances_mm = _lengths_mm(markers_mm[self._to, :] - markers_mm[self._from, :])

@@ -1,5 +1,7 @@
 """The surface of an identified robot: points that it reaches, in the frame of (10)."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -125,5 +127,6 @@ def test_a_robot_that_was_not_identified_has_none(robot: str | None, why: str) -
 
 
 def test_an_unknown_surface_is_refused() -> None:
+    options: dict[str, Any] = {"path": "8shape", "surface": "mine"}
     with pytest.raises(ConfigError, match="give model or robot"):
-        RunOptions(path="8shape", surface="mine")  # type: ignore[arg-type]
+        RunOptions(**options)

@@ -115,12 +115,10 @@ def test_two_markers_that_change_places_end_a_run(seed, segments) -> None:
     first, second = sorted(rng.choice(segments + 1, 2, replace=False).tolist())
     order = np.arange(segments + 1)
     order[[first, second]] = second, first
-    # Where a third one nearly fits as well, it is named with them.
-    told = rf"M{first + 1}\b.* and M\d (have changed places|are exchanged)"
-    with pytest.raises(TrackerError, match=told) as refusal:
+    told = f"M{first + 1} and M{second + 1} (have changed places|are exchanged)"
+    with pytest.raises(TrackerError, match=told):
         for frame, seen_mm in enumerate(markers_mm[1:, order], 1):
             assert not check.accepts(Sample(frame * FRAME_US, seen_mm))
-    assert f"M{second + 1} " in str(refusal.value).replace(",", " ")
 
 
 @settings(max_examples=30, deadline=None)
