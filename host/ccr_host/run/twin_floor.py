@@ -24,7 +24,7 @@ from ccr_host.sim.robot.plant import TWIN
 Array = NDArray[np.float64]
 
 _MOST_SEARCHED = 160
-"""Targets times motors: a target takes 6 ms of CPU with two motors, up to 0.7 s with nine."""
+"""Targets times motors: a target takes 6 ms of CPU with two motors, 1.3 s with nine."""
 _MOST_KEPT = 500
 """Files of about 3 kB."""
 _VERSION = 1
