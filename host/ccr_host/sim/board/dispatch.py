@@ -18,6 +18,8 @@ from ccr_host.sim.board.core import (
 
 CAPABILITIES = m.Capabilities.EEPROM | m.Capabilities.HARDWARE_PULSES | m.Capabilities.TIMED_TARGETS
 
+_TICK_FIELD = 4
+"""Index of the field `tick` of `set_target_at`."""
 _CONFIG_GROUP_REQUESTS = (
     m.SetLimits,
     m.SetSlew,
@@ -112,7 +114,7 @@ class Dispatcher:
         if axis is not None:
             raise Refusal(m.NackCode.INCONSISTENT, axis)
         if isinstance(request, m.SetTargetAt) and not core.is_ahead(request.tick):
-            raise Refusal(m.NackCode.OUT_OF_RANGE, 4)
+            raise Refusal(m.NackCode.OUT_OF_RANGE, _TICK_FIELD)
         if isinstance(request, m.OpenSession) and request.spec_hash != self._spec_hash:
             raise Refusal(m.NackCode.SPEC_MISMATCH)
         if isinstance(request, _NEEDS_CONFIGURATION) and core.configuration.missing:
