@@ -57,6 +57,22 @@ def test_a_new_robot_is_set_up_and_finished_steps_are_not_repeated(
     assert followed.summary["true_mean_error_mm"] < 0.8
 
 
+@pytest.mark.long
+def test_a_robot_that_bends_in_space_is_set_up_and_follows_its_first_path(
+    ccr_host: CcrHost,
+) -> None:
+    begun = 'name = "mine"\n[robot]\npulley_radius_mm = 8\n[[robot.segments]]\n'
+    tendons = ", ".join(f"{{ angle_deg = {120 * n}, motor = {n + 1} }}" for n in range(3))
+    begun += f"length_mm = 60\ntendon_radius_mm = 4.5\ntendons = [{tendons}]\n"
+    (ccr_host.folder / "mine.toml").write_text(begun)
+    wrong = ("tracker.rotation_deg=[40,-100,70]", "twin.servo_us_per_90_deg=[1000,-1000,1000]")
+    sets = [word for key in (*wrong, "twin.slack_mm=0.3") for word in ("--set", key)]
+    ended = ccr_host("setup", "--yes", "--robot", "mine.toml", *sets, timeout_s=600)
+    assert ended.status == 0, ended.err
+    assert "motor 2; ccr-host calibrate corrects" in " ".join(ended.out.split())
+    assert "is set up: ccr-host track circle --robot mine.toml" in ended.out
+
+
 def test_without_a_terminal_yes_must_be_given(ccr_host: CcrHost) -> None:
     ended = ccr_host("setup", "--robot", "mine.toml")
     assert ended.status == 2
@@ -76,5 +92,5 @@ def test_a_segment_that_no_motor_bends_ends_it_with_the_cause(ccr_host: CcrHost)
     words = ("setup", "--yes", "--robot", "mine.toml", "--set", "twin.servo_rate_deg_s=0.01")
     ended = ccr_host(*words)
     assert ended.status == 3
-    assert "segment 1 swung by" in ended.err.strip().splitlines()[-1]
+    assert "motor 1 moved M3 by" in ended.err.strip().splitlines()[-1]
     assert (ccr_host.folder / "mine.toml").read_text() == 'name = "mine"\n'

@@ -93,7 +93,6 @@ def calibrate(
         corrected,
         file_for_calibration,
         keep_calibration,
-        require_surveyable,
     )
 
     change = EquipmentChange(board_name, emergency_stop, supply_divider, supply_min)
@@ -120,7 +119,6 @@ def calibrate(
     description = options.description()
     if not by_eye:
         require_named_tracker(context, options)
-        require_surveyable(description)
     screen = console()
     found = None
     in_camera_frame = not (by_eye or identify)

@@ -47,8 +47,6 @@ def register(
     from ccr_host.run.observer import Observers
     from ccr_host.run.open_rig import open_rig
     from ccr_host.tools.survey import REGISTRATION, registration_section, sections_of, survey
-    from ccr_host.tools.survey_fit import Survey
-    from ccr_host.tools.turn_fit import measure_turn
 
     options = RigOptions(
         robot=robot,
@@ -61,28 +59,18 @@ def register(
     )
     require_named_tracker(context, options)
     description = options.description()
-    measure = measure_turn if description.robot.segments else survey
     file = file_to_keep_in(robot, out)
     screen = console(on_stderr=as_json)
     with (
         terminal.steps_progress(console(on_stderr=True), "poses") as on_pose,
         open_rig(options, description, Observers(), in_camera_frame=True) as rig,
     ):
-        found = measure(rig, description, on_pose)
-    today, more = datetime.date.today(), {}
+        found = survey(rig, description, on_pose)
+    today = datetime.date.today()
     section = registration_section(found, description, today)
     kept = {REGISTRATION: section}
-    if isinstance(found, Survey):
-        if found.servos_are_as_described:
-            kept = sections_of(found, description, description.servo, today)
-        more = {
-            "segment_1_mm": float(found.lengths_mm[0]),
-            "hysteresis_mm": [
-                None if math.isnan(half_mm) else round(float(half_mm), 2)
-                for half_mm in found.hysteresis_mm
-            ],
-            "reversed_motors": list(found.reversed_motors),
-        }
+    if found.servos_are_as_described:
+        kept = sections_of(found, description, description.servo, today)
     screen.print(registration_table(found))
     if file is None:
         screen.print("not saved: give your robot description, or --out FILE")
@@ -94,7 +82,12 @@ def register(
             {
                 **section,
                 "date": section["date"].isoformat(),
-                **more,
+                "segment_1_mm": float(found.lengths_mm[0]),
+                "hysteresis_mm": [
+                    None if math.isnan(half_mm) else round(float(half_mm), 2)
+                    for half_mm in found.hysteresis_mm
+                ],
+                "reversed_motors": list(found.reversed_motors),
                 "device": device,
                 "tracker": tracker,
                 "seed": seed,

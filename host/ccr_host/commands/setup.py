@@ -57,7 +57,7 @@ def setup(
     """
     from ccr_host.core.errors import ConfigError
     from ccr_host.description.file import begin_description
-    from ccr_host.tools.survey import file_for_calibration, require_surveyable
+    from ccr_host.tools.survey import file_for_calibration
 
     if not yes and not (sys.stdin and sys.stdin.isatty()):
         raise ConfigError("standard input is not a terminal", "use a terminal, or give --yes")
@@ -76,13 +76,14 @@ def setup(
         screen.print(f"created {file}: enter the dimensions of your robot there")
     guide = _Guide(screen, options, file, asks=not yes)
     guide.check()
-    require_surveyable(options.description())
     guide.move_servos_by_eye()
     guide.survey()
     guide.check()
     guide.follow_first_path()
     words = " ".join(_words(options))
-    screen.print(f"{file} is set up: ccr-host track 8shape {words}", soft_wrap=True)
+    set_up = options.description().robot
+    path = "8shape" if not set_up.segments else "circle" if set_up.motors > 1 else "swing"
+    screen.print(f"{file} is set up: ccr-host track {path} {words}", soft_wrap=True)
 
 
 def _words(options: RigOptions) -> Sequence[str]:
@@ -160,7 +161,7 @@ class _Guide:
         from ccr_host.run.observer import Observers
         from ccr_host.run.open_rig import open_rig
         from ccr_host.tools.survey import corrected, keep_calibration
-        from ccr_host.tools.survey_fit import SurveyError
+        from ccr_host.tools.survey_starts import SurveyError
 
         self._title("camera, servos and rests")
         description = self.options.description()
@@ -197,8 +198,12 @@ class _Guide:
             return
         time_s = np.arange(_FIRST_PATH_S + 1.0)
         phase = 2.0 * np.pi * time_s / _FIRST_PATH_S
-        loop_rad = np.radians(_FIRST_PATH_DEG) * np.stack([np.sin(phase), np.cos(phase)], axis=1)
-        tips_mm = ConstantCurvature(self.options.description().robot).tip_mm(loop_rad)
+        robot = self.options.description().robot
+        # All segments bend together, towards one direction after the other.
+        towards = {t.motor: t.angle_deg for _, t in robot.tendons[::-1] if t.winding > 0}
+        turn_rad = np.radians([towards.get(motor + 1, 0.0) for motor in range(robot.motors)])
+        loop_rad = np.radians(_FIRST_PATH_DEG) * np.cos(phase[:, None] - turn_rad)
+        tips_mm = ConstantCurvature(robot).tip_mm(loop_rad)
         path = self.file.with_name(f"{self.file.stem}-first-path.csv")
         rows = np.column_stack([time_s, tips_mm[:, 0], tips_mm[:, 2]])
         np.savetxt(path, rows, "%.3f", ",", header="t_s,y_mm,z_mm", comments="")

@@ -13,19 +13,19 @@ from rich.text import Text
 from ccr_host.robot.reference import PATH_AXES
 from ccr_host.tools.monitor import LinkView, MonitorView
 from ccr_host.tools.survey_fit import Survey
-from ccr_host.tools.turn_fit import CameraTurn
 
 
-def registration_table(found: Survey | CameraTurn) -> Table:
+def registration_table(found: Survey) -> Table:
     """The camera's orientation and its uncertainty."""
     table = Table(title="registration", title_justify="left", show_header=False)
     turned, uncertain = found.camera_to_robot_deg, found.uncertainty_deg
     table.add_row("camera to robot, rotation vector (deg)", _numbers(turned, 2))
     table.add_row("uncertainty about x, y, z (deg)", _numbers(uncertain, 2))
     table.add_row("residual (mm)", f"{found.residual_mm:.2f}")
-    if isinstance(found, CameraTurn):
-        return table
-    table.add_row("hysteresis of M3 by motor 1, 2 (+- mm)", _numbers(found.hysteresis_mm, 2))
+    motors = ", ".join(str(motor + 1) for motor in range(len(found.direction)))
+    tip = f"M{len(found.lengths_mm) + 1}"
+    hysteresis = _numbers(found.hysteresis_mm, 2)
+    table.add_row(f"hysteresis of {tip} by motor {motors} (+- mm)", hysteresis)
     table.add_row("segments as measured (mm)", _numbers(found.lengths_mm, 1))
     if found.reversed_motors:
         motors = " and ".join(map(str, found.reversed_motors))

@@ -45,6 +45,21 @@ class Rests:
         """The last marker relative to M1, (N, 3)."""
         return self.vectors_mm[:, -1]
 
+    def ends(self) -> Rests:
+        """The rests with M1, M2 and the tip alone, in which static models are fitted."""
+        return replace(self, markers_mm=self.markers_mm[:, [0, 1, -1]])
+
+    def chosen(self, rows: NDArray[np.bool_] | list[int]) -> Rests:
+        """Some of the rests."""
+        parts = (getattr(self, key)[rows] for key in ("q_rad", "markers_mm", "count"))
+        return Rests(self.start_rad, *parts)
+
+    def then(self, later: Rests) -> Rests:
+        """These rests and those of a later tour."""
+        columns = ("q_rad", "markers_mm", "count")
+        joined = {key: np.concatenate([getattr(self, key), getattr(later, key)]) for key in columns}
+        return replace(self, **joined)
+
     def ways(self) -> FloatArray:
         """Sign of each motor's last motion before each rest, (N, n); 0 before it moved."""
         ways = np.sign(np.diff(self.q_rad, axis=0, prepend=self.start_rad[None]))

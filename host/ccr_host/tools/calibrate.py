@@ -176,18 +176,19 @@ def _rounded(angles_deg: Sequence[float]) -> tuple[float, ...]:
 def calibration_table(found: Survey, description: Description) -> Table:
     """Table of the fitted mounting, one row per servo."""
     robot = description.robot
-    described_gain = robot.pulley_radius_mm / robot.tendon_radius_mm
+    radii_mm = sorted({segment.tendon_radius_mm for segment in robot.chain}, reverse=True)
+    described = ", ".join(f"{robot.pulley_radius_mm / radius_mm:.2f}" for radius_mm in radii_mm)
     table = Table(
         title="mounting of the servos",
         title_justify="left",
         caption=f"{found.fit.residual}; +-: standard deviation; take-up: motor "
         "angle, and length of tendon, that takes up the slack; gain: bending over motor angle, "
-        f"described {described_gain:.2f} (r_p / r_c)",
+        f"described {described} (r_p / r_c)",
         caption_justify="left",
     )
     for heading in ("motor", "direction", "neutral (deg)", "take-up", "gain"):
         table.add_column(heading, justify="right")
-    for axis in (0, 1):
+    for axis in range(len(found.direction)):
         take_up_rad = found.take_up_rad[axis]
         table.add_row(
             str(axis + 1),

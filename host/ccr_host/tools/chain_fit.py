@@ -128,13 +128,6 @@ class ChainFit:
         """Markers of some rows, (n, ends, 3)."""
         return self.model.predicted_mm(self.score, rows)
 
-    def turn_covariance(self) -> FloatArray:
-        """Covariance of the robot's turn about the axes of the measurement, rad^2, (3, 3)."""
-        own = np.array([unknown.kind == "turn" for unknown in self.model.unknowns])
-        deviation = self.model.deviation[own]
-        covariance: FloatArray = self.covariance[np.ix_(own, own)]
-        return covariance * np.outer(deviation, deviation)
-
 
 def fit_chain(model: ChainModel, seen_mm: FloatArray, rows: NDArray[np.intp]) -> ChainFit:
     """Fit to some rows.

@@ -22,9 +22,7 @@ from ccr_host.control.adaptive.identification import (
     fits_to,
     likeliest,
 )
-from ccr_host.control.adaptive.model import make_model
-from ccr_host.control.adaptive.parameters import COUNT, Scaling
-from ccr_host.control.adaptive.tour import tour_stops_rad
+from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.description.file import file_to_keep_in, keep_in
 from ccr_host.description.schema import Description, Registration, Servo
@@ -35,7 +33,7 @@ from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
 from ccr_host.tools.survey_fit import Survey, fit_survey
-from ccr_host.tools.turn_fit import CameraTurn
+from ccr_host.tools.survey_starts import likeliest_motors
 from ccr_host.tracking.markers.check import MarkerCheck
 
 REGISTRATION, IDENTIFIED = "registration", "identified"
@@ -49,40 +47,42 @@ _SIDEWAYS_DEG = 20.0
 """Amplitude of motor 2."""
 _SHARE_OF_LIMITS = 0.6
 """Each motor uses at most this fraction of its range."""
-_SWINGS = tuple(third / 3 for third in (0, 1, 2, 3, 2, 1, 0, -1, -2, -3, -2, -1, 0))
+_SWINGS: tuple[float, ...] = tuple(
+    third / 3 for third in (0, 1, 2, 3, 2, 1, 0, -1, -2, -3, -2, -1, 0)
+)
 """Poses of motor 1, all but the extremes approached from both sides, as friction bends the robot
 otherwise on each."""
-_SIDES = (1.0, 0.0, -1.0, 0.0)
+_SIDES: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0)
 """Poses of motor 2."""
+_TOUR_SHARE = 0.5
+"""Part of the controller's tour that another robot of several segments makes: markers at its
+extremes cannot be told apart with certainty before the camera is registered."""
+_ALONE_DEG = 30.0
+_ALONE: tuple[float, ...] = (0.5, 1.0, 0.5, -1.0)
+"""Poses of each motor of another robot, none of them slack but the first of all: what has a slack
+robot rest is friction, which its model leaves out."""
 
 
-def require_surveyable(description: Description) -> None:
-    """Refuse robots that the static model does not know; call it before connecting.
-
-    Raises:
-        ConfigError: the robot has other segments or motors than the paper's.
-    """
+def safe_poses_rad(description: Description) -> NDArray[np.float64]:
+    """Motor angles to visit, (K, n): small, of one motor after the other."""
+    limits = MotorLimits.of(description.servo)
+    reach_rad = np.maximum(_SHARE_OF_LIMITS * np.minimum(-limits.lower_rad, limits.upper_rad), 0.0)
+    count = len(reach_rad)
     if description.robot.segments:
-        raise ConfigError(
-            "setup and calibrate with the tracker know only robots of two planar segments with a "
-            "motor each",
-            "use calibrate --by-eye, then register",
-        )
-
-
-def safe_poses_rad(limits: MotorLimits) -> NDArray[np.float64]:
-    """Motor angles to visit, (K, 2): small, symmetric about the middle of the limits or zero."""
-    reach = _SHARE_OF_LIMITS * np.minimum(-limits.lower_rad, limits.upper_rad)
-    swing, sideways = np.minimum(np.radians([_SWING_DEG, _SIDEWAYS_DEG]), np.maximum(reach, 0.0))
-    return np.array(
-        [(share * swing, 0.0) for share in _SWINGS] + [(0.0, share * sideways) for share in _SIDES]
-    )
+        amplitudes_deg = [_ALONE_DEG] * count
+        shares = [(0.0, *_ALONE), *[_ALONE] * (count - 1)]
+    else:
+        amplitudes_deg, shares = [_SWING_DEG, _SIDEWAYS_DEG], [_SWINGS, _SIDES]
+    alone_rad = np.diag(np.minimum(np.radians(amplitudes_deg), reach_rad))
+    stops = np.vstack([np.outer(own, row) for own, row in zip(shares, alone_rad, strict=True)])
+    return stops + 0.0  # No negative zeros in files.
 
 
 def identification_stops_rad(description: Description) -> NDArray[np.float64]:
-    """Motor angles of the controller's tour, rad, (N, 2)."""
-    prior = Scaling(description.robot).parameters(np.zeros(COUNT))
-    return tour_stops_rad(prior, MotorLimits.of(description.servo))
+    """Motor angles of the controller's tour, rad, (N, n)."""
+    model, space = make_static_model(description)
+    prior = space.parameters(np.zeros(space.count))
+    return model.tour_rad(prior, MotorLimits.of(description.servo))
 
 
 def survey(rig: Rig, description: Description, on_pose: OnPose) -> Survey:
@@ -106,12 +106,22 @@ def survey(rig: Rig, description: Description, on_pose: OnPose) -> Survey:
 def survey_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
     """The rests to which `survey` fits.
 
+    The large poses of a robot whose motors may wind tendons against each other are led by what its
+    motors did in the small ones.
+
     Raises:
-        DeviceError, TrackerError, RestError: as `survey`.
+        DeviceError, TrackerError, RestError, SurveyError, MisfitError: as `survey`.
     """
-    safe_rad = safe_poses_rad(MotorLimits.of(description.servo))
-    stops_rad = np.concatenate([safe_rad, identification_stops_rad(description)])
-    return visit(rig, MarkerCheck(description, in_robot_frame=False), stops_rad, on_pose)
+    safe_rad, tour_rad = safe_poses_rad(description), identification_stops_rad(description)
+    check = MarkerCheck(description, in_robot_frame=False)
+    if not description.robot.segments:  # Its motors cannot pull against each other.
+        return visit(rig, check, np.concatenate([safe_rad, tour_rad]), on_pose)
+    total = len(safe_rad) + len(tour_rad)
+    rests = visit(rig, check, safe_rad, lambda done, _: on_pose(done, total))
+    share = _TOUR_SHARE if len(description.robot.segments) > 1 else 1.0
+    led_rad = share * tour_rad * likeliest_motors(rests, description).signs
+    later = visit(rig, check, led_rad, lambda done, _: on_pose(len(safe_rad) + done, total))
+    return rests.then(later)
 
 
 def measure_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
@@ -132,8 +142,8 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
     Raises:
         TrackerError: the rests do not fit the described robot at all.
     """
-    predict = make_model(description.control).predicted_mm
-    fits = fits_to(Scaling.of(description), rests, predict)
+    model, space = make_static_model(description)
+    fits = fits_to(space, rests.ends(), model.predicted_mm)
     if fits is None:
         raise TrackerError(
             f"the {len(rests.count)} rests measured do not fit the described robot",
@@ -143,19 +153,17 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
 
 
 def registration_section(
-    found: Survey | CameraTurn, description: Description, date: datetime.date
+    found: Survey, description: Description, date: datetime.date
 ) -> dict[str, Any]:
     """The keys of ``[registration]``, rounded to their accuracy."""
-    section = {
+    scale = float(found.lengths_mm[-1]) / description.robot.segment_lengths_mm[-1]
+    return {
         "camera_to_robot_deg": [round(float(v), 4) for v in found.camera_to_robot_deg],
         "uncertainty_deg": [round(float(v), 2) for v in found.uncertainty_deg],
         "residual_mm": round(found.residual_mm, 3),
         "date": date,
+        "scale": round(scale, 4),
     }
-    if isinstance(found, CameraTurn):
-        return section
-    scale = float(found.lengths_mm[1]) / description.robot.segment_lengths_mm[1]
-    return section | {"scale": round(scale, 4)}
 
 
 def identified_section(

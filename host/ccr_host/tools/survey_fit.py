@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import product
-from operator import attrgetter
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,36 +18,25 @@ from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.identification import Fit, Predict, StaticsFit
 from ccr_host.control.adaptive.misfit import (
-    driven,
+    exchanged,
     is_misfit,
     misfit,
-    other_mountings,
+    misfit_of,
     wrongly_mounted,
 )
-from ccr_host.control.adaptive.model import make_model
-from ccr_host.control.adaptive.parameters import COUNT, TURNS, ZEROS, Parameters, Scaling
-from ccr_host.control.adaptive.statics import zeros_rad
-from ccr_host.control.adaptive.tip import turned_back_mm
-from ccr_host.core.errors import CcrError
-from ccr_host.description.schema import Description, Robot
+from ccr_host.control.adaptive.model import make_static_model
+from ccr_host.control.adaptive.parameter_space import ParameterSpace
+from ccr_host.control.adaptive.parameters import Scaling
+from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
+from ccr_host.tools.survey_starts import Start, SurveyError, nearest_motors, starts_of
 
 Array = NDArray[np.float64]
 
-_TURN_RAD = 0.3
-"""Standard deviation of the camera's turn about the frame that the fit starts from."""
-_ZERO_RAD = math.radians(30.0)
-_ZEROS_1_RAD = np.radians((-12.0, -6.0, 0.0, 6.0, 12.0))
-_ZEROS_2_RAD = np.radians((-10.0, -5.0, 0.0, 5.0, 10.0))
-"""Zeros from which the fit may start. Friction distorts the cost, so that a single start can end in
-a local minimum, most of all along the zero of motor 1, which looks like a turn about x."""
 _STARTS = 3
 _SHAFT_FACTOR = 1.5
 """By which an unexplained shaft angle is larger than in `adaptive`: zeros and directions that are
-not yet calibrated move the robot further."""
-_INFLATION = 2.0
-"""Factor of the variances that the rests leave, as errors of the model are alike in neighbouring
-rests. It and the shaft's factor were chosen on 40 random robots (bench/results.md has others)."""
+not yet calibrated move the robot further. Chosen on 40 random robots, as ``Scaling.inflation``."""
 MAX_TURN_DEG = 3.0
 MAX_ZERO_DEG = 2.0
 """A survey that states larger standard deviations is refused."""
@@ -57,14 +44,10 @@ _AGREEMENT_RAD = math.radians(0.5)
 """Zeros that are off by less, or by less than their deviation, are not worth a correction."""
 _FEWEST_RESTS = 12
 _MAX_BASE_MOTION_MM = 1.0
-_MIN_SWING_DEG = 30.0
-"""Least change of M2's direction; below it sag and rotation cannot be told apart."""
-_MIN_SIDEWAYS_MM = 5.0
+_MIN_MOTION_MM = 5.0
+"""By which each motor must move the tip, linearly."""
 _NOTABLE_MM = 5.0
 """Width of the hysteresis from which it is named as a cause; `default` has 3 mm."""
-_DISTINCT = 1.03
-"""Least ratio of the distances from the predictions of two hypotheses on the motors; 1.08 and more
-on robots with one thing wrong, 1.001 with markers on the backbone of a robot without weight."""
 _MOUNTED_OTHERWISE = 150.0
 """Least difference of minus twice the log likelihood by which another direction of gravity is more
 likely than the described one; robots mounted as described had at most 106."""
@@ -72,22 +55,21 @@ _RESTS_FOR_CAUSE = 20
 """Those of the controller's tour, which come last; each hypothesis is fitted to them."""
 
 
-class SurveyError(CcrError):
-    """The rests do not determine camera and servos reliably (exit status 3)."""
-
-
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What one tour of rests tells; arrays are (2,), one entry per motor, unless stated."""
+    """What one tour of rests tells; arrays are (n,), one entry per motor, unless stated."""
 
     rests: Rests
-    """In the robot's frame, with the angles commanded under the present calibration."""
+    """Those that were fitted, in the robot's frame, with the angles commanded under the present
+    calibration."""
+    hysteresis_mm: Array
+    """See ``Rests.hysteresis_mm``."""
     camera_to_robot: Array
     """(3, 3): turns vectors of the camera's frame into that of (10)."""
     uncertainty_deg: Array
     """(3,): standard deviation about x, y and z of (10)."""
     lengths_mm: Array
-    """Lengths of the segments as fitted."""
+    """Lengths of the segments as fitted, (S,)."""
     direction: Array
     """1 if as described, -1 if reversed."""
     neutral_rad: Array
@@ -110,11 +92,6 @@ class Survey:
     def residual_mm(self) -> float:
         """RMS distance of the markers from the model."""
         return self.fit.rms_mm
-
-    @property
-    def hysteresis_mm(self) -> Array:
-        """See ``Rests.hysteresis_mm``."""
-        return self.rests.hysteresis_mm()
 
     @property
     def servos_are_as_described(self) -> bool:
@@ -140,133 +117,80 @@ def fit_survey(rests: Rests, description: Description) -> Survey:
         SurveyError: the rests do not determine the robot reliably; the message says why.
         MisfitError: no such robot explains the rests; the message names the likely cause.
     """
-    _require_motion(rests)
-    predict = make_model(description.control).predicted_mm
-    scaling = Scaling(description.robot, _TURN_RAD, _ZERO_RAD, description.tracker.noise_mm)
-    scaling.shaft_rad *= _SHAFT_FACTOR
-    starts = _nearest_starts(rests, scaling, predict)
-    fits = [_fitted(start, rests, scaling, predict) for start in starts]
+    _require_motion(rests, description)
+    hysteresis_mm = rests.hysteresis_mm()
+    model, space = make_static_model(description, is_new=True)
+    space.shaft_rad *= _SHAFT_FACTOR
+    seen, predict = rests.ends(), model.predicted_mm
+    motors = nearest_motors(seen, space, predict)
+    if motors.exchanged:
+        raise exchanged(motors)
+    if description.robot.segments:
+        fitted = _where_tendons_pull(rests)
+        rests, seen = rests.chosen(fitted), seen.chosen(fitted)
+    starts = starts_of(motors, seen, space, predict)[:_STARTS]
+    fits = [_fitted(start, seen, space, predict) for start in starts]
     start, fit = min(zip(starts, fits, strict=True), key=lambda pair: pair[1].cost)
-    swapped, *signs = start.motors
-    as_mounted = driven(rests, signs)
-    if swapped or is_misfit(fit, as_mounted, scaling, zeros_are_known=False):
-        raise misfit(as_mounted.last(_RESTS_FOR_CAUSE), description, scaling)
-    gravity, cost = _mounted_otherwise(description.robot, start.motors, rests, scaling, predict)
-    if cost < fit.cost - _MOUNTED_OTHERWISE:
-        raise wrongly_mounted(gravity)
-    p = scaling.parameters(fit.score)
-    turn_back = np.array([turned_back_mm(p, axis) for axis in np.eye(3)]).T
-    deviation = scaling.deviation * np.sqrt(np.diag(_inflated(fit)))
-    camera_to_robot, direction = turn_back @ start.to_frame, np.array(signs)
+    as_mounted = motors.drive(seen)
+    if is_misfit(fit, as_mounted, space, zeros_are_known=False):
+        if isinstance(space, Scaling):
+            raise misfit(as_mounted.last(_RESTS_FOR_CAUSE), description, space)
+        raise misfit_of(fit, space)
+    costs = {
+        _fitted(starts_of(motors, seen, mounted, predict)[0], seen, mounted, predict).cost: gravity
+        for gravity, mounted in space.mountings().items()
+    }
+    if costs and min(costs) < fit.cost - _MOUNTED_OTHERWISE:
+        raise wrongly_mounted(costs[min(costs)])
+    p = space.parameters(fit.score)
+    turn_back = np.array([model.turned_back_mm(p, axis) for axis in np.eye(3)]).T
+    covariance = _inflated(fit, space)
+    deviation = space.deviation * np.sqrt(np.diag(covariance))
+    camera_to_robot, direction = turn_back @ start.to_frame, np.array(motors.signs)
+    mounting = space.mounting(fit.score)
     found = Survey(
         rests=rests.turned(camera_to_robot),
+        hysteresis_mm=hysteresis_mm,
         camera_to_robot=camera_to_robot,
-        uncertainty_deg=np.degrees(deviation[TURNS]),
-        lengths_mm=np.array([p.length_1_mm, p.length_2_mm]),
+        uncertainty_deg=np.degrees(deviation[space.roles.turns]),
+        lengths_mm=mounting.lengths_mm,
         direction=direction,
-        neutral_rad=direction * zeros_rad(p),
-        neutral_deviation_rad=deviation[ZEROS],
-        take_up_rad=np.array([p.slack_1_rad, p.slack_2_rad]),
-        gain=np.array([p.gain_1, p.gain_2]),
+        neutral_rad=direction * (space.zero_rad @ fit.score),
+        neutral_deviation_rad=space.zeros_deviation_rad(covariance),
+        take_up_rad=mounting.take_up_rad,
+        gain=mounting.gain,
         fit=fit,
     )
     _require_certainty(found)
     return found
 
 
-class _Motors(NamedTuple):
-    """A hypothesis on the motors; 1 or -1 for each."""
+def _where_tendons_pull(rests: Rests) -> list[int]:
+    """Rests in which several motors bend the robot, all if it has one motor alone.
 
-    swapped: bool
-    sign_1: float
-    sign_2: float
-
-    def drive(self, rests: Rests) -> Rests:
-        """The rests with the angles that the described motors would have got."""
-        return driven(rests, (self.sign_1, self.sign_2), swapped=self.swapped)
-
-
-class _Start(NamedTuple):
-    """Where a fit starts."""
-
-    off_mm: float
-    """Root of the sum of squared distances between the turned markers and the prediction."""
-    motors: _Motors
-    to_frame: Array
-    """(3, 3): from the camera's frame to one near the robot's."""
-    score: Array
-
-
-_OFF_MM = attrgetter("off_mm")
-
-
-def _starts(
-    motors: _Motors, rests: Rests, scaling: Scaling, predict: Predict[Parameters]
-) -> list[_Start]:
-    """The nearest start for each zero of motor 1."""
-    scores = np.zeros((len(_ZEROS_1_RAD), len(_ZEROS_2_RAD), COUNT))
-    scores[..., ZEROS[0]] = _ZEROS_1_RAD[:, None] / scaling.deviation[ZEROS[0]]
-    scores[..., ZEROS[1]] = _ZEROS_2_RAD / scaling.deviation[ZEROS[1]]
-    seen_mm = rests.vectors_mm.reshape(-1, 3)
-    expected_mm = predict(scaling.each(scores.reshape(-1, COUNT)), motors.drive(rests))
-    expected_mm = np.moveaxis(expected_mm, 0, 1).reshape(*scores.shape[:2], -1, 3)
-    return [
-        min((_start(motors, *at, seen_mm) for at in zip(*row, strict=True)), key=_OFF_MM)
-        for row in zip(expected_mm, scores, strict=True)
-    ]
-
-
-def _start(motors: _Motors, expected_mm: Array, score: Array, seen_mm: Array) -> _Start:
-    turn, off_mm = Rotation.align_vectors(expected_mm, seen_mm)
-    return _Start(float(off_mm), motors, turn.as_matrix(), score)
-
-
-def _nearest_starts(rests: Rests, scaling: Scaling, predict: Predict[Parameters]) -> list[_Start]:
-    """The nearest starts of the hypothesis on the motors that is nearest.
-
-    Raises:
-        SurveyError: another hypothesis, whose frame is not the same, is as near.
+    Where one motor moves, slack segments rest anywhere within their friction.
     """
-    supposed = [_Motors(*motors) for motors in product((False, True), (1.0, -1.0), (1.0, -1.0))]
-    trials = (_starts(motors, rests, scaling, predict) for motors in supposed)
-    best, rival, *_ = sorted(
-        (sorted(starts, key=_OFF_MM) for starts in trials), key=lambda starts: starts[0].off_mm
-    )
-    if rival[0].off_mm < _DISTINCT * best[0].off_mm:
-        raise SurveyError(
-            "the markers do not tell up from down: the rests fit markers on either side of the "
-            "backbone",
-            "mount all markers on the same side, further from the backbone, and correct "
-            "robot.marker_offset_mm",
-        )
-    return best[:_STARTS]
+    several = np.flatnonzero(np.count_nonzero(rests.q_rad, axis=1) > 1)
+    rows: list[int] = (
+        several if len(rests.start_rad) > 1 else np.arange(len(rests.q_rad))
+    ).tolist()
+    return rows
 
 
-def _fitted(start: _Start, rests: Rests, scaling: Scaling, predict: Predict[Parameters]) -> Fit:
+def _fitted(start: Start, rests: Rests, space: ParameterSpace[Any], predict: Predict[Any]) -> Fit:
     supposed = start.motors.drive(rests).turned(start.to_frame)
-    return StaticsFit(scaling, supposed, predict, start.score).finish()
+    return StaticsFit(space, supposed, predict, start.score).finish()
 
 
-def _mounted_otherwise(
-    robot: Robot, motors: _Motors, rests: Rests, scaling: Scaling, predict: Predict[Parameters]
-) -> tuple[tuple[float, float, float], float]:
-    """The most likely one of other directions of gravity, and the cost of its fit."""
-    costs = {}
-    for gravity in other_mountings(robot):
-        mounted = scaling.mounted(gravity)
-        start = min(_starts(motors, rests, mounted, predict), key=_OFF_MM)
-        costs[gravity] = _fitted(start, rests, mounted, predict).cost
-    return min(costs.items(), key=lambda pair: pair[1])
-
-
-def _inflated(fit: Fit) -> Array:
+def _inflated(fit: Fit, space: ParameterSpace[Any]) -> Array:
     """The covariance of the scores, with what the rests tell counting for less, (COUNT, COUNT)."""
-    prior = np.eye(COUNT)
+    prior = np.eye(len(fit.score))
     told = np.linalg.inv(fit.covariance) - prior
-    return np.asarray(np.linalg.inv(told / (_INFLATION * max(1.0, fit.surprise**2)) + prior))
+    weight = 1.0 / (space.inflation * max(1.0, fit.surprise**2))
+    return np.asarray(np.linalg.inv(weight * told + prior)) + space.misled()
 
 
-def _require_motion(rests: Rests) -> None:
+def _require_motion(rests: Rests, description: Description) -> None:
     """Refuse rests from which no fit can tell anything.
 
     Raises:
@@ -278,29 +202,22 @@ def _require_motion(rests: Rests) -> None:
             "check line of sight and the camera's measurement volume; see ccr-host monitor",
         )
     base_mm = rests.markers_mm[:, 0]
-    moved_mm = float(np.linalg.norm(base_mm - np.median(base_mm, axis=0), axis=1).max())
-    if moved_mm > _MAX_BASE_MOTION_MM:
+    base_moved_mm = float(np.linalg.norm(base_mm - np.median(base_mm, axis=0), axis=1).max())
+    if base_moved_mm > _MAX_BASE_MOTION_MM:
         raise SurveyError(
-            f"M1 moved by {moved_mm:.1f} mm between poses",
+            f"M1 moved by {base_moved_mm:.1f} mm between poses",
             "fix base and camera, and keep clear of them during the measurement",
         )
-    chords_mm = rests.vectors_mm[:, 0]
-    along = chords_mm / np.linalg.norm(chords_mm, axis=1)[:, None]
-    swing_deg = math.degrees(math.acos(float(np.clip((along @ along.T).min(), -1.0, 1.0))))
-    if swing_deg < _MIN_SWING_DEG:
-        raise SurveyError(
-            f"segment 1 swung by {swing_deg:.0f} deg only, {_MIN_SWING_DEG:.0f} are needed",
-            "check servo power and that tendons 1 and 3 are on servo 1; tighten them; "
-            "or widen servo.angle_min_deg and angle_max_deg",
-        )
-    normal = np.linalg.svd(chords_mm - chords_mm.mean(axis=0))[2][2]
-    sideways_mm = float(np.ptp((rests.tip_mm - chords_mm) @ normal))
-    if sideways_mm < _MIN_SIDEWAYS_MM:
-        raise SurveyError(
-            f"segment 2 moved M3 by {sideways_mm:.1f} mm only",
-            "check that tendons 2 and 4 are on servo 2; tighten them; "
-            "or widen servo.angle_min_deg and angle_max_deg",
-        )
+    tip, led_rad = description.robot.markers[-1], rests.q_rad
+    design = np.column_stack([led_rad, np.ones(len(led_rad))])
+    by_motor = np.linalg.norm(np.linalg.lstsq(design, rests.tip_mm)[0][:-1], axis=1)
+    for motor, moved_mm in enumerate(by_motor * np.ptp(led_rad, axis=0)):
+        if moved_mm < _MIN_MOTION_MM:
+            raise SurveyError(
+                f"motor {motor + 1} moved {tip} by {moved_mm:.1f} mm only",
+                "check its supply, and that its tendons are on its pulley; tighten them; "
+                "or widen servo.angle_min_deg and angle_max_deg",
+            )
 
 
 def _require_certainty(found: Survey) -> None:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccr_host.description.schema import Servo
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.description.schema import Description, Servo
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.observer import Observers, true_errors_mm
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
 from ccr_host.tools.survey import safe_poses_rad, survey
-from ccr_host.tools.survey_fit import Survey, SurveyError
+from ccr_host.tools.survey_fit import Survey
+from ccr_host.tools.survey_starts import SurveyError
 
 ASKEW_DEG = (69.0, -40.0, 115.0)
 
@@ -90,8 +90,8 @@ def test_a_camera_that_sees_nothing_is_told(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_poses_stay_well_inside_the_limits() -> None:
-    limits = MotorLimits.of(Servo(angle_min_deg=(-20.0, -5.0), angle_max_deg=(60.0, 85.0)))
-    poses = np.degrees(safe_poses_rad(limits))
+    narrow = Description(servo=Servo(angle_min_deg=(-20.0, -5.0), angle_max_deg=(60.0, 85.0)))
+    poses = np.degrees(safe_poses_rad(narrow))
     assert np.max(np.abs(poses[:, 0])) == pytest.approx(12.0)
     assert np.max(np.abs(poses[:, 1])) == pytest.approx(3.0)
     np.testing.assert_allclose(poses.sum(axis=0), 0.0, atol=1e-9)

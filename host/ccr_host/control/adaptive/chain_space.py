@@ -7,12 +7,22 @@ would be a millimetre at the tip.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from ccr_host.control.adaptive.parameter_space import ParameterSpace, Prior, Roles
+from ccr_host.control.adaptive.parameter_space import (
+    BEFORE_SETUP_TURN_RAD,
+    BEFORE_SETUP_ZERO_RAD,
+    Mounting,
+    ParameterSpace,
+    Prior,
+    Roles,
+)
 from ccr_host.description.schema import Description
 from ccr_host.robot.chain import PAPER_FRAME
 from ccr_host.robot.rest_model import Markers, RestModel
@@ -28,7 +38,12 @@ the sag of five disks a segment."""
 _DRIFTING = ("log_compliance", "slack", "weight")
 """Threads creep and tools change, while the geometry stays constant."""
 _LOADS = ("weight", "tip_share")
+_TILT_RAD = np.radians(2.0)
+"""By which the camera's turn is mistaken where gravity acts across the backbone: the load does not
+bend the segments evenly, as the model does."""
 _NOT_NEGATIVE = ("dead_travel", "tip_share")
+_SURE = ("length", "tendon_radius", "angle")
+"""What does not vary beyond its prior from robot to robot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +55,8 @@ class ChainParameters:
     rest: TendonRobot
     half_dead_mm: FloatArray
     """Half the travel that each tendon loses after a reversal, (T,)."""
+    turn: FloatArray = field(default_factory=partial(np.eye, 3))
+    """From the robot's frame to that of the camera, (3, 3)."""
     near: tuple[ChainParameters, ...] = ()
     """Robots whose parameters are slightly different, see ``ChainSpace.perturbed``."""
 
@@ -49,13 +66,18 @@ class ChainSpace(ParameterSpace[ChainParameters]):
 
     Args:
         description: of the robot.
+        is_new: the camera's turn and the servos' zeros are not known, and two parameters more each.
     """
 
-    def __init__(self, description: Description) -> None:
+    inflation = 8.0
+    """Even bending leaves larger errors; chosen on twelve twins (docs/registration.md)."""
+
+    def __init__(self, description: Description, *, is_new: bool = False) -> None:
         robot = description.robot
         last = len(robot.chain) - 1
         offset_mm = np.array([0.0, robot.marker_offset_mm, 0.0])
-        up = -np.array(robot.gravity_direction) @ PAPER_FRAME
+        self._gravity = np.array(robot.gravity_direction)
+        up = -self._gravity @ PAPER_FRAME
         markers = Markers((0, last), offset_mm, are_from_base=True)
         self.model = RestModel(robot.chain, markers, up)
         """Robots by their scores; markers are the end of the first segment and the tip."""
@@ -63,6 +85,8 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         self.winding_mm: FloatArray = robot.pulley_radius_mm * self.model.winding
         """Pull of each tendon over the motor angles, mm/rad, (T, n)."""
         kinds = [unknown.kind for unknown in self.model.unknowns]
+        self._own = len(kinds)
+        """Number of those of the robot itself; turn and zeros come after them."""
         self._slack = [number for number, kind in enumerate(kinds) if kind == "slack"]
         mean = np.array([unknown.mean for unknown in self.model.unknowns])
         deviation = self.model.deviation
@@ -75,17 +99,82 @@ class ChainSpace(ParameterSpace[ChainParameters]):
             hindrances=[],
             loads=[number for number, kind in enumerate(kinds) if kind in _LOADS],
             pushes=[],
+            varying=[number for number, kind in enumerate(kinds) if kind not in _SURE],
+            turns=[],
         )
         # Slack and stretch take a robot far from the prior.
         self.believable_mm = self.model.length_mm
         self.of_tendons = [n for n in roles.drifting if n not in roles.loads]
         """Numbers of those learnt along a path that change tendons alone; ``roles.loads`` are the
         others that are learnt."""
+        if is_new:
+            motors = self.winding_mm.shape[1]
+            open_rad = np.repeat((BEFORE_SETUP_TURN_RAD, BEFORE_SETUP_ZERO_RAD), (3, motors))
+            roles = roles._replace(turns=[self._own + axis for axis in range(3)])
+            mean, deviation = np.append(mean, 0.0 * open_rad), np.append(deviation, open_rad)
+            lower, upper = np.append(lower, -_BOUND * open_rad), np.append(upper, _BOUND * open_rad)
         super().__init__(Prior(mean, deviation, lower, upper), roles, description.tracker.noise_mm)
 
+    @property
+    def names(self) -> Sequence[str]:
+        own = [unknown.name for unknown in self.model.unknowns]
+        more = [f"turn_{axis}_rad" for axis in "xyz"]
+        more += [f"zero_{motor}_rad" for motor in range(1, self.winding_mm.shape[1] + 1)]
+        return (own + more)[: self.count]
+
+    @property
+    def zero_rad(self) -> FloatArray:
+        """From the slack of the tendons: as much as the tendons of a segment differ in it.
+
+        Zeros by which all motors of a segment only tighten its tendons cannot be told from slack.
+        """
+        zeros = slice(self._own + 3, None)
+        by_value = np.zeros((self.winding_mm.shape[1], self.count))
+        by_value[:, self._slack] = self._zero_by_slack
+        by_value[:, zeros] = (self._zero_by_slack @ self.winding_mm)[:, : self.count - self._own]
+        return by_value * self.deviation
+
+    @cached_property
+    def _zero_by_slack(self) -> FloatArray:
+        """Zeros that explain most of the different slack of each segment's tendons, (n, T)."""
+        own = np.equal.outer(self.model.segment_of, self.model.segment_of)
+        from_mean = np.eye(len(own)) - own / own.sum(axis=1)
+        return np.asarray(np.linalg.pinv(from_mean @ self.winding_mm) @ from_mean)
+
+    def misled(self) -> FloatArray:
+        axis = np.cross(self._gravity, -PAPER_FRAME[:, 2])
+        misled = np.zeros((self.count, self.count))
+        if turns := self.roles.turns:
+            score = _TILT_RAD * axis / self.deviation[turns]
+            misled[np.ix_(turns, turns)] = np.outer(score, score)
+        return misled
+
+    def mounting(self, score: FloatArray) -> Mounting:
+        robot = self.parameters(score).rest
+        slack_mm = robot.slack_mm - self.winding_mm @ self.zero_rad @ score
+        wound_mm = np.abs(self.winding_mm)
+        share = wound_mm / (wound_mm**2).sum(axis=0)
+        radius_mm = np.linalg.norm(robot.lever_mm, axis=2).max(axis=1)
+        return Mounting(robot.lengths_mm, slack_mm @ share, 1.0 / (radius_mm @ share))
+
+    def each(self, scores: FloatArray) -> ChainParameters:
+        """Of one set alone, to which ``starts`` is limited."""
+        (score,) = scores
+        return self.parameters(score)
+
+    def starts(self) -> FloatArray:
+        """The prior alone."""
+        return np.zeros((1, 1, self.count))
+
     def parameters(self, score: FloatArray) -> ChainParameters:
-        model = self.model
-        return ChainParameters(score, model.robot(score), model.half_dead_mm(score))
+        model, own = self.model, score[: self._own]
+        robot, half_dead_mm = model.robot(own), model.half_dead_mm(own)
+        if len(score) == self._own:
+            return ChainParameters(own, robot, half_dead_mm)
+        more_rad = self.deviation[self._own :] * score[self._own :]
+        robot = replace(robot, slack_mm=robot.slack_mm + self.winding_mm @ more_rad[3:])
+        turn = Rotation.from_rotvec(more_rad[:3]).as_matrix()
+        return ChainParameters(own, robot, half_dead_mm, turn)
 
     def perturbed(self, score: FloatArray, probe: float) -> ChainParameters:
         near = tuple(map(self.parameters, score + probe * np.eye(self.count)))

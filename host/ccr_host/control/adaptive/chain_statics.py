@@ -109,7 +109,8 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         return tip
 
     def turned_back_mm(self, p: ChainParameters, seen_mm: FloatArray) -> FloatArray:
-        return seen_mm
+        back: FloatArray = p.turn.T @ seen_mm
+        return back
 
     def predicted_mm(self, p: ChainParameters, rests: Rests) -> FloatArray:
         """Those of robots near by are first-order changes of this robot's."""
@@ -260,7 +261,9 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
     def _markers_mm(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
         """M2 and the tip, (N, D) -> (N, 2, 3)."""
-        return self._model.seen_mm(p.score, p.rest, p.rest.bend_rad(theta_rad))
+        markers_mm = self._model.seen_mm(p.score, p.rest, p.rest.bend_rad(theta_rad))
+        turned: FloatArray = markers_mm @ p.turn.T
+        return turned
 
     def _travel_mm(self, p: ChainParameters, rests: Rests) -> FloatArray:
         """Pull of each tendon at rests, (N, T)."""

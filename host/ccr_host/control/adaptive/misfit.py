@@ -10,16 +10,17 @@ reported.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import scipy
 
 from ccr_host.control.adaptive.identification import Fit, Predict, StaticsFit
 from ccr_host.control.adaptive.model import make_model
-from ccr_host.control.adaptive.parameter_space import ParameterSpace
+from ccr_host.control.adaptive.parameter_space import Gravity, ParameterSpace
 from ccr_host.control.adaptive.parameters import (
     COUNT,
     ZEROS,
@@ -29,7 +30,7 @@ from ccr_host.control.adaptive.parameters import (
 )
 from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.core.errors import CcrError
-from ccr_host.description.schema import Description, Robot
+from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
 
 _MOST_DEVIATIONS = 2.2
@@ -42,21 +43,8 @@ deg (0.9 RMS of 45 random robots), whatever their deviation."""
 _MOST_LEFT = 0.05
 """Fraction of the robot's motion that the model may leave unexplained, whatever the camera's noise:
 a robot of cheap parts leaves 0.02, which feedback corrects, one mounted upside down 0.07."""
-_VARYING = [
-    Parameters._fields.index(name)
-    for name in Parameters._fields[:COUNT]
-    if not name.startswith(("length", "marker", "middle", "gain", "slack", "turn", "zero"))
-]
-"""Parameters that vary beyond their prior from robot to robot: loads, stiffness, friction, glue."""
 _FREEDOM = 8.0
 """Factor by which a hypothesis widens the prior deviation of its parameters."""
-_MOUNTINGS = [
-    (sign * x + 0.0, sign * y + 0.0, sign * z + 0.0)
-    for x, y, z in np.eye(3).tolist()
-    for sign in (1.0, -1.0)
-]
-_SAME_DIRECTION = 0.9
-"""Cosine of the angle within which a mounting is the described one."""
 _START = 0.5
 """A freed zero starts at this fraction of its deviation, 8 deg, on either side, as slack may block
 one way."""
@@ -65,6 +53,7 @@ _FINALISTS = 5
 """All hypotheses make the first steps of their fits, only the best ones the rest. After 5 steps the
 right one was still among the last in one of forty misfits, after 8 it was first."""
 _CALIBRATE = "ccr-host calibrate"
+_SWAP_CURE = "exchange the leads of the servos, or the tendons between the pulleys"
 _PRICE = 6.0
 """Minus twice the log odds that a motor is reversed, or that two are swapped; a freed parameter is
 penalised likewise."""
@@ -77,7 +66,7 @@ class MisfitError(CcrError):
 def is_misfit(
     fit: Fit,
     rests: Rests,
-    scaling: ParameterSpace[Parameters],
+    scaling: ParameterSpace[Any],
     *,
     zeros_are_known: bool = True,
 ) -> bool:
@@ -89,10 +78,8 @@ def is_misfit(
         scaling: the prior of that fit.
         zeros_are_known: whether a zero that is far off makes it implausible.
     """
-    deviation = np.sqrt(np.diag(fit.covariance))
-    certain = np.maximum(np.abs(fit.score) - deviation, 0.0)
-    certain[_VARYING] = 0.0
-    zero_rad, doubt_rad = (zeros_rad(scaling.parameters(s)) for s in (fit.score, deviation))
+    certain = _certain(fit, scaling)
+    zero_rad, doubt_rad = scaling.zero_rad @ fit.score, scaling.zeros_deviation_rad(fit.covariance)
     certain_rad = np.abs(zero_rad) - np.maximum(doubt_rad, _ZERO_DOUBT_RAD)
     most_zero_rad = _MOST_ZERO_RAD if zeros_are_known else math.inf
     tips_mm = rests.vectors_mm[:, -1]
@@ -101,6 +88,29 @@ def is_misfit(
         (not fit.explains and fit.rms_mm > _MOST_LEFT * motion_mm)
         or bool(certain.max() > _MOST_DEVIATIONS)
         or bool((certain_rad > most_zero_rad).any())
+    )
+
+
+def _certain(fit: Fit, space: ParameterSpace[Any]) -> FloatArray:
+    """Deviations by which parameters are certainly wrong, (COUNT,)."""
+    deviation = np.sqrt(np.diag(fit.covariance))
+    certain: FloatArray = np.maximum(np.abs(fit.score) - deviation, 0.0)
+    certain[space.roles.varying] = 0.0
+    return certain
+
+
+def misfit_of(fit: Fit, space: ParameterSpace[Any]) -> MisfitError:
+    """Name the parameter that is furthest off, without further fits."""
+    certain = _certain(fit, space)
+    odd = int(certain.argmax())
+    if fit.explains or certain[odd] > _MOST_DEVIATIONS:
+        found, described = (space.values(score)[odd] for score in (fit.score, 0.0 * fit.score))
+        cause = f"{space.names[odd]} is {found:.3g} where {described:.3g} is described"
+        return _misfit("most likely", cause, "measure it again, and correct [[robot.segments]]")
+    return _misfit(
+        "no usual cause explains it:",
+        fit.residual,
+        "check that nothing holds it, its tendons on the pulleys, and [[robot.segments]]",
     )
 
 
@@ -138,20 +148,38 @@ def _misfit(likely: str, cause: str, cure: str) -> MisfitError:
     return MisfitError(f"the robot does not move as described; {likely} {cause}", cure)
 
 
-def driven(rests: Rests, signs: Sequence[float], *, swapped: bool = False) -> Rests:
-    """The rests with the setpoints that the model's motors get if the real ones are otherwise.
+class Motors(NamedTuple):
+    """A hypothesis on the motors."""
 
-    Args:
-        rests: the rests as commanded.
-        signs: -1 for a reversed motor, else 1.
-        swapped: whether the motors are exchanged.
-    """
-    order = [1, 0] if swapped else [0, 1]
-    return replace(
-        rests,
-        start_rad=(signs * rests.start_rad)[order],
-        q_rad=(signs * rests.q_rad)[:, order],
-    )
+    signs: tuple[float, ...]
+    """-1 for a reversed motor, else 1."""
+    order: tuple[int, ...]
+    """The motor, from 0, that acts as each described one."""
+
+    @classmethod
+    def as_described(cls, count: int) -> Self:
+        """As many motors, all as described."""
+        return cls((1.0,) * count, tuple(range(count)))
+
+    @property
+    def exchanged(self) -> list[int]:
+        """Motors that act as another one, from 0."""
+        return [motor for motor, acting in enumerate(self.order) if motor != acting]
+
+    def drive(self, rests: Rests) -> Rests:
+        """The rests with the setpoints that the model's motors get if the real ones are so."""
+        signs, order = np.array(self.signs), list(self.order)
+        return replace(
+            rests,
+            start_rad=(signs * rests.start_rad)[order],
+            q_rad=(signs * rests.q_rad)[:, order],
+        )
+
+
+def exchanged(motors: Motors) -> MisfitError:
+    """The error for exchanged motors."""
+    numbers = " and ".join(str(motor + 1) for motor in motors.exchanged)
+    return _misfit("most likely", f"motors {numbers} are exchanged", _SWAP_CURE)
 
 
 @dataclass(frozen=True)
@@ -165,7 +193,7 @@ class _Hypothesis:
     """The reversed motors, 0 or 1."""
     swapped: bool = False
     turned: bool = False
-    gravity: tuple[float, float, float] | None = None
+    gravity: Gravity | None = None
     """Direction of gravity, if not the described one."""
     freed: tuple[str, ...] = ()
     """The freed fields of `Parameters`."""
@@ -203,13 +231,7 @@ def zeros_off(zero_rad: FloatArray) -> str:
     )
 
 
-def other_mountings(robot: Robot) -> list[tuple[float, float, float]]:
-    """Directions of gravity along an axis of the robot's frame, but for the described one."""
-    described = robot.gravity_direction
-    return [way for way in _MOUNTINGS if np.dot(way, described) < _SAME_DIRECTION]
-
-
-def _mounted(gravity: tuple[float, float, float]) -> _Hypothesis:
+def _mounted(gravity: Gravity) -> _Hypothesis:
     shown = "[{:.0f}, {:.0f}, {:.0f}]".format(*gravity)
     return _Hypothesis(
         f"the robot is mounted with gravity along {shown} of its own frame",
@@ -218,7 +240,7 @@ def _mounted(gravity: tuple[float, float, float]) -> _Hypothesis:
     )
 
 
-def wrongly_mounted(gravity: tuple[float, float, float]) -> MisfitError:
+def wrongly_mounted(gravity: Gravity) -> MisfitError:
     """The error for a robot under gravity in another direction than described."""
     hypothesis = _mounted(gravity)
     return _misfit("most likely", hypothesis.name, hypothesis.cure)
@@ -227,8 +249,7 @@ def wrongly_mounted(gravity: tuple[float, float, float]) -> MisfitError:
 def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
     geometry = description.robot
     servo_cure = "negate its servo.pulse_per_90_deg_us, or exchange its tendons on the pulley"
-    swap_cure = "exchange the leads of the servos, or the tendons between the pulleys"
-    for swapped, cure in ((False, servo_cure), (True, swap_cure)):
+    for swapped, cure in ((False, servo_cure), (True, _SWAP_CURE)):
         exchanged = "motors 1 and 2 are exchanged" if swapped else ""
         for turned in ((), (0,), (1,), (0, 1)):
             motors = " and ".join(str(motor + 1) for motor in turned)
@@ -256,7 +277,7 @@ def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
         "servo.pulse_per_90_deg_us, robot.pulley_radius_mm and robot.tendon_radius_mm",
         freed=("gain_1", "gain_ratio"),
     )
-    yield from map(_mounted, other_mountings(geometry))
+    yield from map(_mounted, Scaling.of(description).mountings())
     known = "otherwise than registered" if description.registration else "turned and unregistered"
     yield _Hypothesis(
         f"the camera stands {known}, or the markers are exchanged",
@@ -294,8 +315,9 @@ def _as_supposed(
     hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, predict: Predict[Parameters]
 ) -> Rests:
     """The rests with the setpoints and the frame that the hypothesis implies."""
-    signs = [-1.0 if motor in hypothesis.reversed else 1.0 for motor in (0, 1)]
-    led = driven(rests, signs, swapped=hypothesis.swapped)
+    sign_1, sign_2 = (-1.0 if motor in hypothesis.reversed else 1.0 for motor in (0, 1))
+    order = (1, 0) if hypothesis.swapped else (0, 1)
+    led = Motors((sign_1, sign_2), order).drive(rests)
     if not hypothesis.turned:
         return led
     expected_mm = predict(scaling.parameters(np.zeros(COUNT)), led)

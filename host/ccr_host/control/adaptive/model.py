@@ -126,14 +126,19 @@ def make_model(control: Control) -> PlainModel:
 
 
 def make_static_model(
-    description: Description,
+    description: Description, *, is_new: bool = False
 ) -> tuple[StaticModel[Any, Any], ParameterSpace[Any]]:
     """The static model of a robot and its parameters.
+
+    Args:
+        description: of the robot.
+        is_new: neither the camera nor the zeros of the servos are known.
 
     Raises:
         ConfigError: it needs an extra that is not installed.
     """
     if not description.robot.segments:
-        return make_model(description.control), Scaling.of(description)
-    space = ChainSpace(description)
+        scaling = Scaling.before_setup(description) if is_new else Scaling.of(description)
+        return make_model(description.control), scaling
+    space = ChainSpace(description, is_new=is_new)
     return ChainStatics(description, space), space

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
@@ -14,12 +14,19 @@ from ccr_host.description.simulation import Tracker
 
 FloatArray = NDArray[np.float64]
 P = TypeVar("P")
+Gravity = tuple[float, float, float]
+"""Direction of gravity in the frame of (10)."""
 
 _RINGING_MM = 0.32
 """Error of a coordinate of a measurement at rest, in addition to the camera's noise."""
 _MODEL_MM = 0.25
 """Assumed error of a coordinate of a rest, however often it was measured: larger than the model's
 residual, as its errors are correlated in neighbouring rests."""
+BEFORE_SETUP_TURN_RAD = 0.3
+"""Standard deviation of the camera's turn about the frame that the fit to a new robot starts
+from."""
+BEFORE_SETUP_ZERO_RAD = math.radians(30.0)
+"""Standard deviation of the zeros of a new robot's servos."""
 _SHAFT_RAD = math.radians(0.5)
 """Deadband, backlash, droop, creep and friction of cheap parts make some tenths of a degree."""
 
@@ -45,6 +52,21 @@ class Roles(NamedTuple):
     """What is freed when a load on the tip begins suddenly."""
     pushes: list[int]
     """No push is assumed on a robot at rest, as a push looks like a turned camera."""
+    varying: list[int]
+    """They vary beyond their prior from robot to robot: loads, stiffness, friction, glue."""
+    turns: list[int]
+    """The camera's turn about x, y and z; none where it is believed."""
+
+
+class Mounting(NamedTuple):
+    """How segments, servos and tendons of a robot are found to be."""
+
+    lengths_mm: FloatArray
+    """Length of each segment, (S,)."""
+    take_up_rad: FloatArray
+    """Motor angle that takes up the slack of a straight segment, (n,)."""
+    gain: FloatArray
+    """Bending over motor angle with taut tendons, (n,); r_p / r_c in the description."""
 
 
 class ParameterSpace(ABC, Generic[P]):
@@ -59,6 +81,10 @@ class ParameterSpace(ABC, Generic[P]):
     believable_mm = 60.0
     """Median distance of rests from the prior from which they are not fitted. Random robots of the
     paper's kind are 10 to 30 mm off the prior; confused markers are further off."""
+
+    inflation = 2.0
+    """Factor of the variances that rests leave, as errors of the model are alike in neighbouring
+    ones (bench/results.md)."""
 
     def __init__(self, prior: Prior, roles: Roles, noise_mm: float = Tracker().noise_mm) -> None:
         self.roles = roles
@@ -81,6 +107,52 @@ class ParameterSpace(ABC, Generic[P]):
     @abstractmethod
     def perturbed(self, score: FloatArray, probe: float) -> P:
         """Parameters with each score increased by ``probe`` in turn, then none: COUNT + 1 sets."""
+
+    @property
+    @abstractmethod
+    def names(self) -> Sequence[str]:
+        """Names of the parameters, with units."""
+
+    @property
+    @abstractmethod
+    def zero_rad(self) -> FloatArray:
+        """Zero of each servo over the scores, (n, COUNT): the setpoint at which the shaft is at 0.
+
+        Different slack of the tendons of a segment has the same effect.
+        """
+
+    def misled(self) -> FloatArray:
+        """Covariance of the scores, (COUNT, COUNT), by what the model leaves out at every rest."""
+        return np.zeros((self.count, self.count))
+
+    @abstractmethod
+    def mounting(self, score: FloatArray) -> Mounting:
+        """What scores, (COUNT,), say about segments, servos and tendons."""
+
+    @abstractmethod
+    def each(self, scores: FloatArray) -> P:
+        """The parameters of several sets of scores, (K, COUNT)."""
+
+    @abstractmethod
+    def starts(self) -> FloatArray:
+        """Scores from which the fit to a robot before its setup may start, (K, M, COUNT).
+
+        Of each K the nearest one of M is tried.
+        """
+
+    def mountings(self) -> Mapping[Gravity, Self]:
+        """The same robot under other directions of gravity that its rests can tell apart."""
+        return {}
+
+    def values(self, score: FloatArray) -> FloatArray:
+        """The parameters as a vector, (COUNT,)."""
+        return np.asarray(self._mean + self.deviation * score)
+
+    def zeros_deviation_rad(self, covariance: FloatArray) -> FloatArray:
+        """Standard deviation of the servos' zeros, (n,), by that of the scores."""
+        by_score = self.zero_rad
+        deviation: FloatArray = np.sqrt(np.einsum("ni,ij,nj->n", by_score, covariance, by_score))
+        return deviation
 
     @abstractmethod
     def by_shaft(self, shaft_rad: float) -> FloatArray:

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.parameter_space import ParameterSpace, Prior, Roles
+from ccr_host.control.adaptive.parameter_space import (
+    BEFORE_SETUP_TURN_RAD,
+    BEFORE_SETUP_ZERO_RAD,
+    Gravity,
+    Mounting,
+    ParameterSpace,
+    Prior,
+    Roles,
+)
 from ccr_host.description.schema import Description, Robot
 from ccr_host.description.simulation import Tracker
 from ccr_host.robot.arc import Number
@@ -122,8 +130,25 @@ _ROLES = Roles(
     hindrances=_numbers("backlash_rad", "friction_1"),
     loads=[*_numbers("tip_per_mm"), *PUSHES],
     pushes=PUSHES,
+    varying=[
+        Parameters._fields.index(name)
+        for name in Parameters._fields[:COUNT]
+        if not name.startswith(("length", "marker", "middle", "gain", "slack", "turn", "zero"))
+    ],
+    turns=TURNS,
 )
 """Threads creep and tools change, while the geometry stays constant."""
+_ZEROS_1_RAD = np.radians((-12.0, -6.0, 0.0, 6.0, 12.0))
+_ZEROS_2_RAD = np.radians((-10.0, -5.0, 0.0, 5.0, 10.0))
+"""Zeros from which the fit may start. Friction distorts the cost, so that a single start can end in
+a local minimum, most of all along the zero of motor 1, which looks like a turn about x."""
+_MOUNTINGS = [
+    (sign * x + 0.0, sign * y + 0.0, sign * z + 0.0)
+    for x, y, z in np.eye(3).tolist()
+    for sign in (1.0, -1.0)
+]
+_SAME_DIRECTION = 0.9
+"""Cosine of the angle within which a mounting is the described one."""
 _USUAL_TURN_DEG = 0.5
 """Standard deviation of a registration that does not state it."""
 _LEAST_TURN_DEG = 0.1
@@ -250,6 +275,36 @@ class Scaling(ParameterSpace[Parameters]):
         turn_rad = np.radians(np.maximum(stated_deg, _LEAST_TURN_DEG))
         return cls(description.robot, turn_rad, noise_mm=noise_mm)
 
+    @classmethod
+    def before_setup(cls, description: Description) -> Scaling:
+        """Scaling of a robot of which neither camera nor zeros are known."""
+        noise_mm = description.tracker.noise_mm
+        return cls(description.robot, BEFORE_SETUP_TURN_RAD, BEFORE_SETUP_ZERO_RAD, noise_mm)
+
+    @property
+    def names(self) -> Sequence[str]:
+        return Parameters._fields[:COUNT]
+
+    @property
+    def zero_rad(self) -> FloatArray:
+        return np.eye(COUNT)[ZEROS] * self.deviation
+
+    def mounting(self, score: FloatArray) -> Mounting:
+        p = self.parameters(score)
+        rows = (p.length_1_mm, p.length_2_mm), (p.slack_1_rad, p.slack_2_rad), (p.gain_1, p.gain_2)
+        return Mounting(*map(np.array, rows))
+
+    def starts(self) -> FloatArray:
+        scores = np.zeros((len(_ZEROS_1_RAD), len(_ZEROS_2_RAD), COUNT))
+        scores[..., ZEROS[0]] = _ZEROS_1_RAD[:, None] / self.deviation[ZEROS[0]]
+        scores[..., ZEROS[1]] = _ZEROS_2_RAD / self.deviation[ZEROS[1]]
+        return scores
+
+    def mountings(self) -> Mapping[Gravity, Scaling]:
+        """Under gravity along each axis of the frame of (10), but for the described direction."""
+        up = self._known[:3]
+        return {way: self.mounted(way) for way in _MOUNTINGS if -(up @ way) < _SAME_DIRECTION}
+
     def parameters(self, score: FloatArray) -> Parameters:
         """The parameters of scores, as floats."""
         return parameters_of(np.append(self._mean + self.deviation * score, self._known))
@@ -263,7 +318,7 @@ class Scaling(ParameterSpace[Parameters]):
         known = np.broadcast_to(self._known, (len(scores), FIELDS - COUNT))
         return Parameters(*np.hstack([self._mean + self.deviation * scores, known]).T)
 
-    def mounted(self, gravity: tuple[float, float, float]) -> Scaling:
+    def mounted(self, gravity: Gravity) -> Scaling:
         """The same robot under gravity in another direction, a unit vector in the frame of (10)."""
         other = copy.copy(self)
         other._known = np.append(-np.array(gravity), self._known[3])

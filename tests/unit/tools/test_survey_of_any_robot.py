@@ -1,0 +1,132 @@
+"""Camera, directions and zeros of robots of any kind, from one survey."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ccr_host.control.adaptive.misfit import MisfitError, Motors
+from ccr_host.control.adaptive.model import make_static_model
+from ccr_host.description import schema
+from ccr_host.robot.rests import Rests
+from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.observer import Observers
+from ccr_host.run.open_rig import open_rig
+from ccr_host.run.options import RigOptions
+from ccr_host.tools.survey import identification_stops_rad, safe_poses_rad, survey
+from ccr_host.tools.survey_fit import Survey, fit_survey
+from ccr_host.tools.survey_starts import SurveyError, likeliest_motors
+
+NAMES = "single", "two-spatial", "three-spatial"
+NOISE_MM = 0.05
+"""Of a mean of thirty exposures."""
+
+
+@cache
+def description_of(name: str) -> schema.Description:
+    return schema.load(name)
+
+
+def rests_of(name: str, seed: int, motors: Motors | None = None, *, only_moves=False) -> Rests:
+    """Rests of a robot off its prior, with zeros, as a camera anywhere sees them."""
+    rng = np.random.default_rng(seed)
+    description = description_of(name)
+    model, space = make_static_model(description, is_new=True)
+    motors = motors or Motors.as_described(description.robot.motors)
+    safe_rad = safe_poses_rad(description)
+    tour_rad = identification_stops_rad(description) * motors.signs
+    q_rad = safe_rad if only_moves else np.concatenate([safe_rad, tour_rad])
+    nothing = np.zeros((len(q_rad), len(description.robot.markers), 3))
+    rests = Rests(np.zeros(q_rad.shape[1]), q_rad, nothing, np.full(len(q_rad), 30.0))
+    seen_mm = model.predicted_mm(space.parameters(true_score(name, seed)), motors.drive(rests))
+    seen_mm = seen_mm + rng.normal(0.0, NOISE_MM, seen_mm.shape)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    return Rests.of_vectors(rests.start_rad, q_rad, seen_mm, rests.count).turned(turn.T)
+
+
+@cache
+def true_score(name: str, seed: int) -> np.ndarray:
+    """Scores of a robot near its description, but for zeros up to 10 deg off."""
+    rng = np.random.default_rng(seed)
+    _, space = make_static_model(description_of(name), is_new=True)
+    score = np.clip(rng.normal(0.0, 0.3, space.count), -1.0, 1.0)
+    score[space.roles.turns] = 0.0
+    zeros = [number for number, key in enumerate(space.names) if key.startswith("zero_")]
+    score[zeros] = rng.uniform(-1.0, 1.0, len(zeros)) / 3.0
+    return score
+
+
+def reversed_in(name: str, *reversed_motors: int) -> Motors:
+    motors = Motors.as_described(description_of(name).robot.motors)
+    signs = (-1.0 if m + 1 in reversed_motors else s for m, s in enumerate(motors.signs))
+    return motors._replace(signs=tuple(signs))
+
+
+def off_deg(found: Survey, true: Rotation) -> np.ndarray:
+    return (Rotation.from_matrix(found.camera_to_robot) * true.inv()).as_rotvec(degrees=True)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "wrong"), [("single", (1,)), ("two-spatial", (2, 3)), ("three-spatial", (4, 5, 9))]
+)
+def test_camera_directions_and_zeros_are_found_as_exactly_as_stated(name: str, wrong) -> None:
+    motors = reversed_in(name, *wrong)
+    found = fit_survey(rests_of(name, 1, motors), description_of(name))
+    assert found.reversed_motors == wrong
+    true = Rotation.random(random_state=1)
+    assert (np.abs(off_deg(found, true)) < 2.5 * found.uncertainty_deg).all()
+    _, space = make_static_model(description_of(name), is_new=True)
+    zeros_off_rad = found.neutral_rad * motors.signs - space.zero_rad @ true_score(name, 1)
+    assert (np.abs(zeros_off_rad) < 2.5 * found.neutral_deviation_rad).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [("single", ()), ("two-spatial", (1, 2, 3, 4)), ("two-spatial", (4,)), ("three-spatial", (7,))],
+)
+def test_small_moves_tell_which_motors_are_reversed(name: str, wrong) -> None:
+    motors = reversed_in(name, *wrong)
+    found = likeliest_motors(rests_of(name, 2, motors, only_moves=True), description_of(name))
+    assert found == motors
+
+
+def test_small_moves_tell_exchanged_motors() -> None:
+    motors = Motors((1.0,) * 4, (2, 1, 0, 3))
+    rests = rests_of("two-spatial", 3, motors, only_moves=True)
+    with pytest.raises(MisfitError, match="motors 1 and 3 are exchanged"):
+        likeliest_motors(rests, description_of("two-spatial"))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_poses_stay_within_the_limits_and_move_each_motor_alone_to_both_sides(name: str) -> None:
+    limits = MotorLimits.of(description_of(name).servo)
+    poses_rad = safe_poses_rad(description_of(name))
+    assert (poses_rad >= limits.lower_rad).all()
+    assert (poses_rad <= limits.upper_rad).all()
+    assert (np.count_nonzero(poses_rad, axis=1) <= 1).all()
+    assert (poses_rad.max(axis=0) > 0.4).all()
+    assert (poses_rad.min(axis=0) < -0.4).all()
+
+
+def test_a_robot_that_is_held_is_refused() -> None:
+    rests = rests_of("two-spatial", 1, only_moves=True)
+    held = replace(rests, markers_mm=np.repeat(rests.markers_mm[:1], len(rests.q_rad), axis=0))
+    with pytest.raises(SurveyError, match=r"motor 1 moved M3 by 0\.0 mm only"):
+        fit_survey(held, description_of("two-spatial"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "tracker"), [("single", "twin:"), ("two-spatial", "ndi-emulator:")]
+)
+def test_a_camera_that_stands_anyhow_is_found_on_the_twin(name: str, tracker: str) -> None:
+    overrides = ("tracker.rotation_deg=[10,-40,25]",)
+    options = RigOptions(robot=name, tracker=tracker, overrides=overrides)
+    description = options.description()
+    with open_rig(options, description, Observers(), in_camera_frame=True) as rig:
+        found = survey(rig, description, lambda *_: None)
+    true = Rotation.from_rotvec([10.0, -40.0, 25.0], degrees=True)
+    assert (np.abs(off_deg(found, true)) < 2.5 * found.uncertainty_deg).all()
