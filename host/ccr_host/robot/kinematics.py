@@ -27,6 +27,7 @@ from ccr_host.description.schema import Robot, Segment
 from ccr_host.robot.chain import (
     MOST_DERIVATIVES,
     PAPER_FRAME,
+    TERMS,
     bend_of,
     exact_direction,
     exponents,
@@ -56,7 +57,8 @@ class Chain(NamedTuple):
     shapes: Sequence[FloatArray]
     """Transforms with derivatives, times the functions of the bending, (functions, all)."""
     kept: Sequence[IntArray]
-    """Which products, sorted as ``jet_index`` has them, do not exceed the order."""
+    """Which products with the jets of the later segments, sorted as ``jet_index`` has them, do not
+    exceed the order; all of the last segment's do."""
 
 
 def freedom_of(segments: Sequence[Segment]) -> FloatArray:
@@ -182,23 +184,19 @@ def jets(chain: Chain, y_rad: FloatArray) -> FloatArray:
     columns = _functions(chain, y_rad, waves, number) @ chain.shapes[number]
     point = columns.reshape(poses, -1, 4 if number > 0 else 3)
     while number > 0:
-        later = chosen(point, chain.kept[number])
         number -= 1
         shape = _functions(chain, y_rad, waves, number) @ chain.shapes[number]
-        both = products(later, shape.reshape(poses, 4, -1))
-        point = both.reshape(poses, -1, 4 if number > 0 else 3)
-    return chosen(point, chain.kept[0])
+        both = products(point, shape.reshape(poses, 4, -1))
+        point = chosen(both.reshape(poses, -1, 4 if number > 0 else 3), chain.kept[number])
+    return point
 
 
 def _functions(chain: Chain, y_rad: FloatArray, waves: FloatArray, number: int) -> FloatArray:
     """Functions of the bending of one segment, (N, functions)."""
     first = chain.first[number]
-    if len(chain.shapes[number]) == PLANAR_FUNCTIONS:
-        return np.ascontiguousarray(waves[:, first])
-    return spatial_functions(y_rad[:, first : first + 2])
-
-
-PLANAR_FUNCTIONS = len(transform_constants(0.0, 1.0, 0))
+    if len(chain.shapes[number]) == TERMS.shape[1]:
+        return spatial_functions(y_rad[:, first : first + 2])
+    return np.ascontiguousarray(waves[:, first])
 
 
 class ConstantCurvature:

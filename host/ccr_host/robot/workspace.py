@@ -68,7 +68,8 @@ class MotorLimits:
 
     def clip(self, q_rad: ArrayLike) -> FloatArray:
         """Motor angles clipped to the limits, rad; shape of ``q_rad``."""
-        return np.clip(np.asarray(q_rad, dtype=np.float64), self.lower_rad, self.upper_rad)
+        clipped: FloatArray = np.minimum(np.maximum(q_rad, self.lower_rad), self.upper_rad)
+        return clipped
 
 
 @dataclass(frozen=True)

@@ -180,12 +180,13 @@ def _packed(settings: Settings) -> tuple[FloatArray, IntArray]:
     robot = constants.chain
     numbers: list[ArrayLike] = [[bounds.step_rad, *constants.weights]]
     numbers += bounds.lower_rad, bounds.upper_rad
-    numbers += (constants.both, constants.transition, constants.residual, *robot.shapes)
+    numbers += robot.bending, constants.effect, constants.bend
+    numbers += constants.transition, constants.linear, *robot.shapes
     counts = [*robot.bending.shape, len(robot.first), robot.is_planar, constants.by_model]
     sizes: list[ArrayLike] = [counts]
     for first, shape, kept in zip(robot.first, robot.shapes, robot.kept, strict=True):
         sizes.append([first, *shape.shape, len(kept)])
-    sizes += (constants.second, constants.third, *robot.kept)
+    sizes += ([len(constants.further)], constants.second, constants.further, *robot.kept)
     flat = [np.ravel(array) for array in numbers]
     return np.concatenate(flat), np.concatenate(sizes).astype(np.int64)
 
@@ -195,22 +196,27 @@ def _unpacked(numbers: FloatArray, sizes: IntArray) -> Settings:
     n, freedoms, segments = sizes[0], sizes[1], sizes[2]
     table = sizes[5 : 5 + 4 * segments].reshape(segments, 4)
     index = 5 + 4 * segments
+    derivatives, index = sizes[index], index + 1
     second, index = sizes[index : index + freedoms**2], index + freedoms**2
-    third, index = sizes[index : index + freedoms**3], index + freedoms**3
+    further, index = sizes[index : index + derivatives], index + derivatives
     lower, upper = numbers[3 : 3 + n], numbers[3 + n : 3 + 2 * n]
-    both, place = _matrix(numbers, 3 + 2 * n, 2 * n, 2 * freedoms)
+    bending, place = _matrix(numbers, 3 + 2 * n, n, freedoms)
+    effect, place = _matrix(numbers, place, 2, 2)
+    bend, place = _matrix(numbers, place, 4, 2)
     transition, place = _matrix(numbers, place, n + 4, 2 * n + 4)
-    residual, place = _matrix(numbers, place, 2 * n + 4, 3 + n)
+    linear, place = _matrix(numbers, place, 2 * n + 4, 3 + n)
     shapes, kept = [], []
     for _, rows, columns, length in table:
         shape, place = _matrix(numbers, place, rows, columns)
         shapes.append(shape)
         kept.append(sizes[index : index + length])
         index += length
-    bending = both[:n, :freedoms].copy()
     robot = Chain(bending, sizes[3] != 0, table[:, 0].copy(), shapes, kept)
     weights = Weights(numbers[1], numbers[2])
-    constants = Constants(weights, sizes[4] != 0, robot, both, second, third, transition, residual)
+    by_model = sizes[4] != 0
+    constants = Constants(
+        weights, by_model, robot, further, second, effect, bend, transition, linear
+    )
     return Settings(constants, Bounds(lower, upper, numbers[0]))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.mpc import sqp
-from ccr_host.control.mpc.problem import Constants, Tracking, roll_out
+from ccr_host.control.mpc.problem import Constants, Tracking, squared
 from ccr_host.control.mpc.qp import solved
 from ccr_host.control.mpc.sqp import Bounds, Solution
 from ccr_host.core.plugins import import_optional
@@ -58,7 +58,8 @@ def plan_step(
     if not math.isnan(last_plan[0, -1]):
         guess -= correction(problem, position_mm - last_plan[0, -3:])
     guess = sqp.feasible(settings.bounds, commanded_rad, guess)
-    return _result(settings.bounds, path, now, sqp.solve(problem, settings.bounds, guess), problem)
+    solution = sqp.solve(problem, settings.bounds, guess, 1)
+    return _result(settings.bounds, path, now, solution, problem)
 
 
 def resume(
@@ -73,8 +74,7 @@ def resume(
     """Go on from a plan with the status NEEDS_QP."""
     problem = tracking(settings, path, now, steps, commanded_rad, position_mm)
     _, iteration, plan = unfinished
-    rollout = roll_out(problem, plan[:, :-3].copy())
-    solution = sqp.descend(problem, settings.bounds, rollout, iteration)
+    solution = sqp.solve(problem, settings.bounds, plan[:, :-3].copy(), iteration)
     return _result(settings.bounds, path, now, solution, problem)
 
 
@@ -112,7 +112,7 @@ def correction(problem: Tracking, error_mm: FloatArray) -> FloatArray:
     jacobian = products(chain.bending, jet[0, 1 : chain.bending.shape[1] + 1])
     gram = products(jacobian, jacobian.T)
     damping = weights.effort / weights.position
-    damping = max(damping, _LEAST_DAMPING * np.trace(gram))
+    damping = max(damping, _LEAST_DAMPING * squared(jacobian))
     for motor in range(len(gram)):
         gram[motor, motor] += damping
     is_definite, angles = solved(gram, products(jacobian, error_mm.reshape(3, 1)))

@@ -30,6 +30,7 @@ from ccr_host.robot.kinematics import (
     IntArray,
     chosen,
     derivative_index,
+    jet_index,
     jets,
     products,
 )
@@ -45,45 +46,63 @@ class Weights(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """What the problems of a run have in common; n motors, D degrees of freedom."""
+    """What the problems of a run have in common; n motors, D degrees of freedom.
+
+    K is the number of a pose's derivatives up to the second order, see ``jet_index``.
+    """
 
     weights: Weights
     by_model: bool
     """Whether e_k is predicted by f(q_k) instead of (14)'s sum."""
     chain: Chain
-    both: FloatArray
-    """``chain.bending`` for two poses at once, (2n, 2D)."""
+    further: IntArray
+    """Where the jets have each derivative up to the second order, differentiated once more by each
+    coordinate, (D K,)."""
     second: IntArray
     """Where the jets have the second derivatives, (D^2,)."""
-    third: IntArray
-    """Likewise, (D^3,)."""
+    effect: FloatArray
+    """sqrt(2 Q) times what J and its change along a move count by q_j and by q_(j-1), (2, 2)."""
+    bend: FloatArray
+    """Likewise what the second derivatives and their change count by both of these, (4, 2)."""
     transition: FloatArray
-    """The constant entries of ``Expansion.transitions``, (n + 4, 2n + 4)."""
-    residual: FloatArray
-    """The constant entries of ``Expansion.residuals``, (2n + 4, 3 + n)."""
+    """The constant entries of a stage's outcome (dq_j, de_j, 1) over z = (dq_j, dq_(j-1), de_(j-1),
+    1), with errors e in shares of sqrt(2 Q), (n + 4, 2n + 4)."""
+    linear: FloatArray
+    """The constant entries of a stage's residuals over z, transposed, (2n + 4, 3 + n)."""
 
     @classmethod
     def of(cls, robot: Robot, weights: Weights, *, by_model: bool = False) -> Constants:
         """The constants for a described robot."""
         chain = ConstantCurvature(robot).chain()
-        n, freedoms = chain.bending.shape
-        both = np.asarray(np.kron(np.eye(2), chain.bending), dtype=np.float64)
-        transition, residual = np.zeros((n + 4, 2 * n + 4)), np.zeros((2 * n + 4, 3 + n))
+        freedoms = chain.bending.shape[1]
+        index = jet_index(freedoms)
+        once_more = [
+            index[tuple(sorted((*derivative, y)))]
+            for y in range(freedoms)
+            for derivative in jet_index(freedoms, 2)
+        ]
+        n, size = len(chain.bending), math.sqrt(2.0 * weights.position)
+        transition, linear = np.zeros((n + 4, 2 * n + 4)), np.zeros((2 * n + 4, 3 + n))
         transition[:n, :n], transition[n + 3, 2 * n + 3] = np.eye(n), 1.0
-        residual[:n, 3:] = math.sqrt(2.0 * weights.effort) * np.eye(n)
-        residual[n : 2 * n, 3:] = -residual[:n, 3:]
-        if not by_model:
+        linear[:n, 3:] = math.sqrt(2.0 * weights.effort) * np.eye(n)
+        linear[n : 2 * n, 3:] = -linear[:n, 3:]
+        effect = [[1.0, 0.0], [0.0, 0.0]] if by_model else [[1.0, 0.0], [-1.0, 1.0]]
+        bend = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [-2.0, 1.0]]
+        if by_model:
+            bend = [[1.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]
+        else:
             transition[n : n + 3, 2 * n : 2 * n + 3] = np.eye(3)
-            residual[2 * n : 2 * n + 3, :3] = math.sqrt(2.0 * weights.position) * np.eye(3)
+            linear[2 * n : 2 * n + 3, :3] = np.eye(3)
         return cls(
             weights,
             by_model,
             chain,
-            both,
+            np.array(once_more, dtype=np.int64),
             derivative_index(freedoms, 2),
-            derivative_index(freedoms, 3),
+            size * np.array(effect),
+            size * np.array(bend),
             transition,
-            residual,
+            linear,
         )
 
 
@@ -104,46 +123,54 @@ class Rollout(NamedTuple):
     """(M, n)."""
     moves_rad: FloatArray
     """Increments, (M, n)."""
+    turns_rad: FloatArray
+    """Increments of the bending, (M, 1, D)."""
     jets: FloatArray
-    """The model at the poses where the moves begin, (M, K, 3); ``by_model`` where they end."""
+    """The model at the poses where the moves begin, or ``by_model`` where they end."""
     errors_mm: FloatArray
     """(M, 3)."""
+    residuals: FloatArray
+    """sqrt(2 Q) e_j and sqrt(2 R) u_j, (M, 3 + n)."""
     cost: float
+    """Half the sum of their squares."""
 
 
 class Expansion(NamedTuple):
-    """The second-order expansion of the cost, stage by stage.
+    """The second-order expansion of the cost.
 
-    The unknowns of a stage are z = (dq_j, dq_(j-1), de_(j-1), 1), 2n + 4 numbers; its outcome is
-    (dq_j, de_j, 1). It adds to the cost half the squared residuals, which are linear in z, and
-    z' C z / 2.
+    The cost is half the sum of the squared residuals, which depend on the angles linearly, and of
+    the curvature's quadratic form.
     """
 
-    transitions: FloatArray
-    """Outcome over z, (M, n + 4, 2n + 4)."""
+    constants: Constants
     residuals: FloatArray
-    """sqrt(2 Q) e_j and sqrt(2 R) u_j over z, transposed, (M, 2n + 4, 3 + n)."""
+    """Of the rollout, (M, 3 + n)."""
+    effects: FloatArray
+    """Derivatives of sqrt(2 Q) (e_j - e_(j-1)), or ``by_model`` sqrt(2 Q) e_j, by q_j and by
+    q_(j-1), (M, 2n, 3)."""
     curvature: FloatArray
-    """C, in the angles alone, (M, 2n, 2n)."""
+    """By q_j twice, by q_j and q_(j-1), by q_(j-1) and q_j, and by q_(j-1) twice, (M, 4, n, n)."""
 
 
 def roll_out(problem: Tracking, angles: FloatArray) -> Rollout:
     """Predict the tip for commanded angles, (M, n), and the cost."""
     constants, start_rad, offsets_mm = problem
-    weights, chain, by_model = constants.weights, constants.chain, constants.by_model
-    steps, freedoms = len(angles), chain.bending.shape[1]
-    before = np.empty_like(angles)
-    before[0], before[1:] = start_rad, angles[:-1]
-    moves = angles - before
-    jet = jets(chain, products(angles if by_model else before, chain.bending))
+    weights, by_model, chain = constants.weights, constants.by_model, constants.chain
+    (steps, n), freedoms = angles.shape, chain.bending.shape[1]
+    poses = np.empty((steps + 1, n))
+    poses[0], poses[1:] = start_rad, angles
+    bends = products(poses, chain.bending)
+    moves, turns = poses[1:] - poses[:-1], (bends[1:] - bends[:-1]).reshape(steps, 1, freedoms)
+    jet = jets(chain, bends[1:] if by_model else bends[:-1])
     if by_model:
         errors = offsets_mm + jet[:, 0]
     else:
-        bends = products(moves, chain.bending).reshape(steps, 1, freedoms)
-        moved = products(bends, jet[:, 1 : freedoms + 1])
+        moved = products(turns, jet[:, 1 : freedoms + 1])
         errors = offsets_mm + accumulated(moved.reshape(steps, 3))
-    cost = weights.position * squared(errors) + weights.effort * squared(moves)
-    return Rollout(angles, moves, jet, errors, cost)
+    residuals = np.empty((steps, 3 + n))
+    residuals[:, :3] = math.sqrt(2.0 * weights.position) * errors
+    residuals[:, 3:] = math.sqrt(2.0 * weights.effort) * moves
+    return Rollout(angles, moves, turns, jet, errors, residuals, 0.5 * squared(residuals))
 
 
 def expand(problem: Tracking, rollout: Rollout) -> Expansion:
@@ -152,37 +179,27 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
     With w_j = J(q_(j-1)) u_j, the errors follow from e_j = e_(j-1) + w_j. So the curvature of w_j
     counts as often as it enters an error: times the costate 2 Q (e_j + ... + e_M).
     """
-    weights, by_model, chain, both, seconds, thirds, transition, residual = problem.constants
-    _, moves, jet, errors, _ = rollout
-    (steps, n), freedoms = moves.shape, chain.bending.shape[1]
-    twice_q, twice_r = 2.0 * weights.position, 2.0 * weights.effort
-    costates = twice_q * (errors if by_model else accumulated(errors[::-1])[::-1])
-    pulled = products(jet, costates.reshape(steps, 3, 1))
-    second = chosen(pulled, seconds).reshape(steps, freedoms, freedoms)
-    # By the bending of a stage's pose, then by that of the pose before.
-    effect = np.zeros((steps, 2 * freedoms, 3))
-    bent = np.zeros((steps, 2 * freedoms, 2 * freedoms))
-    effect[:, :freedoms] = slope = jet[:, 1 : freedoms + 1]
-    if by_model:
-        bent[:, :freedoms, :freedoms] = second
-    else:
-        bends = products(moves, chain.bending).reshape(steps, 1, freedoms)
-        turning = products(bends, chosen(jet, seconds).reshape(steps, freedoms, 3 * freedoms))
-        third = products(bends, chosen(pulled, thirds).reshape(steps, freedoms, -1))
-        effect[:, freedoms:] = turning.reshape(steps, freedoms, 3) - slope
-        bent[:, :freedoms, freedoms:] = second
-        bent[:, freedoms:, :freedoms] = second
-        bent[:, freedoms:, freedoms:] = third.reshape(steps, freedoms, freedoms) - 2.0 * second
-    by_angles = products(both, effect)
-    transitions = np.empty((steps, n + 4, 2 * n + 4))
-    transitions[:] = transition
-    transitions[:, n : n + 3, : 2 * n] = by_angles.transpose(0, 2, 1)
-    residuals = np.empty((steps, 2 * n + 4, 3 + n))
-    residuals[:] = residual
-    residuals[:, : 2 * n, :3] = math.sqrt(twice_q) * by_angles
-    residuals[:, 2 * n + 3, :3] = math.sqrt(twice_q) * errors
-    residuals[:, 2 * n + 3, 3:] = math.sqrt(twice_r) * moves
-    return Expansion(transitions, residuals, products(products(both, bent), both.T))
+    constants, residuals = problem.constants, rollout.residuals
+    bending = constants.chain.bending
+    (steps, _), (n, freedoms) = residuals.shape, bending.shape
+    further = chosen(rollout.jets, constants.further).reshape(steps, freedoms, -1)
+    derivatives = further.shape[2] // 3
+    # The jets of the second order, and their derivatives along the moves.
+    model = np.empty((steps, 2, derivatives, 3))
+    model[:, 0] = rollout.jets[:, :derivatives]
+    model[:, 1] = products(rollout.turns_rad, further).reshape(steps, derivatives, 3)
+    costates = residuals[:, :3]
+    if not constants.by_model:
+        costates = accumulated(costates[::-1])[::-1]
+    slopes = model.reshape(2 * steps, derivatives, 3)[:, 1 : freedoms + 1]
+    effects = products(constants.effect, products(bending, slopes).reshape(steps, 2, 3 * n))
+    costates = np.ascontiguousarray(costates).reshape(steps, 3, 1)
+    pulled = products(model.reshape(steps, 2 * derivatives, 3), costates)
+    square = chosen(pulled.reshape(2 * steps, derivatives, 1), constants.second)
+    square = products(bending, square.reshape(2 * steps, freedoms, freedoms))
+    square = products(square, bending.T).reshape(steps, 2, n * n)
+    curvature = products(constants.bend, square).reshape(steps, 4, n, n)
+    return Expansion(constants, residuals, effects.reshape(steps, 2 * n, 3), curvature)
 
 
 def accumulated(rows: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import daqp
 import numpy as np
@@ -20,14 +21,13 @@ from ccr_host.control.mpc.problem import Expansion
 from ccr_host.robot.kinematics import products
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 OPTIMAL, NOT_CONVEX, FAILED, BOUND = 0, 1, 2, 3
 """BOUND, in machine code only: a bound is active, so DAQP must solve the program."""
 
 _SHORT = 80
 """Angles up to which DAQP is faster in plain Python."""
-_DIAGONAL = "iaib->iab"
-"""A view of the blocks on a diagonal."""
 _DAQP_OPTIMAL = 1
 _DAQP_NOT_CONVEX = -5
 
@@ -74,14 +74,20 @@ def minimise_freely(
     the cost from that stage on is z' (T' V T + H) z / 2; eliminating dq_j leaves V for the stage
     before. The program is convex if each of these eliminations is.
     """
-    transitions, residuals, curvature = expansion
-    steps, n = len(curvature), curvature.shape[1] // 2
-    hessians = products(residuals, residuals.transpose(0, 2, 1))
-    hessians[:, : 2 * n, : 2 * n] += blend * curvature
+    constants, residuals, effects, curvature = expansion
+    steps, _, n, _ = curvature.shape
+    linear = np.empty((steps, 2 * n + 4, 3 + n))
+    linear[:] = constants.linear
+    linear[:, : 2 * n, :3], linear[:, 2 * n + 3] = effects, residuals
+    transitions = np.empty((steps, n + 4, 2 * n + 4))
+    transitions[:] = constants.transition
+    transitions[:, n : n + 3, : 2 * n] = effects.transpose(0, 2, 1)
+    hessians = products(linear, linear.transpose(0, 2, 1))
+    bent = blend * curvature.reshape(steps, 2, 2, n, n).transpose(0, 1, 3, 2, 4)
+    hessians[:, : 2 * n, : 2 * n] += np.ascontiguousarray(bent).reshape(steps, 2 * n, 2 * n)
     hessians[:, 2 * n + 3, 2 * n + 3] = 0.0
-    if ridge > 0.0:
-        for motor in range(n):
-            hessians[:, motor, motor] += ridge
+    for motor in range(n if ridge > 0.0 else 0):
+        hessians[:, motor, motor] += ridge
     changes, gains = np.zeros((steps, n)), np.empty((steps, n, n + 4))
     value = np.zeros((n + 4, n + 4))
     for j in range(steps - 1, -1, -1):
@@ -153,7 +159,12 @@ def minimise_within(
     hessian, gradient = condensed(expansion, blend, ridge)
     # eps_prox = 0: DAQP's Cholesky must reject an indefinite Hessian, not repair it.
     step, minimum, flag, _ = daqp.solve(
-        hessian, gradient, _differences(*lower[0].shape), upper.ravel(), lower.ravel(), eps_prox=0.0
+        hessian,
+        gradient,
+        _layout(*lower[0].shape).differences,
+        upper.ravel(),
+        lower.ravel(),
+        eps_prox=0.0,
     )
     changes = step.reshape(lower[0].shape)
     if flag == _DAQP_NOT_CONVEX:
@@ -166,26 +177,46 @@ def minimise_within(
 
 def condensed(expansion: Expansion, blend: float, ridge: float) -> tuple[FloatArray, FloatArray]:
     """Hessian and gradient by all angles, (M n, M n) and (M n,)."""
-    transitions, residuals, curvature = expansion
-    steps, n = len(curvature), curvature.shape[1] // 2
-    rows = np.zeros((steps, 3 + n, steps, n))
-    np.einsum(_DIAGONAL, rows)[:] = residuals[:, :n].transpose(0, 2, 1)
-    np.einsum(_DIAGONAL, rows[1:, :, :-1])[:] = residuals[1:, n : 2 * n].transpose(0, 2, 1)
-    if transitions[0, n, 2 * n]:
+    constants, residuals, effects, curvature = expansion
+    steps, _, n, _ = curvature.shape
+    layout = _layout(steps, n)
+    linear = layout.moves * math.sqrt(2.0 * constants.weights.effort)
+    linear[layout.effects] = effects.ravel()
+    rows = linear[:-1].reshape(steps, 3 + n, steps * n)
+    if not constants.by_model:
         np.add.accumulate(rows[:, :3], out=rows[:, :3])
-    flat = rows.reshape(steps * (3 + n), steps * n)
+    flat = rows.reshape(-1, steps * n)
     hessian: FloatArray = flat.T @ flat
+    bent = np.bincount(layout.curvature, (blend * curvature).ravel(), hessian.size + 1)[:-1]
+    hessian += bent.reshape(hessian.shape)
     if ridge > 0.0:
         hessian += ridge * np.eye(steps * n)
-    blocks, bent = hessian.reshape(steps, n, steps, n), blend * curvature
-    np.einsum(_DIAGONAL, blocks)[:] += bent[:, :n, :n]
-    np.einsum(_DIAGONAL, blocks[:-1, :, :-1])[:] += bent[1:, n:, n:]
-    np.einsum(_DIAGONAL, blocks[1:, :, :-1])[:] += bent[1:, :n, n:]
-    np.einsum(_DIAGONAL, blocks[:-1, :, 1:])[:] += bent[1:, n:, :n]
-    return hessian, flat.T @ residuals[:, 2 * n + 3].ravel()
+    return hessian, residuals.ravel() @ flat
+
+
+class _Layout(NamedTuple):
+    """Where the condensed program has what an expansion has, and in the end what is left out."""
+
+    differences: FloatArray
+    """The rows that convert dq_j to dq_j - dq_(j-1), (M n, M n)."""
+    moves: FloatArray
+    """Residuals u_j by the angles, of (M, 3 + n, M, n) numbers and 0."""
+    effects: IntArray
+    """Places in these of (M, 2n, 3)."""
+    curvature: IntArray
+    """Places in the Hessian, (M n)^2 numbers, of (M, 4, n, n)."""
 
 
 @lru_cache(maxsize=128)
-def _differences(steps: int, n: int) -> FloatArray:
-    """The rows that convert dq_j to dq_j - dq_(j-1), (M n, M n)."""
-    return np.eye(steps * n) - np.eye(steps * n, k=-n)
+def _layout(steps: int, n: int) -> _Layout:
+    differences = np.eye(steps * n) - np.eye(steps * n, k=-n)
+    moves = np.zeros((steps, 3 + n, steps, n))
+    moves[:, 3:] = differences.reshape(steps, n, steps, n)
+    stage, which, motor, axis = np.ogrid[:steps, :2, :n, :3]
+    effects = ((stage * (3 + n) + axis) * steps + stage - which) * n + motor
+    effects[0, 1] = moves.size
+    stage, first, second, row, column = np.ogrid[:steps, :2, :2, :n, :n]
+    curvature = ((stage - first) * n + row) * steps * n + (stage - second) * n + column
+    curvature[0, 1:], curvature[0, :, 1:] = differences.size, differences.size
+    flat = np.append(moves, 0.0)
+    return _Layout(differences, flat, effects.ravel(), curvature.ravel())

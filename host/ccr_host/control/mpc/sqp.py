@@ -78,11 +78,13 @@ def feasible(bounds: Bounds, start_rad: FloatArray, angles: FloatArray) -> Float
     ``start_rad`` is within the limits.
     """
     lower, upper, reach = bounds
-    inside, last = np.empty_like(angles), start_rad
-    for j in range(len(angles)):
-        low, high = np.maximum(last - reach, lower), np.minimum(last + reach, upper)
-        inside[j] = np.minimum(np.maximum(angles[j], low), high)
-        last = inside[j]
+    inside = np.minimum(np.maximum(angles, lower), upper)
+    far = np.abs(inside[1:] - inside[:-1]) > reach
+    if far.any() or (np.abs(inside[0] - start_rad) > reach).any():
+        last = start_rad
+        for j in range(len(angles)):
+            last = np.minimum(np.maximum(inside[j], last - reach), last + reach)
+            inside[j] = last
     return inside
 
 
@@ -95,21 +97,16 @@ def room(bounds: Bounds, rollout: Rollout) -> tuple[FloatArray, FloatArray]:
     return lower, upper
 
 
-def solve(problem: Tracking, bounds: Bounds, guess: FloatArray) -> Solution:
-    """Descend from a feasible guess, (M, n), to a local minimum.
+def solve(problem: Tracking, bounds: Bounds, guess: FloatArray, first: int = 1) -> Solution:
+    """Descend from a feasible guess, (M, n), to a local minimum, from iteration ``first`` on.
 
     The status is CONVERGED or STOPPED with a feasible solution that costs no more than the guess,
-    or says why there is no solution. Machine code ends with NEEDS_QP where a bound is active, and
-    ``descend`` goes on from there.
+    or says why there is no solution. Machine code ends with NEEDS_QP where a bound is active; from
+    its angles and iteration on, ``solve`` as plain Python goes on.
     """
     rollout = roll_out(problem, guess)
     if not math.isfinite(rollout.cost):
         return Solution(COST_NOT_FINITE, 0, rollout)
-    return descend(problem, bounds, rollout, 1)
-
-
-def descend(problem: Tracking, bounds: Bounds, rollout: Rollout, first: int) -> Solution:
-    """Run the iterations from number ``first``, see ``solve``."""
     for iteration in range(first, MAX_ITERATIONS + 1):
         status, newton = _newton_step(problem, bounds, rollout)
         if status != CONVERGED:
