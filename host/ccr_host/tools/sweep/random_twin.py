@@ -5,6 +5,7 @@ Ranges are those of the project's robustness goal; factors apply to the values o
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -12,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.description.schema import Description
+from ccr_host.description.schema import Description, Robot
 
 SLACK_MM = 2.0
 UNEQUAL_SLACK_MM = 0.5
-"""Largest difference between the two tendons of a motor, with both within `SLACK_MM`."""
+"""Largest difference between tendons that a motor winds to either side, all within `SLACK_MM`."""
 ZERO_DEG = 5.0
 """Zero error of each servo: a tooth of its spline is 14.4 deg; by eye the horn is set to a few
 degrees."""
@@ -112,18 +113,16 @@ def draw_twin(
         "tracker.latency_ms": rng.uniform(0.0, LATENCY_MS),
         "tracker.noise_mm": rng.uniform(0.0, NOISE_MM),
         "tracker.dropout": DROPOUT,
-        "robot.segment_lengths_mm": [
-            _spread(rng, length, BELIEF_SPREAD) for length in robot.segment_lengths_mm
-        ],
-        "robot.tendon_radius_mm": _spread(rng, robot.tendon_radius_mm, BELIEF_SPREAD),
+        **_believed(rng, robot),
         "robot.marker_offset_mm": _spread(rng, robot.marker_offset_mm, BELIEF_SPREAD),
         "robot.pulley_radius_mm": _spread(rng, robot.pulley_radius_mm, BELIEF_SPREAD),
     }
-    more_mm = 0.5 * rng.uniform(-UNEQUAL_SLACK_MM, UNEQUAL_SLACK_MM, 2)
-    zeros = rng.uniform(-ZERO_DEG, ZERO_DEG, 2) / 90.0
+    more_mm = 0.5 * rng.uniform(-UNEQUAL_SLACK_MM, UNEQUAL_SLACK_MM, robot.motors)
+    zeros = rng.uniform(-ZERO_DEG, ZERO_DEG, robot.motors) / 90.0
     servo = base.servo
+    slacks_mm = [slack_mm + t.winding * more_mm[t.motor - 1] for _, t in robot.tendons]
     settings |= {
-        "twin.slack_mm": np.clip(slack_mm + np.append(more_mm, -more_mm), 0.0, SLACK_MM).tolist(),
+        "twin.slack_mm": np.clip(slacks_mm, 0.0, SLACK_MM).tolist(),
         "twin.servo_neutral_us": (
             np.array(servo.neutral_pulse_us) + zeros * servo.pulse_per_90_deg_us
         ).tolist(),
@@ -132,26 +131,43 @@ def draw_twin(
     return {key: _readable(value) for key, value in settings.items()}
 
 
+def _believed(rng: np.random.Generator, robot: Robot) -> Settings:
+    """Draw the controller's model of lengths and radii."""
+    lengths_mm = [_spread(rng, length, BELIEF_SPREAD) for length in robot.segment_lengths_mm]
+    if not robot.segments:
+        radius_mm = _spread(rng, robot.tendon_radius_mm, BELIEF_SPREAD)
+        return {"robot.segment_lengths_mm": lengths_mm, "robot.tendon_radius_mm": radius_mm}
+    segments = [
+        segment.model_dump(exclude_unset=True)
+        | {
+            "length_mm": length_mm,
+            "tendon_radius_mm": _spread(rng, segment.tendon_radius_mm, BELIEF_SPREAD),
+        }
+        for segment, length_mm in zip(robot.segments, lengths_mm, strict=True)
+    ]
+    return {"robot.segments": segments}
+
+
 def _faults(rng: np.random.Generator, base: Description) -> Settings:
     """Draw what `ideal` lacks and no controller models."""
-    twin = base.twin
+    twin, parts = base.twin, len(base.robot.chain)
     stiffness = np.array(twin.bending_stiffness_nm_rad)
     return {
         "twin.joint_damping": twin.joint_damping * rng.uniform(*DAMPING),
         "twin.capstan_friction": rng.uniform(0.0, CAPSTAN),
         "twin.creep_share": rng.uniform(0.0, CREEP).tolist(),
         "twin.creep_time_s": [rng.uniform(*span) for span in CREEP_S],
-        "twin.stiffness_taper": rng.uniform(-TAPER, TAPER, 2).tolist(),
-        "twin.stiffening": rng.uniform(0.0, STIFFENING, 2).tolist(),
-        "twin.bending_plane_turn_deg": rng.uniform(-PLANE_DEG, PLANE_DEG, 2).tolist(),
-        "twin.sideways_stiffness_nm_rad": (stiffness * rng.uniform(*LEAF, 2) ** 2).tolist(),
-        "twin.torsion_stiffness_nm_rad": (stiffness * rng.uniform(*TORSION, 2)).tolist(),
-        "twin.axial_stiffness_n_m": (1e3 / rng.uniform(1e-3, AXIAL_MM_N, 2)).tolist(),
+        "twin.stiffness_taper": rng.uniform(-TAPER, TAPER, parts).tolist(),
+        "twin.stiffening": rng.uniform(0.0, STIFFENING, parts).tolist(),
+        "twin.bending_plane_turn_deg": rng.uniform(-PLANE_DEG, PLANE_DEG, parts).tolist(),
+        "twin.sideways_stiffness_nm_rad": (stiffness * rng.uniform(*LEAF, parts) ** 2).tolist(),
+        "twin.torsion_stiffness_nm_rad": (stiffness * rng.uniform(*TORSION, parts)).tolist(),
+        "twin.axial_stiffness_n_m": (1e3 / rng.uniform(1e-3, AXIAL_MM_N, parts)).tolist(),
         "twin.servo_stall_torque_nm": rng.uniform(*STALL_NM),
         "twin.servo_droop_deg_per_nm": rng.uniform(0.0, DROOP_DEG_NM),
         "twin.servo_backlash_deg": rng.uniform(0.0, BACKLASH_DEG),
         "twin.servo_lag_ms": rng.uniform(0.0, LAG_MS),
-        "twin.servo_drift_deg": rng.uniform(-DRIFT_DEG, DRIFT_DEG, 2).tolist(),
+        "twin.servo_drift_deg": rng.uniform(-DRIFT_DEG, DRIFT_DEG, base.robot.motors).tolist(),
         "twin.servo_drift_time_s": rng.uniform(*DRIFT_S),
         "tracker.outliers": rng.uniform(0.0, OUTLIERS),
         "tracker.outlier_mm": rng.uniform(*OUTLIER_MM),
@@ -166,11 +182,12 @@ def _faults(rng: np.random.Generator, base: Description) -> Settings:
 def friction_n(base: Description, dead_zone_deg: float) -> float:
     """Tendon friction that keeps the robot still while a motor turns by the dead zone to one side.
 
-    A stuck robot moves once the force of one tendon has changed by the friction of both tendons of
-    its pair: k_t r_p phi = 2 F. A reversal takes twice the zone, as with a servo's deadband.
+    A stuck robot moves once the force of one tendon has changed by the friction of all m tendons of
+    its motor, two of a pair: k_t r_p phi = m F. A reversal takes twice the zone, as with a servo's
+    deadband.
     """
     pull_n_rad = base.twin.tendon_stiffness_n_m * base.twin.pulley_radius_mm * 1e-3
-    return pull_n_rad * math.radians(dead_zone_deg) / 2
+    return pull_n_rad * math.radians(dead_zone_deg) * base.robot.motors / len(base.robot.tendons)
 
 
 def as_overrides(settings: Mapping[str, Any]) -> tuple[str, ...]:
@@ -193,6 +210,8 @@ def _readable(value: Any) -> Any:  # noqa: ANN401 - any TOML value
         return {key: _readable(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
         return [_readable(part) for part in value]
+    if isinstance(value, str | int):
+        return value
     return float(f"{value:.4g}")
 
 
@@ -201,4 +220,4 @@ def _toml(value: Any) -> str:  # noqa: ANN401 - any TOML value
         return "{" + ", ".join(f"{key} = {_toml(part)}" for key, part in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_toml, value)) + "]"
-    return str(value)
+    return json.dumps(value) if isinstance(value, str) else str(value)

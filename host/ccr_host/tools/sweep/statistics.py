@@ -26,23 +26,30 @@ def groups_of(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def worst_first(rows: Sequence[Row]) -> list[Row]:
-    """Runs sorted with those without results first, then by ratio, largest first."""
-    return sorted(rows, key=lambda row: (_ratio(row), row["diverged"]), reverse=True)
+    """Runs sorted with those without results first, then by ratio, or excess, largest first."""
+    return sorted(rows, key=lambda row: (*_badness(row), row["diverged"]), reverse=True)
 
 
 def _key(row: Row) -> tuple[float, str]:
     return row["rate_hz"], row["controller"]
 
 
-def _ratio(row: Row) -> float:
-    return float("inf") if row["ratio"] is None else float(row["ratio"])
+def _badness(row: Row) -> tuple[float, float]:
+    """The ratio; the excess where a twin can reach all of the path."""
+    if row["ratio"] is not None:
+        return float(row["ratio"]), 0.0
+    excess_mm = _excess_mm(row)
+    return (float("inf"), 0.0) if excess_mm is None else (0.0, excess_mm)
+
+
+def _excess_mm(row: Row) -> float | None:
+    error_mm, floor_mm = row.get("true_mean_error_mm"), row.get("twin_floor_mean_error_mm")
+    return None if error_mm is None or floor_mm is None else float(error_mm - floor_mm)
 
 
 def _group(key: tuple[float, str], rows: Sequence[Row]) -> dict[str, Any]:
-    known = [row for row in rows if row["ratio"] is not None]
-    ratios = np.array([row["ratio"] for row in known])
-    errors_mm = np.array([row["true_mean_error_mm"] for row in known])
-    floors_mm = np.array([row["twin_floor_mean_error_mm"] for row in known])
+    known = [row for row in rows if _excess_mm(row) is not None]
+    ratios = np.array([row["ratio"] for row in known if row["ratio"] is not None])
     return {
         "controller": key[1],
         "rate_hz": key[0],
@@ -51,8 +58,8 @@ def _group(key: tuple[float, str], rows: Sequence[Row]) -> dict[str, Any]:
         "outside_limits": sum(not row["within_limits"] for row in rows),
         "ended_early": sum(bool(row["fault"]) for row in rows),
         "ratio": _quantiles(ratios),
-        "excess_mm": _quantiles(errors_mm - floors_mm),
-        "true_mean_error_mm": _quantiles(errors_mm),
+        "excess_mm": _quantiles(np.array([_excess_mm(row) for row in known], dtype=np.float64)),
+        "true_mean_error_mm": _quantiles(np.array([row["true_mean_error_mm"] for row in known])),
         "cpu_s_median": _median([row["cpu_s"] for row in rows]),
         "worst": [
             {name: row[name] for name in ("index", "path", "ratio", "diverged", "fault", "command")}

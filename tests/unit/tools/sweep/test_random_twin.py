@@ -160,3 +160,24 @@ def test_friction_of_a_dead_zone_lets_a_motor_turn_back_by_twice_the_zone(motor)
     turned = tip_mm(30.0, 1.0)
     assert np.linalg.norm(tip_mm(30.0 - 1.6 * zone_deg, 0.5) - turned) < 0.2
     assert np.linalg.norm(tip_mm(30.0 - 2.6 * zone_deg, 0.5) - turned) > 0.4
+
+
+@pytest.mark.parametrize("name", ["single", "two-spatial", "three-spatial"])
+def test_a_twin_of_any_robot_has_every_effect_and_another_belief_of_its_geometry(name, drawn):
+    base = schema.load(name)
+    twin = draw_twin(np.random.default_rng(1), base, DURATION_S)
+    assert set(twin) == {*drawn[0], "robot.segments"} - {
+        "robot.segment_lengths_mm",
+        "robot.tendon_radius_mm",
+    }
+    description = schema.load(name, as_overrides(twin))
+    assert description.twin.segment_lengths_mm == base.twin.segment_lengths_mm
+    assert description.twin.tendon_radius_mm == base.twin.tendon_radius_mm
+    off = np.divide(description.robot.segment_lengths_mm, base.robot.segment_lengths_mm) - 1.0
+    assert (np.abs(off) > 0.0).all()
+    assert (np.abs(off) <= 0.1001).all()
+    assert [s.tendons for s in description.robot.segments] == [
+        s.tendons for s in base.robot.segments
+    ]
+    assert len(description.twin.servo_drift_deg) == base.robot.motors
+    Mechanics(description.twin, 0.0)

@@ -47,3 +47,12 @@ def test_the_figure_has_the_controllers_own_colours(tmp_path, row):
     write_sweep_figure(tmp_path / "figure.png", [row(0), row(0, controller="adaptive")])
     drawn = (tmp_path / "figure.svg").read_text()
     assert all(controller_colours([name])[name] in drawn for name in ("mpc", "adaptive"))
+
+
+def test_twins_that_reach_the_whole_path_are_judged_by_their_excess(row):
+    rows = [row(i, ratio=None) | {"true_mean_error_mm": float(i)} for i in range(3)]
+    rows = [one | {"twin_floor_mean_error_mm": 0.0} for one in rows]
+    (group,) = groups_of(rows)
+    assert group["ratio"]["median"] is None
+    assert group["excess_mm"]["median"] == 1.0
+    assert [worst["index"] for worst in group["worst"]] == [2, 1, 0]
