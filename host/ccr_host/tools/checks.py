@@ -1,47 +1,27 @@
-"""Checks of the board, the link, and the tracker's measurements of the robot at rest."""
+"""Findings, and checks of the tracker's measurements of the robot at rest."""
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.motion import predicted_mm
-from ccr_host.control.adaptive.parameters import COUNT, Scaling
+from ccr_host.control.adaptive.model import make_static_model
+from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.core.clock import Clock
 from ccr_host.core.errors import CcrError, TrackerError
-from ccr_host.description.schema import Description
-from ccr_host.link.board_config import board_config, differences
-from ccr_host.link.client import Client
-from ccr_host.link.device_errors import (
-    BoardFaultError,
-    BoardStoppedError,
-    WrongBoardError,
-    firmware_version,
-)
-from ccr_host.link.exchange import LinkStatistics
-from ccr_host.link.messages import (
-    TICK_US,
-    Capabilities,
-    CountersReply,
-    EepromStatus,
-    Fault,
-    FaultRecord,
-    HelloReply,
-    ResetCause,
-    State,
-    StateReport,
-)
+from ccr_host.description.schema import Description, Robot
+from ccr_host.robot.chain import PAPER_FRAME
+from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.rests import Rests
-from ccr_host.tools.equipment import equipment_text
 from ccr_host.tracking.markers.check import MarkerCheck, seen_lengths_mm, wrong_segments
 from ccr_host.tracking.tracker import Sample, Tracker
 
-_FIRMWARE_CAPABILITIES = Capabilities.TIMED_TARGETS
-"""Those that the newest firmware has on any board."""
+FloatArray = NDArray[np.float64]
 
 
 class Severity(enum.IntEnum):
@@ -109,6 +89,9 @@ _TURN_RAD = np.radians(1.0)
 """Standard deviation of the rotation of an aligned or registered camera."""
 _ZERO_RAD = np.radians(1.0)
 """Standard deviation of the zeros of calibrated servos."""
+_LOOSE_RAD = np.radians(3.0)
+"""Standard deviation of the motor angles that take up the slack of another robot's tendons, which
+lets all segments hang to the same side."""
 _SURPRISING = 2.0
 """Standard deviations off the expected direction from which it is reported."""
 _PROBE = 1e-4
@@ -176,7 +159,7 @@ def _age(ages_us: list[int], description: Description) -> Finding:
     )
 
 
-def _noise(tips_mm: NDArray[np.float64], description: Description) -> Finding:
+def _noise(tips_mm: FloatArray, description: Description) -> Finding:
     noise_mm = float(np.sqrt(np.var(tips_mm, axis=0).sum()))
     expected_mm = description.tracker.noise_mm
     return judged(
@@ -215,8 +198,6 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
             else "measure the segments again; check that each marker is the right one, "
             "the camera's calibration, and that the robot is at rest (ccr-host jog)",
         )
-    if robot.segments:
-        return  # The model of a robot that hangs through at rest knows only the paper's.
     off_deg, allowed_deg = _deflection_deg(markers_mm[-1] - markers_mm[0], description)
     yield judged(
         "orientation",
@@ -228,171 +209,37 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
     )
 
 
-def _deflection_deg(tip_mm: NDArray[np.float64], description: Description) -> tuple[float, float]:
+def _deflection_deg(tip_mm: FloatArray, description: Description) -> tuple[float, float]:
     """Angle between measured and expected rest direction, and its largest expected value, deg."""
-    scaling = Scaling(description.robot, _TURN_RAD, _ZERO_RAD)
+    model, space = make_static_model(description, is_new=True)
     rest_rad = np.radians(description.servo.rest_deg)
     rests = Rests(rest_rad, rest_rad[None], np.full((1, 3, 3), np.nan), np.ones(1))
-    near = scaling.perturbed(np.zeros(COUNT), _PROBE)
-    *near_mm, expected_mm = predicted_mm(near, rests)[0, :, 1]
-    slope = (np.array(near_mm) - expected_mm) / _PROBE
+    near = space.perturbed(np.zeros(space.count), _PROBE)
+    *near_mm, expected_mm = model.predicted_mm(near, rests)[0, :, 1]
+    known = _known(space, description.robot) / space.deviation
+    slope = (np.array(near_mm) - expected_mm) / _PROBE * known[:, None]
     length_mm = float(np.linalg.norm(expected_mm))
     aside = tip_mm / np.linalg.norm(tip_mm) - expected_mm / length_mm
     off_rad = 2.0 * float(np.arcsin(0.5 * np.linalg.norm(aside)))
-    spread_mm = np.linalg.norm(slope @ (aside / max(float(np.linalg.norm(aside)), 1e-9)))
+    way = aside / max(float(np.linalg.norm(aside)), 1e-9)
+    spread_mm = float(np.linalg.norm(slope @ way))
+    if description.robot.segments:
+        by_motor = ConstantCurvature(description.robot).jacobian_mm_rad(rest_rad)
+        spread_mm = float(np.hypot(spread_mm, _LOOSE_RAD * np.abs(way @ by_motor).sum()))
     return float(np.degrees(off_rad)), float(np.degrees(_SURPRISING * spread_mm / length_mm))
 
 
-_TRIPS = 100
-_LISTEN_US = 1_000_000
-_SLOW_TRIP_US = 20_000
-"""A USB port with the usual latency timer of 16 ms stays below this."""
-_LEAST_STACK_BYTES = 128
-_NOT_MEASURED = 0xFFFF
-_ABNORMAL_RESETS = (ResetCause.BROWN_OUT, ResetCause.WATCHDOG)
+def _known(space: ParameterSpace[Any], robot: Robot) -> FloatArray:
+    """Deviations of a robot after its setup.
 
-
-def check_board(client: Client, clock: Clock, description: Description) -> Iterator[Finding]:
-    """Query the board and listen for a second, without moving the robot.
-
-    Raises:
-        DeviceError: the board stops answering.
+    Tendons of other robots are just taut, which has no derivative, and gravity acts one way alone.
     """
-    identity = client.identity
-    assert identity is not None, "connected"
-    yield _identity(identity)
-    yield from _equipment(client, description)
-    yield _state(client.read_state())
-    yield _eeprom(identity)
-    yield good("last faults", _faults(client.read_fault_log(), identity.boot_id))
-    wanted = board_config(description).for_board(identity.axes)
-    yield _configuration(identity, differences(client.read_config(), wanted))
-    for _ in range(_TRIPS):
-        client.read_state()
-    clock.sleep_until_us(clock.now_us() + _LISTEN_US)
-    yield _round_trips(client.statistics)
-    yield _losses(client.statistics, client.read_counters())
-    yield from _stack(client.read_state())
-
-
-def _identity(identity: HelloReply) -> Finding:
-    cause = identity.reset_cause
-    lacking = ~identity.capabilities & _FIRMWARE_CAPABILITIES
-    older = f" (older than this host, without {lacking.name}: ccr-host flash)" if lacking else ""
-    version = firmware_version(identity) + older.lower()
-    return judged(
-        "board",
-        f"firmware {version}, boot {identity.boot_id}, last reset: {cause.name.lower()}",
-        fine=cause not in _ABNORMAL_RESETS,
-        remedy="check the supply (brown_out), or report a defect (watchdog)",
-    )
-
-
-def _equipment(client: Client, description: Description) -> Iterator[Finding]:
-    equipment = client.read_equipment()
-    yield good("equipment", equipment_text(equipment))
-    if equipment.supply_full_dv:
-        supply_dv = client.read_state().supply_dv
-        yield judged(
-            "servo supply",
-            f"{supply_dv / 10:g} V",
-            fine=supply_dv >= equipment.supply_min_dv,
-            remedy="switch it on before arming, unless the board itself does; check the divider",
-        )
-    try:
-        client.require_name(description.robot.board_name)
-    except WrongBoardError as error:
-        yield failure("board's name", error)
-
-
-def _state(report: StateReport) -> Finding:
-    state = report.state
-    if state is State.FAULT:
-        return failure("state", BoardFaultError(report.fault))
-    if state is State.STOPPED:
-        return failure("state", BoardStoppedError())
-    if any(report.pulse_half_us):
-        return warning(
-            "state",
-            f"{state.name.lower()}, the servos get pulses",
-            "another host is running, or left the robot armed",
-        )
-    return good("state", f"{state.name.lower()}, no pulses")
-
-
-def _eeprom(identity: HelloReply) -> Finding:
-    again = "run ccr-host calibrate again; replace the board if this recurs"
-    match identity.eeprom_status:
-        case EepromStatus.BLANK:
-            return good("EEPROM", "no configuration saved; ccr-host calibrate saves one")
-        case EepromStatus.LOADED:
-            return good("EEPROM", "configuration loaded")
-        case EepromStatus.ONE_SLOT_BAD:
-            return warning("EEPROM", "one of two copies is corrupt", again)
-        case EepromStatus.BOTH_BAD:
-            return warning("EEPROM", "the configuration is corrupt", again)
-
-
-def _faults(records: list[FaultRecord], boot_id: int) -> str:
-    """The fault log in words, newest first."""
-    return "; ".join(_fault(record, boot_id) for record in records) or "none"
-
-
-def _fault(record: FaultRecord, boot_id: int) -> str:
-    fault = Fault(record.fault).name.lower() if record.fault in list(Fault) else record.fault
-    state = State(record.state).name.lower() if record.state in list(State) else record.state
-    boot = "this boot" if record.boot_id == boot_id else f"boot {record.boot_id}"
-    return f"{fault} in {state}, {record.tick * TICK_US * 1e-6:.1f} s after the start of {boot}"
-
-
-def _configuration(identity: HelloReply, differing: list[str]) -> Finding:
-    """Compare the board's configuration with the description; firmware defaults may differ."""
-    if not differing:
-        return good("configuration", "as in the robot description")
-    if identity.eeprom_status is EepromStatus.BLANK:
-        return good("configuration", "firmware defaults; a run sets the described values")
-    return warning(
-        "configuration",
-        f"the board's values differ from the description: {'; '.join(differing)}",
-        "check --robot and the board; a run sets the described values, ccr-host calibrate saves "
-        "them",
-    )
-
-
-def _round_trips(figures: LinkStatistics) -> Finding:
-    median_us, p99_us = figures.rtt_us_median or 0.0, figures.rtt_us_p99 or 0.0
-    return judged(
-        "round trip",
-        f"median {median_us / 1000:.1f} ms, 99 % below {p99_us / 1000:.1f} ms",
-        fine=p99_us < _SLOW_TRIP_US,
-        remedy="reduce the latency timer of the USB port; avoid hubs",
-    )
-
-
-def _losses(figures: LinkStatistics, counters: CountersReply) -> Finding:
-    lost = {
-        "damaged frames": figures.crc_errors,
-        "repeated requests": figures.retries,
-        "lost reports": figures.lost_telemetry,
-        "bytes lost on the board": counters.overruns,
-        "frames not sent by the board": counters.replies_dropped,
-    }
-    seen = [f"{count} {what}" for what, count in lost.items() if count]
-    reports = _LISTEN_US // TICK_US
-    return judged(
-        "link",
-        ", ".join(seen) or f"nothing lost in {_TRIPS} requests and {reports} reports",
-        fine=not seen,
-        remedy="use a shorter cable, keep it away from the servo wires, check the common ground",
-    )
-
-
-def _stack(report: StateReport) -> Iterator[Finding]:
-    free_bytes = report.free_stack_bytes
-    if free_bytes != _NOT_MEASURED:
-        yield judged(
-            "memory",
-            f"at least {free_bytes} bytes of stack free",
-            fine=free_bytes >= _LEAST_STACK_BYTES,
-            remedy="report this as a defect of the firmware",
-        )
+    known = space.deviation.copy()
+    up = np.abs(np.array(robot.gravity_direction) @ PAPER_FRAME)
+    shares = dict(zip(("weight_x", "weight_y", "weight_z"), up, strict=True))
+    taut = {} if not robot.segments else {"slack_": 0.0, "zero_": 0.0}
+    fixed = {"turn_": _TURN_RAD, "zero_": _ZERO_RAD} | taut
+    for number, name in enumerate(space.names):
+        known[number] = fixed.get(name[:5], fixed.get(name[:6], known[number]))
+        known[number] *= shares.get(name[:8], 1.0)
+    return known

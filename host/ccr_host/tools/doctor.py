@@ -19,9 +19,9 @@ from ccr_host.record.folder import versions
 from ccr_host.run.open_rig import mismatch_of, open_board
 from ccr_host.run.options import RigOptions
 from ccr_host.run.tracker_rig import TrackerRig
+from ccr_host.tools.board_checks import check_board
 from ccr_host.tools.checks import (
     Finding,
-    check_board,
     check_tracker,
     failure,
     good,

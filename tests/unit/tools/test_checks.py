@@ -23,7 +23,8 @@ from ccr_host.run.options import RigOptions
 from ccr_host.sim.board import dispatch
 from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.serial_line import SerialLine
-from ccr_host.tools.checks import Finding, Severity, check_board, exit_status
+from ccr_host.tools.board_checks import check_board
+from ccr_host.tools.checks import Finding, Severity, exit_status
 from ccr_host.tools.doctor import examine
 from ccr_host.tools.survey import identified_section
 
@@ -204,3 +205,11 @@ def test_rests_of_another_robot_are_a_failure(tmp_path) -> None:
     robot = _robot_with_rests(tmp_path, 0.25)
     found = examined(tmp_path, "robot.pulley_radius_mm=11", robot=robot)["identification"]
     assert found.severity is Severity.FAILURE
+
+
+@pytest.mark.parametrize("robot", ["single", "two-spatial", "three-spatial"])
+def test_a_robot_of_any_kind_that_is_turned_at_rest_is_noticed(tmp_path, robot: str) -> None:
+    assert examined(tmp_path, robot=robot)["orientation"].severity is Severity.GOOD
+    turned = examined(tmp_path, "tracker.rotation_deg=[0,0,30]", robot=robot)["orientation"]
+    assert turned.severity is Severity.WARNING
+    assert "30 deg away from its model" in turned.text
