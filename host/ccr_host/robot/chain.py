@@ -42,10 +42,8 @@ _gauss = np.polynomial.legendre.leggauss(_GAUSS_NODES)
 NODES = np.concatenate([[0.0], 0.5 * (_gauss[0] + 1.0), [1.0]])
 """0 and 1, too: there the waves are 1, and sine and cosine of the bending."""
 _MEAN = np.concatenate([[0.0], 0.5 * _gauss[1], [0.0]])
-WAVES = 1j * NODES
 _POWERS = MOST_DERIVATIVES + 3
 _STUMPFFS = 2 * MOST_DERIVATIVES + 3
-EXPONENTS = np.arange(float(_POWERS))
 STUMPFF = np.stack(
     [NODES == 1.0]
     + [_MEAN * (1.0 - NODES) ** (k - 1) / math.factorial(k - 1) for k in range(1, _STUMPFFS)]
@@ -56,18 +54,19 @@ STUMPFF = np.stack(
 
 
 def planar_functions(theta_rad: FloatArray) -> FloatArray:
-    """Cosine and sine of each node's share of the bending, (N, D) -> (N, D, 2 * nodes)."""
+    """Cosines of each node's share of the bending, then sines, (N, D) -> (N, D, 2 * nodes)."""
     rows, columns = theta_rad.shape
-    waves = np.exp(theta_rad.reshape(rows, columns, 1) * WAVES)
-    return waves.view(np.float64)
+    shares = theta_rad.reshape(rows, columns, 1) * NODES
+    return np.concatenate((np.cos(shares), np.sin(shares)), axis=2)
 
 
-def spatial_functions(bend_rad: FloatArray) -> FloatArray:
-    """b_x^i b_y^j c_k for all ``TERMS``, (N, 2) -> (N, terms)."""
-    x, y = bend_rad[:, :1], bend_rad[:, 1:]
-    stumpff = np.cos(np.sqrt(x * x + y * y) * NODES) @ STUMPFF
-    x_powers, y_powers = x**EXPONENTS, y**EXPONENTS
-    functions: FloatArray = x_powers[:, TERMS[0]] * y_powers[:, TERMS[1]] * stumpff[:, TERMS[2]]
+def spatial_functions(bend_rad: FloatArray, count: int) -> FloatArray:
+    """b_x^i b_y^j c_k for the first ``TERMS``, (N, 2) -> (N, count)."""
+    angles = np.sqrt((bend_rad * bend_rad).sum(1)).reshape(-1, 1)
+    stumpff = np.cos(angles * NODES) @ STUMPFF
+    powers = np.vander(bend_rad.ravel(), _POWERS, increasing=True).reshape(-1, 2 * _POWERS)
+    by_x, by_y, number = TERMS[0, :count], TERMS[1, :count] + _POWERS, TERMS[2, :count]
+    functions: FloatArray = powers.take(by_x, 1) * powers.take(by_y, 1) * stumpff.take(number, 1)
     return functions
 
 
@@ -93,11 +92,12 @@ def transform_constants(direction_rad: float | None, length_mm: float, order: in
     """
     family = _spatial(length_mm) if direction_rad is None else _planar(direction_rad, length_mm)
     wanted = exponents(direction_rad is None, order)
-    constants: FloatArray = np.zeros((len(family[0][0].row()), len(wanted), 4, 4))
+    count = len(family[0][0].row()) if direction_rad is not None else _TERMS_UP_TO[order]
+    constants: FloatArray = np.zeros((count, len(wanted), 4, 4))
     for number, (by_x, by_y) in enumerate(wanted):
         for row, column in np.ndindex(4, 4):
             function = family[row][column].differentiated(by_x, by_y)
-            constants[:, number, row, column] = function.row()
+            constants[:, number, row, column] = function.row()[:count]
     return constants
 
 
@@ -108,10 +108,10 @@ class _Waves:
         self._weights = weights
 
     def differentiated(self, by_theta: int, _: int) -> _Waves:
-        return _Waves(self._weights * WAVES**by_theta)
+        return _Waves(self._weights * (1j * NODES) ** by_theta)
 
     def row(self) -> FloatArray:
-        return self._weights.conj().view(np.float64)
+        return np.concatenate([self._weights.real, -self._weights.imag])
 
 
 class _Polynomial:
@@ -176,18 +176,17 @@ def _spatial(length_mm: float) -> list[list[_Polynomial]]:
     return [[_Polynomial(terms) for terms in row] for row in rows]
 
 
-def _terms_of_spatial_segments() -> NDArray[np.int64]:
-    """The i, j and k that occur in transforms and their derivatives, (3, terms)."""
-    derivatives = exponents(is_spatial=True, order=MOST_DERIVATIVES)
+def _terms_of_spatial_segments(order: int) -> list[tuple[int, int, int]]:
+    """The i, j and k that occur in transforms and their derivatives; those of low orders first."""
     functions = [function for row in _spatial(1.0) for function in row]
-    occurring = {
-        t for f in functions for order in derivatives for t in f.differentiated(*order).terms
-    }
-    return np.ascontiguousarray(np.array(sorted(occurring), dtype=np.int64).T)
+    derivatives = exponents(is_spatial=True, order=order)
+    occurring = (function.differentiated(*by).terms for by in derivatives for function in functions)
+    return list(dict.fromkeys(term for terms in occurring for term in terms))
 
 
-TERMS = _terms_of_spatial_segments()
-"""A third of all products of powers and c_k up to the highest of each."""
+TERMS = np.array(_terms_of_spatial_segments(MOST_DERIVATIVES)).T.copy()
+"""A third of all products of powers and c_k up to the highest of each, (3, terms)."""
+_TERMS_UP_TO = [len(_terms_of_spatial_segments(order)) for order in range(MOST_DERIVATIVES + 1)]
 
 
 def exact_direction(angle_rad: float) -> tuple[float, float]:
@@ -215,7 +214,8 @@ def bend_of(bend_rad: ArrayLike) -> Bend:
     """Shape of a segment at bending vectors, (..., 2)."""
     b = np.asarray(bend_rad, dtype=np.float64)
     constants = transform_constants(None, 1.0, 1)
-    flat = spatial_functions(b.reshape(-1, 2)) @ constants.reshape(len(constants), -1)
+    functions = spatial_functions(b.reshape(-1, 2), len(constants))
+    flat = functions @ constants.reshape(len(constants), -1)
     whole = flat.reshape(*b.shape[:-1], 3, 4, 4)
     end, turn = whole[..., :3, 3], whole[..., :3, :3]
     return Bend(end[..., 0, :], end[..., 1:, :], turn[..., 0, :, :], turn[..., 1:, :, :])

@@ -27,7 +27,6 @@ from ccr_host.description.schema import Robot, Segment
 from ccr_host.robot.chain import (
     MOST_DERIVATIVES,
     PAPER_FRAME,
-    TERMS,
     bend_of,
     exact_direction,
     exponents,
@@ -50,8 +49,8 @@ class Chain(NamedTuple):
 
     bending: FloatArray
     """y of the motor angles, transposed, (n, D)."""
-    is_planar: bool
-    """Whether any segment is."""
+    is_planar: NDArray[np.bool_]
+    """Which segments are, (S,)."""
     first: IntArray
     """Number of each segment's first coordinate, (S,)."""
     shapes: Sequence[FloatArray]
@@ -134,7 +133,7 @@ def chain_of(robot: Robot, order: int, start: int = 0, end: int | None = None) -
     first = np.cumsum([0, *sizes[:0:-1]])
     before = len(freedom_of(robot.chain[:start]))
     bending = np.ascontiguousarray(bending_of_motors(robot)[before:][: sum(sizes)].T)
-    is_planar = any(segment.bends == "plane" for segment in segments)
+    is_planar = np.array([segment.bends == "plane" for segment in segments])
     return Chain(bending, is_planar, first, tuple(shapes[::-1]), tuple(kept[::-1]))
 
 
@@ -179,7 +178,7 @@ def jets(chain: Chain, y_rad: FloatArray) -> FloatArray:
     In the order of ``jet_index``: the value, the first derivatives, and so on, mm/rad^order.
     """
     poses = len(y_rad)
-    waves = planar_functions(y_rad) if chain.is_planar else np.empty((poses, 0, 0))
+    waves = planar_functions(y_rad) if chain.is_planar.any() else np.empty((poses, 0, 0))
     number = len(chain.shapes) - 1
     columns = _functions(chain, y_rad, waves, number) @ chain.shapes[number]
     point = columns.reshape(poses, -1, 4 if number > 0 else 3)
@@ -194,9 +193,9 @@ def jets(chain: Chain, y_rad: FloatArray) -> FloatArray:
 def _functions(chain: Chain, y_rad: FloatArray, waves: FloatArray, number: int) -> FloatArray:
     """Functions of the bending of one segment, (N, functions)."""
     first = chain.first[number]
-    if len(chain.shapes[number]) == TERMS.shape[1]:
-        return spatial_functions(y_rad[:, first : first + 2])
-    return np.ascontiguousarray(waves[:, first])
+    if chain.is_planar[number]:
+        return np.ascontiguousarray(waves[:, first])
+    return spatial_functions(y_rad[:, first : first + 2], len(chain.shapes[number]))
 
 
 class ConstantCurvature:
@@ -273,13 +272,19 @@ class ConstantCurvature:
 
     def second_order(self, q_rad: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Tip, Jacobian and Hessian at once, see there."""
-        freedoms = len(self._bending)
-        jet = self._jets(q_rad, 2)
-        by_y = np.swapaxes(jet[..., 1 : freedoms + 1, :], -1, -2)
-        by_two = jet[..., derivative_index(freedoms, 2), :]
-        square = np.moveaxis(by_two.reshape(*jet.shape[:-2], freedoms, freedoms, 3), -1, -3)
-        bending = self._bending
-        return jet[..., 0, :], by_y @ bending, bending.T @ square @ bending
+        by_motors = self._by_motors @ self._jets(q_rad, 2)
+        n = self.motors
+        square = by_motors[..., n + 1 :, :].reshape(*by_motors.shape[:-2], n, n, 3)
+        slopes = np.swapaxes(by_motors[..., 1 : n + 1, :], -1, -2)
+        return by_motors[..., 0, :], slopes, np.moveaxis(square, -1, -3)
+
+    @cached_property
+    def _by_motors(self) -> FloatArray:
+        """The value and its first and second derivatives by the motor angles, over the jets."""
+        freedoms, turned = len(self._bending), self._bending.T
+        own = np.eye(len(jet_index(freedoms, 2)))
+        square = np.kron(turned, turned) @ own[derivative_index(freedoms, 2)]
+        return np.vstack([own[:1], turned @ own[1 : freedoms + 1], square])
 
     def backbone_mm(self, q_rad: ArrayLike, points: int = 41) -> FloatArray:
         """Points along the backbone from base to tip, in the frame of (10).

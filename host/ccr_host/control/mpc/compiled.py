@@ -35,12 +35,12 @@ def _planar_functions(theta_rad: FloatArray) -> FloatArray:
         for i in range(columns):
             for k in range(len(NODES)):
                 angle = theta_rad[n, i] * NODES[k]
-                waves[n, i, 2 * k], waves[n, i, 2 * k + 1] = math.cos(angle), math.sin(angle)
+                waves[n, i, k], waves[n, i, len(NODES) + k] = math.cos(angle), math.sin(angle)
     return waves
 
 
-def _spatial_functions(bend_rad: FloatArray) -> FloatArray:
-    functions, stumpff = np.empty((len(bend_rad), TERMS.shape[1])), np.empty(STUMPFF.shape[1])
+def _spatial_functions(bend_rad: FloatArray, count: int) -> FloatArray:
+    functions, stumpff = np.empty((len(bend_rad), count)), np.empty(STUMPFF.shape[1])
     for n in range(len(bend_rad)):
         x, y = bend_rad[n, 0], bend_rad[n, 1]
         angle = math.sqrt(x * x + y * y)
@@ -49,7 +49,7 @@ def _spatial_functions(bend_rad: FloatArray) -> FloatArray:
             cosine = math.cos(angle * NODES[node])
             for k in range(len(stumpff)):
                 stumpff[k] += cosine * STUMPFF[node, k]
-        for term in range(functions.shape[1]):
+        for term in range(count):
             i, j, k = TERMS[0, term], TERMS[1, term], TERMS[2, term]
             functions[n, term] = x**i * y**j * stumpff[k]
     return functions
@@ -182,10 +182,12 @@ def _packed(settings: Settings) -> tuple[FloatArray, IntArray]:
     numbers += bounds.lower_rad, bounds.upper_rad
     numbers += robot.bending, constants.effect, constants.bend
     numbers += constants.transition, constants.linear, *robot.shapes
-    counts = [*robot.bending.shape, len(robot.first), robot.is_planar, constants.by_model]
+    counts = [*robot.bending.shape, len(robot.first), constants.by_model]
     sizes: list[ArrayLike] = [counts]
-    for first, shape, kept in zip(robot.first, robot.shapes, robot.kept, strict=True):
-        sizes.append([first, *shape.shape, len(kept)])
+    for is_planar, first, shape, kept in zip(
+        robot.is_planar, robot.first, robot.shapes, robot.kept, strict=True
+    ):
+        sizes.append([is_planar, first, *shape.shape, len(kept)])
     sizes += ([len(constants.further)], constants.second, constants.further, *robot.kept)
     flat = [np.ravel(array) for array in numbers]
     return np.concatenate(flat), np.concatenate(sizes).astype(np.int64)
@@ -194,8 +196,8 @@ def _packed(settings: Settings) -> tuple[FloatArray, IntArray]:
 @jit.callable_when_compiled
 def _unpacked(numbers: FloatArray, sizes: IntArray) -> Settings:
     n, freedoms, segments = sizes[0], sizes[1], sizes[2]
-    table = sizes[5 : 5 + 4 * segments].reshape(segments, 4)
-    index = 5 + 4 * segments
+    table = sizes[4 : 4 + 5 * segments].reshape(segments, 5)
+    index = 4 + 5 * segments
     derivatives, index = sizes[index], index + 1
     second, index = sizes[index : index + freedoms**2], index + freedoms**2
     further, index = sizes[index : index + derivatives], index + derivatives
@@ -206,14 +208,14 @@ def _unpacked(numbers: FloatArray, sizes: IntArray) -> Settings:
     transition, place = _matrix(numbers, place, n + 4, 2 * n + 4)
     linear, place = _matrix(numbers, place, 2 * n + 4, 3 + n)
     shapes, kept = [], []
-    for _, rows, columns, length in table:
+    for _, _, rows, columns, length in table:
         shape, place = _matrix(numbers, place, rows, columns)
         shapes.append(shape)
         kept.append(sizes[index : index + length])
         index += length
-    robot = Chain(bending, sizes[3] != 0, table[:, 0].copy(), shapes, kept)
+    robot = Chain(bending, table[:, 0] != 0, table[:, 1].copy(), shapes, kept)
     weights = Weights(numbers[1], numbers[2])
-    by_model = sizes[4] != 0
+    by_model = sizes[3] != 0
     constants = Constants(
         weights, by_model, robot, further, second, effect, bend, transition, linear
     )

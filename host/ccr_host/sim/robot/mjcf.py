@@ -96,8 +96,9 @@ def _add_options(root: ET.Element, twin: Twin) -> None:
         solver="PGS",
         iterations=_FRICTION_ITERATIONS,
     )
-    # No contacts; instability is reported (mechanics.py), not hidden by an automatic reset.
-    flags = {"contact": "disable", "autoreset": "disable"}
+    # No contacts; instability is reported (mechanics.py), not hidden by an automatic reset. All
+    # joints are of one island, which MuJoCo need not look for.
+    flags = {"contact": "disable", "autoreset": "disable", "island": "disable"}
     if twin.friction == 0:
         flags["constraint"] = "disable"
     ET.SubElement(option, "flag", flags)
