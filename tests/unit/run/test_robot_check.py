@@ -122,7 +122,9 @@ def test_who_wants_it_unchecked_gets_it(path: str) -> None:
     assert execute(replace(turned, checks="none"), Witness(), lambda *_: None).failure is None
 
 
-@pytest.mark.parametrize("index", range(6))
+@pytest.mark.parametrize(
+    "index", [0, 1, *(pytest.param(index, marks=pytest.mark.slow) for index in range(2, 20))]
+)
 @pytest.mark.parametrize("controller", ["adaptive", "mpc"])
 def test_random_robots_that_match_raise_no_alarm(path: str, index: int, controller: str) -> None:
     """After the few moves before `mpc` even robots with all faults match."""

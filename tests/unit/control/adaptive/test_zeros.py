@@ -20,6 +20,7 @@ OFF = "twin.servo_neutral_us=[1533,1467]"
 FAST = "control.solver=compiled"
 """The same commands for three quarters of the CPU."""
 UNEQUAL = "twin.slack_mm=[1.6,0.9,0.8,1.5]"
+PATHS = ["8shape", *(pytest.param(path, marks=pytest.mark.slow) for path in ("ellipse", "star"))]
 REGISTERED = (
     "registration.camera_to_robot_deg=[0,0,0]",
     "registration.uncertainty_deg=[0.28,0.07,0.14]",
@@ -34,7 +35,7 @@ def error_mm(path: str, *overrides: str) -> float:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("path", ["ellipse", "8shape", "star"])
+@pytest.mark.parametrize("path", PATHS)
 def test_under_a_registered_camera_zeros_cost_little(path: str) -> None:
     limit_mm = 1.15 * error_mm(path, *REGISTERED)
     assert error_mm(path, *REGISTERED, OFF) < limit_mm
@@ -42,7 +43,7 @@ def test_under_a_registered_camera_zeros_cost_little(path: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("path", ["ellipse", "8shape", "star"])
+@pytest.mark.parametrize("path", PATHS)
 def test_under_a_camera_that_was_never_registered_too(path: str) -> None:
     assert error_mm(path, OFF) < 1.15 * error_mm(path)
 
