@@ -82,7 +82,7 @@ def test_register_keeps_what_it_found_in_the_users_own_description(ccr_host: Ccr
 def test_register_refuses_a_robot_that_does_not_move_and_writes_nothing(ccr_host: CcrHost) -> None:
     ended = ccr_host("register", "--out", "robot.toml", "--set", "twin.servo_rate_deg_s=0.01")
     assert ended.status == 3
-    assert "swung by" in ended.err.strip().splitlines()[-1]
+    assert "motor 1 moved M3 by 0.0 mm only; check its supply" in ended.err.strip().splitlines()[-1]
     assert not (ccr_host.folder / "robot.toml").exists()
 
 
