@@ -97,6 +97,7 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         roles = Roles(
             drifting=[number for number, kind in enumerate(kinds) if kind in _DRIFTING],
             hindrances=[],
+            warming=[],
             loads=[number for number, kind in enumerate(kinds) if kind in _LOADS],
             pushes=[],
             varying=[number for number, kind in enumerate(kinds) if kind not in _SURE],

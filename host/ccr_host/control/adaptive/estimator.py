@@ -38,6 +38,8 @@ class Tuning:
     offset_memory_s: float = 10.0
     drift_per_sqrt_s: float = 0.02
     """Drift of the parameters, in prior deviations."""
+    warming_per_sqrt_s: float = 0.01
+    """Drift of the servos' zeros, in prior deviations: 0.03 deg, for some deg in half an hour."""
     gate_deviations: float = 4.0
     """Larger innovations are reduced to this."""
     innovation_share: float = 0.2
@@ -90,6 +92,7 @@ class Estimator(Generic[P, S]):
         self._covariance[:, certain] = 0.0
         free = roles.drifting + roles.hindrances
         self._drifting = [index for index in free if index not in certain]
+        self._warming = roles.warming
         self._believed = self._state.copy()
         self._since_believed_s = 0.0
         self._usual_offset_mm = self._state[self._offset].copy()
@@ -132,6 +135,7 @@ class Estimator(Generic[P, S]):
         self._covariance[:, self._offset] *= keep
         diagonal = np.zeros(self._states)
         diagonal[self._drifting] = tuning.drift_per_sqrt_s**2 * duration_s
+        diagonal[self._warming] = tuning.warming_per_sqrt_s**2 * duration_s
         diagonal[self._offset] = tuning.offset_deviation_mm**2 * (1.0 - keep * keep)
         self._covariance[np.diag_indices(self._states)] += diagonal
         self._since_believed_s += duration_s
@@ -208,9 +212,9 @@ def _settled(fit: Fit, roles: Roles) -> list[int]:
     """Parameters that count as certain once they were identified at rest.
 
     Along a path they cannot be distinguished from disturbances, and what they are wrong by changes
-    slowly enough for the offset to follow it. With their uncertainty in the covariance of an
-    innovation, the offset of `dirty` took up only a fifth of an error of 5 mm, as they were held
-    responsible for it and not corrected.
+    slowly enough for the offset to follow it. Zeros of servos that warm up drift from there. With
+    their uncertainty in the covariance of an innovation, the offset of `dirty` took up only a fifth
+    of an error of 5 mm, as they were held responsible for it and not corrected.
     """
     learnt = roles.drifting + roles.hindrances + roles.loads
     absent = [index for index in roles.hindrances if fit.score[index] < _NOTABLE_HINDRANCE]

@@ -48,6 +48,8 @@ class Roles(NamedTuple):
     hindrances: list[int]
     """Backlash and friction, which drift too; small ones count as absent, so that noise on the path
     cannot add them."""
+    warming: list[int]
+    """Zeros of servos, which drift as they warm up."""
     loads: list[int]
     """What is freed when a load on the tip begins suddenly."""
     pushes: list[int]

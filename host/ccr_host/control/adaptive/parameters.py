@@ -128,6 +128,7 @@ PUSHES = _numbers("push_x_per_mm", "push_y_per_mm")
 _ROLES = Roles(
     drifting=_numbers("compliance_1", "compliance_2", "slack_1_rad", "slack_2_rad", "tip_per_mm"),
     hindrances=_numbers("backlash_rad", "friction_1"),
+    warming=ZEROS,
     loads=[*_numbers("tip_per_mm"), *PUSHES],
     pushes=PUSHES,
     varying=[

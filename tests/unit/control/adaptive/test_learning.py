@@ -173,6 +173,20 @@ def test_a_payload_hung_on_later_is_found_as_a_load_within_two_seconds():
     assert estimator.parameters.tip_per_mm - true.tip_per_mm > 0.0012
 
 
+def test_the_zeros_of_servos_that_warm_up_are_followed():
+    estimator, pose = _estimator_at_rest()
+    true, seen, drift_rad = estimator.parameters, pose, np.radians((1.0, -1.0))
+    for share in np.linspace(0.0, 1.0, 401)[1:]:
+        warm = true._replace(zero_1_rad=share * drift_rad[0], zero_2_rad=share * drift_rad[1])
+        setpoint = 0.7 * np.sin(40.0 * share + np.array([0.0, 1.0]))
+        estimator.elapse(0.2)
+        seen = moved(warm, seen, *setpoint)
+        pose = moved(estimator.parameters, pose, *setpoint)
+        pose = estimator.correct(pose, STILL, 0.0, tip_mm(warm, *seen.theta_rad))
+    found = estimator.parameters
+    assert (found.zero_1_rad, found.zero_2_rad) == pytest.approx(drift_rad, rel=0.5)
+
+
 def test_a_swing_after_a_jump_of_the_servos_teaches_next_to_nothing():
     estimator, pose = _estimator_at_rest()
     before = np.array(estimator.parameters)
