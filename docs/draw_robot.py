@@ -21,6 +21,8 @@ from ccr_host.robot.kinematics import ConstantCurvature
 PICTURE = Path(__file__).parent / "images" / "robot.svg"
 SCALE = 4.2
 """Pixels a mm."""
+TIE_PX = 1e-6
+"""So that rounding errors do not decide which way a tie is rounded."""
 RIM_MM = 2.0
 """From the tendon holes to the edge of a disk."""
 SHOWN_DEG = 9.0
@@ -48,7 +50,8 @@ class View:
 
     def _px(self, point: Point) -> Point:
         x_px, y_px = self._origin_px
-        return round(x_px + SCALE * point[0], 1), round(y_px - SCALE * point[1], 1)
+        x_px, y_px = x_px + SCALE * point[0] + TIE_PX, y_px - SCALE * point[1] + TIE_PX
+        return round(x_px, 1), round(y_px, 1)
 
     def line(
         self, *points: Point, colour: str = INK, width: float = 1.0, ends: Sequence[str] = ()

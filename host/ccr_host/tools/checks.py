@@ -237,9 +237,11 @@ def _known(space: ParameterSpace[Any], robot: Robot) -> FloatArray:
     known = space.deviation.copy()
     up = np.abs(np.array(robot.gravity_direction) @ PAPER_FRAME)
     shares = dict(zip(("weight_x", "weight_y", "weight_z"), up, strict=True))
-    taut = {} if not robot.segments else {"slack_": 0.0, "zero_": 0.0}
-    fixed = {"turn_": _TURN_RAD, "zero_": _ZERO_RAD} | taut
+    known[space.roles.turns] = _TURN_RAD
     for number, name in enumerate(space.names):
-        known[number] = fixed.get(name[:5], fixed.get(name[:6], known[number]))
+        if robot.segments and name.startswith(("slack_", "zero_")):
+            known[number] = 0.0
+        elif name.startswith("zero_"):
+            known[number] = _ZERO_RAD
         known[number] *= shares.get(name[:8], 1.0)
     return known

@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.identification import Fit, Predict, StaticsFit
 from ccr_host.control.adaptive.misfit import (
-    exchanged,
     is_misfit,
     misfit,
     misfit_of,
@@ -123,8 +122,6 @@ def fit_survey(rests: Rests, description: Description) -> Survey:
     space.shaft_rad *= _SHAFT_FACTOR
     seen, predict = rests.ends(), model.predicted_mm
     motors = nearest_motors(seen, space, predict)
-    if motors.exchanged:
-        raise exchanged(motors)
     if description.robot.segments:
         fitted = _where_tendons_pull(rests)
         rests, seen = rests.chosen(fitted), seen.chosen(fitted)
@@ -210,7 +207,7 @@ def _require_motion(rests: Rests, description: Description) -> None:
         )
     tip, led_rad = description.robot.markers[-1], rests.q_rad
     design = np.column_stack([led_rad, np.ones(len(led_rad))])
-    by_motor = np.linalg.norm(np.linalg.lstsq(design, rests.tip_mm)[0][:-1], axis=1)
+    by_motor = np.linalg.norm(np.linalg.lstsq(design, rests.tip_mm, rcond=None)[0][:-1], axis=1)
     for motor, moved_mm in enumerate(by_motor * np.ptp(led_rad, axis=0)):
         if moved_mm < _MIN_MOTION_MM:
             raise SurveyError(

@@ -11,7 +11,7 @@ import math
 from collections.abc import Collection, Iterator
 from itertools import combinations, permutations, product
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.identification import Predict
-from ccr_host.control.adaptive.misfit import Motors, exchanged
+from ccr_host.control.adaptive.misfit import Motors, motors_exchanged
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.core.errors import CcrError
@@ -27,6 +27,7 @@ from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
 
 Array = NDArray[np.float64]
+P = TypeVar("P")
 
 _MOST_HYPOTHESES = 8
 """On the motors; of more, only likely ones are tried."""
@@ -69,10 +70,7 @@ def likeliest_motors(rests: Rests, description: Description) -> Motors:
         MisfitError: motors are exchanged.
     """
     model, space = make_static_model(description, is_new=True)
-    motors = nearest_motors(rests.ends(), space, model.predicted_mm)
-    if motors.exchanged:
-        raise exchanged(motors)
-    return motors
+    return nearest_motors(rests.ends(), space, model.predicted_mm)
 
 
 def starts_of(
@@ -111,7 +109,8 @@ def nearest_motors(rests: Rests, space: ParameterSpace[Any], predict: Predict[An
     """The hypothesis on the motors that is nearest.
 
     Raises:
-        SurveyError: another hypothesis is as near.
+        SurveyError: another hypothesis, whose frame is not the same, is as near.
+        MisfitError: motors are exchanged.
     """
     count = len(rests.start_rad)
     judged, judge, supposed, doubt = rests, predict, _all_hypotheses(count), 1.0
@@ -138,6 +137,8 @@ def nearest_motors(rests: Rests, space: ParameterSpace[Any], predict: Predict[An
             "mount all markers on the same side, further from the backbone, and correct "
             "robot.marker_offset_mm",
         )
+    if best.exchanged:
+        raise motors_exchanged(best)
     return best
 
 
@@ -152,7 +153,7 @@ def _all_hypotheses(count: int) -> Collection[Motors]:
     ]
 
 
-class _SmallMoves:
+class _SmallMoves(Generic[P]):
     """What each motor alone does to the markers, seen and predicted by the prior.
 
     Zeros move all poses of a motor alike, so that their differences are compared, and one mean.
@@ -163,7 +164,7 @@ class _SmallMoves:
         rests: those of the tour.
     """
 
-    def __init__(self, predict: Predict[Any], rests: Rests) -> None:
+    def __init__(self, predict: Predict[P], rests: Rests) -> None:
         self._predict = predict
         self._known: dict[tuple[float, ...], Array] = {}
         moves = rests.chosen(np.count_nonzero(rests.q_rad, axis=1) <= 1)
@@ -177,7 +178,7 @@ class _SmallMoves:
             more.start_rad, more.q_rad, self._differed(moves.vectors_mm), more.count
         )
 
-    def __call__(self, p: Any, rests: Rests) -> Array:  # noqa: ANN401 - of any model
+    def __call__(self, p: P, rests: Rests) -> Array:
         poses = [tuple(row) for row in rests.q_rad[:-1].round(6).tolist()]
         new = {pose: row for row, pose in enumerate(poses) if pose not in self._known}
         if new:
@@ -185,7 +186,7 @@ class _SmallMoves:
             self._known |= zip(new, expected_mm, strict=True)
         return self._differed(np.stack([self._known[pose] for pose in poses]))
 
-    def hypotheses(self, space: ParameterSpace[Any]) -> set[Motors]:
+    def hypotheses(self, space: ParameterSpace[P]) -> set[Motors]:
         """The likeliest ones in frames all around the backbone, and those that differ little."""
         p, seen = space.parameters(np.zeros(space.count)), self.rests
         count = len(seen.start_rad)

@@ -39,7 +39,8 @@ class Tuning:
     drift_per_sqrt_s: float = 0.02
     """Drift of the parameters, in prior deviations."""
     warming_per_sqrt_s: float = 0.01
-    """Drift of the servos' zeros, in prior deviations: 0.03 deg, for some deg in half an hour."""
+    """Drift of the servos' zeros, in prior deviations: 0.03 deg, for a degree in
+    twenty minutes (bench/results.md)."""
     gate_deviations: float = 4.0
     """Larger innovations are reduced to this."""
     innovation_share: float = 0.2
@@ -212,9 +213,9 @@ def _settled(fit: Fit, roles: Roles) -> list[int]:
     """Parameters that count as certain once they were identified at rest.
 
     Along a path they cannot be distinguished from disturbances, and what they are wrong by changes
-    slowly enough for the offset to follow it. Zeros of servos that warm up drift from there. With
-    their uncertainty in the covariance of an innovation, the offset of `dirty` took up only a fifth
-    of an error of 5 mm, as they were held responsible for it and not corrected.
+    slowly enough for the offset to follow it. With their uncertainty in the covariance of an
+    innovation, the offset of `dirty` took up only a fifth of an error of 5 mm, as they were held
+    responsible for it and not corrected. Zeros are certain to begin with, and drift from there.
     """
     learnt = roles.drifting + roles.hindrances + roles.loads
     absent = [index for index in roles.hindrances if fit.score[index] < _NOTABLE_HINDRANCE]

@@ -176,7 +176,7 @@ class Motors(NamedTuple):
         )
 
 
-def exchanged(motors: Motors) -> MisfitError:
+def motors_exchanged(motors: Motors) -> MisfitError:
     """The error for exchanged motors."""
     numbers = " and ".join(str(motor + 1) for motor in motors.exchanged)
     return _misfit("most likely", f"motors {numbers} are exchanged", _SWAP_CURE)

@@ -144,7 +144,7 @@ class Expansion(NamedTuple):
 
     constants: Constants
     residuals: FloatArray
-    """Of the rollout, (M, 3 + n)."""
+    """Those of the rollout that was expanded, (M, 3 + n)."""
     effects: FloatArray
     """Derivatives of sqrt(2 Q) (e_j - e_(j-1)), or ``by_model`` sqrt(2 Q) e_j, by q_j and by
     q_(j-1), (M, 2n, 3)."""
