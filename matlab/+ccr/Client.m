@@ -14,6 +14,7 @@ classdef Client < handle
     session
     sequence = 0;
     is_armed = false;
+    rest_cdeg = [];   % of all axes, from configure
   end
   methods
     function self = Client(uri, baud)
@@ -41,6 +42,9 @@ classdef Client < handle
       if nargin < 3
         values = struct();
       end
+      if ~isempty(message.optional)
+        self.require(name, s.flags.capabilities.(message.optional));
+      end
       if message.session
         values.session = self.session;
       end
@@ -65,26 +69,30 @@ classdef Client < handle
 
     function configure(self, groups)
       %CONFIGURE Set limits, slew, watchdog, calibration and acceleration; by default those of
-      %   ccr.default_config(). The robot must not be armed.
+      %   ccr.default_config(). Further axes of the board are as the last one given. The robot must
+      %   not be armed.
       if nargin < 2
         groups = ccr.default_config();
       end
       names = fieldnames(groups);
       for number = 1:numel(names)
-        self.request(['set_' names{number}], groups.(names{number}));
+        message = ['set_' names{number}];
+        self.request(message, self.for_board(message, groups.(names{number})));
       end
+      self.rest_cdeg = self.for_board('set_limits', groups.limits).rest_cdeg;
     end
 
     function arm(self)
       %ARM Enable the servos; returns when the robot is at rest and the board holds it.
       self.is_armed = true;
       self.request('arm');
-      report = self.wait_for('hold', 120);
+      report = self.wait_for('hold', 100 + 20 * self.identity.axes);
       self.accepted_deg = report.setpoint_cdeg / 100;
     end
 
     function deg = target(self, q_deg, ramp_s, validity_s)
-      %TARGET Command motor angles in degrees; returns them as the board accepted them.
+      %TARGET Command motor angles in degrees; returns them as the board accepted them. Axes of the
+      %   board beyond the motors given stay at rest.
       %   ramp_s: duration of the motion, 0 by default. validity_s: how long the target holds, 1.
       if nargin < 3
         ramp_s = 0;
@@ -92,8 +100,9 @@ classdef Client < handle
       if nargin < 4
         validity_s = 1;
       end
-      reply = self.request('set_target', struct('target_cdeg', round(100 * q_deg(:)'), ...
-        'ramp_ms', round(1000 * ramp_s), 'validity_ms', round(1000 * validity_s)));
+      target_cdeg = [round(100 * q_deg(:)'), self.rest_cdeg(numel(q_deg) + 1:end)];
+      reply = self.request('set_target', struct('target_cdeg', target_cdeg, 'ramp_ms', ...
+        round(1000 * ramp_s), 'validity_ms', round(1000 * validity_s)));
       self.accepted_deg = reply.target_cdeg / 100;
       deg = self.accepted_deg;
     end
@@ -143,6 +152,24 @@ classdef Client < handle
   end
 
   methods (Access = private)
+    function require(self, name, capability)
+      %REQUIRE A board of older firmware is not sent what it does not know.
+      if ~bitand(self.identity.capabilities, capability)
+        error('ccr:capability', ['the board''s firmware (%d.%d.%d) does not know %s: ' ...
+          'flash the board with ccr-host flash'], self.identity.firmware_version, name);
+      end
+    end
+
+    function values = for_board(self, name, values)
+      %FOR_BOARD Per-axis fields of a message, repeated up to the number of the board's axes.
+      s = ccr.spec();
+      fields = s.messages.(name).fields;
+      for row = find(cell2mat(fields(:, 3))' == 0)
+        field = fields{row, 1};
+        values.(field)(end + 1:self.identity.axes) = values.(field)(end);
+      end
+    end
+
     function open_session(self)
       %OPEN_SESSION A board that has just started answers hello, but refuses this for 0.1 s.
       s = ccr.spec();

@@ -12,9 +12,9 @@ _TYPES |= {"i32": "int32"}
 _HEAD = """\
 function s = spec()
 %SPEC Messages of the wire protocol. Generated from protocol/spec.toml: do not edit.
-%   s.messages.NAME has the fields id, reply (id, or 0), session, retry and fields: one row a field
-%   with name, type, count (0: the board's axes), least, greatest, scale and the name of its
-%   enumeration.
+%   s.messages.NAME has the fields id, reply (id, or 0), session, retry, optional (the
+%   capability of boards that know it, '' if all do) and fields: one row a field with name, type,
+%   count (0: the board's axes), least, greatest, scale and the name of its enumeration.
 %   s.names{id} is the name of a message; s.enums.NAME has one field a value.
 persistent made
 if isempty(made)
@@ -63,7 +63,8 @@ def _message(message: Message, spec: Spec) -> Iterator[str]:
     yield f"s.names{{{message.id}}} = '{message.name}';"
     yield (
         f"s.messages.{message.name} = struct('id', {message.id}, 'reply', {reply}, "
-        f"'session', {session}, 'retry', '{rules.retry if rules else ''}', 'fields', {{{{ ..."
+        f"'session', {session}, 'retry', '{rules.retry if rules else ''}', "
+        f"'optional', '{message.optional or ''}', 'fields',{{{{ ..."
     )
     for field in message.wire_fields:
         yield f"  {_row(field)}; ..."

@@ -14,6 +14,7 @@ import pytest
 from ccr_host.core.clock import RealClock
 from ccr_host.description import schema
 from ccr_host.link.board_config import board_config
+from ccr_host.link.messages import Capabilities
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.record.log.tables import arrays, tables_of
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -73,6 +74,51 @@ def test_octave_arms_moves_and_stops_an_emulated_board_over_tcp(board: str) -> N
         "stopped, pulses 0 0",
         "disarmed",
     ]
+
+
+def test_octave_drives_a_board_of_nine_axes_and_leaves_those_without_a_motor_at_rest(
+    ccr_host: CcrHost,
+) -> None:
+    with emulated(ccr_host, "--robot", "three-spatial", "--tcp", "127.0.0.1:0") as uri:
+        told = octave(
+            "--eval",
+            f"""
+            robot = ccr.Client('{uri}');
+            robot.configure();
+            robot.arm();
+            printf('%d axes, target', robot.identity.axes, robot.target([3 -4 5]));
+            robot.close();
+        """,
+        )
+    axes, *target = map(float, re.findall(r"-?\d+", told))
+    assert axes == 9
+    assert target == [3, -4, 5, 0, 0, 0, 0, 0, 0]
+
+
+def test_a_board_of_older_firmware_is_not_sent_what_it_does_not_know(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("ccr_host.sim.board.dispatch.CAPABILITIES", Capabilities.EEPROM)
+    server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock(), boot_loader_us=0)
+    with BackgroundServer(server) as served:
+        told = octave(
+            "--eval",
+            f"""
+            robot = ccr.Client('{served.uri}');
+            before = robot.request('get_counters');
+            try
+              robot.request('set_target_at');
+            catch refused
+              printf('%s: %s\\n', refused.identifier, refused.message);
+            end
+            after = robot.request('get_counters');
+            printf('%d', after.nacks - before.nacks);
+            robot.close();
+        """,
+        )
+    refusal, nacks = told.splitlines()
+    assert re.fullmatch(r"ccr:capability: .*does not know set_target_at: .*ccr-host flash", refusal)
+    assert nacks == "0"
 
 
 def test_a_board_that_has_only_just_started_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
