@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -41,20 +41,35 @@ Point = tuple[float, float]
 
 
 class View:
-    """SVG elements of one view, in mm about an origin, the second coordinate upwards."""
+    """SVG elements of one view, in mm about an origin, the second coordinate upwards.
 
-    def __init__(self, title: str, origin_px: Point, title_mm: Point) -> None:
-        self._origin_px = origin_px
+    Args:
+        title: of the view.
+        origin_px: in the picture.
+        title_mm: middle of the title.
+        scale: pixels a mm, across and upwards.
+    """
+
+    def __init__(
+        self, title: str, origin_px: Point, title_mm: Point, scale: Point = (SCALE, SCALE)
+    ) -> None:
+        self._origin_px, self._scale = origin_px, scale
         self.elements: list[str] = []
         self.text(title_mm, title, size=15)
 
     def _px(self, point: Point) -> Point:
         x_px, y_px = self._origin_px
-        x_px, y_px = x_px + SCALE * point[0] + TIE_PX, y_px - SCALE * point[1] + TIE_PX
+        across, upwards = self._scale
+        x_px, y_px = x_px + across * point[0] + TIE_PX, y_px - upwards * point[1] + TIE_PX
         return round(x_px, 1), round(y_px, 1)
 
     def line(
-        self, *points: Point, colour: str = INK, width: float = 1.0, ends: Sequence[str] = ()
+        self,
+        *points: Point,
+        colour: str = INK,
+        width: float = 1.0,
+        ends: Sequence[str] = (),
+        fill: str = "none",
     ) -> None:
         """Through points; ``ends``: markers of the line, ``start`` or ``end`` and a shape."""
         path = " ".join("{:g},{:g}".format(*self._px(point)) for point in points)
@@ -62,14 +77,15 @@ class View:
             f'marker-{where}="url(#{shape})"' for where, shape in (e.split() for e in ends)
         )
         self.elements.append(
-            f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="{width:g}" '
+            f'<polyline points="{path}" fill="{fill}" stroke="{colour}" stroke-width="{width:g}" '
             f'color="{colour}" {marks}/>'
         )
 
     def circle(self, centre: Point, radius_mm: float, fill: str, stroke: str = INK) -> None:
         x_px, y_px = self._px(centre)
+        radius_px = self._scale[0] * radius_mm
         self.elements.append(
-            f'<circle cx="{x_px:g}" cy="{y_px:g}" r="{SCALE * radius_mm:.1f}" fill="{fill}" '
+            f'<circle cx="{x_px:g}" cy="{y_px:g}" r="{radius_px:.1f}" fill="{fill}" '
             f'stroke="{stroke}"/>'
         )
 
@@ -109,9 +125,7 @@ def robot_svg(description: Description) -> str:
         _from_the_tip(description, (beyond_px, 215)),
         _pulleys(description, (180, 720)),
     )
-    drawn = [line for view in views for line in view.elements]
-    head = [line.replace("WIDTH", f"{width_px:.0f}") for line in _HEAD]
-    return "\n".join([*head, *drawn, "</svg>", ""])
+    return svg(views, width_px, 850)
 
 
 def holes_mm(description: Description) -> list[Point]:
@@ -145,7 +159,7 @@ def _along(
         beside_mm = place[shown - 1]
         if abs(beside_mm) > abs(place[hidden - 1]) - _SAME_MM:
             ends = -9 - 3 * segment, ends_mm[segment + 1]
-            _draw_tendon(view, beside_mm, ends, number, _colour(tendon.motor - 1))
+            _draw_tendon(view, beside_mm, ends, number, colour_of(tendon.motor - 1))
     for name, along_mm in zip(robot.markers, ends_mm, strict=True):
         aside_mm = d_m if shown == _Z else 0.0
         view.line((along_mm, 0), (along_mm, aside_mm))
@@ -172,7 +186,7 @@ def _from_the_tip(description: Description, origin_px: Point) -> View:
     outside = (r_c + RIM_MM + 2.5) / r_c
     holes = zip(description.robot.tendons, holes_mm(description), strict=True)
     for number, ((_, tendon), (y_mm, z_mm)) in enumerate(holes, start=1):
-        colour = _colour(tendon.motor - 1)
+        colour = colour_of(tendon.motor - 1)
         view.circle((y_mm, z_mm), 0.9, "white", colour)
         aside = 2.5 if abs(y_mm) < _SAME_MM and z_mm > 0 else 0.0
         view.text((outside * y_mm + aside, outside * z_mm - 1.0), str(number), colour)
@@ -188,7 +202,7 @@ def _pulleys(description: Description, origin_px: Point) -> View:
     title_mm = (max(apart / 2, (robot.motors - 1) * apart / 2), radius_mm + 6)
     view = View("the pulleys, turned to a positive angle", origin_px, title_mm)
     for motor in range(robot.motors):
-        x_mm, colour = motor * apart, _colour(motor)
+        x_mm, colour = motor * apart, colour_of(motor)
         view.circle((x_mm, 0), radius_mm, SHADE)
         view.text((x_mm, -1), f"motor {motor + 1} +", colour)
         for winding, side, words in ((1, -1, "wound up"), (-1, 1, "let out")):
@@ -241,7 +255,7 @@ def _draw_tendon(view: View, beside_mm: float, ends: Point, number: int, colour:
 def _draw_bent(
     view: View, points: np.ndarray, straight_end: Point, motor: int, aside_mm: float
 ) -> None:
-    path, colour = [(float(x), float(y)) for x, y in points], _colour(motor)
+    path, colour = [(float(x), float(y)) for x, y in points], colour_of(motor)
     end, (whole, from_mm) = path[-1], straight_end
     view.line(*path, colour=PALE, width=3)
     start = (whole + 2, from_mm if end[1] > 0 else -from_mm)
@@ -249,22 +263,38 @@ def _draw_bent(
     view.text((end[0] + 3 + aside_mm, end[1] + 1), f"motor {motor + 1} +", colour, "start")
 
 
-def _colour(motor: int) -> str:
+def colour_of(motor: int) -> str:
+    """Colour of a motor's tendons and lead, counted from 0."""
     return MOTORS[motor % len(MOTORS)]
 
 
+def svg(views: Sequence[View], width_px: float, height_px: float) -> str:
+    """A picture of views."""
+    drawn = [line for view in views for line in view.elements]
+    size = {"WIDTH": f"{width_px:.0f}", "HEIGHT": f"{height_px:.0f}"}
+    head = [
+        line.replace("WIDTH", size["WIDTH"]).replace("HEIGHT", size["HEIGHT"]) for line in _HEAD
+    ]
+    return "\n".join([*head, *drawn, "</svg>", ""])
+
+
+def main(draw: Callable[[Description], str], what: str, picture: Path) -> None:
+    """Draw the robot that the command line names."""
+    parser = argparse.ArgumentParser(description=what.partition("\n")[0])
+    parser.add_argument("--robot", help="description; the default robot without it")
+    parser.add_argument("--out", type=Path, default=picture, help="SVG to write")
+    words = parser.parse_args()
+    words.out.write_text(draw(config.load(words.robot)), encoding="utf-8")
+
+
 _HEAD = (
-    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 WIDTH 850" font-family="sans-serif">',
-    "<!-- Made by docs/draw_robot.py from the robot description. -->",
-    '<rect width="WIDTH" height="850" fill="white"/>',
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 WIDTH HEIGHT" font-family="sans-serif">',
+    "<!-- Made by a script in docs/ from the robot description. -->",
+    '<rect width="WIDTH" height="HEIGHT" fill="white"/>',
     '<defs><marker id="arrow" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="7" '
     'markerHeight="7" orient="auto-start-reverse"><path d="M0,1 L10,5 L0,9 z" '
     'fill="context-stroke"/></marker></defs>',
 )
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--robot", help="description; the paper's robot by default")
-    parser.add_argument("--out", type=Path, default=PICTURE, help="SVG to write")
-    words = parser.parse_args()
-    words.out.write_text(robot_svg(config.load(words.robot)), encoding="utf-8")
+    main(robot_svg, __doc__, PICTURE)

@@ -1,8 +1,9 @@
-"""The drawing of the robot in docs/hardware.md."""
+"""The drawings in docs/hardware.md."""
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,17 +17,28 @@ from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.sim.robot.mechanics import Mechanics
 from ccr_host.sim.robot.mjcf import robot_mjcf
 
-SCRIPT = Path(__file__).parents[2] / "docs" / "draw_robot.py"
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+SCRIPT = DOCS / "draw_robot.py"
+CHIPS = ROOT / "host" / "ccr_host" / "sim" / "simavr" / "shim" / "chips.c"
+ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr/variants")
+VARIANTS = {"uno": "standard", "mega2560": "mega"}
 
 
 @pytest.fixture(scope="module")
 def drawing() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("draw_robot", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script_of_docs("draw_robot")
+
+
+@pytest.fixture(scope="module")
+def wiring() -> ModuleType:
+    return script_of_docs("draw_wiring")
+
+
+def script_of_docs(name: str) -> ModuleType:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(DOCS)
+        return importlib.import_module(name)
 
 
 def test_the_picture_in_the_docs_is_that_of_the_default_description(drawing: ModuleType) -> None:
@@ -65,3 +77,48 @@ def test_a_positive_angle_bends_as_drawn_towards_the_tendon_that_it_winds_up() -
         twin.pull(angles_rad)
         twin.advance(2000)
         assert twin.markers_mm()[2, coordinate] > before_mm + 5
+
+
+@pytest.mark.parametrize(
+    ("robot", "picture"), [(None, "wiring.svg"), ("three-spatial", "wiring-mega.svg")]
+)
+def test_the_wiring_in_the_docs_is_that_of_the_descriptions(
+    wiring: ModuleType, robot: str | None, picture: str
+) -> None:
+    drawn = wiring.wiring_svg(schema.load(robot))
+    assert (DOCS / "images" / picture).read_text() == drawn
+
+
+@pytest.mark.parametrize("board", VARIANTS)
+def test_the_pins_drawn_are_the_firmwares_in_the_numbers_of_arduinos_own_tables(
+    wiring: ModuleType, board: str
+) -> None:
+    chip = CHIPS.read_text().partition(f'.board = "{board}"')[2].partition("},\n    {")[0]
+    pins = re.search(r"\.pin = (.*?),\n\s*\.output", chip, re.S)
+    stop = re.search(r"\.emergency_stop = {PORT_(\w), (\d)}", chip)
+    assert pins and stop
+    *servos, supply, _led = re.findall(r"{PORT_(\w), (\d)}", pins[1])
+    table = ARDUINO / VARIANTS[board] / "pins_arduino.h"
+    if not table.exists():
+        pytest.skip("there are no tables: apt-get install arduino-core-avr")
+    ports, bits = (
+        re.findall(form, table.read_text().partition(start)[2].partition("};")[0], re.M)
+        for start, form in (
+            ("digital_pin_to_port_PGM[] = {", r"^\s*P(\w)\b"),
+            ("digital_pin_to_bit_mask_PGM[] = {", r"^\s*_BV\(\s*(\d)"),
+        )
+    )
+    drawn = wiring.BOARDS[board]
+    numbers = (*drawn.servos, drawn.supply, drawn.emergency_stop)
+    assert [(ports[n], bits[n]) for n in numbers] == [*servos, supply, stop.groups()]
+
+
+@pytest.mark.parametrize(("robot", "board"), [("single", "UNO"), ("two-spatial", "Mega 2560")])
+def test_a_robot_is_wired_to_the_smallest_board_with_a_pin_for_each_motor(
+    wiring: ModuleType, robot: str, board: str
+) -> None:
+    description = schema.load(robot)
+    texts = [e.text or "" for e in ET.fromstring(wiring.wiring_svg(description)).iter()]
+    motors = range(1, description.robot.motors + 1)
+    assert f"Arduino {board}" in texts
+    assert [text for text in texts if text.startswith("servo ")] == [f"servo {n}" for n in motors]
