@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -39,6 +40,14 @@ _COMMANDS = (
     *(setup, doctor, flash, calibrate, register, record, identify, jog, monitor, emulate),
     *(view, replay, report, export),
 )
+_WORDING = (
+    (r"Input should be a valid integer.*", "not a whole number"),
+    (r"Input should be a valid number.*", "not a number"),
+    (r"Input should be greater than or equal to", "less than"),
+    (r"Input should be less than or equal to", "more than"),
+    (r"Input should be", "not"),
+)
+"""Wording of pydantic, and ours."""
 for command in _COMMANDS:
     app.command()(command)
 
@@ -61,6 +70,23 @@ def options_of_all(
     """Control of tendon-driven continuum robots, real or simulated."""
 
 
+def _usage(error: typer.TyperException) -> str:
+    """What is wrong with the words, in ours where pydantic checked them."""
+    text = error.format_message().removesuffix(".").replace("Value error, ", "")
+    for theirs, ours in _WORDING:
+        text = re.sub(theirs, ours, text)
+    return text
+
+
+def _command_of(error: typer.TyperException, words: Sequence[str]) -> str:
+    """The command whose help says more."""
+    if (context := getattr(error, "ctx", None)) is not None:
+        return str(context.command_path)
+    # An option without its value is noticed before there is a context.
+    known = {command.__name__ for command in _COMMANDS}
+    return " ".join(["ccr-host", *(word for word in words[:1] if word in known)])
+
+
 def run(words: Sequence[str]) -> int:
     """Run a command line and return the exit status.
 
@@ -74,8 +100,7 @@ def run(words: Sequence[str]) -> int:
             with_default_address(words) or ["--help"], prog_name="ccr-host", standalone_mode=False
         )
     except typer.TyperException as error:
-        message = error.format_message().removesuffix(".")
-        raise ConfigError(message, "see ccr-host --help") from None
+        raise ConfigError(_usage(error), f"see {_command_of(error, words)} --help") from None
     except typer.Abort:
         raise KeyboardInterrupt from None
     return int(status or 0)

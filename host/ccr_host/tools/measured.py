@@ -26,6 +26,8 @@ _COLUMN = re.compile(rf"(t|q[1-9]\d*|(?:tip|{MIDDLE}|m[2-9]|m1\d)_[xyz]){UNIT}")
 _NOT_SEEN = ("", "nan")
 """In place of a coordinate of a marker below the tip."""
 _UNITS = {"t": _SECONDS, "q": _COMMANDS, **dict.fromkeys(("tip", MIDDLE, "m"), _MILLIMETRES)}
+_MOST = {"t": 1e8, "q": 1e3, "tip": 1e5, MIDDLE: 1e5, "m": 1e5}
+"""Plausible values in s, rad or mm, to either side: beyond, it is a slip or another unit."""
 _WORDS = ("pattern", "count")
 _TIP = ("tip_x", "tip_y", "tip_z")
 _MOST_BYTES = 100_000_000
@@ -93,7 +95,14 @@ def read_measured(file: Path) -> Measured:
             if name == "pattern":
                 patterns[row] = cell
             elif name not in _WORDS and not (name.startswith("m") and cell.lower() in _NOT_SEEN):
-                values[name][row] = factor * table.number(line, written, cell)
+                value = factor * table.number(line, written, cell)
+                if abs(value) > _MOST[_kind(name)]:
+                    table.refuse(
+                        line,
+                        f"{written} = {shown(cell)}, which no robot reaches",
+                        "correct the number, or the unit in the header",
+                    )
+                values[name][row] = value
     for (line, _), later in zip(table.lines[1:], np.diff(values["t"]) > 0.0, strict=True):
         if not later:
             table.refuse(line, "the time does not increase", "sort the rows by time, once each")
@@ -115,6 +124,11 @@ def read_measured(file: Path) -> Measured:
     )
 
 
+def _kind(name: str) -> str:
+    """What a column holds: its name without number and axis."""
+    return re.sub(r"_.*|\d+", "", name)
+
+
 def _columns(cells: list[str]) -> _Columns | str:
     """The columns, or why they are not clear."""
     if all(map(is_number, cells)):
@@ -127,7 +141,7 @@ def _columns(cells: list[str]) -> _Columns | str:
         column = _COLUMN.fullmatch(name)
         if column is not None:
             name, unit = column[1], column[2] or column[3]
-            known = _UNITS[re.sub(r"_.*|\d+", "", name)]
+            known = _UNITS[_kind(name)]
             if unit not in known:
                 what = "no unit" if unit is None else f"the unit {shown(unit)}"
                 return f"column {shown(cell)} has {what}, not one of {', '.join(known)}"

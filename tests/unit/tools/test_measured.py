@@ -84,6 +84,9 @@ BROKEN_ROW = [*ROWS[:5], "2.5,nan,1,1,2,3", *ROWS[6:]]
         (HEADER, [*ROWS, ROWS[-1]], "line 26: the time does not increase"),
         (HEADER, [f"{n},{n},7,1,2,3" for n in range(30)], "q2 never changes"),
         (HEADER, [f"{n},{n},x,1,2,3" for n in range(30)], "line 2: q2_deg = 'x'"),
+        (HEADER, [*ROWS, "99,1,2,1e308,2,3"], "line 26: tip_x_mm = '1e308', which no robot"),
+        (HEADER, [*ROWS, "99,1e6,2,1,2,3"], "line 26: q1_deg = '1e6', which no robot"),
+        (HEADER.replace("tip_z_mm", "tip_z_m"), [*ROWS, "99,1,2,1,2,300"], "tip_z_m = '300'"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path, header, rows, cause):
