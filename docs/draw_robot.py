@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -25,8 +26,8 @@ TIE_PX = 1e-6
 """So that rounding errors do not decide which way a tie is rounded."""
 RIM_MM = 2.0
 """From the tendon holes to the edge of a disk."""
-SHOWN_DEG = 9.0
-"""Motor angle of the bent poses."""
+SHOWN_MM = 26.0
+"""How far the motor that moves the tip most has moved it in the bent poses."""
 INK, PALE, SHADE, MARKER = "#222222", "#999999", "#e6e6e6", "#e0c200"
 MOTORS = ("#0072b2", "#b03a7f", "#009e73", "#d55e00", "#56b4e9", "#7a4fa3", "#8c6d00", "#333333")
 """Colours, from the first again after the last."""
@@ -34,8 +35,10 @@ MOTORS = ("#0072b2", "#b03a7f", "#009e73", "#d55e00", "#56b4e9", "#7a4fa3", "#8c
 _Z = 2
 """Number of the paths' z among the coordinates of a backbone."""
 _SAME_MM = 1e-6
-_ASIDE_MM = 20.0
-"""Between the names of motors whose motions end side by side."""
+_APART_MM = 4.0
+"""Between the names of motors, upwards."""
+_ARROW_MM = 6.0
+"""Shortest arrow that starts beside the robot, not at its middle."""
 
 Point = tuple[float, float]
 
@@ -144,28 +147,33 @@ def _along(
     d_m, whole = robot.marker_offset_mm, ends_mm[-1]
     view = View(title, origin_px, (whole / 2, 43 if shown == _Z else 22))
     start_mm = (d_m if shown == _Z else robot.tendon_radius_mm) + 3
-    all_bent = [_backbone_mm(description, motor) for motor in range(robot.motors)]
+    all_bent = _bent_mm(description)
     in_view = [
         motor
         for motor, bent in enumerate(all_bent)
         if abs(bent[-1, shown]) > abs(bent[-1, hidden]) - _SAME_MM
     ]
-    for place, motor in enumerate(in_view):
-        aside_mm = _ASIDE_MM * (place % 2)
-        _draw_bent(view, all_bent[motor][:, [0, shown]], (whole, start_mm), motor, aside_mm)
+    name_mm = -math.inf
+    for motor in sorted(in_view, key=lambda motor: all_bent[motor][-1, shown]):
+        bent = all_bent[motor][:, [0, shown]]
+        name_mm = max(bent[-1, 1] + 1, name_mm + _APART_MM)
+        _draw_bent(view, bent, (whole, start_mm), motor, name_mm)
     _draw_straight(view, description)
     holes = zip(robot.tendons, holes_mm(description), strict=True)
+    drawn_at: Counter[float] = Counter()
     for number, ((segment, tendon), place) in enumerate(holes, start=1):
         beside_mm = place[shown - 1]
         if abs(beside_mm) > abs(place[hidden - 1]) - _SAME_MM:
-            ends = -9 - 3 * segment, ends_mm[segment + 1]
+            aside_mm = _APART_MM * drawn_at[round(beside_mm, 3)]
+            drawn_at[round(beside_mm, 3)] += 1
+            ends = -9 - 3 * segment - aside_mm, ends_mm[segment + 1]
             _draw_tendon(view, beside_mm, ends, number, colour_of(tendon.motor - 1))
     for name, along_mm in zip(robot.markers, ends_mm, strict=True):
-        aside_mm = d_m if shown == _Z else 0.0
-        view.line((along_mm, 0), (along_mm, aside_mm))
-        view.circle((along_mm, aside_mm), 2.2, MARKER)
+        height_mm = d_m if shown == _Z else 0.0
+        view.line((along_mm, 0), (along_mm, height_mm))
+        view.circle((along_mm, height_mm), 2.2, MARKER)
         if shown == _Z:
-            view.text((along_mm - 3.2, aside_mm + 1), name, anchor="end")
+            view.text((along_mm - 3.2, height_mm + 1), name, anchor="end")
     if shown == _Z:
         for number, (near, far) in enumerate(itertools.pairwise(ends_mm), start=1):
             words = f"L_{number} = {far - near:g} mm"
@@ -223,12 +231,16 @@ def _pulleys(description: Description, origin_px: Point) -> View:
     return view
 
 
-def _backbone_mm(description: Description, motor: int) -> np.ndarray:
-    """(N, 3): along the straight robot, to path y and to path z; one motor turned."""
+def _bent_mm(description: Description) -> list[np.ndarray]:
+    """Backbone with each motor turned, (N, 3): along the straight robot, to paths' y and z."""
     model = ConstantCurvature(description.robot)
-    motors_rad = np.radians(SHOWN_DEG) * np.eye(model.motors)[motor]
-    y_mm, x_mm, z_mm = model.backbone_mm(motors_rad).T
-    return np.stack([-x_mm, y_mm, z_mm + model.marker_offset_mm], axis=1)
+    each = np.eye(model.motors)
+    most_mm = np.linalg.norm(model.jacobian_mm_rad(0 * each[0]), axis=0).max()
+    bent = []
+    for motor_rad in SHOWN_MM / most_mm * each:
+        y_mm, x_mm, z_mm = model.backbone_mm(motor_rad).T
+        bent.append(np.stack([-x_mm, y_mm, z_mm + model.marker_offset_mm], axis=1))
+    return bent
 
 
 def _draw_straight(view: View, description: Description) -> None:
@@ -253,14 +265,14 @@ def _draw_tendon(view: View, beside_mm: float, ends: Point, number: int, colour:
 
 
 def _draw_bent(
-    view: View, points: np.ndarray, straight_end: Point, motor: int, aside_mm: float
+    view: View, points: np.ndarray, straight_end: Point, motor: int, name_mm: float
 ) -> None:
     path, colour = [(float(x), float(y)) for x, y in points], colour_of(motor)
     end, (whole, from_mm) = path[-1], straight_end
     view.line(*path, colour=PALE, width=3)
-    start = (whole + 2, from_mm if end[1] > 0 else -from_mm)
-    view.line(start, (end[0] + 2, end[1]), colour=colour, ends=("end arrow",))
-    view.text((end[0] + 3 + aside_mm, end[1] + 1), f"motor {motor + 1} +", colour, "start")
+    start_mm = math.copysign(from_mm, end[1]) if abs(end[1]) > from_mm + _ARROW_MM else 0.0
+    view.line((whole + 2, start_mm), (end[0] + 2, end[1]), colour=colour, ends=("end arrow",))
+    view.text((end[0] + 4, name_mm), f"motor {motor + 1} +", colour, "start")
 
 
 def colour_of(motor: int) -> str:
