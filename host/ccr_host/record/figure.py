@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-X, Y, Z = (PATH_AXES[axis] for axis in "xyz")
+_LABELS = {"x": "x, along the robot (mm)", "y": "y (mm)", "z": "z (mm)"}
 _MOST_MARKERS = 200
 """With more points than this, lines are drawn without markers."""
 _SHADE = 0.3
@@ -63,17 +63,18 @@ def write_run_figure(file: Path, runs: Sequence[PlottedRun]) -> None:
 
 
 def run_figure(runs: Sequence[PlottedRun]) -> Figure:
-    """Desired, measured and true path in both planes and the error over time.
+    """Desired, measured and true path in its planes and the error over time.
 
     Args:
         runs: on the same path, the one that matters first.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - costs 0.7 s, spent while twins run
 
-    figure = Figure(figsize=(11, 8.2), layout="constrained")
-    grid = figure.add_gridspec(2, 2, height_ratios=(1.7, 1))
-    _draw_plane(figure.add_subplot(grid[0, 0]), runs, Y, "y (mm)")
-    _draw_plane(figure.add_subplot(grid[0, 1]), runs, X, "x, along the robot (mm)")
+    planes = _planes(runs[0].reference)
+    figure = Figure(figsize=(5.5 * len(planes), 8.2), layout="constrained")
+    grid = figure.add_gridspec(2, len(planes), height_ratios=(1.7, 1))
+    for column, plane in enumerate(planes):
+        _draw_plane(figure.add_subplot(grid[0, column]), runs, plane)
     _draw_error(figure.add_subplot(grid[1, :]), runs)
     _draw_legend(figure, runs)
     steps = {f", {len(r)} steps of {r.period_s:g} s" for r in (run.reference for run in runs)}
@@ -84,19 +85,26 @@ def run_figure(runs: Sequence[PlottedRun]) -> Figure:
 def write_comparison_figure(file: Path, groups: Sequence[Sequence[PlottedRun]]) -> None:
     """Draw several controllers on several paths: a column for each path.
 
+    Paths in space have a second plane, with the coordinate along the robot.
+
     Args:
         file: PNG to write; PDF and SVG come beside it.
         groups: the runs on each path.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - as above
 
-    figure = Figure(figsize=(4.6 * len(groups) + 2, 7.4), layout="constrained")
-    grid = figure.add_gridspec(2, len(groups), height_ratios=(1.6, 1))
+    planes = ("yz", "xz") if any(runs[0].reference.in_space for runs in groups) else ("yz",)
+    figure = Figure(figsize=(4.6 * len(groups) + 2, 2.8 + 4.6 * len(planes)), layout="constrained")
+    grid = figure.add_gridspec(
+        len(planes) + 1, len(groups), height_ratios=(*(1.6 for _ in planes), 1)
+    )
     for column, runs in enumerate(groups):
-        plane = figure.add_subplot(grid[0, column])
-        _draw_plane(plane, runs, Y, "y (mm)")
-        plane.set_title(plain(runs[0].reference.name))
-        _draw_error(figure.add_subplot(grid[1, column]), runs)
+        for row, plane in enumerate(planes):
+            axes = figure.add_subplot(grid[row, column])
+            _draw_plane(axes, runs, plane)
+            if row == 0:
+                axes.set_title(plain(runs[0].reference.name))
+        _draw_error(figure.add_subplot(grid[-1, column]), runs)
     _draw_legend(figure, [run for runs in groups for run in runs])
     save_figure(figure, file)
 
@@ -111,19 +119,17 @@ def write_workspace_figure(file: Path, reference: Reference, workspace: Workspac
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - as above
 
-    figure = Figure(figsize=(12, 6), layout="constrained")
+    planes = _planes(reference)
+    figure = Figure(figsize=(6 * len(planes), 6), layout="constrained")
     rim = workspace.boundary_mm()
     nearest = workspace.model.tip_mm(reference.q_rad)
-    for position, across, label in ((121, Y, "y (mm)"), (122, X, "x, along the robot (mm)")):
-        axes = figure.add_subplot(position)
-        if across == Y:
-            axes.fill(rim[:, across], rim[:, Z], color="#dddddd", label="within reach")
-        _draw_desired(axes, reference, across)
-        _finish_plane(axes, label)
+    for axes, plane in zip(figure.subplots(1, len(planes)), planes, strict=True):
+        if plane == "yz":
+            axes.fill(*_in_plane(rim, plane), color="#dddddd", label="within reach")
+        _draw_desired(axes, reference, plane)
+        _finish_plane(axes, plane)
         style = "." if len(nearest) <= _MOST_MARKERS else "-"
-        axes.plot(
-            nearest[:, across], nearest[:, Z], style, color="black", ms=4, label="nearest reachable"
-        )
+        axes.plot(*_in_plane(nearest, plane), style, color="black", ms=4, label="nearest reachable")
     _draw_legend(figure)
     figure.suptitle(f"{plain(reference.name)}: reach of {_motors(reference)}")
     save_figure(figure, file)
@@ -141,18 +147,27 @@ def shade_lost_spans(
             axes.axvspan(start_s, end_s, color=colour, alpha=_SHADE, lw=0, label=label)
 
 
-def _draw_plane(axes: Axes, runs: Sequence[PlottedRun], across: int, label: str) -> None:
+def _planes(reference: Reference) -> tuple[str, ...]:
+    """Axes across and upwards of each view of a path; a path in space has a third view."""
+    return ("yz", "xz", "yx") if reference.in_space else ("yz", "xz")
+
+
+def _in_plane(points_mm: Vector, plane: str) -> tuple[Vector, Vector]:
+    across, upwards = (points_mm[:, PATH_AXES[axis]] for axis in plane)
+    return across, upwards
+
+
+def _draw_plane(axes: Axes, runs: Sequence[PlottedRun], plane: str) -> None:
     drawn: list[Vector] = []
     for run in runs:
         if not any(np.array_equal(run.reference.target_mm, other) for other in drawn):
             drawn.append(run.reference.target_mm)
-            _draw_desired(axes, run.reference, across)
+            _draw_desired(axes, run.reference, plane)
     for run, colour, dash in _styled(runs):
         measured, truth = _paths(run)
         markers = len(measured) <= _MOST_MARKERS
         axes.plot(
-            measured[:, across],
-            measured[:, Z],
+            *_in_plane(measured, plane),
             ls=dash,
             marker="." if markers else "",
             color=colour,
@@ -161,24 +176,24 @@ def _draw_plane(axes: Axes, runs: Sequence[PlottedRun], across: int, label: str)
             ms=4,
         )
         if truth is not None:
-            axes.plot(truth[:, across], truth[:, Z], ls=dash, color=colour, lw=1.3)
-    _finish_plane(axes, label)
+            axes.plot(*_in_plane(truth, plane), ls=dash, color=colour, lw=1.3)
+    _finish_plane(axes, plane)
 
 
-def _draw_desired(axes: Axes, reference: Reference, across: int) -> None:
+def _draw_desired(axes: Axes, reference: Reference, plane: str) -> None:
     target = reference.target_mm
-    axes.plot(target[:, across], target[:, Z], "--", color=DESIRED, label="desired")
+    axes.plot(*_in_plane(target, plane), "--", color=DESIRED, label="desired")
     if reference.unreachable_steps:
         out = np.where(reference.reachable[:, None], np.nan, target)
         style = "x" if len(target) <= _MOST_MARKERS else "-"
         axes.plot(
-            out[:, across], out[:, Z], style, color=UNREACHABLE, ms=5, label="desired, out of reach"
+            *_in_plane(out, plane), style, color=UNREACHABLE, ms=5, label="desired, out of reach"
         )
 
 
-def _finish_plane(axes: Axes, label: str) -> None:
-    axes.set_xlabel(label)
-    axes.set_ylabel("z (mm)")
+def _finish_plane(axes: Axes, plane: str) -> None:
+    axes.set_xlabel(_LABELS[plane[0]])
+    axes.set_ylabel(_LABELS[plane[1]])
     axes.set_aspect("equal", adjustable="datalim")
     axes.grid(alpha=0.3)
 

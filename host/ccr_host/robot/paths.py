@@ -201,4 +201,5 @@ def _reference(name: str, rate_hz: float, path: SampledPath, surface: Surface) -
         target_mm=np.stack([path.y_mm, along, path.z_mm], axis=-1),
         q_rad=nearest.q_rad,
         unavoidable_mm=nearest.distance_mm,
+        in_space=path.x_mm is not None,
     )

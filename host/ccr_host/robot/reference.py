@@ -34,7 +34,7 @@ class Reference:
     path's own coordinates even where they cannot be reached: f[0] and f[2], and f[1] if it has
     that too. ``q_rad`` (N, n) are the nearest reachable motor angles, ``unavoidable_mm`` (N,) the
     distance that remains there, in the path's own coordinates, according to the surface on which
-    the path was laid. All laps are identical.
+    the path was laid. ``in_space``: the path gives all three coordinates. All laps are identical.
     """
 
     name: str
@@ -44,6 +44,7 @@ class Reference:
     q_rad: FloatArray
     unavoidable_mm: FloatArray
     laps: int = 1
+    in_space: bool = False
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -76,6 +76,13 @@ def test_axes_are_labelled_for_a_paper(run: PlottedRun) -> None:
     assert labels == ["z (mm)", "z (mm)", "tip error (mm)"]
 
 
+def test_a_path_in_space_is_shown_from_a_third_side(run: PlottedRun) -> None:
+    in_space = replace(run, reference=replace(run.reference, in_space=True))
+    seen = [(axes.get_xlabel(), axes.get_ylabel()) for axes in run_figure([in_space]).axes[:3]]
+    along = "x, along the robot (mm)"
+    assert seen == [("y (mm)", "z (mm)"), (along, "z (mm)"), ("y (mm)", along)]
+
+
 def test_a_controller_has_one_colour_whatever_stands_beside_it(run: PlottedRun) -> None:
     own = controller_colours(["mpc"])["mpc"]
     assert controller_colours(["my.py:Mine", "adaptive", "mpc"])["mpc"] == own

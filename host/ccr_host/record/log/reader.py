@@ -168,7 +168,8 @@ class RunRecording:
             raise self.foreign("a desired path") from None
         if not samples or {samples} != {len(column) for column in columns.values()}:
             raise _unusable(self.source, self.end.trouble or "the desired path is not in it")
-        return Reference(name, period_s=period_s, laps=about.get("laps", 1), **columns)
+        laps, in_space = about.get("laps", 1), about.get("in_space", False)
+        return Reference(name, period_s=period_s, laps=laps, in_space=in_space, **columns)
 
     def foreign(self, what: str) -> ConfigError:
         """Error for content that this version does not understand."""

@@ -110,6 +110,7 @@ class RunLog(RunObserver):
                 "period_s": reference.period_s,
                 "samples": len(reference),
                 "laps": reference.laps,
+                **({"in_space": True} if reference.in_space else {}),
             },
         }
         self._write(topics.SETUP, 0, content)
