@@ -1,5 +1,7 @@
 """The pure host part on a system without POSIX features, such as Windows."""
 
+import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,9 +13,12 @@ from tests.patience import PATIENCE_S
 CHECKOUT = Path(__file__).parents[2]
 
 
+COMMAND = (sys.executable, "-m", "tests.without_posix")
+
+
 def ccr_host(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "tests.without_posix", *words],
+        [*COMMAND, *words],
         cwd=CHECKOUT,
         capture_output=True,
         text=True,
@@ -34,6 +39,21 @@ def test_a_run_on_the_emulator_and_the_twin_needs_no_posix_and_can_be_read(tmp_p
         assert exported.returncode == 0, exported.stderr
     report = ccr_host("report", str(tmp_path / "run"))
     assert report.returncode == 0, report.stderr
+
+
+def test_an_emulated_board_is_served_over_tcp() -> None:
+    words = [*COMMAND, "emulate", "--tcp", "127.0.0.1:0", "--boot-ms", "0"]
+    with subprocess.Popen(words, cwd=CHECKOUT, stdout=subprocess.PIPE, text=True) as emulator:
+        try:
+            assert emulator.stdout is not None
+            told = re.search(r"tcp://[\d.:]+", emulator.stdout.readline())
+            assert told
+            doctor = ccr_host("doctor", "--device", told[0])
+            assert "firmware" in doctor.stdout, doctor.stderr
+            emulator.send_signal(signal.SIGINT)
+            assert emulator.wait(PATIENCE_S) == 0
+        finally:
+            emulator.kill()
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ Opening its port resets a board, as DTR resets an UNO. Without a client the boar
 
 from __future__ import annotations
 
-import os
 import selectors
 import signal
+import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Thread
@@ -160,8 +160,8 @@ class BoardServer:
         self._clock = clock
         self._on_advance = on_advance
         self._stopping = False
-        self._wake_read, self._wake_write = os.pipe()
-        os.set_blocking(self._wake_write, False)
+        self._wake_read, self._wake_write = socket.socketpair()  # Windows selects sockets only
+        self._wake_write.setblocking(False)
 
     @property
     def uri(self) -> str:
@@ -181,8 +181,8 @@ class BoardServer:
             finally:
                 for station in self._stations:
                     station.port.close()
-                os.close(self._wake_read)
-                os.close(self._wake_write)
+                self._wake_read.close()
+                self._wake_write.close()
 
     def run_until_signal(self) -> None:
         """Serve until SIGINT or SIGTERM; in the main thread only."""
@@ -191,7 +191,7 @@ class BoardServer:
 
     def stop(self) -> None:
         """End :meth:`run`, from a signal handler or another thread."""
-        os.write(self._wake_write, b"\0")
+        self._wake_write.send(b"\0")
 
     def _note_stop(self) -> None:
         self._stopping = True
