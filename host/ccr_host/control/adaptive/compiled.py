@@ -18,7 +18,15 @@ from numba.extending import overload
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from ccr_host.control import jit
-from ccr_host.control.adaptive import arithmetic, motion, parameters, path_plan, statics, tip
+from ccr_host.control.adaptive import (
+    arithmetic,
+    give_way,
+    motion,
+    parameters,
+    path_plan,
+    statics,
+    tip,
+)
 from ccr_host.control.adaptive.arithmetic import Arc, FloatArray
 from ccr_host.control.adaptive.model import PlainModel
 from ccr_host.control.adaptive.motion import Pose, change_of, first_pose, slopes_of
@@ -32,7 +40,16 @@ from ccr_host.robot import arc
 from ccr_host.robot.arc import arc_derivatives_at
 from ccr_host.robot.rests import Rests
 
-_SOURCES: tuple[ModuleType, ...] = (arc, arithmetic, parameters, tip, statics, motion, path_plan)
+_SOURCES: tuple[ModuleType, ...] = (
+    arc,
+    arithmetic,
+    parameters,
+    give_way,
+    tip,
+    statics,
+    motion,
+    path_plan,
+)
 
 # Versions for floats of functions that depend on the type of their arguments.
 overload(arithmetic.arc_at)(

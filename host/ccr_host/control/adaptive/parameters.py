@@ -233,6 +233,11 @@ def prior_of(robot: Robot) -> Prior:
     return Prior(*np.array(rows[:COUNT], dtype=np.float64).T)
 
 
+def up_in_sagittal_plane(p: Parameters) -> Number:
+    """A complex number u: the height of a point s of the sagittal plane is Im(s u)."""
+    return p.up_z - 1j * p.up_y
+
+
 def parameters_of(vector: FloatArray | Sequence[float]) -> Parameters:
     """Convert a vector, (COUNT,) or (FIELDS,), to floats."""
     return Parameters(*map(float, vector))

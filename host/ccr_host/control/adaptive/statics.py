@@ -29,8 +29,8 @@ from ccr_host.control.adaptive.parameters import (
     SEGMENT_1_SHARE,
     SEGMENT_2_SHARE,
     Parameters,
+    up_in_sagittal_plane,
 )
-from ccr_host.control.adaptive.tip import up_in_sagittal_plane
 from ccr_host.robot.arc import Number
 
 _NEWTON_LIMIT = 15

@@ -18,7 +18,13 @@ from ccr_host.control.adaptive.arithmetic import (
     sign,
     stacked,
 )
-from ccr_host.control.adaptive.parameters import SEGMENT_1_SHARE, SEGMENT_2_SHARE, Parameters
+from ccr_host.control.adaptive.give_way import Beyond, given_way
+from ccr_host.control.adaptive.parameters import (
+    SEGMENT_1_SHARE,
+    SEGMENT_2_SHARE,
+    Parameters,
+    up_in_sagittal_plane,
+)
 from ccr_host.robot.arc import Number
 
 _LEAST_SOFTENED = 0.4
@@ -128,61 +134,25 @@ def tip_of(p: Parameters, theta_1: Number, theta_2: Number) -> Tip:
     turning = (end_2.real + 1j * (p.marker_offset_mm + tilt_2 * aside)) * turn
     turning_2 = (end_2_slope.real + 1j * tilt_2 * aside_2) * turn
     bulge, bulge_1, bulge_2 = _bulge_mm(p, pulls, theta_1, arc_1)
-    even_1 = arc_1
     arc_1 = _tapered(arc_1, theta_1, p.taper_1)
     end_1 = reach_1 * arc_1[0] + bulge - p.marker_along_mm - 1j * p.marker_offset_mm
     end_1_slope = reach_1 * arc_1[1] + reach_1_slope * arc_1[0] + bulge_1
     glued = p.marker_along_mm + p.middle_along_mm + 1j * (p.marker_offset_mm + p.middle_up_mm)
     middle = glued * turn
-    # A tendon of motor 2 pulls beside segment 1 and bends it to its side.
-    bent, bent_2 = p.sideways * pulls.pull_2, p.sideways * pulls.pull_2_slope
-    back = even_1[0].conjugate()
-    own, own_1 = p.length_1_mm * abs(back) ** 2 / 2.0, p.length_1_mm * (even_1[1] * back).real
-    lever, lever_2 = own + (turning * back).real, (turning_2 * back).real
-    lever_1 = own_1 + (1j * turning * back + turning * even_1[1].conjugate()).real
-    # What hangs beside segment 1 twists it.
-    up = up_in_sagittal_plane(p)
-    twist = p.twisting * (SEGMENT_2_SHARE * p.body_per_mm / 3.0 + p.tip_per_mm)
-    along, half = arc_at(2.0 * theta_1).derivatives, turn**0.5
-    lowers = 0.5j * (along[0] * up + up.conjugate())
-    upright, chord = (half * up).real, p.length_1_mm * even_1[0] / (1.0 + half)
-    chord_1 = (p.length_1_mm * even_1[1] - 0.5j * half * chord) / (1.0 + half)
-    swings = upright * (chord + turning / half).imag
-    swings_1 = (
-        upright * (chord_1 + 0.5j * turning / half).imag
-        - 0.5 * (half * up).imag * (chord + turning / half).imag
-    )
-    swings_2 = upright * (turning_2 / half).imag
-    sagittal = end_1 + turning - bent * aside * even_1[0] - twist * aside * aside * lowers
-    sagittal_1 = (
-        end_1_slope
-        + 1j * turning
-        - bent * aside * even_1[1]
-        - twist * aside * aside * 1j * along[1] * up
-    )
-    sagittal_2 = (
-        turning_2
-        - pressed_1 * pull_2_slope * arc_1[0]
-        + bulge_2
-        - (bent_2 * aside + bent * aside_2) * even_1[0]
-        - 2.0 * twist * aside * aside_2 * lowers
-    )
-    across = aside - p.marker_aside_mm + bent * lever + twist * aside * swings
-    across_1 = bent * lever_1 + twist * aside * swings_1
-    across_2 = (
-        aside_2 + bent_2 * lever + bent * lever_2 + twist * (aside_2 * swings + aside * swings_2)
-    )
-    middle_across = (
-        p.middle_aside_mm
-        + bent * (own + (middle * back).real)
-        + twist * aside * upright * (chord + middle / half).imag
-    )
+    # Segment 1 gives way to its side.
+    beyond = Beyond(turning / turn, turning_2 / turn, aside, aside_2, glued)
+    way = given_way(p, theta_1, pulls.pull_2, pulls.pull_2_slope, beyond)
+    across, across_2 = aside - p.marker_aside_mm + way.across, aside_2 + way.across_2
+    sagittal = end_1 + turning + way.sagittal
+    sagittal_1 = end_1_slope + 1j * turning + way.sagittal_1
+    sagittal_2 = turning_2 - pressed_1 * pull_2_slope * arc_1[0] + bulge_2 + way.sagittal_2
+    middle_across = p.middle_aside_mm + way.middle_across
     return Tip(
         across - tilt_1 * sagittal.imag,
-        across_1 - tilt_1 * sagittal_1.imag,
+        way.across_1 - tilt_1 * sagittal_1.imag,
         across_2 - tilt_1 * sagittal_2.imag,
         sagittal + 1j * tilt_1 * across,
-        sagittal_1 + 1j * tilt_1 * across_1,
+        sagittal_1 + 1j * tilt_1 * way.across_1,
         sagittal_2 + 1j * tilt_1 * across_2,
         middle_across - tilt_1 * (end_1 + middle).imag,
         end_1 + middle,
@@ -199,11 +169,6 @@ def _tapered(arc: tuple[Number, ...], theta: Number, taper: Number) -> tuple[Num
         arc[0] - 0.5 * taper * theta * uneven,
         arc[1] - 0.5 * taper * (uneven + theta * uneven_slope),
     )
-
-
-def up_in_sagittal_plane(p: Parameters) -> Number:
-    """A complex number u: the height of a point s of the sagittal plane is Im(s u)."""
-    return p.up_z - 1j * p.up_y
 
 
 class _Pulls(NamedTuple):

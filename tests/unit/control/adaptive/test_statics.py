@@ -29,6 +29,7 @@ HINDERED = PRIOR._replace(
     push_y_per_mm=-0.001,
     shortening=0.15,
 )
+SOFT = PRIOR._replace(shortening=0.1, sideways=0.02, twisting=0.25, plane_1_rad=0.02)
 STILL = np.zeros(2)
 ASKEW = HINDERED._replace(up_x=-0.48, up_y=0.6, up_z=-0.64)
 ups = st.sampled_from(
@@ -133,15 +134,40 @@ def test_without_weight_and_sag_the_tip_is_that_of_equation_10(theta):
 
 @given(
     bends.map(lambda theta: theta + np.copysign(1e-3, theta)),
-    st.sampled_from([PRIOR, PRIOR._replace(up_x=0.6, up_y=0.64, up_z=-0.48, shortening=0.1)]),
+    st.sampled_from([PRIOR, SOFT, SOFT._replace(up_x=0.6, up_y=0.64, up_z=-0.48)]),
 )
 def test_jacobian_is_the_derivative_of_the_tip(theta, p):
     h = 1e-6
     tip = tip_of(p, *theta)
-    by_1 = seen_of(p, 0.0, tip.sagittal_1)
+    by_1 = seen_of(p, tip.across_1, tip.sagittal_1)
     by_2 = seen_of(p, tip.across_2, tip.sagittal_2)
     moved = [(tip_mm(p, *(theta + h * e)) - tip_mm(p, *(theta - h * e))) / 2 / h for e in np.eye(2)]
     assert np.array([by_1, by_2]) == pytest.approx(np.array(moved), abs=1e-3)
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (9.81, 0.0, 0.0), (-4.0, 5.0, 7.0)])
+def test_a_segment_gives_way_to_its_side_as_the_twin_does(gravity):
+    """It is twisted by what hangs beside it, and bent by its weight and by motor 2's tendon."""
+    give = {"torsion_stiffness_nm_rad": (0.08, 80.0), "sideways_stiffness_nm_rad": (1.0, 1000.0)}
+    g = np.linalg.norm(gravity)
+    bare = Twin(gravity_m_s2=gravity)
+    stiff, soft = (Equilibrium(t) for t in (bare, bare.model_copy(update=give)))
+    per_g = 1e-6 * g / bare.bending_stiffness_nm_rad[0]
+    p = PRIOR._replace(
+        slack_1_rad=0.096,
+        slack_2_rad=0.096,
+        sag_1=58.5 / (8 * 6**2 * 4.5),
+        sag_2=43.5 / (8 * 5**2 * 4.5),
+        body_per_mm=(11.0 * bare.disk_mass_g + bare.marker_mass_g) * per_g,
+        tip_per_mm=bare.marker_mass_g * per_g,
+        **dict(zip(("up_x", "up_y", "up_z"), -np.array(gravity) / g, strict=True)),
+    )
+    for q in np.radians([[30.0, 30.0], [-25.0, 35.0], [35.0, -30.0], [35.0, 10.0]]):
+        moved_mm = soft.tip_mm(q) - stiff.tip_mm(q)
+        theta = settled(p, *likely_of(p, *q), tuple(q), _anchors(p, STILL))
+        given = tip_mm(p._replace(twisting=0.25, sideways=0.02), *theta) - tip_mm(p, *theta)
+        off_mm = np.linalg.norm(given - moved_mm)
+        assert off_mm < 0.3 * np.linalg.norm(moved_mm) + 0.2
 
 
 def test_turning_a_vector_into_the_cameras_frame_and_back_changes_nothing():
