@@ -37,6 +37,15 @@ class Foreseeing(Steppable, Protocol):
         """
 
 
+@runtime_checkable
+class ForeseesArrivals(Protocol):
+    """A source that knows before which time it has nothing new."""
+
+    @property
+    def next_arrival_us(self) -> int:
+        """Time before which nothing new arrives, if nothing is sent; in the past if unknown."""
+
+
 NEVER_US = 1 << 62
 
 

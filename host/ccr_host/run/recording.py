@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol, TypeVar, runtime_checkable
 
-from ccr_host.core.clock import Clock, Parts, Steppable
+from ccr_host.core.clock import Clock, ForeseesArrivals, Parts, Steppable
 from ccr_host.core.errors import DeviceError
 from ccr_host.link.exchange import FrameObserver, Transport
 from ccr_host.run.observer import RunObserver
@@ -153,12 +153,6 @@ class _ShowsFrames(Protocol):
     def frame(self) -> MarkerFrame | None: ...
 
 
-@runtime_checkable
-class _ForeseesArrivals(Protocol):
-    @property
-    def next_arrival_us(self) -> int: ...
-
-
 class RecordedTracker(RunTracker):
     """The tracker as the host sees it; attach it to the run's clock after the tracker.
 
@@ -170,7 +164,7 @@ class RecordedTracker(RunTracker):
         self.name = tracker.name
         self._tracker = tracker
         self._frames = tracker if isinstance(tracker, _ShowsFrames) else None
-        self._arrivals = tracker if isinstance(tracker, _ForeseesArrivals) else None
+        self._arrivals = tracker if isinstance(tracker, ForeseesArrivals) else None
         self._tape = tape
         self._observer = observer
         self._frame: MarkerFrame | None = None
@@ -191,8 +185,9 @@ class RecordedTracker(RunTracker):
 
     @property
     def next_turn_us(self) -> int:
-        """Time of the next possible arrival; 0, which is past, if the tracker cannot tell."""
-        return 0 if self._arrivals is None else self._arrivals.next_arrival_us
+        """Time of the next possible arrival; 0, which is past, if it is there or cannot be told."""
+        is_news = self._frames is not None and self._frames.frame is not self._frame
+        return 0 if is_news or self._arrivals is None else self._arrivals.next_arrival_us
 
     def trouble(self) -> str:
         return self._tracker.trouble()

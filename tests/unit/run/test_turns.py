@@ -109,6 +109,9 @@ class Witness(RunObserver):
     def tracker_sample(self, time_us: int, sample) -> None:
         self.seen.append((time_us, sample.exposed_us, sample.markers_mm.tobytes()))
 
+    def marker_frame(self, time_us: int, frame) -> None:
+        self.seen.append((time_us, frame.exposed_us, frame.frame_number, frame.points_mm.tobytes()))
+
     def event(self, time_us: int, text: str) -> None:
         self.seen.append((time_us, text))
 
@@ -145,21 +148,32 @@ def turns(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("rate_hz", "overrides"),
+    ("tracker", "rate_hz", "overrides"),
     [
-        (1.0, ()),
-        (20.0, ("tracker.rate_hz=33", "tracker.latency_ms=17.3", "tracker.dropout=0.2")),
-        (7.0, ("tracker.rate_hz=120", "tracker.latency_ms=0")),
+        ("twin:", 1.0, ()),
+        ("twin:", 20.0, ("tracker.rate_hz=33", "tracker.latency_ms=17.3", "tracker.dropout=0.2")),
+        ("twin:", 7.0, ("tracker.rate_hz=120", "tracker.latency_ms=0")),
+        ("ndi-emulator:", 1.0, ("polaris_faults.bad_crc=0.2",)),
+        (
+            "ndi-emulator:",
+            5.0,
+            ("control.hold_s=9", "polaris_faults={unplugged_s=[[0.5, 0.7]], reset_s=[2]}"),
+        ),
     ],
 )
 def test_a_run_shows_the_same_to_the_microsecond_when_every_slice_is_tried(
-    tmp_path, turns: list[int], rate_hz: float, overrides: tuple[str, ...]
+    tmp_path, turns: list[int], tracker: str, rate_hz: float, overrides: tuple[str, ...]
 ) -> None:
     path = tmp_path / "short.csv"
     rows = "".join(f"{t},{5 * t},-100\n" for t in range(4))
     path.write_text("t_s,y_mm,z_mm\n" + rows)
     options = RunOptions(
-        path=str(path), controller="mpc", rate_hz=rate_hz, overrides=overrides, seed=3
+        path=str(path),
+        controller="mpc",
+        tracker=tracker,
+        rate_hz=rate_hz,
+        overrides=overrides,
+        seed=3,
     )
 
     def run(operator: Onlooker | None) -> tuple[Witness, object, int]:

@@ -11,6 +11,7 @@ from typing import Self
 
 import numpy as np
 
+from ccr_host.core.clock import NEVER_US
 from ccr_host.core.crc import crc16_arc
 from ccr_host.core.errors import TrackerError
 from ccr_host.core.units import bytes_in, wire_time_us
@@ -24,7 +25,6 @@ RESET_US = 1_500_000
 
 _CR = b"\r"
 _LONGEST_COMMAND_BYTES = 1024
-_NEVER_US = 1 << 62
 
 
 @dataclass(slots=True)
@@ -60,7 +60,7 @@ class PolarisLine:
         self._host_free_us = self._device_free_us = 0
         self._command = bytearray()
         self._replies: deque[_Sending] = deque()
-        self._reset_us = _NEVER_US
+        self._reset_us = NEVER_US
         self._power_failed_us = -1
         self._in_break = False
 
@@ -75,9 +75,26 @@ class PolarisLine:
         if self._to_device:
             events.append(self._to_device[0][0])
         if self._replies:
-            head = self._replies[0]
-            events.append(head.start_us + self._wire_time_us(len(head.data), head.baud))
+            events.append(self._arrival_us(self._replies[0], len(self._replies[0].data)))
         return min(events)
+
+    @property
+    def next_turn_us(self) -> int:
+        """Time of the next event that changes the line itself; exposures are the sensor's."""
+        return self._next_input_us()
+
+    @property
+    def next_arrival_us(self) -> int:
+        """Time before which `read` neither ends a line nor fails; 0, the past, in garbage."""
+        if any(self._differs(reply.baud) for reply in self._replies):
+            return 0
+        unplugged_us = self.device.sensor.faults.unplugged_us
+        events = [start_us for start_us, end_us in unplugged_us if end_us > self._now_us]
+        if self._replies:
+            head = self._replies[0]
+            # A damaged byte may be a carriage return, too.
+            events.append(self._arrival_us(head, head.data.index(_CR, head.taken) + 1))
+        return min(events, default=NEVER_US)
 
     def advance_to(self, time_us: int) -> None:
         """Advance line and device to `time_us`."""
@@ -87,7 +104,7 @@ class PolarisLine:
                 self._power_failed_us = event_us
                 self._begin_reset(event_us)
             elif self._reset_us <= event_us:
-                self._reset_us = _NEVER_US
+                self._reset_us = NEVER_US
                 self._send(event_us, "RESET")
             else:
                 self._receive(*self._to_device.popleft())
@@ -148,12 +165,12 @@ class PolarisLine:
         self._host_baud = None
 
     def _next_input_us(self) -> int:
-        first_us = self._to_device[0][0] if self._to_device else _NEVER_US
+        first_us = self._to_device[0][0] if self._to_device else NEVER_US
         return min(first_us, self._reset_us, self._next_power_failure_us())
 
     def _next_power_failure_us(self) -> int:
         resets_us = self.device.sensor.faults.resets_us
-        return min((at for at in resets_us if at > self._power_failed_us), default=_NEVER_US)
+        return min((at for at in resets_us if at > self._power_failed_us), default=NEVER_US)
 
     def _require_plug(self) -> None:
         if is_within(self._now_us, self.device.sensor.faults.unplugged_us):
@@ -170,7 +187,7 @@ class PolarisLine:
             self._command.clear()
 
     def _carry_out(self, line: bytes, time_us: int) -> None:
-        is_resetting = self._reset_us != _NEVER_US
+        is_resetting = self._reset_us != NEVER_US
         if is_resetting or is_within(time_us, self.device.sensor.faults.silent_us):
             return
         answer = self.device.execute(line, time_us + PROCESSING_US)
@@ -204,6 +221,10 @@ class PolarisLine:
         at = int(self._rng.integers(len(data) - 1))
         changed = data[at] ^ int(self._rng.integers(1, 128))
         return data[:at] + bytes([changed]) + data[at + 1 :]
+
+    def _arrival_us(self, reply: _Sending, count: int) -> int:
+        """When the first bytes of a reply have arrived."""
+        return reply.start_us + self._wire_time_us(count, reply.baud)
 
     def _wire_time_us(self, count: int, baud: int) -> int:
         return wire_time_us(count, baud) if self._paced else 0

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.core.clock import NEVER_US
 from ccr_host.description.schema import Robot
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.tracking.markers.labelling import Labeller
@@ -22,16 +23,16 @@ BelievedAngles = Callable[[], Array]
 class MarkerTracker:
     """Processes every new frame of a camera; a frame that shows the tip becomes a sample.
 
-    Attach it to the clock after the camera. Bodies named M1, M2 and so on are used as the
-    markers; if the camera names none of them, its points are labelled. Points outside its volume
-    are not used. All markers of a sample but M1 and the tip may be lost (NaN).
+    Attach it to the clock after the camera and what changes the belief. Bodies named M1, M2 and so
+    on are used as the markers; if the camera names none of them, its points are labelled. Points
+    outside its volume are not used. All markers of a sample but M1 and the tip may be lost (NaN).
 
     Args:
         camera: the camera, which its owner starts.
         geometry: geometry of the described robot.
         camera_to_robot: the registered rotation, (3, 3); None before registration, when samples
             stay in the camera's frame.
-        believed_rad: called at least once per slice of the clock.
+        believed_rad: constant between the turns of other parts and the calls of the host.
     """
 
     def __init__(
@@ -71,12 +72,9 @@ class MarkerTracker:
 
     def advance_to(self, time_us: int) -> None:
         """Process a new frame if there is one."""
-        believed_rad = self._believed_rad()
-        if not np.array_equal(believed_rad, self._beliefs.at(math.inf)):
+        if (believed_rad := self._new_belief()) is not None:
             self._beliefs.command(time_us * 1e-6, believed_rad, 0.0)
-        frame = self._camera.newest_frame()
-        last = self._frame
-        if frame is None or (last is not None and frame.exposed_us <= last.exposed_us):
+        if (frame := self._new_frame()) is None:
             return
         self._frame = frame
         markers_mm = self._markers_mm(frame)
@@ -88,6 +86,15 @@ class MarkerTracker:
             if self._camera_to_robot is not None:
                 markers_mm = markers_mm @ self._camera_to_robot.T
             self._sample = Sample(frame.exposed_us, markers_mm)
+
+    @property
+    def next_turn_us(self) -> int:
+        """0, which is past, if there is something new; what comes, others see coming."""
+        is_news = self._new_belief() is not None or self._new_frame() is not None
+        return 0 if is_news else NEVER_US
+
+    next_arrival_us = next_turn_us
+    """A new sample appears in such a turn, or in that of the camera."""
 
     def newest(self) -> Sample | None:
         """Newest sample, whatever its age."""
@@ -112,6 +119,17 @@ class MarkerTracker:
             if unnamed >= len(self._markers) and base in self._lost and not self._names_markers:
                 told.append("if they are the robot's, find out how the camera stands: register")
         return "; ".join(text for text in told if text)
+
+    def _new_belief(self) -> Array | None:
+        """The present belief if it is not the last one that was noted."""
+        believed_rad = self._believed_rad()
+        return None if np.array_equal(believed_rad, self._beliefs.at(math.inf)) else believed_rad
+
+    def _new_frame(self) -> MarkerFrame | None:
+        """The camera's newest frame if it is not yet processed."""
+        frame, last = self._camera.newest_frame(), self._frame
+        is_old = frame is None or (last is not None and frame.exposed_us <= last.exposed_us)
+        return None if is_old else frame
 
     def _markers_mm(self, frame: MarkerFrame) -> Array:
         """The markers, (S + 1, 3), in the camera's frame; NaN if lost."""

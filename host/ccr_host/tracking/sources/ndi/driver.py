@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from ccr_host.core.clock import NEVER_US, ForeseesArrivals
 from ccr_host.core.errors import TrackerError
 from ccr_host.tracking.sources.ndi.port import Port, PortOpener
 from ccr_host.tracking.sources.ndi.replies import (
@@ -215,6 +216,17 @@ class NdiTracker(StartsAndStops):
                 self._running = False
                 raise ForeignPeerError(f"{self.name}: {error.cause}", error.cure) from None
             self._retry_us = time_us + _RETRY_US
+
+    @property
+    def next_turn_us(self) -> int:
+        """Time of the next arrival or deadline; 0, which is past, on a port that cannot tell."""
+        if not self._running:
+            return NEVER_US
+        if self._port is None or self._conversation is None:
+            return self._retry_us
+        if not isinstance(self._port, ForeseesArrivals):
+            return 0
+        return min(self._conversation.next_turn_us, self._port.next_arrival_us)
 
     def newest_frame(self) -> MarkerFrame | None:
         """Newest frame, whatever its age; None before the first."""

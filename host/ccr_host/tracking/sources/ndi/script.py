@@ -125,6 +125,11 @@ class Conversation:
                 return
             self._take(self._resume(result), time_us)
 
+    @property
+    def next_turn_us(self) -> int:
+        """Time of the next turn if nothing arrives."""
+        return self._deadline_us if isinstance(self._step, Hear | Pause) else 0
+
     def _take(self, step: Step, time_us: int) -> None:
         """Begin a step."""
         self._step = step
