@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -27,10 +28,15 @@ PERIOD_US = 200_000
 WEIRD = ([math.nan, 0.0, 0.0], [math.inf, 0.0, 0.0], [1e200, 0.0, 0.0], [1e4, -1e4, 1e4], None)
 
 
-def made(robot: str, name: str) -> tuple[Controller, Description, Reference]:
+@cache
+def followed(robot: str) -> tuple[Description, Reference]:
     description = schema.load(robot)
     model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
-    path = load_path(SHIPPED[robot], 5.0, Workspace(model, limits))
+    return description, load_path(SHIPPED[robot], 5.0, Workspace(model, limits))
+
+
+def made(robot: str, name: str) -> tuple[Controller, Description, Reference]:
+    description, path = followed(robot)
     return make_controller(name, description), description, path
 
 
