@@ -42,7 +42,7 @@ SIMULATED = {
     r"--device emulator:": "",
     r"--realtime": "",
     r"--view$": "--view 127.0.0.1:0",
-    r"^(track|compare --path) (8shape|ellipse|star)": r"\1 short.csv",
+    r"^(track|compare --path) (8shape|ellipse|star|helix)": r"\1 short.csv",
     r"^compare": "compare --path short.csv --controller mpc",
     r"^track(?=.*spatial)": "track --controller pid-ik",
     r"^track(?!.*spatial)": "track --controller mpc",

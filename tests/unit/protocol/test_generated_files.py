@@ -26,6 +26,7 @@ def written(tmp_path):
     return tmp_path
 
 
+@pytest.mark.long
 def test_the_committed_files_are_current() -> None:
     files = generate.derived_files(load(PROTOCOL / "spec.toml"))
     assert generate.stale_files(files, ROOT) == []

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ def markers_mm(q_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.zeros(3), middle, MODEL.tip_mm(q_rad)])
 
 
+@pytest.mark.long
 @settings(deadline=None)
 @given(ANGLE, ANGLE, st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
 def test_markers_of_the_model_give_back_its_shape(

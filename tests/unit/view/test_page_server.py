@@ -152,6 +152,7 @@ def packed(message: Any) -> bytes:
 
 
 @given(st.binary() | st.recursive(st.text() | st.floats() | st.none(), st.lists).map(packed))
+@pytest.mark.long
 def test_bytes_are_what_a_page_says_or_nothing(data: bytes) -> None:
     with suppress(msgspec.MsgspecError):
         assert isinstance(module._SAID_BY_A_PAGE.decode(data), module._Camera | module._Control)

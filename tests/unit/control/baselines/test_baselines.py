@@ -137,6 +137,7 @@ def test_names_make_controllers_of_that_name_and_are_no_default():
         make_controller("pid", DESCRIPTION)
 
 
+@pytest.mark.long
 def test_baselines_are_loaded_only_when_asked_for():
     code = (
         "import sys, ccr_host.control.registry as r;"

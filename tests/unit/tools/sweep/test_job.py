@@ -60,6 +60,7 @@ def test_a_run_that_a_fault_ends_says_so_and_the_others_go_on(short_path, narrow
     assert not rows[0]["diverged"]
 
 
+@pytest.mark.long
 def test_a_twin_that_has_no_rest_is_run_without_floor(plan, monkeypatch):
     def no_rest(*_: object, **__: object) -> None:
         raise CcrError("no rest pose")
