@@ -21,6 +21,7 @@ from ccr_host.control import jit
 from ccr_host.control.adaptive import (
     arithmetic,
     give_way,
+    loads,
     motion,
     parameters,
     path_plan,
@@ -46,6 +47,7 @@ _SOURCES: tuple[ModuleType, ...] = (
     parameters,
     give_way,
     tip,
+    loads,
     statics,
     motion,
     path_plan,

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ccr_host.control.adaptive.arithmetic import FloatArray, Four, Three, positive, stacked, within
+from ccr_host.control.adaptive.loads import Forces
 from ccr_host.control.adaptive.parameters import Parameters
 from ccr_host.control.adaptive.statics import (
     STICKING,
-    Forces,
     forces_of,
     likely_of,
     routes_of,
