@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,7 +29,12 @@ from ccr_host.tools.survey_starts import SurveyError
 DESCRIPTION = schema.load(None, ["control.solver=compiled"])
 ROBOT = Robot()
 ASKEW = (1.2, -0.7, 2.0)
-STOPS_RAD = np.concatenate([safe_poses_rad(DESCRIPTION), identification_stops_rad(DESCRIPTION)])
+
+
+@cache
+def stops_rad() -> np.ndarray:
+    """Made when a test asks, as the first use of the compiled model takes seconds."""
+    return np.concatenate([safe_poses_rad(DESCRIPTION), identification_stops_rad(DESCRIPTION)])
 
 
 def seen(
@@ -36,11 +42,12 @@ def seen(
 ) -> Rests:
     """Rests of a robot with these parameters, as a camera turned by a rotation vector sees them."""
     p = Scaling(robot).parameters(np.zeros(COUNT))._replace(**parameters)
-    count = np.full(len(STOPS_RAD), 30.0)
-    commanded = Rests(np.zeros(2), STOPS_RAD, np.zeros((len(STOPS_RAD), 3, 3)), count)
+    stops = stops_rad()
+    count = np.full(len(stops), 30.0)
+    commanded = Rests(np.zeros(2), stops, np.zeros((len(stops), 3, 3)), count)
     motors = Motors(signs, (1, 0) if swapped else (0, 1))
     vectors_mm = predicted_mm(p, motors.drive(commanded))
-    rests = Rests.of_vectors(np.zeros(2), STOPS_RAD, vectors_mm, count)
+    rests = Rests.of_vectors(np.zeros(2), stops, vectors_mm, count)
     return rests.turned(Rotation.from_rotvec(turn).as_matrix().T)
 
 
@@ -114,7 +121,7 @@ def moved_base(markers_mm):
 
 
 def without_motor_2(markers_mm):
-    only_1 = STOPS_RAD * (1.0, 0.0)
+    only_1 = stops_rad() * (1.0, 0.0)
     rests = seen(ASKEW)
     p = Scaling(ROBOT).parameters(np.zeros(COUNT))
     vectors_mm = predicted_mm(p, replace(rests, q_rad=only_1))
