@@ -22,7 +22,7 @@ from pydantic import (
 )
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.description.robot import MOST_MOTORS, Robot, Segment, Tendon
+from ccr_host.description.robot import MOST_MOTORS, Robot, Segment, Tendon, tendons_of
 from ccr_host.description.section import (
     LEAST_SPAN_US,
     PerMotor,
@@ -270,6 +270,24 @@ class Description(Section):
         if chain:
             update["segments"] = chain
         return section.model_copy(update=update)
+
+    @model_validator(mode="after")
+    def _has_parts_as_simulated(self) -> Description:
+        simulated, described = (
+            {
+                "segments": len(chain),
+                "motors": max(tendon.motor for _, tendon in tendons_of(chain)),
+                "tendons": len(tendons_of(chain)),
+            }
+            for chain in (self.twin.segments, self.robot.chain)
+        )
+        for part, count in simulated.items():
+            if count != described[part]:
+                raise ValueError(
+                    f"twin.segments has {count} {part}, this robot has {described[part]}: they may "
+                    "differ in their places, not in their numbers"
+                )
+        return self
 
     @model_validator(mode="after")
     def _was_identified_as_described(self) -> Description:

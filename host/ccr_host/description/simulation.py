@@ -86,7 +86,10 @@ class Twin(Section):
     """The simulated robot; docs/twin.md explains how each default was chosen."""
 
     segments: tuple[Segment, ...] = Field(
-        Robot().chain, json_schema_extra=as_in("robot.segments"), max_length=MOST_MOTORS
+        Robot().chain,
+        json_schema_extra=as_in("robot.segments"),
+        min_length=1,
+        max_length=MOST_MOTORS,
     )
     """How segments bend, and where which motor winds tendons; the next keys have the true lengths
     and radii."""

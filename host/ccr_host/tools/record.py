@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import itertools
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
@@ -223,10 +223,11 @@ def new_table(file: Path, robot: Robot) -> Iterator[RestTable]:
         raise ConfigError(f"{file}: {why(error)}", "name a file that can be created") from None
     table = None
     try:
-        with opened:
-            table = RestTable(file, opened, robot)
-            yield table
+        table = RestTable(file, opened, robot)
+        yield table
     finally:
+        with suppress(OSError):  # a row that could not be written is still in the buffer
+            opened.close()
         if table is None or not table.rests:
             file.unlink(missing_ok=True)
 

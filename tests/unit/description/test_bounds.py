@@ -79,6 +79,11 @@ def test_a_number_of_any_length_is_refused_on_one_short_line(key: str, digits: i
         ("polaris_faults.silent_s=[[1,2],[4,3]]", "silent_s (value 2): the interval [4, 3]"),
         ("polaris_faults.silent_s=[[1,2],[4]]", "silent_s (value 2 of 2): missing"),
         ("tracker.tool_files={M1=3}", "tracker.tool_files.M1 = 3: not text"),
+        (
+            "twin.segments=[{length_mm=60, tendon_radius_mm=4, tendons=[{angle_deg=0, motor=1}]}]",
+            "twin.segments has 1 segments, this robot has 2",
+        ),
+        ("twin.segments=[]", "twin.segments = []: too few values"),
         ("twin.slak_mm=1", "unknown key twin.slak_mm; did you mean slack_mm? known: "),
         ("slack_mm=1", "unknown key slack_mm; did you mean twin.slack_mm?"),
         ("robot.slack_mm=1", "unknown key robot.slack_mm; did you mean twin.slack_mm?"),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ccr_host.core.errors import ConfigError
+from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.description.schema import Description
 from ccr_host.link.messages import State, StateReport
 from ccr_host.robot.workspace import MotorLimits
@@ -125,6 +125,17 @@ def test_a_pattern_does_not_depend_on_the_others_but_on_the_seed() -> None:
     assert not np.allclose(alone.q_rad, other.q_rad)
     with pytest.raises(ConfigError, match="--pattern spiral"):
         stops_of(Description(), ["spiral"], 24, seed=1)
+
+
+def test_a_full_disk_is_told_in_one_line_although_the_row_stays_in_the_buffer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Path, "open", lambda *_, **__: open("/dev/full", "w"))  # noqa: PTH123, SIM115
+    with (
+        pytest.raises(CcrError, match=r"No space left on device.*free disk space"),
+        new_table(tmp_path / "out.csv", DESCRIPTION.robot),
+    ):
+        pass
 
 
 def test_a_file_is_never_overwritten_and_an_empty_one_not_left(tmp_path: Path) -> None:
