@@ -37,7 +37,7 @@ from ccr_host.tracking.tracker import Sample
 
 if TYPE_CHECKING:
     from ccr_host.robot.rests import Rests
-    from ccr_host.run.robot_check import MotionCheck
+    from ccr_host.run.robot_check import RobotCheck
 
 _SOLVE_SHARE_OF_PERIOD = 0.5
 """A command later than this share of its period is dropped; the last one remains in effect."""
@@ -65,7 +65,7 @@ def follow_path(
     operator: Operator | None = None,
     *,
     checks_markers: bool = True,
-    motion: MotionCheck | None = None,
+    motion: RobotCheck | None = None,
 ) -> list[StepRecord]:
     """Arm the robot, approach the first point, follow the path, disarm.
 
@@ -98,7 +98,7 @@ class _PathRun:
         on_step: Progress,
         operator: Operator,
         markers: MarkerCheck | None,
-        motion: MotionCheck | None,
+        motion: RobotCheck | None,
     ) -> None:
         self._rig = rig
         self._controller = controller

@@ -1,7 +1,7 @@
 """Checks that the robot is the described one, before its path and along it.
 
-Of two planar segments with a motor each, by the static model of `adaptive`; `response_check` is for
-any other robot.
+A few small moves, or the tour of `adaptive`, are fitted by the static model of `adaptive`, which
+knows any robot.
 """
 
 from __future__ import annotations
@@ -9,42 +9,64 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from ccr_host.control.adaptive.arithmetic import FloatArray
 from ccr_host.control.adaptive.identification import RestSurvey, StaticsFit
 from ccr_host.control.adaptive.law import AdaptiveLaw
-from ccr_host.control.adaptive.misfit import MisfitError, is_misfit, misfit
-from ccr_host.control.adaptive.model import make_model
-from ccr_host.control.adaptive.motion import Pose, first_pose, moved
-from ccr_host.control.adaptive.parameters import ZEROS, Parameters, Scaling
-from ccr_host.control.adaptive.tip import tip_mm
+from ccr_host.control.adaptive.misfit import (
+    MisfitError,
+    is_misfit,
+    misfit,
+    misfit_of,
+    not_as_described,
+)
+from ccr_host.control.adaptive.model import make_static_model
+from ccr_host.control.adaptive.static_model import Resting
 from ccr_host.control.base import Controller
 from ccr_host.control.shell import Law, Measurement, PathView, Shell, Stage, smooth_moves
-from ccr_host.description.schema import Description
+from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.motor_responses import MotorResponses
 from ccr_host.run.options import RunOptions
-from ccr_host.run.response_check import ResponseCheck
 
 _REACH_RAD = np.radians(20.0)
 """Travel of each motor: beyond slack and a wrong zero, and half of what paths need."""
-_STOPS = ((0.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
-"""Motor 1 last: falling through its slack sets the robot swinging."""
 _REST_S = 0.8
-_ZERO_FREEDOM = 3.0
-"""Factor by which zeros may be further off than assumed, as there are few rests."""
-_FEWEST_RESTS = 4
-"""With fewer rests, because markers were hidden, nothing can be said."""
 _LOOK_PERIOD_US = 250_000
-_UNEXPLAINED_MM = 25.0
-"""Distance of tip and model: twice what loads, friction and a fit to few rests leave."""
+_UNEXPLAINED_SHARE = 25.0 / 102.0
+"""Distance of tip and model over the robot's length: twice what loads, friction and a fit to few
+rests leave."""
 _FOR_US = 3_000_000
 _KEPT = 12
 """Number of looks from which the cause is determined."""
+_ALONG_PATH = (
+    f"for {_FOR_US // 1_000_000} s its tip was a quarter of its length or more from the model",
+    "check that nothing holds it, and [[robot.segments]] with its tendons; a controller that winds "
+    "tendons against each other leads there, too",
+)
+_UNKNOWN = (
+    "no usual cause explains it",
+    "check that nothing holds it, [[robot.segments]] with its tendons, and which marker is which "
+    "with ccr-host monitor",
+)
+
+
+def probe_stops(robot: Robot) -> FloatArray:
+    """Moves in units of the reach, (N, n): rest, then each motor to where it pulls a tendon.
+
+    The first motor is last, as falling through its slack sets the robot swinging.
+    """
+    stops = [np.zeros(robot.motors)]
+    for motor in reversed(range(robot.motors)):
+        windings = {t.winding for _, t in robot.tendons if t.motor == motor + 1}
+        stops.extend(side * np.eye(robot.motors)[motor] for side in sorted(windings, reverse=True))
+    return np.array(stops)
 
 
 class ProbeLaw(Law):
@@ -54,14 +76,15 @@ class ProbeLaw(Law):
     feedback_s = 0.0
 
     def __init__(self, description: Description) -> None:
-        self._scaling = Scaling.of(description).strict().freed(ZEROS, _ZERO_FREEDOM)
+        self._model, space = make_static_model(description)
+        self._space = space.of_few_rests()
         self._limits = MotorLimits.of(description.servo)
-        self._predict = make_model(description.control).predicted_mm
+        self._stops = probe_stops(description.robot)
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
         super().start(path, history)
-        self._survey = RestSurvey(np.zeros(2))
-        self.fit: StaticsFit[Parameters] | None = None
+        self._survey = RestSurvey(np.zeros_like(self._limits.lower_rad))
+        self.fit: StaticsFit[Any] | None = None
         """Fit of the model to the rests; None before all are known."""
 
     @property
@@ -72,13 +95,14 @@ class ProbeLaw(Law):
     def stages(self) -> Iterator[Stage]:
         """The moves, then the fit, during which the robot stays where it is."""
         here_rad = self._survey.start_rad = self.history.at(math.inf)
-        stops_rad = self._limits.clip(here_rad + _REACH_RAD * np.array(_STOPS))
+        stops_rad = self._limits.clip(here_rad + _REACH_RAD * self._stops)
         yield Stage(self.name, smooth_moves(here_rad, stops_rad, _REST_S))
         waiting = Stage(self.name, stops_rad[-1:], is_motion=False)
-        self.fit = StaticsFit(self._scaling, self.rests, self._predict)
-        yield waiting
-        while self.fit.improve():
+        if len(self.rests.count):
+            self.fit = StaticsFit(self._space, self.rests, self._model.predicted_mm)
             yield waiting
+            while self.fit.improve():
+                yield waiting
 
     def observe(self, measurement: Measurement) -> None:
         self._survey.add(self.history, measurement)
@@ -89,7 +113,7 @@ class RobotCheck:
 
     Args:
         description: of the robot.
-        controller: no probe is needed if it begins with a tour of rests.
+        controller: the paper's robot needs no probe if it begins with a tour of rests.
         reference: the path.
     """
 
@@ -97,18 +121,26 @@ class RobotCheck:
         self, description: Description, controller: Controller, reference: Reference
     ) -> None:
         self._description = description
+        robot = description.robot
         law = controller.law if isinstance(controller, Shell) else None
         self._adaptive = law if isinstance(law, AdaptiveLaw) else None
         self._probe: ProbeLaw | None = None
         self.probe: Shell | None = None
         """Makes the probing moves in its approach; None if no probe is needed."""
-        if self._adaptive is None or self._adaptive.is_identified:
+        if self._adaptive is None or self._adaptive.is_identified or robot.segments:
             self._probe = ProbeLaw(description)
             self.probe = Shell(description, self._probe)
             self.probe.start(reference)
-        self._model: Parameters | None = None
+        self._fewest_rests = len(probe_stops(robot)) - 1
+        self._unexplained_mm = _UNEXPLAINED_SHARE * sum(s.length_mm for s in robot.chain)
+        self._statics, _ = make_static_model(description)
+        self._model: Any = None
+        """The parameters found, None before the path or if too few rests were seen."""
+        self._fit: StaticsFit[Any] | None = None
+        """The fit that the description does not explain."""
+        self._responses: MotorResponses | None = None
         self._told = "the markers were seen at too few rests: the robot's motion is not checked"
-        self._pose: Pose | None = None
+        self._pose: Resting | None = None
         self._looked_us = 0
         self._odd_since_us: int | None = None
         self._seen: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_KEPT)
@@ -120,7 +152,15 @@ class RobotCheck:
 
     def judge_probe(self) -> Rests | None:
         """The rests of the probe if the description does not explain them, else None."""
-        return None if self._probe is None else self._judge(self._probe.rests, self._probe.fit)
+        if self._probe is None:
+            return None
+        rests = self._probe.rests
+        was_seen = len(rests.q_rad) > 1 and np.array_equal(rests.q_rad[0], rests.start_rad)
+        odd = self._judge(rests, self._probe.fit)
+        if self._description.robot.segments and was_seen:
+            self._responses = MotorResponses(self._description, rests)
+            odd = rests if self._responses.is_odd() else odd
+        return odd
 
     def judge_approach(self) -> Rests | None:
         """The rests of the controller's own fit, if any, that the description does not explain."""
@@ -134,12 +174,12 @@ class RobotCheck:
         if self._model is None or time_us - self._looked_us < _LOOK_PERIOD_US:
             return None
         p, self._looked_us = self._model, time_us
-        q_1, q_2 = q_rad.tolist()
-        pose = self._pose
-        self._pose = first_pose(p, q_1, q_2) if pose is None else moved(p, pose, q_1, q_2)
+        statics, pose = self._statics, self._pose
+        pose = statics.first_pose(p, q_rad) if pose is None else statics.moved(p, pose, q_rad)
+        self._pose = pose
         self._seen.append((q_rad, np.stack([middle_mm, seen_mm])))
-        expected_mm = tip_mm(p, self._pose.theta_1, self._pose.theta_2)
-        if np.linalg.norm(seen_mm - expected_mm) < _UNEXPLAINED_MM:
+        expected_mm = statics.tip_mm(p, pose.theta_rad)
+        if np.linalg.norm(seen_mm - expected_mm) < self._unexplained_mm:
             self._odd_since_us = None
             return None
         if self._odd_since_us is None:
@@ -152,29 +192,36 @@ class RobotCheck:
 
     def cause_of(self, odd: Rests) -> MisfitError:
         """Find what is most likely wrong; takes seconds, so make the robot safe first."""
-        found = misfit(odd, self._description)
+        found = self._cause_of(odd)
         return MisfitError(found.cause, f"{found.cure}; --unchecked goes on all the same")
 
-    def _judge(self, rests: Rests, fit: StaticsFit[Parameters] | None) -> Rests | None:
-        if len(rests.count) < _FEWEST_RESTS:
+    def _cause_of(self, odd: Rests) -> MisfitError:
+        if not self._description.robot.segments:
+            return misfit(odd, self._description)
+        if self._responses and (named := self._responses.cause_and_cure()):
+            return not_as_described(*named)
+        if self._fit is not None:
+            return misfit_of(self._fit.result(), self._fit.scaling)
+        return not_as_described(*(_ALONG_PATH if self._odd_since_us is not None else _UNKNOWN))
+
+    def _judge(self, rests: Rests, fit: StaticsFit[Any] | None) -> Rests | None:
+        if len(rests.count) < self._fewest_rests:
             return None
         if fit is None:  # The rests were too odd to be fitted.
             return rests
         found = fit.result()
         self._model, self._pose = fit.scaling.parameters(found.score), None
         self._told = f"the robot was seen at {len(rests.count)} rests; {found.residual}"
-        return rests if is_misfit(found, rests, fit.scaling) else None
-
-
-MotionCheck = RobotCheck | ResponseCheck
+        if not is_misfit(found, rests, fit.scaling):
+            return None
+        self._fit = fit
+        return rests
 
 
 def motion_check(
     options: RunOptions, controller: Controller, description: Description, reference: Reference
-) -> MotionCheck | None:
+) -> RobotCheck | None:
     """The check of the motion, None if the run does not ask for it."""
     if options.effective_checks != "motion":
         return None
-    if description.robot.segments:
-        return ResponseCheck(description, reference)
     return RobotCheck(description, controller, reference)

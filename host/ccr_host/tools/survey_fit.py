@@ -132,7 +132,7 @@ def fit_survey(rests: Rests, description: Description) -> Survey:
     if is_misfit(fit, as_mounted, space, zeros_are_known=False):
         if isinstance(space, Scaling):
             raise misfit(as_mounted.last(_RESTS_FOR_CAUSE), description, space)
-        raise misfit_of(fit, space)
+        raise misfit_of(fit, space, zeros_are_known=False)
     costs = {
         _fitted(starts_of(motors, seen, mounted, predict)[0], seen, mounted, predict).cost: gravity
         for gravity, mounted in space.mountings().items()

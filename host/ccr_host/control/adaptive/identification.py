@@ -27,8 +27,6 @@ _PROBE = 1e-4
 _DONE = 1e-2
 """The fit ends when its steps are shorter than this fraction of a prior deviation."""
 _HUBER_DEVIATIONS = 3.0
-_SURPRISING = 2.5
-"""Ratio of residual to expected residual above which the model does not explain the robot."""
 _UNSEEN_MM = 1e6
 """Standard deviation of a marker that was not seen."""
 
@@ -67,7 +65,7 @@ class Fit:
     @property
     def explains(self) -> bool:
         """Whether the model explains the rests."""
-        return self.surprise < _SURPRISING
+        return self.surprise < ParameterSpace.most_surprise
 
     @property
     def residual(self) -> str:

@@ -33,8 +33,6 @@ from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
 
-_MOST_DEVIATIONS = 2.2
-"""Deviations at which a parameter is certainly wrong; in matching robots they are up to 2.0."""
 _MOST_ZERO_RAD = math.radians(5.6)
 """Angle at which a zero is certainly wrong: half a tooth of the servo's spline is 7.2 deg."""
 _ZERO_DOUBT_RAD = math.radians(1.2)
@@ -52,6 +50,11 @@ _FIRST_STEPS = 8
 _FINALISTS = 5
 """All hypotheses make the first steps of their fits, only the best ones the rest. After 5 steps the
 right one was still among the last in one of forty misfits, after 8 it was first."""
+_ALSO = {
+    "tendon_radius": "; check servo.pulse_per_90_deg_us and robot.pulley_radius_mm",
+    "angle": "; find out how the camera stands: ccr-host register",
+}
+"""What else looks like a parameter, by the beginning of its name."""
 _CALIBRATE = "ccr-host calibrate"
 _SWAP_CURE = "exchange the leads of the servos, or the tendons between the pulleys"
 _PRICE = 6.0
@@ -79,16 +82,26 @@ def is_misfit(
         zeros_are_known: whether a zero that is far off makes it implausible.
     """
     certain = _certain(fit, scaling)
-    zero_rad, doubt_rad = scaling.zero_rad @ fit.score, scaling.zeros_deviation_rad(fit.covariance)
-    certain_rad = np.abs(zero_rad) - np.maximum(doubt_rad, _ZERO_DOUBT_RAD)
     most_zero_rad = _MOST_ZERO_RAD if zeros_are_known else math.inf
+    return (
+        (fit.surprise >= scaling.most_surprise and _leaves_much(fit, rests))
+        or bool((certain > scaling.most_deviations).any())
+        or bool((_certain_zeros_rad(fit, scaling) > most_zero_rad).any())
+    )
+
+
+def _leaves_much(fit: Fit, rests: Rests) -> bool:
+    """Whether the model leaves a large share of the robot's motion unexplained."""
     tips_mm = rests.vectors_mm[:, -1]
     motion_mm = math.sqrt(3.0 * float(np.nanmean((tips_mm - np.nanmean(tips_mm, axis=0)) ** 2)))
-    return (
-        (not fit.explains and fit.rms_mm > _MOST_LEFT * motion_mm)
-        or bool(certain.max() > _MOST_DEVIATIONS)
-        or bool((certain_rad > most_zero_rad).any())
-    )
+    return fit.rms_mm > _MOST_LEFT * motion_mm
+
+
+def _certain_zeros_rad(fit: Fit, space: ParameterSpace[Any]) -> FloatArray:
+    """Angles by which zeros are certainly off, (n,); less than 0 for those that may be right."""
+    doubt_rad = np.maximum(space.zeros_deviation_rad(fit.covariance), _ZERO_DOUBT_RAD)
+    certain_rad: FloatArray = np.abs(space.zero_rad @ fit.score) - doubt_rad
+    return certain_rad
 
 
 def _certain(fit: Fit, space: ParameterSpace[Any]) -> FloatArray:
@@ -99,17 +112,24 @@ def _certain(fit: Fit, space: ParameterSpace[Any]) -> FloatArray:
     return certain
 
 
-def misfit_of(fit: Fit, space: ParameterSpace[Any]) -> MisfitError:
-    """Name the parameter that is furthest off, without further fits."""
-    certain = _certain(fit, space)
+def misfit_of(fit: Fit, space: ParameterSpace[Any], *, zeros_are_known: bool = True) -> MisfitError:
+    """Name the zero or parameter that is furthest off, without further fits; see `is_misfit`."""
+    certain = _certain(fit, space) / space.most_deviations
     odd = int(certain.argmax())
-    if fit.explains or certain[odd] > _MOST_DEVIATIONS:
+    zeros = _certain_zeros_rad(fit, space) / _MOST_ZERO_RAD
+    if zeros_are_known and zeros.max() > max(1.0, certain[odd]):
+        found_rad = np.where(zeros > 0.5 * zeros.max(), space.zero_rad @ fit.score, 0.0)
+        return not_as_described(f"most likely the zero {zeros_off(found_rad)}", _CALIBRATE)
+    if fit.explains or certain[odd] > 1.0:
         found, described = (space.values(score)[odd] for score in (fit.score, 0.0 * fit.score))
         cause = f"{space.names[odd]} is {found:.3g} where {described:.3g} is described"
-        return _misfit("most likely", cause, "measure it again, and correct [[robot.segments]]")
-    return _misfit(
-        "no usual cause explains it:",
-        fit.residual,
+        cure = "measure it again, and correct [[robot.segments]]"
+        cure += next(
+            (also for kind, also in _ALSO.items() if space.names[odd].startswith(kind)), ""
+        )
+        return not_as_described(f"most likely {cause}", cure)
+    return not_as_described(
+        f"no usual cause explains it: {fit.residual}",
         "check that nothing holds it, its tendons on the pulleys, and [[robot.segments]]",
     )
 
@@ -141,11 +161,12 @@ def misfit(
         trial.fit.finish()
     best = min(finalists, key=_Trial.cost)
     likely = "most likely" if best.fit.result().explains else "no usual cause explains it; perhaps"
-    return _misfit(likely, best.cause(), best.hypothesis.cure)
+    return not_as_described(f"{likely} {best.cause()}", best.hypothesis.cure)
 
 
-def _misfit(likely: str, cause: str, cure: str) -> MisfitError:
-    return MisfitError(f"the robot does not move as described; {likely} {cause}", cure)
+def not_as_described(cause: str, cure: str) -> MisfitError:
+    """The error with a cause that is known, or likely."""
+    return MisfitError(f"the robot does not move as described; {cause}", cure)
 
 
 class Motors(NamedTuple):
@@ -179,7 +200,7 @@ class Motors(NamedTuple):
 def motors_exchanged(motors: Motors) -> MisfitError:
     """The error for exchanged motors."""
     numbers = " and ".join(str(motor + 1) for motor in motors.exchanged)
-    return _misfit("most likely", f"motors {numbers} are exchanged", _SWAP_CURE)
+    return not_as_described(f"most likely motors {numbers} are exchanged", _SWAP_CURE)
 
 
 @dataclass(frozen=True)
@@ -222,7 +243,7 @@ def zeros_off(zero_rad: FloatArray) -> str:
     """Which motors' zeros are off and by how much: not always those that the hypothesis freed.
 
     Args:
-        zero_rad: (2,) zeros found; the prior allows some error of each, freed or not.
+        zero_rad: (n,) zeros found; the prior allows some error of each, freed or not.
     """
     off = np.abs(zero_rad) > min(_ZERO_DOUBT_RAD, np.abs(zero_rad).max() / 2.0)
     return " and ".join(
@@ -243,7 +264,7 @@ def _mounted(gravity: Gravity) -> _Hypothesis:
 def wrongly_mounted(gravity: Gravity) -> MisfitError:
     """The error for a robot under gravity in another direction than described."""
     hypothesis = _mounted(gravity)
-    return _misfit("most likely", hypothesis.name, hypothesis.cure)
+    return not_as_described(f"most likely {hypothesis.name}", hypothesis.cure)
 
 
 def _hypotheses(description: Description) -> Iterator[_Hypothesis]:

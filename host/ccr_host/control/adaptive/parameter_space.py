@@ -84,6 +84,13 @@ class ParameterSpace(ABC, Generic[P]):
     """Median distance of rests from the prior from which they are not fitted. Random robots of the
     paper's kind are 10 to 30 mm off the prior; confused markers are further off."""
 
+    most_deviations: FloatArray = np.array(2.2)
+    """Deviations at which a parameter is certainly wrong, of all or of each, (COUNT,); in matching
+    robots of the paper's kind they are up to 2.0."""
+
+    most_surprise = 2.5
+    """Ratio of residual to expected residual above which the model does not explain the robot."""
+
     inflation = 2.0
     """Factor of the variances that rests leave, as errors of the model are alike in neighbouring
     ones (bench/results.md)."""
@@ -145,6 +152,10 @@ class ParameterSpace(ABC, Generic[P]):
     def mountings(self) -> Mapping[Gravity, Self]:
         """The same robot under other directions of gravity that its rests can tell apart."""
         return {}
+
+    def of_few_rests(self) -> ParameterSpace[P]:
+        """The prior for the few rests before a path, of a robot that may not be as described."""
+        return self
 
     def values(self, score: FloatArray) -> FloatArray:
         """The parameters as a vector, (COUNT,)."""

@@ -164,6 +164,11 @@ _USUALLY_SMALL = (
     "marker_along_mm",
     "marker_aside_mm",
 )
+_ZERO_FREEDOM = 3.0
+"""Factor by which zeros may be further off than assumed where there are few rests."""
+_GAINS, _MOST_GAIN = ("gain_1", "gain_ratio"), 1.5
+"""Few rests let friction and compliance take the rest of another scale of a servo, with which a
+gain is certainly 2.0 deviations off; of random robots that match it is up to 1.0."""
 _NARROW = 0.05
 """Factor of their deviations for a robot without such faults, and where a few small moves show
 whether a robot is the described one: with all of their freedom most robots would be."""
@@ -351,6 +356,12 @@ class Scaling(ParameterSpace[Parameters]):
         """For a robot that is the described one, but for what every robot leaves open."""
         other = self.narrow()
         other.shaft_rad = 0.0
+        return other
+
+    def of_few_rests(self) -> Scaling:
+        other = self.strict().freed(ZEROS, _ZERO_FREEDOM)
+        other.most_deviations = self.most_deviations.repeat(COUNT)
+        other.most_deviations[[Parameters._fields.index(name) for name in _GAINS]] = _MOST_GAIN
         return other
 
     def freed(self, indices: Sequence[int], factor: float) -> Scaling:
