@@ -209,6 +209,10 @@ class Bend(NamedTuple):
     turn_by: FloatArray
     """(..., 2, 3, 3)."""
 
+    def apart(self) -> list[Bend]:
+        """Shapes along the first dimension."""
+        return [Bend(*parts) for parts in zip(*self, strict=True)]
+
 
 def bend_of(bend_rad: ArrayLike) -> Bend:
     """Shape of a segment at bending vectors, (..., 2)."""
@@ -240,7 +244,7 @@ def tip_weights(segments: int, tip_offset_mm: ArrayLike = (0.0, 0.0, 0.0)) -> We
 
 
 def point_mm(
-    lengths_mm: ArrayLike, bend_rad: ArrayLike, weights: Weights
+    lengths_mm: ArrayLike, bend_rad: ArrayLike, weights: Weights, shorter_mm: ArrayLike = 0.0
 ) -> tuple[FloatArray, FloatArray]:
     """Weighted sum of points of a chain in the frame of its base, and its derivatives.
 
@@ -251,31 +255,28 @@ def point_mm(
         lengths_mm: length of each segment, (S,).
         bend_rad: bending vectors, (..., S, 2), each in the frame in which its segment begins.
         weights: the points.
+        shorter_mm: by how much a bending of 1 rad shortens each segment, (S,), growing with its
+            square.
 
     Returns:
         The sum, (..., 3), and its derivatives, (..., S, 2, 3).
     """
-    lengths = np.asarray(lengths_mm, dtype=np.float64)
     bends = np.asarray(bend_rad, dtype=np.float64)
-    shape = bends.shape[:-2]
-    beyond = np.broadcast_to(weights.tip_offset_mm, (*shape, 3))
-    carried = 0.0
-    by = np.empty((*bends.shape, 3))
-    for number in reversed(range(len(lengths))):
-        length, along = lengths[number], weights.along[number]
-        carried = carried + weights.at_end[number]
-        here = bend_of(bends[..., number, :])
-        share = length * (carried + along / 6.0)
-        sum_here = share * here.end
-        slope = share * here.end_by
-        if along:
-            half = bend_of(0.5 * bends[..., number, :])
-            sum_here = sum_here + along * length / 3.0 * half.end
-            slope = slope + along * length / 6.0 * half.end_by
-        by[..., number + 1 :, :, :] = np.einsum(
-            "...ij,...sdj->...sdi", here.turn, by[..., number + 1 :, :, :]
+    along = np.asarray(weights.along)[:, None]
+    carried = np.cumsum((weights.at_end + weights.along)[::-1])[::-1, None] - along
+    whole, half = bend_of(np.stack([bends, 0.5 * bends])).apart()
+    unit = (carried + along / 6.0) * whole.end + along / 3.0 * half.end
+    unit_by = (carried + along / 6.0)[:, None] * whole.end_by + along[:, None] / 6.0 * half.end_by
+    shorter = np.broadcast_to(shorter_mm, np.shape(lengths_mm))[:, None]
+    lengths = np.asarray(lengths_mm)[:, None] - shorter * (bends**2).sum(axis=-1, keepdims=True)
+    sums = lengths * unit
+    by = lengths[..., None] * unit_by - 2.0 * (shorter * bends)[..., None] * unit[..., None, :]
+    beyond: FloatArray = np.broadcast_to(weights.tip_offset_mm, (*bends.shape[:-2], 3))
+    for number in reversed(range(bends.shape[-2])):
+        turn, later = whole.turn[..., number, :, :], by[..., number + 1 :, :, :]
+        later[:] = np.einsum("...ij,...sdj->...sdi", turn, later)
+        by[..., number, :, :] += np.einsum(
+            "...dij,...j->...di", whole.turn_by[..., number, :, :, :], beyond
         )
-        by[..., number, :, :] = slope + np.einsum("...dij,...j->...di", here.turn_by, beyond)
-        beyond = sum_here + np.einsum("...ij,...j->...i", here.turn, beyond)
-        carried = carried + along
+        beyond = sums[..., number, :] + np.einsum("...ij,...j->...i", turn, beyond)
     return beyond, by

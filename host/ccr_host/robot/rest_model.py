@@ -1,7 +1,8 @@
 """Rest poses of a described robot with uncertain parameters, each with its prior.
 
 Unknown are lengths, radii, stiffness and compliance of the segments, sag, dead travel, slack and
-place of every tendon, weight, and where the robot stands in the frame of the measurement.
+place of every tendon, weight, places of the markers, and where the robot stands in the frame of the
+measurement.
 """
 
 from __future__ import annotations
@@ -15,14 +16,19 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Segment
-from ccr_host.robot.chain import Weights, point_mm, tip_weights
+from ccr_host.robot.chain import Weights
 from ccr_host.robot.kinematics import freedom_of
 from ccr_host.robot.tendon_rest import TendonRobot
 
 FloatArray = NDArray[np.float64]
 
-_GLUE_MM, _PLACE_MM = 0.5, 5.0
-"""Deviation of a marker at the base from its place, and of the origin of other measurements."""
+_MARKERS_MM, _GLUE_MM, _PLACE_MM = 0.7, 0.5, 5.0
+"""Deviation of all markers from their described place, of each from that of the tip, and of the
+origin of other measurements."""
+_SHORTER_BY_SAG = 2.0 / 3.0
+"""A chain of n hinges is shorter than its arc by L b^2 / (12 n^2), and its sag is
+L / (8 n^2 r): the former is 2/3 r of the latter."""
+_PROBE_RAD = 1e-6
 _WEIGHT = 0.4
 """Deviation of the weight times the robot's length, over the stiffness of segment 1."""
 
@@ -91,7 +97,8 @@ class RestModel:
         self.length_mm = sum(s.length_mm for s in segments)
         slack_mm = [tendon.slack_mm for _, tendon in tendons]
         place_mm = _GLUE_MM if self._markers.are_from_base else _PLACE_MM
-        self.unknowns = _unknowns(segments, slack_mm, place_mm, up)
+        glued = [str(end + 1) for end in self._markers.ends[:-1]]
+        self.unknowns = _unknowns(segments, slack_mm, place_mm, up, glued)
         self._mean = np.array([u.mean for u in self.unknowns])
         self.deviation = np.array([u.deviation for u in self.unknowns])
         self._groups = _groups(self.unknowns)
@@ -119,18 +126,22 @@ class RestModel:
         lengths_mm = self.group(score, "length")
         compliance = np.exp(self.group(score, "log_compliance"))[self.segment_of]
         own_mm = radius_mm[self.segment_of]
+        sag = self.group(score, "sag")
         at_end = np.zeros(len(self._segments))
         at_end[-1] = self.group(score, "tip_share").sum()
+        hung_mm = at_end[-1] * self._places_mm(score)[-1]
         return TendonRobot(
             lengths_mm=lengths_mm,
             freedom=self.freedom,
             stiffness=np.exp(np.append(0.0, self.group(score, "log_stiffness"))),
             lever_mm=at_mm[..., None] * towards[:, None],
-            sag_mm=at_mm * self.group(score, "sag"),
+            sag_mm=at_mm * sag,
+            shorter_mm=_SHORTER_BY_SAG * radius_mm * sag,
+            softening=np.tril(2.0 * np.outer(1.0 / radius_mm, radius_mm * sag)),
             slack_mm=self.group(score, "slack"),
             tendon_stiffness_mm2=1.0 / (compliance * own_mm**2),
             load_mm=self.group(score, "weight"),
-            weights=Weights(at_end, lengths_mm / lengths_mm.sum(), np.zeros(3)),
+            weights=Weights(at_end, lengths_mm / lengths_mm.sum(), hung_mm),
         )
 
     def half_dead_mm(self, score: FloatArray) -> FloatArray:
@@ -143,24 +154,32 @@ class RestModel:
         """Scores of the description itself, (P,)."""
         return np.zeros(len(self.unknowns))
 
-    def seen_mm(self, score: FloatArray, robot: TendonRobot, bend: FloatArray) -> FloatArray:
-        """Markers in the frame of the measurement at bending vectors, (N, S, 2) -> (N, ends, 3)."""
-        ends_mm, _ = self.ends_mm(robot, bend)
+    def seen_mm(self, score: FloatArray, robot: TendonRobot, y: FloatArray) -> FloatArray:
+        """Markers in the frame of the measurement at rest, (..., D) -> (..., ends, 3)."""
         moved_mm = self.frame[1] + self.group(score, "base")
-        seen: FloatArray = ends_mm @ self.turn(score).T + moved_mm
+        seen: FloatArray = self.ends_mm(score, robot, y) @ self.turn(score).T + moved_mm
         return seen
 
-    def ends_mm(self, robot: TendonRobot, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Markers relative to that at the base, (n, ends, 3), and derivatives by the bending."""
-        ends, offset_mm = self._markers.ends, self._markers.offset_mm
-        places = np.empty((len(bend), len(ends), 3))
-        slopes = np.zeros((len(bend), len(ends), *bend.shape[1:], 3))
-        for place, end in enumerate(ends):
-            until = slice(0, end + 1)
-            at_end = tip_weights(end + 1, offset_mm)
-            point, by = point_mm(robot.lengths_mm[until], bend[:, until], at_end)
-            places[:, place], slopes[:, place, until] = point - offset_mm, by
-        return places, slopes
+    def ends_mm(self, score: FloatArray, robot: TendonRobot, y: FloatArray) -> FloatArray:
+        """Markers relative to that at the base, (..., D) -> (..., ends, 3)."""
+        halves_rad, places_mm = robot.halves_rad(y), self._places_mm(score)
+        ends = zip(self._markers.ends, places_mm, strict=True)
+        return np.stack([robot.end_mm(halves_rad, *end) - places_mm[-1] for end in ends], axis=-2)
+
+    def ends_by(
+        self, score: FloatArray, robot: TendonRobot, y: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """``ends_mm`` and its derivatives, (N, ends, 3, D)."""
+        steps = np.concatenate([np.zeros((1, y.shape[-1])), _PROBE_RAD * np.eye(y.shape[-1])])
+        here_mm, *near_mm = np.moveaxis(self.ends_mm(score, robot, y[:, None] + steps), 1, 0)
+        return here_mm, (np.stack(near_mm, axis=-1) - here_mm[..., None]) / _PROBE_RAD
+
+    def _places_mm(self, score: FloatArray) -> FloatArray:
+        """Each marker seen from the backbone, in the frame of its disk, (ends, 3)."""
+        places_mm = np.tile(self._markers.offset_mm, (len(self._markers.ends), 1))
+        places_mm += self.group(score, "marker")
+        places_mm[:-1] += self.group(score, "glue").reshape(-1, 3)
+        return places_mm
 
     def turn(self, score: FloatArray) -> FloatArray:
         """The turn from the robot's frame to that of the measurement, (3, 3)."""
@@ -176,6 +195,7 @@ def _unknowns(
     slack_mm: list[float],
     place_deviation_mm: float,
     up: FloatArray | None,
+    glued: list[str],
 ) -> list[Unknown]:
     """All parameters with their prior; stiffness and compliance by their logarithms.
 
@@ -205,6 +225,8 @@ def _unknowns(
             for axis, mean in zip("xyz", weight_mean.tolist(), strict=True)
         ),
         *(turn if up is None else tip),
+        *(Unknown("marker", axis, "mm", 0.0, _MARKERS_MM) for axis in "xyz"),
+        *(Unknown("glue", f"{n}_{axis}", "mm", 0.0, _GLUE_MM) for n in glued for axis in "xyz"),
         *(Unknown("base", axis, "mm", 0.0, place_deviation_mm) for axis in "xyz"),
     ]
 
@@ -213,5 +235,5 @@ def _groups(unknowns: list[Unknown]) -> dict[str, NDArray[np.intp]]:
     names = [unknown.kind for unknown in unknowns]
     return {
         name: np.array([i for i, own in enumerate(names) if own == name], dtype=np.intp)
-        for name in {*names, "log_stiffness", "tip_share", "turn"}
+        for name in {*names, "log_stiffness", "tip_share", "turn", "glue"}
     }

@@ -8,19 +8,25 @@ two of a spatial one. In units of the bending stiffness k_1 of segment 1, the en
 
 with n_i the direction of tendon i about the backbone. A tendon of a later segment is lengthened by
 the bending of all earlier ones, too. e is the sag of a bent chain of disks, whose holes come closer
-on both sides. For tendons that are all taut and no load, rest is the linear least-squares solution
-with tendons and segments weighted by their stiffness; motion common to the tendons of a segment is
-its null space, pretension.
+on both sides, and whose backbone becomes shorter. For tendons that are all taut and no load, rest
+is the linear least-squares solution with tendons and segments weighted by their stiffness; motion
+common to the tendons of a segment is its null space, pretension.
+
+Weight bends a segment most at its base. The halves of segment j bend by (b_j + u_j) / 2 and
+(b_j - u_j) / 2, and u_j is where the energy, to first order, is least at the bending of rest: the
+markers are seen where it puts them. What u_j changes in the moments is of second order in the
+weight, and left out.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.robot.chain import Weights, point_mm
+from ccr_host.robot.chain import Weights, point_mm, tip_weights
 
 FloatArray = NDArray[np.float64]
 
@@ -31,6 +37,8 @@ _HALVINGS = 6
 _LEAST_STIFFNESS = 0.05
 """Fraction of k_1 that keeps Newton's steps downhill if a load nearly buckles the robot."""
 _PROBE_RAD = 1e-5
+_LEAST_SOFTENED = 0.4
+"""Least share of a segment's stiffness against uneven bending: below it, the model has buckled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +58,11 @@ class TendonRobot:
     """r_i n_i for the segments that tendon i passes, zero for the others, (T, S, 2)."""
     sag_mm: FloatArray
     """r_i e_j for the segments that tendon i passes, zero for the others, (T, S)."""
+    shorter_mm: FloatArray
+    """By how much a bending of 1 rad shortens each segment, growing with its square, (S,)."""
+    softening: FloatArray
+    """What the moment of segment k takes off the stiffness of segment j through tendons that sag
+    there, in row k and column j, (S, S)."""
     slack_mm: FloatArray
     """Travel that takes up the slack of each tendon of the straight robot, (T,)."""
     tendon_stiffness_mm2: FloatArray
@@ -59,10 +72,55 @@ class TendonRobot:
     weights: Weights
     """Shares of that weight."""
 
+    @cached_property
+    def _half_lengths_mm(self) -> FloatArray:
+        return np.repeat(0.5 * self.lengths_mm, 2)
+
+    @cached_property
+    def _half_weights(self) -> Weights:
+        at_end = np.repeat(self.weights.at_end, 2)
+        at_end[::2] = 0.0
+        return Weights(at_end, np.repeat(0.5 * self.weights.along, 2), self.weights.tip_offset_mm)
+
+    @cached_property
+    def _half_shorter_mm(self) -> FloatArray:
+        return np.repeat(2.0 * self.shorter_mm, 2)
+
     def bend_rad(self, y: FloatArray) -> FloatArray:
         """Bending vectors of degrees of freedom, (..., D) -> (..., S, 2)."""
         bend: FloatArray = np.tensordot(y, self.freedom, axes=1)
         return bend
+
+    def end_mm(self, halves_rad: FloatArray, end: int, offset_mm: FloatArray) -> FloatArray:
+        """A point in the frame of the disk that ends a segment, (..., 3), from that of the base.
+
+        Args:
+            halves_rad: see ``halves_rad``.
+            end: number of the segment, from 0.
+            offset_mm: the point seen from the backbone, (3,).
+        """
+        until = slice(2 * (end + 1))
+        weights = tip_weights(2 * (end + 1), offset_mm)
+        lengths_mm, shorter_mm = self._half_lengths_mm[until], self._half_shorter_mm[until]
+        return point_mm(lengths_mm, halves_rad[..., until, :], weights, shorter_mm)[0]
+
+    def halves_rad(self, y: FloatArray) -> FloatArray:
+        """Bending vectors of each half of the segments at rest, (..., D) -> (..., 2 S, 2)."""
+        bend = self.bend_rad(y)
+        halves: FloatArray = np.repeat(0.5 * bend, 2, axis=-2)
+        if not self.load_mm.any():
+            return halves
+        _, by_half = point_mm(
+            self._half_lengths_mm, halves, self._half_weights, self._half_shorter_mm
+        )
+        load_by = by_half @ self.load_mm
+        first, second = load_by[..., 0::2, :], load_by[..., 1::2, :]
+        moments = self.stiffness[:, None] * bend + 0.5 * (first + second)
+        softer = np.linalg.norm(moments, axis=-1) @ self.softening
+        stiffness = np.maximum(self.stiffness - softer, _LEAST_SOFTENED * self.stiffness)
+        uneven = -0.5 * (first - second) / stiffness[..., None]
+        along = np.tensordot(uneven, self.freedom, axes=((-2, -1), (1, 2)))
+        return halves + 0.5 * np.kron(self.bend_rad(along), [[1.0], [-1.0]])
 
     def stretch_mm(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
         """x, (..., T), at degrees of freedom, (..., D), and tendon travel, (..., T)."""
@@ -83,7 +141,7 @@ class TendonRobot:
         """Energy over k_1, (...)."""
         bend = self.bend_rad(y)
         taut = np.maximum(self.stretch_mm(y, travel_mm), 0.0)
-        height, _ = point_mm(self.lengths_mm, bend, self.weights)
+        height, _ = point_mm(self.lengths_mm, bend, self.weights, self.shorter_mm)
         energy: FloatArray = (
             0.5 * (bend**2).sum(axis=-1) @ self.stiffness
             + 0.5 * taut**2 @ self.tendon_stiffness_mm2
@@ -164,7 +222,7 @@ class TendonRobot:
     def _load_by(self, bend: FloatArray) -> FloatArray:
         if not self.load_mm.any():
             return np.zeros_like(bend)
-        _, by = point_mm(self.lengths_mm, bend, self.weights)
+        _, by = point_mm(self.lengths_mm, bend, self.weights, self.shorter_mm)
         load_by: FloatArray = by @ self.load_mm
         return load_by
 

@@ -66,8 +66,7 @@ class ChainModel(RestModel):
     def predicted_mm(self, score: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
         """Markers of some rows in the frame of the measurement, (n, ends, 3)."""
         robot = self.robot(score)
-        bend = robot.bend_rad(robot.rest(self.travel_mm(score)[rows]))
-        return self.seen_mm(score, robot, bend)
+        return self.seen_mm(score, robot, robot.rest(self.travel_mm(score)[rows]))
 
     def bend_rad(self, score: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
         """Bending vectors of some rows, (n, S, 2)."""
@@ -84,12 +83,10 @@ class ChainModel(RestModel):
         """Derivatives of the markers at rest by the scores, (n, ends, 3, P)."""
         robot, travel_mm = self.robot(score), self.travel_mm(score)[rows]
         y = robot.rest(travel_mm)
-        bend = robot.bend_rad(y)
-        _, by_bend = self.ends_mm(robot, bend)
-        by_y = np.einsum("nesdi,ysd->neiy", by_bend, self.freedom)
+        _, by_y = self.ends_by(score, robot, y)
         by_y = self.turn(score) @ by_y
         yielding = np.linalg.inv(robot.stiffness_matrix(y, travel_mm))
-        here_mm, moments = self.seen_mm(score, robot, bend), robot.moments(y, travel_mm)
+        here_mm, moments = self.seen_mm(score, robot, y), robot.moments(y, travel_mm)
         slope = np.empty((*here_mm.shape, len(score)))
         for number, unknown in enumerate(self.unknowns):
             near = score.copy()
@@ -98,7 +95,7 @@ class ChainModel(RestModel):
             led_mm = self.travel_mm(near)[rows] if unknown.kind == "dead_travel" else travel_mm
             more = (other.moments(y, led_mm) - moments) / _PROBE
             moved = -np.einsum("nde,ne->nd", yielding, more)
-            seen = (self.seen_mm(near, other, bend) - here_mm) / _PROBE
+            seen = (self.seen_mm(near, other, y) - here_mm) / _PROBE
             slope[..., number] = seen + np.einsum("neiy,ny->nei", by_y, moved)
         return slope
 

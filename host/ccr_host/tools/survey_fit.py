@@ -50,6 +50,9 @@ _NOTABLE_MM = 5.0
 _MOUNTED_OTHERWISE = 150.0
 """Least difference of minus twice the log likelihood by which another direction of gravity is more
 likely than the described one; robots mounted as described had at most 106."""
+_MOST_STANDING_OUT = 0.2
+"""Share of the rests, at most, that are left out where a segment hangs in its slack and friction
+decides where it stays."""
 _RESTS_FOR_CAUSE = 20
 """Those of the controller's tour, which come last; each hypothesis is fitted to them."""
 
@@ -128,6 +131,9 @@ def fit_survey(rests: Rests, description: Description) -> Survey:
     starts = starts_of(motors, seen, space, predict)[:_STARTS]
     fits = [_fitted(start, seen, space, predict) for start in starts]
     start, fit = min(zip(starts, fits, strict=True), key=lambda pair: pair[1].cost)
+    if description.robot.segments and 0.0 < fit.stands_out.mean() <= _MOST_STANDING_OUT:
+        seen = seen.chosen(~fit.stands_out)
+        fit = _fitted(start._replace(score=fit.score), seen, space, predict)
     as_mounted = motors.drive(seen)
     if is_misfit(fit, as_mounted, space, zeros_are_known=False):
         if isinstance(space, Scaling):
@@ -184,7 +190,7 @@ def _inflated(fit: Fit, space: ParameterSpace[Any]) -> Array:
     prior = np.eye(len(fit.score))
     told = np.linalg.inv(fit.covariance) - prior
     weight = 1.0 / (space.inflation * max(1.0, fit.surprise**2))
-    return np.asarray(np.linalg.inv(weight * told + prior)) + space.misled()
+    return np.asarray(np.linalg.inv(weight * told + prior))
 
 
 def _require_motion(rests: Rests, description: Description) -> None:

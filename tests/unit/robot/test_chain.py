@@ -45,14 +45,15 @@ def test_tip_of_random_robots_is_that_of_homogeneous_transforms(segments):
 def test_derivatives_of_random_robots_are_those_of_finite_differences(segments):
     lengths, bends, offset = random_chain(segments)
     weights = Weights(np.arange(1.0, segments + 1.0), np.full(segments, 0.5), offset)
-    _, by = point_mm(lengths, bends, weights)
+    shorter = np.linspace(1.0, 3.0, segments)
+    _, by = point_mm(lengths, bends, weights, shorter)
     step = 1e-5
     for segment in range(segments):
         for axis in (0, 1):
             aside = np.zeros((segments, 2))
             aside[segment, axis] = step
-            ahead, _ = point_mm(lengths, bends + aside, weights)
-            behind, _ = point_mm(lengths, bends - aside, weights)
+            ahead, _ = point_mm(lengths, bends + aside, weights, shorter)
+            behind, _ = point_mm(lengths, bends - aside, weights, shorter)
             slope = (ahead - behind) / (2 * step)
             assert by[:, segment, axis] == pytest.approx(slope, abs=1e-6 * lengths.sum())
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Robot, Segment, Tendon
-from ccr_host.robot.chain import PAPER_FRAME, point_mm, tip_weights
+from ccr_host.robot.chain import PAPER_FRAME, Weights, point_mm, tip_weights
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.tendon_rest import TendonRobot
 from ccr_host.tools.chain_fit import ChainModel
@@ -129,6 +132,48 @@ def test_the_papers_robot_is_one_description_of_it():
     tip, _ = point_mm(paper.segment_lengths_mm, bend, tip_weights(2, offset))
     expected = ConstantCurvature(paper).tip_mm(q)
     assert (tip - offset) @ PAPER_FRAME.T == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("load_per_mm", [(3e-3, -2e-3, 4e-3), (-4e-3, 0.0, 2e-3)])
+def test_weight_bends_the_halves_of_a_segment_as_if_each_were_one(load_per_mm):
+    robot = robot_of(three_tendons(0), three_tendons(1))
+    robot.load_mm[:] = load_per_mm
+    halved = replace(
+        robot,
+        lengths_mm=np.repeat(0.5 * robot.lengths_mm, 2),
+        freedom=np.eye(8).reshape(8, 4, 2),
+        stiffness=np.repeat(2.0 * robot.stiffness, 2),
+        lever_mm=np.repeat(robot.lever_mm, 2, axis=1),
+        sag_mm=np.repeat(2.0 * robot.sag_mm, 2, axis=1),
+        shorter_mm=np.repeat(2.0 * robot.shorter_mm, 2),
+        weights=Weights(
+            np.insert(robot.weights.at_end, [0, 1], 0.0),
+            np.repeat(0.5 * robot.weights.along, 2),
+            robot.weights.tip_offset_mm,
+        ),
+    )
+    travel = 0.3 * random_travel(6, rows=10)
+    found, true = robot.halves_rad(robot.rest(travel)), halved.bend_rad(halved.rest(travel))
+    uneven, true_uneven = (halves[:, ::2] - halves[:, 1::2] for halves in (found, true))
+    assert np.abs(true_uneven).max() > 0.03
+    # What is left is of second order in the weight.
+    assert uneven == pytest.approx(true_uneven, abs=0.15 * np.abs(true_uneven).max())
+
+
+def test_a_bent_chain_that_sags_is_shorter_as_one_of_hinges_is():
+    hinges, bend = 5, np.array([1.2, -0.7])
+    sag = 60.0 / (8.0 * hinges**2 * 4.5)
+    robot = robot_of(three_tendons(0, sag=sag))
+    pieces = np.tile(bend / hinges, (hinges, 1))
+    # Each hinge is in the middle of a rigid piece.
+    frame, end = np.eye(3), np.zeros(3)
+    for piece in pieces:
+        half = np.array([0.0, 0.0, 0.5 * 60.0 / hinges])
+        end = end + frame @ half
+        frame = frame @ Rotation.from_rotvec([-piece[1], piece[0], 0.0]).as_matrix()
+        end = end + frame @ half
+    halves = robot.halves_rad(bend[None])
+    assert robot.end_mm(halves, 0, np.zeros(3))[0] == pytest.approx(end, abs=0.03)
 
 
 def test_weight_to_one_side_bends_the_robot_that_way():

@@ -39,9 +39,6 @@ the sag of five disks a segment."""
 _DRIFTING = ("log_compliance", "slack", "weight")
 """Threads creep and tools change, while the geometry stays constant."""
 _LOADS = ("weight", "tip_share")
-_TILT_RAD = np.radians(2.0)
-"""By which the camera's turn is mistaken where gravity acts across the backbone: the load does not
-bend the segments evenly, as the model does."""
 _MOST_OF_FEW, _SURPRISE_OF_FEW = 3.5, 1.6
 """For few rests. Of 34 random robots that match the parameters are up to 3.4 deviations off, as
 segments do not bend evenly, and the surprise is up to 1.0, as there are more unknowns than rests;
@@ -74,15 +71,11 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         is_new: the camera's turn and the servos' zeros are not known, and two parameters more each.
     """
 
-    inflation = 8.0
-    """Even bending leaves larger errors; chosen on twelve twins (docs/registration.md)."""
-
     def __init__(self, description: Description, *, is_new: bool = False) -> None:
         robot = description.robot
         last = len(robot.chain) - 1
         offset_mm = np.array([0.0, robot.marker_offset_mm, 0.0])
-        self._gravity = np.array(robot.gravity_direction)
-        up = -self._gravity @ PAPER_FRAME
+        up = -np.array(robot.gravity_direction) @ PAPER_FRAME
         markers = Markers((0, last), offset_mm, are_from_base=True)
         self.model = RestModel(robot.chain, markers, up)
         """Robots by their scores; markers are the end of the first segment and the tip."""
@@ -156,14 +149,6 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         pulled, let_out = self.winding_mm > 0.0, self.winding_mm < 0.0
         other._has_zero = np.logical_and(pulled.any(axis=0), let_out.any(axis=0))[:, None] * 1.0
         return other
-
-    def misled(self) -> FloatArray:
-        axis = np.cross(self._gravity, -PAPER_FRAME[:, 2])
-        misled = np.zeros((self.count, self.count))
-        if turns := self.roles.turns:
-            score = _TILT_RAD * axis / self.deviation[turns]
-            misled[np.ix_(turns, turns)] = np.outer(score, score)
-        return misled
 
     def mounting(self, score: FloatArray) -> Mounting:
         robot = self.parameters(score).rest

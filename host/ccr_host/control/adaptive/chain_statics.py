@@ -135,28 +135,32 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
     ) -> Sensitivity:
         """Of the parameters that are learnt along a path; the columns of the others are zero.
 
-        All that are learnt act by the bending alone.
+        Those of tendons act by the bending alone, loads bend the segments unevenly, too.
         """
         p, steps = space.parameters(score), PROBE * np.eye(space.count)
         tendons, loads = self._space.of_tendons, space.roles.loads
         theta_rad, travel_mm = pose.theta_rad[None], pose.travel_mm[None]
-        near = [space.parameters(score + steps[number]).rest for number in tendons + loads]
+        loaded = [space.parameters(score + steps[number]) for number in loads]
+        near = [space.parameters(score + steps[number]).rest for number in tendons]
         # Robots that differ in their tendons alone are computed at once.
         together = replace(
             p.rest,
-            slack_mm=np.array([rest.slack_mm for rest in near[: len(tendons)]]),
-            tendon_stiffness_mm2=np.array([r.tendon_stiffness_mm2 for r in near[: len(tendons)]]),
+            slack_mm=np.array([rest.slack_mm for rest in near]),
+            tendon_stiffness_mm2=np.array([rest.tendon_stiffness_mm2 for rest in near]),
         )
         moments = [together.moments(theta_rad.repeat(len(tendons), axis=0), travel_mm)]
-        moments += [rest.moments(theta_rad, travel_mm) for rest in near[len(tendons) :]]
+        moments += [other.rest.moments(theta_rad, travel_mm) for other in loaded]
         led_mm = travel_mm + PROBE * self._winding_mm @ rate_rad_s
         moments.append(p.rest.moments(theta_rad, led_mm))
         more = np.concatenate(moments) - p.rest.moments(theta_rad, travel_mm)
         compliance = np.linalg.inv(p.rest.stiffness_matrix(theta_rad, travel_mm)[0])
         yielding = np.zeros((theta_rad.shape[1], space.count + 1))
         yielding[:, [*tendons, *loads, space.count]] = -compliance @ more.T / PROBE
-        _, by_theta = self._tip_by(p, theta_rad)
-        return Sensitivity(by_theta[0] @ yielding, yielding)
+        here_mm, by_theta = self._tip_by(p, theta_rad)
+        tip = by_theta[0] @ yielding
+        for number, other in zip(loads, loaded, strict=True):
+            tip[:, number] += (self.tip_mm(other, pose.theta_rad) - here_mm[0]) / PROBE
+        return Sensitivity(tip, yielding)
 
     def hold(
         self,
@@ -254,14 +258,13 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
     def _tip_by(self, p: ChainParameters, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tips, (N, 3), and their derivatives, (N, 3, D)."""
-        ends_mm, by_bend = self._model.ends_mm(p.rest, p.rest.bend_rad(theta_rad))
-        by_theta = np.einsum("nsdi,ysd->niy", by_bend[:, -1], self._model.freedom)
+        ends_mm, by_theta = self._model.ends_by(p.score, p.rest, theta_rad)
         base_mm = self._model.group(p.score, "base")
-        return ends_mm[:, -1] @ PAPER_FRAME.T + base_mm, PAPER_FRAME @ by_theta
+        return ends_mm[:, -1] @ PAPER_FRAME.T + base_mm, PAPER_FRAME @ by_theta[:, -1]
 
     def _markers_mm(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
         """M2 and the tip, (N, D) -> (N, 2, 3)."""
-        markers_mm = self._model.seen_mm(p.score, p.rest, p.rest.bend_rad(theta_rad))
+        markers_mm = self._model.seen_mm(p.score, p.rest, theta_rad)
         turned: FloatArray = markers_mm @ p.turn.T
         return turned
 

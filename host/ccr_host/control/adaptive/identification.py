@@ -43,6 +43,7 @@ class Fit:
     """Parameters in prior deviations from the prior mean.
 
     ``score`` (COUNT,), ``covariance`` (COUNT, COUNT), ``rms_mm`` of the markers' residuals;
+    ``stands_out`` (N,): rests with a residual of more than three of its standard deviations;
     ``surprise``: RMS of the residuals over their standard deviations from noise, unexplained shaft
     angles and the model's usual error; ``cost``: minus twice the log likelihood, up to a constant,
     of the rests (robust) and the scores.
@@ -51,6 +52,7 @@ class Fit:
     score: FloatArray
     covariance: FloatArray
     rms_mm: float
+    stands_out: NDArray[np.bool_]
     surprise: float
     cost: float
 
@@ -146,6 +148,7 @@ class StaticsFit(Generic[P]):
             self._score,
             np.asarray(np.linalg.inv(self._information), dtype=np.float64),
             float(np.sqrt(3.0 * np.nanmean(residual_mm**2))),
+            np.any(_sizes(self._standardised) > _HUBER_DEVIATIONS, axis=1),
             self._surprise(),
             self._cost + self._log_variance,
         )
@@ -192,7 +195,7 @@ class StaticsFit(Generic[P]):
         """Standardised residuals, (N, 6), and the cost."""
         residual_mm = (self._vectors_mm - self._predicted(score)).reshape(-1, 6, 1)
         standardised = (self._whitening @ residual_mm)[..., 0]
-        size = np.linalg.norm(standardised.reshape(-1, 2, 3), axis=-1)
+        size = _sizes(standardised)
         excess = np.maximum(size - _HUBER_DEVIATIONS, 0.0)
         return standardised, float((size**2 - excess**2).sum() + (score**2).sum())
 
@@ -200,10 +203,14 @@ class StaticsFit(Generic[P]):
         return self._predict(self.scaling.parameters(score), self.rests)
 
 
+def _sizes(standardised: FloatArray) -> FloatArray:
+    """Length of each marker's standardised residual, (N, 2)."""
+    return np.asarray(np.linalg.norm(standardised.reshape(-1, 2, 3), axis=-1))
+
+
 def _huber_weight(standardised: FloatArray) -> FloatArray:
     """Of each marker, (N, 2)."""
-    size = np.linalg.norm(standardised.reshape(-1, 2, 3), axis=-1)
-    weight: FloatArray = _HUBER_DEVIATIONS / np.maximum(size, _HUBER_DEVIATIONS)
+    weight: FloatArray = _HUBER_DEVIATIONS / np.maximum(_sizes(standardised), _HUBER_DEVIATIONS)
     return weight
 
 

@@ -130,10 +130,6 @@ class ParameterSpace(ABC, Generic[P]):
         Different slack of the tendons of a segment has the same effect.
         """
 
-    def misled(self) -> FloatArray:
-        """Covariance of the scores, (COUNT, COUNT), by what the model leaves out at every rest."""
-        return np.zeros((self.count, self.count))
-
     @abstractmethod
     def mounting(self, score: FloatArray) -> Mounting:
         """What scores, (COUNT,), say about segments, servos and tendons."""
