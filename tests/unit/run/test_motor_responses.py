@@ -122,7 +122,7 @@ def test_the_twin_of_each_shipped_robot_is_the_described_one(run, name) -> None:
         ("two-spatial", "twin.servo_us_per_90_deg=[1000,1000,-1000,1000]", "motor 3 reversed"),
         ("two-spatial", "tracker.rotation_deg=[0,60,0]", "the camera stands otherwise"),
         ("three-spatial", "tracker.rotation_deg=[40,0,0]", "the camera stands otherwise"),
-        ("single", "twin.servo_neutral_us=1411", "zero of motor 1 is off by -7"),
+        ("single", "twin.servo_neutral_us=1411", "zero of motor 1 is off by -8"),
         (
             "two-spatial",
             "twin.servo_neutral_us=[1500,1411,1500,1500]",

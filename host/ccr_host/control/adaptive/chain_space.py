@@ -43,6 +43,8 @@ _MOST_OF_FEW, _SURPRISE_OF_FEW = 3.5, 1.6
 """For few rests. Of 34 random robots that match the parameters are up to 3.4 deviations off, as
 segments do not bend evenly, and the surprise is up to 1.0, as there are more unknowns than rests;
 of a robot with wrong lengths or scales one of both is beyond."""
+_HELD = ("marker", "glue", "weight"), 0.1
+"""What looks like zeros in few rests, and the factor of its deviations for them."""
 _NOT_NEGATIVE = ("dead_travel", "tip_share")
 _SURE = ("length", "tendon_radius", "angle")
 """What does not vary beyond its prior from robot to robot."""
@@ -85,6 +87,8 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         kinds = [unknown.kind for unknown in self.model.unknowns]
         self._own = len(kinds)
         """Number of those of the robot itself; turn and zeros come after them."""
+        self._held = np.ones(self._own)
+        """Factor by which deviations are smaller than those of the model."""
         self._slack = [number for number, kind in enumerate(kinds) if kind == "slack"]
         mean = np.array([unknown.mean for unknown in self.model.unknowns])
         deviation = self.model.deviation
@@ -147,6 +151,9 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         other.most_deviations = np.array(_MOST_OF_FEW)
         other.most_surprise = _SURPRISE_OF_FEW
         pulled, let_out = self.winding_mm > 0.0, self.winding_mm < 0.0
+        kinds = [unknown.kind for unknown in self.model.unknowns]
+        other._held = np.where(np.isin(kinds, _HELD[0]), _HELD[1], 1.0)
+        other.deviation = self.deviation * other._held
         other._has_zero = np.logical_and(pulled.any(axis=0), let_out.any(axis=0))[:, None] * 1.0
         return other
 
@@ -168,7 +175,7 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         return np.zeros((1, 1, self.count))
 
     def parameters(self, score: FloatArray) -> ChainParameters:
-        model, own = self.model, score[: self._own]
+        model, own = self.model, self._held * score[: self._own]
         robot, half_dead_mm = model.robot(own), model.half_dead_mm(own)
         if len(score) == self._own:
             return ChainParameters(own, robot, half_dead_mm)

@@ -52,7 +52,7 @@ _FINALISTS = 5
 right one was still among the last in one of forty misfits, after 8 it was first."""
 _ALSO = {
     "tendon_radius": "; check servo.pulse_per_90_deg_us and robot.pulley_radius_mm",
-    "angle": "; find out how the camera stands: ccr-host register",
+    "angle": "; check servo.pulse_per_90_deg_us, and how the camera stands: ccr-host register",
 }
 """What else looks like a parameter, by the beginning of its name."""
 _CALIBRATE = "ccr-host calibrate"
