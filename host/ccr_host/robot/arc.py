@@ -21,6 +21,12 @@ ComplexArray = NDArray[np.complex128]
 Number = Any
 """A float, a complex number, or an array of them: the same code serves one angle and many."""
 
+SHORTER_BY_SAG = 2.0 / 3.0
+"""A chain of n hinges is shorter than its arc by L theta^2 / (12 n^2), and its sag is
+L / (8 n^2 r_c) radii per rad^2: the former is 2/3 r_c of the latter."""
+LEAST_SOFTENED = 0.4
+"""Least share of a segment's stiffness against uneven bending: below it, the model has buckled."""
+
 # At 1 rad both directions are accurate to a few units in the last place.
 _SERIES_BELOW_RAD = 1.0
 _TERMS = 18

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Segment
+from ccr_host.robot.arc import SHORTER_BY_SAG
 from ccr_host.robot.chain import Weights
 from ccr_host.robot.kinematics import freedom_of
 from ccr_host.robot.tendon_rest import TendonRobot
@@ -25,9 +26,6 @@ FloatArray = NDArray[np.float64]
 _MARKERS_MM, _GLUE_MM, _PLACE_MM = 0.7, 0.5, 5.0
 """Deviation of all markers from their described place, of each from that of the tip, and of the
 origin of other measurements."""
-_SHORTER_BY_SAG = 2.0 / 3.0
-"""A chain of n hinges is shorter than its arc by L b^2 / (12 n^2), and its sag is
-L / (8 n^2 r): the former is 2/3 r of the latter."""
 _PROBE_RAD = 1e-6
 _WEIGHT = 0.4
 """Deviation of the weight times the robot's length, over the stiffness of segment 1."""
@@ -136,7 +134,7 @@ class RestModel:
             stiffness=np.exp(np.append(0.0, self.group(score, "log_stiffness"))),
             lever_mm=at_mm[..., None] * towards[:, None],
             sag_mm=at_mm * sag,
-            shorter_mm=_SHORTER_BY_SAG * radius_mm * sag,
+            shorter_mm=SHORTER_BY_SAG * radius_mm * sag,
             softening=np.tril(2.0 * np.outer(1.0 / radius_mm, radius_mm * sag)),
             slack_mm=self.group(score, "slack"),
             tendon_stiffness_mm2=1.0 / (compliance * own_mm**2),

@@ -26,6 +26,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.robot.arc import LEAST_SOFTENED
 from ccr_host.robot.chain import Weights, point_mm, tip_weights
 
 FloatArray = NDArray[np.float64]
@@ -37,8 +38,6 @@ _HALVINGS = 6
 _LEAST_STIFFNESS = 0.05
 """Fraction of k_1 that keeps Newton's steps downhill if a load nearly buckles the robot."""
 _PROBE_RAD = 1e-5
-_LEAST_SOFTENED = 0.4
-"""Least share of a segment's stiffness against uneven bending: below it, the model has buckled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +116,7 @@ class TendonRobot:
         first, second = load_by[..., 0::2, :], load_by[..., 1::2, :]
         moments = self.stiffness[:, None] * bend + 0.5 * (first + second)
         softer = np.linalg.norm(moments, axis=-1) @ self.softening
-        stiffness = np.maximum(self.stiffness - softer, _LEAST_SOFTENED * self.stiffness)
+        stiffness = np.maximum(self.stiffness - softer, LEAST_SOFTENED * self.stiffness)
         uneven = -0.5 * (first - second) / stiffness[..., None]
         along = np.tensordot(uneven, self.freedom, axes=((-2, -1), (1, 2)))
         return halves + 0.5 * np.kron(self.bend_rad(along), [[1.0], [-1.0]])

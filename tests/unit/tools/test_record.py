@@ -130,7 +130,8 @@ def test_a_pattern_does_not_depend_on_the_others_but_on_the_seed() -> None:
 def test_a_full_disk_is_told_in_one_line_although_the_row_stays_in_the_buffer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Path, "open", lambda *_, **__: open("/dev/full", "w"))  # noqa: PTH123, SIM115
+    opened = Path.open
+    monkeypatch.setattr(Path, "open", lambda *_, **__: opened(Path("/dev/full"), "w"))
     with (
         pytest.raises(CcrError, match=r"No space left on device.*free disk space"),
         new_table(tmp_path / "out.csv", DESCRIPTION.robot),

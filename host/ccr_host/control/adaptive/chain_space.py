@@ -40,9 +40,9 @@ _DRIFTING = ("log_compliance", "slack", "weight")
 """Threads creep and tools change, while the geometry stays constant."""
 _LOADS = ("weight", "tip_share")
 _MOST_OF_FEW, _SURPRISE_OF_FEW = 3.5, 1.6
-"""For few rests. Of 34 random robots that match the parameters are up to 3.4 deviations off, as
-segments do not bend evenly, and the surprise is up to 1.0, as there are more unknowns than rests;
-of a robot with wrong lengths or scales one of both is beyond."""
+"""For few rests. Before uneven bending was in the model, parameters of 34 random robots that match
+were up to 3.4 deviations off and the surprise up to 1.0, as there are more unknowns than rests; of
+a robot with wrong lengths or scales one of both is beyond."""
 _HELD = ("marker", "glue", "weight"), 0.1
 """What looks like zeros in few rests, and the factor of its deviations for them."""
 _NOT_NEGATIVE = ("dead_travel", "tip_share")

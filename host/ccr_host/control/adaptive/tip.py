@@ -25,14 +25,7 @@ from ccr_host.control.adaptive.parameters import (
     Parameters,
     up_in_sagittal_plane,
 )
-from ccr_host.robot.arc import Number
-
-_LEAST_SOFTENED = 0.4
-"""Minimum fraction of a segment's stiffness against uneven bending: below it, the model would have
-buckled."""
-_SHORTER_BY_SAG = 2.0 / 3.0
-"""A chain of n hinges is shorter than its arc by theta^2 / (12 n^2), and its sag is
-L / (8 n^2 r_c): the former is 2/3 r_c / L of the latter."""
+from ccr_host.robot.arc import LEAST_SOFTENED, SHORTER_BY_SAG, Number
 
 
 class Tip(NamedTuple):
@@ -112,8 +105,8 @@ def tip_of(p: Parameters, theta_1: Number, theta_2: Number) -> Tip:
     pulls = _pulls_of(p, theta_1, theta_2, turn * up_in_sagittal_plane(p))
     pull_1_slope = sign(pulls.pull_1) * pulls.pull_1_slope
     pull_2_slope = sign(pulls.pull_2) * pulls.pull_2_slope
-    short_1 = _SHORTER_BY_SAG * p.tendon_radius_mm * p.sag_1
-    short_2 = _SHORTER_BY_SAG * p.tendon_radius_mm * p.sag_2
+    short_1 = SHORTER_BY_SAG * p.tendon_radius_mm * p.sag_1
+    short_2 = SHORTER_BY_SAG * p.tendon_radius_mm * p.sag_2
     pressed_1 = p.tendon_radius_mm * p.shortening
     pressed_2 = pressed_1 * p.length_2_mm / p.length_1_mm
     reach_1 = (
@@ -212,8 +205,8 @@ def _bulge_mm(
     up = up_in_sagittal_plane(p)
     hardened = 3.0 * p.stiffening * theta_1
     softer = 2.0 * p.sag_1 * (abs(pulls.pull_1) + abs(pulls.pull_2))
-    margin = 1.0 - _LEAST_SOFTENED + hardened * theta_1 - softer
-    softened = _LEAST_SOFTENED + positive(margin)
+    margin = 1.0 - LEAST_SOFTENED + hardened * theta_1 - softer
+    softened = LEAST_SOFTENED + positive(margin)
     by_margin = (margin > 0.0) / softened
     softening = 2.0 * p.sag_1 * by_margin
     reach = arc_1[1] + 1j * arc_1[2]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import find_peaks
 
 from ccr_host.description.simulation import Push, Twin
 from ccr_host.sim.robot.robot import TwinRobot
@@ -22,8 +23,6 @@ def damping_ratios(positions_mm: NDArray[np.float64], least_swing_mm: float) -> 
 
     A half swing is smaller than the one before by the factor exp(-pi zeta / sqrt(1 - zeta^2)).
     """
-    from scipy.signal import find_peaks  # noqa: PLC0415 - costs each process of the tests 0.6 s
-
     about_mean = positions_mm - positions_mm.mean(axis=0)
     along_mm = about_mean @ np.linalg.svd(about_mean, full_matrices=False)[2][0]
     extremes = np.concatenate(
