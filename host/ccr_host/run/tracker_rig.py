@@ -25,9 +25,9 @@ from ccr_host.tracking.sources.aruco import (
     ArucoTracker,
     TagDetector,
     Webcam,
-    load_camera_file,
     tag_names,
 )
+from ccr_host.tracking.sources.camera_model import load_camera_file
 from ccr_host.tracking.sources.igtl import IgtlTracker
 from ccr_host.tracking.sources.ndi.driver import NdiSettings, NdiTracker
 from ccr_host.tracking.sources.ndi.port import SerialPort, tcp_opener

@@ -15,7 +15,7 @@ from ccr_host.robot.path_file import read_path_file
 from ccr_host.sim.board.eeprom import EepromFile
 from ccr_host.sim.simavr.flash_image import read_flash_image
 from ccr_host.tools.sweep.plan import read_twins
-from ccr_host.tracking.sources.aruco import load_camera_file
+from ccr_host.tracking.sources.camera_model import load_camera_file
 from ccr_host.tracking.sources.ndi.rom import dummy_passive_rom, load_rom
 
 

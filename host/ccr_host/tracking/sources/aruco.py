@@ -5,10 +5,8 @@ The frame is OpenCV's: x to the right, y down, z away from the camera, mm.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,7 +15,7 @@ from numpy.typing import NDArray
 
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.core.plugins import import_optional
-from ccr_host.core.user_file import read_text
+from ccr_host.tracking.sources.camera_model import CameraModel
 from ccr_host.tracking.tracker import (
     FloatArray,
     FrameCount,
@@ -32,16 +30,6 @@ Image = NDArray[np.uint8]
 DEFAULT_LATENCY_US = 60_000
 """Estimated time from the middle of an exposure to its image in the host: two frames at 30 Hz."""
 _RETRY_US = 1_000_000
-_CAMERA_FILE_BYTES = 1_000_000
-_MATRIX_NUMBERS = 9
-DISTORTION_COUNTS = (4, 5, 8, 12, 14)
-"""Numbers of coefficients that OpenCV's models have."""
-_DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
-"""ROS's names of OpenCV's models."""
-_OFF_CENTRE = 0.25
-"""Fraction of the image by which the optical axis may be off its centre."""
-_ASPECT_TOLERANCE = 0.005
-"""Tolerance for rounding to whole pixels."""
 _PIXEL_CENTRE_PX = 0.5
 """That refinement counts from a pixel's corner, the rest of OpenCV from its centre."""
 _POLL_NS = 1
@@ -64,46 +52,6 @@ def tag_names(markers: Sequence[str]) -> dict[int, str]:
     """Markers by tag number: 0 is the base, 1 the tip, which f of (10) needs; then the others."""
     first, *between, last = markers
     return dict(enumerate((first, last, *between)))
-
-
-@dataclass(frozen=True, eq=False)
-class CameraModel:
-    """Pinhole model with distortion, as calibrated by OpenCV."""
-
-    matrix: FloatArray
-    """(3, 3), pixels."""
-    distortion: FloatArray
-    """(k,): OpenCV's coefficients, k one of `DISTORTION_COUNTS`."""
-    size_px: tuple[int, int] | None = None
-    """Width and height of the calibration images; None if the file does not state them."""
-
-    def of_images(self, width_px: int, height_px: int) -> CameraModel:
-        """The model scaled to smaller or larger images of the same view.
-
-        Raises:
-            ConfigError: the calibrated camera can make such images only by cropping, or not at all.
-        """
-        delivered = f"the camera delivers {width_px} x {height_px} pixels"
-        if self.size_px is None:
-            shares = self.matrix[:2, 2] / (width_px, height_px)
-            if np.max(np.abs(shares - 0.5)) > _OFF_CENTRE:
-                raise ConfigError(
-                    f"{delivered}, but the optical axis of the calibration is at "
-                    f"({self.matrix[0, 2]:.0f}, {self.matrix[1, 2]:.0f})",
-                    "calibrate the camera with images of that size",
-                )
-            return self
-        by_width, by_height = width_px / self.size_px[0], height_px / self.size_px[1]
-        if abs(by_width / by_height - 1) > _ASPECT_TOLERANCE:
-            raise ConfigError(
-                f"{delivered}, its calibration is of {self.size_px[0]} x {self.size_px[1]}, "
-                "which is another aspect ratio",
-                "calibrate the camera with images of the size that it delivers",
-            )
-        scaling = np.diag([by_width, by_height, 1.0])
-        # Pixels are counted from their centres, the image begins half a pixel before the first.
-        scaling[:2, 2] = (scaling[[0, 1], [0, 1]] - 1) / 2
-        return CameraModel(scaling @ self.matrix, self.distortion, (width_px, height_px))
 
 
 class ImageSource(Protocol):
@@ -313,64 +261,6 @@ class Webcam:
 
     def close(self) -> None:
         self._capture.release()
-
-
-def load_camera_file(path: Path) -> CameraModel:
-    """Read the file that OpenCV's calibration writes (YAML, XML or JSON), or ROS's (YAML).
-
-    Raises:
-        ConfigError: no such file, or no usable calibration in it; says why.
-    """
-    cure = "calibrate the camera, see docs/trackers.md"
-    text, _ = read_text(path, "camera file", cure, _CAMERA_FILE_BYTES)
-
-    def refused(why: str) -> ConfigError:
-        return ConfigError(f"camera file {path}: {why}", cure)
-
-    matrix = _numbers_of("camera_matrix", text)
-    distortion = _numbers_of("distortion_coefficients", text)
-    if matrix is None or len(matrix) != _MATRIX_NUMBERS or distortion is None:
-        raise refused(
-            "no camera_matrix (3 x 3) and distortion_coefficients in it, as OpenCV or ROS write it"
-        )
-    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
-        raise refused("numbers that are not finite")
-    if len(distortion) not in DISTORTION_COUNTS:
-        *most, last = map(str, DISTORTION_COUNTS)
-        raise refused(
-            f"{len(distortion)} distortion_coefficients, OpenCV's model has "
-            f"{', '.join(most)} or {last} of them: k1, k2, p1, p2, k3, ..."
-        )
-    model = (
-        "fisheye" if _word_of("fisheye_model", text) == "1" else _word_of("distortion_model", text)
-    )
-    if model not in ("", *_DISTORTION_MODELS):
-        raise refused(f"distortion_model {model}; {' and '.join(_DISTORTION_MODELS)} can be used")
-    camera = matrix.reshape(3, 3)
-    if min(camera[0, 0], camera[1, 1]) <= 0 or camera[2].tolist() != [0, 0, 1]:
-        raise refused("its camera_matrix has no focal lengths: the camera was never calibrated")
-    width, height = (_word_of(f"image_{side}", text) for side in ("width", "height"))
-    size = (int(width), int(height)) if width.isdecimal() and height.isdecimal() else None
-    return CameraModel(camera, distortion, size if size and min(size) > 0 else None)
-
-
-def _numbers_of(name: str, text: str) -> FloatArray | None:
-    """The data of a matrix; None if it is absent.
-
-    OpenCV's own reader crashes the process on deeply nested files.
-    """
-    form = rf"\b{name}\b[\s\S]{{1,300}}?\bdata\b[\"\s:>\[]*([-+.\dE,\s]*)"
-    found = re.search(form, text, re.IGNORECASE)
-    try:
-        return np.array(found[1].replace(",", " ").split(), dtype=np.float64) if found else None
-    except ValueError:
-        return None
-
-
-def _word_of(name: str, text: str) -> str:
-    """The value of a key; empty if it is absent."""
-    found = re.search(rf"\b{name}\b[\"\s:>]*([\w.]+)", text, re.IGNORECASE)
-    return "" if found is None else found[1]
 
 
 def _opencv() -> Any:  # noqa: ANN401 - OpenCV has no types

@@ -9,10 +9,9 @@ from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.tracking.sources.aruco import (
     ArucoSettings,
     ArucoTracker,
-    CameraModel,
     TagDetector,
-    load_camera_file,
 )
+from ccr_host.tracking.sources.camera_model import CameraModel, load_camera_file
 
 TAG_MM = 20.0
 CELLS = 10
