@@ -170,7 +170,16 @@ def _ndi_settings(description: Description) -> NdiSettings:
 
 def _tools(description: Description) -> list[Tool]:
     files = description.tracker.tool_files
-    return [Tool(name, load_rom(Path(file))) for name, file in files.items()]
+    tools = [Tool(name, load_rom(Path(file))) for name, file in files.items()]
+    names: dict[bytes, str] = {}
+    for tool in tools:
+        other = names.setdefault(tool.rom, tool.name)
+        if other != tool.name:
+            raise ConfigError(
+                f"tracker.tool_files: {other} and {tool.name} have the same tool definition",
+                "give each marker the .rom of its own tool",
+            )
+    return tools
 
 
 class _Guarded(StartsAndStops):

@@ -1,13 +1,15 @@
 """Tracker URIs."""
 
+import numpy as np
 import pytest
 
 from ccr_host.core import plugins as optional
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description
 from ccr_host.description.simulation import Tracker
-from ccr_host.run.tracker_rig import open_tracker
+from ccr_host.run.tracker_rig import TrackerRig, open_tracker
 from ccr_host.tracking.sources.ndi.driver import NdiTracker
+from ccr_host.tracking.sources.ndi.rom import dummy_passive_rom
 from ccr_host.tracking.uri import TrackerKind, TrackerUri, parse_tracker_uri
 
 
@@ -114,6 +116,15 @@ def test_aruco_without_calibration_says_what_to_set():
     with pytest.raises(ConfigError, match="calibration") as refusal:
         open_tracker(parse_tracker_uri("aruco:0"), Description())
     assert "camera_file" in refusal.value.cure
+
+
+def test_one_tool_definition_for_two_markers_is_refused_by_their_names(tmp_path):
+    (tmp_path / "a.rom").write_bytes(dummy_passive_rom())
+    (tmp_path / "b.rom").write_bytes(dummy_passive_rom())
+    files = {"M1": str(tmp_path / "a.rom"), "M2": str(tmp_path / "b.rom")}
+    description = Description(tracker=Tracker(tool_files=files))
+    with pytest.raises(ConfigError, match="M1 and M2 have the same tool definition"):
+        TrackerRig(parse_tracker_uri("ndi-emulator:"), description, np.random.SeedSequence(1))
 
 
 def test_twin_needs_the_twin():

@@ -103,7 +103,12 @@ def load_rom(path: Path) -> bytes:
     rom = read_bytes(path, "tool definition", "give a .rom file", MEMORY_BYTES)
     if not rom.startswith(_MAGIC[:3]):
         raise ConfigError(f"tool definition {path}: not a .rom file", "make one with NDI Architect")
-    if len(rom) >= _FILE_BYTES and checksum(rom) != int.from_bytes(rom[4:6], "little"):
+    if len(rom) < _FILE_BYTES:
+        raise ConfigError(
+            f"tool definition {path}: cut short, {len(rom)} of {_FILE_BYTES} bytes",
+            "copy the file again",
+        )
+    if checksum(rom) != int.from_bytes(rom[4:6], "little"):
         raise ConfigError(f"tool definition {path}: wrong check sum", "copy the file again")
     return rom
 

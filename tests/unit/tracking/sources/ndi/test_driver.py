@@ -440,6 +440,9 @@ def test_rom_upload_is_whole_blocks_that_give_the_file_back(tmp_path):
     path.write_bytes(rom[:100] + b"\x01" + rom[101:])
     with pytest.raises(ConfigError, match="wrong check sum"):
         load_rom(path)
+    path.write_bytes(rom[:-1])
+    with pytest.raises(ConfigError, match="cut short, 751 of 752"):
+        load_rom(path)
     path.write_bytes(b"hello")
     with pytest.raises(ConfigError, match=r"not a \.rom"):
         load_rom(path)
