@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -29,6 +31,8 @@ LONGEST_BOARD_NAME = 16
 MOST_MOTORS = 12
 """Servos of the largest board, see docs/porting.md."""
 _PLANAR_SEGMENTS = 2
+_NO_PULL = 1e-3
+"""Share of a tendon's pull that counts as none."""
 _QUARTER_DEG, _HALF_DEG = 90.0, 180.0
 
 
@@ -170,6 +174,29 @@ class Robot(Section):
             # What knows only the lengths and one radius, such as a drawing, sees those.
             self.__dict__["segment_lengths_mm"] = tuple(s.length_mm for s in self.segments)
             self.__dict__["tendon_radius_mm"] = max(s.tendon_radius_mm for s in self.segments)
+        return self
+
+    @model_validator(mode="after")
+    def _every_motor_bends_it(self) -> Robot:
+        for motor in sorted(
+            {tendon.motor for segment in self.segments for tendon in segment.tendons}
+        ):
+            pulls = [
+                (number, tendon.winding * cmath.rect(1.0, math.radians(tendon.angle_deg)))
+                for number, segment in enumerate(self.segments)
+                for tendon in segment.tendons
+                if tendon.motor == motor
+            ]
+            for number, segment in enumerate(self.segments):
+                pull = sum(pull for last, pull in pulls if last >= number)
+                along = pull * cmath.rect(1.0, -math.radians(segment.direction_deg))
+                if abs(along.real if segment.bends == "plane" else along) > _NO_PULL:
+                    break
+            else:
+                raise ValueError(
+                    f"robot.segments: motor {motor} bends no segment, as its tendons cancel each "
+                    "other or lie across the plane: correct angle_deg, winding or direction_deg"
+                )
         return self
 
     @model_serializer(mode="wrap")

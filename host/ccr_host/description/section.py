@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping
@@ -20,6 +21,8 @@ Model = type[BaseModel]
 
 _SHOWN_CHARACTERS = 60
 _MEMBERS = {2: "two", 3: "three"}
+_NOUNS: dict[int | str, str] = {"segments": "segment", "tendons": "tendon"}
+"""What a member of a list of tables is called; others are values."""
 _SEE = "see docs/robot-description.md"
 _PROBLEMS = {
     "greater_than_equal": "too small",
@@ -173,14 +176,14 @@ def followed_key(field: FieldInfo) -> str | None:
 
 
 def explain(error: ValidationError, whole: Model, where: str) -> tuple[str, str]:
-    """Cause and cure of the first error.
+    """Cause and cure of the first error; an unknown key comes before a missing one.
 
     Args:
         error: raised by validating `whole`.
         whole: model of all sections.
         where: file that the values come from, as in " in robot.toml"; may be empty.
     """
-    first = error.errors()[0]
+    first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
     location = first["loc"]
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     if first["type"] == "extra_forbidden":
@@ -289,10 +292,14 @@ def did_you_mean(meant: Iterable[str]) -> str:
 
 
 def _dotted(location: Location) -> str:
-    """`section.key`, with the index of the value if there are several."""
+    """`section.key`, with the number of the table or value if there are several."""
     keys = ".".join(str(part) for part in location if isinstance(part, str))
-    members = [str(part + 1) for part in location if isinstance(part, int)]
-    return f"{keys} (value {' of '.join(reversed(members))})" if members else keys
+    members = [
+        f"{_NOUNS.get(key, 'value')} {part + 1}"
+        for key, part in itertools.pairwise(location)
+        if isinstance(part, int)
+    ]
+    return f"{keys} ({' of '.join(reversed(members))})" if members else keys
 
 
 def _shown(value: object) -> str:

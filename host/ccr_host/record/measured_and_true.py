@@ -23,10 +23,15 @@ def why_measured_differs(records: Sequence[StepRecord]) -> str | None:
         None if they agree, or if the true error is unknown.
     """
     measured, truth = measured_errors_mm(records), true_errors_mm(records)
-    seen = np.isfinite(measured).all(axis=1)
-    if truth is None or np.count_nonzero(seen) < _FEWEST_STEPS:
+    if truth is None:
         return None
-    means_mm = [float(np.linalg.norm(errors, axis=1).mean()) for errors in (measured[seen], truth)]
+    known = np.isfinite(truth).all(axis=1)
+    seen = known & np.isfinite(measured).all(axis=1)
+    if np.count_nonzero(seen) < _FEWEST_STEPS:
+        return None
+    means_mm = [
+        float(np.linalg.norm(errors, axis=1).mean()) for errors in (measured[seen], truth[known])
+    ]
     if abs(means_mm[0] - means_mm[1]) < max(_MUCH_MM, _MUCH * max(means_mm)):
         return None
     targets = np.array([record.target_mm for record in records])[seen]

@@ -77,7 +77,7 @@ def test_a_number_of_any_length_is_refused_on_one_short_line(key: str, digits: i
         ("name=3", "name = 3: not text; give text in quotes"),
         ("polaris_faults.shuffle=1", "neither true nor false; give true or false"),
         ("polaris_faults.silent_s=[[1,2],[4,3]]", "silent_s (value 2): the interval [4, 3]"),
-        ("polaris_faults.silent_s=[[1,2],[4]]", "silent_s (value 2 of 2): missing"),
+        ("polaris_faults.silent_s=[[1,2],[4]]", "silent_s (value 2 of value 2): missing"),
         ("tracker.tool_files={M1=3}", "tracker.tool_files.M1 = 3: not text"),
         (
             "twin.segments=[{length_mm=60, tendon_radius_mm=4, tendons=[{angle_deg=0, motor=1}]}]",

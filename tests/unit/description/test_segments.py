@@ -32,7 +32,15 @@ def test_segments_are_read_from_the_base_to_the_tip():
         ("winding = -1", "winding = 0", "winding = 0 is neither 1 nor -1"),
         ("motor = 1", "motor = 2", "no tendon is wound by motor 1 of 2"),
         ("length_mm = 60", "length_mm = 0.06", "too small"),
-        ("length_mm = 60", "", "length_mm"),
+        ("length_mm = 60", "", "robot.segments.length_mm (segment 1): missing"),
+        ("length_mm = 60", "lenght_mm = 60", "did you mean length_mm"),
+        ("winding = -1", "winding = -1.5", "winding (tendon 2 of segment 1) = -1.5"),
+        ("angle_deg = 180", "angle_deg = 0", "motor 1 bends no segment"),
+        (
+            "length_mm = 60",
+            'length_mm = 60\nbends = "plane"\ndirection_deg = 90',
+            "motor 1 bends no",
+        ),
     ],
 )
 def test_mistakes_are_told_in_one_line(right, wrong, told):

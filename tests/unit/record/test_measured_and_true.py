@@ -31,6 +31,9 @@ def run(see: Callable[[np.ndarray], np.ndarray]) -> list[StepRecord]:
 def test_an_honest_camera_needs_no_word() -> None:
     assert why_measured_differs(run(lambda tip: tip + RNG.normal(0, 0.1, 3))) is None
     assert why_measured_differs([]) is None
+    *others, last = run(lambda tip: tip + RNG.normal(0, 0.1, 3))
+    skipped = replace(last, measured_mm=None, true_mm=None)
+    assert why_measured_differs([*others, skipped]) is None
 
 
 @pytest.mark.parametrize("turn_deg", [(3.0, 0.0, 0.0), (0.0, 0.0, -8.0), (2.0, 2.0, 2.0)])
