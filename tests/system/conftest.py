@@ -50,8 +50,9 @@ class CcrHost:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def __call__(self, *words: str, timeout_s: float = PATIENCE_S) -> Ended:
-        return Ended(*run_program(words, self.folder, timeout_s))
+    def __call__(self, *words: str, timeout_s: float = PATIENCE_S, drawn: bool = False) -> Ended:
+        """Run it to its end; only tests of figures have them drawn."""
+        return Ended(*run_program(words, self.folder, timeout_s, drawn=drawn))
 
     def start(self, *words: str) -> subprocess.Popen[str]:
         return subprocess.Popen(

@@ -4,7 +4,7 @@ from tests.system.conftest import CcrHost
 def test_compare_puts_every_controller_beside_the_open_loop(
     ccr_host: CcrHost, short_path: str
 ) -> None:
-    ended = ccr_host("compare", "--path", short_path, "--json", "--out", "kept")
+    ended = ccr_host("compare", "--path", short_path, "--json", "--out", "kept", drawn=True)
     assert ended.status == 0, ended.err
     runs = {run["controller"]: run for run in ended.summary["runs"]}
     assert {"open-loop", "mpc"} <= set(runs)

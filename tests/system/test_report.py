@@ -28,7 +28,7 @@ def with_run(ccr_host: CcrHost, recorded: Path) -> CcrHost:
 
 
 def page_of(ccr_host: CcrHost, *words: str) -> str:
-    ended = ccr_host("report", *words)
+    ended = ccr_host("report", *words, drawn=True)
     assert ended.status == 0, ended.err
     return Path(ccr_host.folder, ended.out.split()[-1]).read_text()
 

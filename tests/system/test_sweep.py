@@ -43,7 +43,7 @@ def test_each_row_of_a_sweep_can_be_repeated_alone(
     ccr_host: CcrHost, short_sweep: tuple[str, ...], short_path: str
 ) -> None:
     words = (*short_sweep, "--runs", "2", "--workers", "1", "--out", "kept", "--json")
-    ended = ccr_host(*words)
+    ended = ccr_host(*words, drawn=True)
     assert ended.status == 0, ended.err
     (group,) = ended.summary["groups"]
     rows = _rows(ccr_host.folder / "kept")

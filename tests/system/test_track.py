@@ -41,7 +41,7 @@ def tracked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Ended, Path]:
     """The output of a short run, and its folder."""
     ccr_host = CcrHost(tmp_path_factory.mktemp("tracked"))
     path = write_short_path(ccr_host.folder)
-    ended = ccr_host("track", path, *PAPERS, "--json", "--set", "twin.payload_g=2")
+    ended = ccr_host("track", path, *PAPERS, "--json", "--set", "twin.payload_g=2", drawn=True)
     assert ended.status == 0, ended.err
     (folder,) = (ccr_host.folder / "runs").iterdir()
     return ended, folder

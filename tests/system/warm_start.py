@@ -3,6 +3,9 @@
 Hundreds of tests start it, and its imports take about a second each time. A process of
 multiprocessing's fork server has them; all else, arguments, folder, environment, streams and exit
 status, is as after a start from a shell. Tests of the start itself use `CcrHost.start`.
+
+Figures are composed, but drawn only on request, as this takes half of a short run's time. Otherwise
+their files are there and empty.
 """
 
 from __future__ import annotations
@@ -12,9 +15,15 @@ import multiprocessing
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from io import StringIO
 from pathlib import Path
 from subprocess import TimeoutExpired
 from tempfile import TemporaryDirectory
+
+from matplotlib.backend_bases import FigureCanvasBase
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from ccr_host.cli import main
 
@@ -35,20 +44,21 @@ _SERVER.set_forkserver_preload(
         "ccr_host.run.campaign",
         "ccr_host.record.keep",
         "ccr_host.tools.doctor",
-        "matplotlib.backends.backend_agg",
-        "matplotlib.backends.backend_pdf",
-        "matplotlib.backends.backend_svg",
+        __name__,
     ]
 )
 
 
-def run_program(words: Sequence[str], folder: Path, timeout_s: float) -> tuple[int, str, str]:
+def run_program(
+    words: Sequence[str], folder: Path, timeout_s: float, *, drawn: bool = True
+) -> tuple[int, str, str]:
     """Run ``ccr-host`` to its end.
 
     Args:
         words: after the program's name.
         folder: to run in.
         timeout_s: after which it is killed.
+        drawn: whether its figures are drawn.
 
     Returns:
         Exit status, standard output, standard error.
@@ -59,7 +69,7 @@ def run_program(words: Sequence[str], folder: Path, timeout_s: float) -> tuple[i
     with TemporaryDirectory() as kept:
         streams = [str(Path(kept) / name) for name in ("out", "err")]
         process = _SERVER.Process(
-            target=_program, args=(words, str(folder), dict(os.environ), streams)
+            target=_program, args=(words, str(folder), dict(os.environ), streams, drawn)
         )
         process.start()
         process.join(timeout_s)
@@ -73,7 +83,11 @@ def run_program(words: Sequence[str], folder: Path, timeout_s: float) -> tuple[i
 
 
 def _program(
-    words: Sequence[str], folder: str, environment: Mapping[str, str], streams: Sequence[str]
+    words: Sequence[str],
+    folder: str,
+    environment: Mapping[str, str],
+    streams: Sequence[str],
+    drawn: bool,
 ) -> None:
     for descriptor, stream in enumerate(streams, start=1):
         os.dup2(os.open(stream, os.O_WRONLY | os.O_CREAT | os.O_APPEND), descriptor)
@@ -81,7 +95,16 @@ def _program(
     os.environ.update(environment)
     os.chdir(folder)
     sys.argv = ["ccr-host", *words]
+    if not drawn:
+        FigureCanvasAgg.print_png = FigureCanvasPdf.print_pdf = FigureCanvasSVG.print_svg = _empty
     try:
         main()
     finally:
         atexit._run_exitfuncs()
+
+
+def _empty(canvas: FigureCanvasBase, file: Path | StringIO, metadata: Mapping[str, None]) -> None:
+    if isinstance(file, StringIO):
+        file.write("<svg></svg>")
+    else:
+        file.touch()
