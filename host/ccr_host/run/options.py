@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from numbers import Integral, Real
+from types import NoneType
+from typing import Any, Literal, get_args
 
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema
 from ccr_host.description.schema import Description
 from ccr_host.sim.robot.plant import TWIN
+
+_KINDS: dict[str, tuple[str, Any, Callable[[Any], object]]] = {
+    "str": ("text", str, lambda text: text),
+    "str | None": ("text", str | NoneType, lambda text: text),
+    "int": ("a whole number", Integral, int),
+    "float": ("a number", Real, float),
+}
+"""What programs may mix up, by annotation: in words, what is accepted, and what it is kept as."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,7 +27,7 @@ class RigOptions:
     """Which robot, board and tracker; small and picklable, for use in other processes.
 
     Raises:
-        ConfigError: a seed below 0.
+        ConfigError: an option of another kind, or a seed below 0.
     """
 
     robot: str | None = None
@@ -29,6 +40,14 @@ class RigOptions:
     realtime: bool = False
 
     def __post_init__(self) -> None:
+        for option in fields(self):
+            value = getattr(self, option.name)
+            if (kind := _KINDS.get(str(option.type))) is None:
+                continue
+            what, accepted, kept_as = kind
+            if isinstance(value, bool) or not isinstance(value, accepted):
+                raise ConfigError(f"{option.name} = {value!r}: not {what}", f"give {what}")
+            object.__setattr__(self, option.name, kept_as(value))  # no numpy number, for JSON
         if self.seed < 0:
             raise ConfigError(f"seed {self.seed}: negative", "give 0 or more")
 
@@ -54,7 +73,7 @@ class RunOptions(RigOptions):
     """The complete options of a run.
 
     Raises:
-        ConfigError: a seed below 0, no lap, or an unknown surface.
+        ConfigError: an option of another kind, a seed below 0, no lap, or an unknown surface.
     """
 
     path: str

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ from ccr_host.tracking.tracker import RawTracker
 
 _SAMPLE_TIMEOUT_US = 2_000_000
 _LOOK_US = 10_000
+_LONGEST_WAIT_S = 1e6
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,9 @@ def load_run(folder: str | Path) -> Run:
     Raises:
         ConfigError: there is no log of a run.
     """
-    _ = RunRecording(Path(folder)).setup
-    return Run(Path(folder))
+    path = _path(folder, "folder", "the folder of a run, or one of its files")
+    _ = RunRecording(path).setup
+    return Run(path)
 
 
 class Robot:
@@ -136,10 +139,12 @@ class Robot:
             settle_s: how long to hold the pose before returning.
 
         Raises:
-            ConfigError: not one finite angle for each motor, or outside the limits; nothing moves.
+            ConfigError: not one finite angle for each motor, or outside the limits, or no time to
+                settle; nothing moves.
             DeviceError: the robot is not armed.
         """
         q_rad, rig = self._checked(q_deg), self._armed()
+        _require_seconds(settle_s, "settle_s")
         move_to(rig, rig.client.accepted_rad, q_rad)
         while (report := rig.client.read_state()).setpoint_cdeg != report.target_cdeg:
             command(rig, q_rad)
@@ -150,8 +155,12 @@ class Robot:
 
         Between calls nothing is sent: after ``link.relax_after_ms`` the board moves an armed robot
         to rest and latches a fault, as for any silent host.
+
+        Raises:
+            ConfigError: not a time.
         """
         rig = self._connected()
+        _require_seconds(duration_s, "duration_s")
         end_us = rig.clock.now_us() + round(duration_s * 1e6)
         while self._is_armed and rig.clock.now_us() < end_us:
             command(rig, rig.client.accepted_rad)
@@ -233,17 +242,18 @@ class Robot:
                 far.
         """
         name = _name(controller or DEFAULT_CONTROLLER)
-        if note := rate_note(name, rate_hz):
-            warnings.warn(note, stacklevel=2)
         options = RunOptions(
             **vars(self._options),
-            path=str(path),
+            path=str(_path(path, "path", "the name of a path, or a file")),
             controller=name,
-            rate_hz=float(rate_hz),
+            rate_hz=rate_hz,
             laps=laps,
             checks="none" if unchecked else "motion",
             surface=surface,
         )
+        if note := rate_note(name, options.rate_hz):
+            warnings.warn(note, stacklevel=2)
+        wanted_folder = None if out is None else _path(out, "out", "a folder for the results")
         reference = reference_of(options)
         self._connected()
         self._disconnect()
@@ -251,7 +261,7 @@ class Robot:
         open_loop = options.with_controller("open-loop").on_the_twin()
         title = f"{reference.name}-{name}"
         with ExitStack() as stack:
-            folder = stack.enter_context(ResultFolder(None if out is None else Path(out), title))
+            folder = stack.enter_context(ResultFolder(wanted_folder, title))
             if publish is not None:
                 observers = (*observers, stack.enter_context(published(publish)).observer)
             result = execute_logged(options, folder.path, lambda *_: None, observers)
@@ -297,7 +307,7 @@ class Robot:
     def _checked(self, q_deg: object) -> NDArray[np.float64]:
         try:
             asked_deg = np.asarray(q_deg, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             asked_deg = np.full(1, np.nan)
         lower_deg, upper_deg = (
             np.degrees(self._limits.lower_rad),
@@ -352,17 +362,39 @@ def open_robot(
         CodeError: a user-supplied class has failed.
     """
     options = RigOptions(
-        robot=None if robot is None else str(robot),
+        robot=None if robot is None else str(_path(robot, "robot", "a description's name or file")),
         device=device,
         tracker=_name(tracker),
         plant=_name(plant),
         seed=seed,
-        overrides=tuple(overrides),
+        overrides=_texts(overrides),
         realtime=realtime,
     )
     made = Robot(options)
     with kill_interrupts(), made._open():
         yield made
+
+
+def _path(value: object, what: str, wanted: str) -> Path:
+    if not isinstance(value, str | Path) or "\0" in str(value):
+        raise ConfigError(f"{what} = {value!r}: neither text nor a path", f"give {wanted}")
+    return Path(value)
+
+
+def _require_seconds(value: object, what: str) -> None:
+    if not isinstance(value, Real) or not 0 <= float(value) <= _LONGEST_WAIT_S:
+        raise ConfigError(
+            f"{what} = {value!r}: no time", f"give seconds from 0 to {_LONGEST_WAIT_S:g}"
+        )
+
+
+def _texts(value: object) -> tuple[str, ...]:
+    texts = tuple(value) if isinstance(value, Iterable) and not isinstance(value, str) else (None,)
+    if not all(isinstance(text, str) for text in texts):
+        raise ConfigError(
+            f"overrides = {value!r}: not a list of texts", 'give e.g. ["twin.slack_mm=0.8"]'
+        )
+    return texts
 
 
 def _name(plugin: object) -> str:

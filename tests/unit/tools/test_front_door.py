@@ -104,6 +104,7 @@ def test_a_signal_disarms_it_and_leaves_the_programs_own_handlers(number):
         ([0, 0, 0], "not 2 finite angles"),
         ([math.nan, 0], "not 2 finite angles"),
         ("left", "not 2 finite angles"),
+        ([10**400, 0], "not 2 finite angles"),
         (None, "not 2 finite angles"),
     ],
 )
@@ -254,7 +255,7 @@ def test_a_table_has_nan_for_missing_numbers(short_path, tmp_path):
 
 
 def test_what_is_not_a_run_is_rejected(tmp_path):
-    for folder in (tmp_path, tmp_path / "gone"):
+    for folder in (tmp_path, tmp_path / "gone", None, 3, ["runs"], b"runs", "a\0b"):
         with pytest.raises(ccr_host.ConfigError):
             ccr_host.load_run(folder)
 
@@ -265,6 +266,42 @@ def test_bad_options_are_refused_before_anything_starts(short_path, tmp_path):
             raise AssertionError("it was opened")
     with opened() as robot, pytest.raises(ccr_host.ConfigError, match="unknown controller"):
         robot.track(short_path, "gone", out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"device": None},
+        {"robot": 3},
+        {"seed": "1"},
+        {"seed": 1.5},
+        {"seed": True},
+        {"overrides": 3},
+        {"overrides": [3]},
+        {"overrides": "twin.slack_mm=1"},
+    ],
+)
+def test_options_of_another_kind_are_refused_by_name(option):
+    (name,) = option
+    with pytest.raises(ccr_host.ConfigError, match=f"^{name} = .*: n") as refused, opened(**option):
+        raise AssertionError("it was opened")
+    assert refused.value.cure
+
+
+def test_arguments_of_another_kind_leave_the_robot_where_it_is(short_path, tmp_path):
+    with opened() as robot:
+        robot.arm()
+        pulses = list(Watched.pulses)
+        for name, value in (("rate_hz", "1"), ("laps", 1.5), ("out", 3), ("path", None)):
+            with pytest.raises(ccr_host.ConfigError, match=f"{name} = "):
+                robot.track(**{"path": short_path, "out": tmp_path / "out", name: value})
+        for seconds in (-1, math.nan, math.inf, "1", None):
+            with pytest.raises(ccr_host.ConfigError, match="duration_s = "):
+                robot.wait(seconds)
+            with pytest.raises(ccr_host.ConfigError, match="settle_s = "):
+                robot.move([0, 0], settle_s=seconds)
+        assert Watched.pulses == pulses
     assert not (tmp_path / "out").exists()
 
 

@@ -138,7 +138,7 @@ class RunRecording:
             told = {**options, "overrides": tuple(options["overrides"])}
             RunOptions(**told)  # which knows whether there are too many
             return _RUN_OPTIONS.validate_python(told)
-        except (KeyError, TypeError, ValidationError):
+        except (KeyError, TypeError, ConfigError, ValidationError):
             raise self.foreign("options") from None
 
     @cached_property
