@@ -70,6 +70,7 @@ _ALWAYS_KNOWN = (*_KEY, "path", "diverged", "within_limits", "fault", "command")
 _OF_A_RATIO = ("true_mean_error_mm", "twin_floor_mean_error_mm")
 _MOST_BYTES = 256_000_000
 _MOST_ROWS = 1_000_000
+_ABSURD = 1e12
 
 
 class SweepFolder:
@@ -165,22 +166,30 @@ def _read(file: Path) -> list[Row]:
     cure = "delete it: its runs are repeated"
     content = read_bytes(file, "rows of a sweep", cure, _MOST_BYTES)
     try:
-        parquet = pq.ParquetFile(pa.BufferReader(content))
+        parquet = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True)
         if parquet.metadata.num_rows > _MOST_ROWS:
             raise ConfigError(f"{file}: more than {_MOST_ROWS} rows", cure)
         table = parquet.read().select(_SCHEMA.names).cast(_SCHEMA)
+        rows: list[Row] | None = table.to_pylist()
     except (OSError, KeyError, ValueError, pa.ArrowException):
-        table = None
-    if table is None or any(table[name].null_count for name in _ALWAYS_KNOWN):
-        raise ConfigError(f"{file} cannot be read", cure)
-    rows: list[Row] = table.to_pylist()
-    if any(
-        row["ratio"] is not None and None in (row[name] for name in _OF_A_RATIO) for row in rows
-    ):
+        rows = None
+    if rows is None or not all(map(_is_possible, rows)):
         raise ConfigError(f"{file} cannot be read", cure)
     return rows
 
 
+def _is_possible(row: Row) -> bool:
+    """Whether a run may have left this row; false for gaps, NaN and absurd numbers."""
+    known = _ALWAYS_KNOWN if row["ratio"] is None else (*_ALWAYS_KNOWN, *_OF_A_RATIO)
+    numbers = (value for value in row.values() if isinstance(value, float))
+    return (
+        all(row[name] is not None for name in known)
+        and all(abs(number) < _ABSURD for number in numbers)
+        and row["rate_hz"] > 0
+    )
+
+
 def _write(file: Path, rows: Sequence[Row]) -> None:
     with replacing(file) as draft, draft.open("wb") as opened:
-        pq.write_table(pa.Table.from_pylist(list(rows), schema=_SCHEMA), opened)
+        table = pa.Table.from_pylist(list(rows), schema=_SCHEMA)
+        pq.write_table(table, opened, write_page_checksum=True)

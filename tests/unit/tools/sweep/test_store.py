@@ -1,3 +1,4 @@
+import math
 import shutil
 
 import pyarrow as pa
@@ -95,6 +96,16 @@ def test_a_damaged_part_is_named(tmp_path, plan, row):
         SweepFolder(tmp_path, plan)
 
 
+@pytest.mark.parametrize("damage", [b"\xff", b"!"])
+def test_one_damaged_byte_of_a_row_is_noticed(tmp_path, plan, row, damage):
+    store = SweepFolder(tmp_path, plan)
+    store.keep([row(0, command="ccr-host track and so on")])
+    (part,) = (tmp_path / "parts").iterdir()
+    part.write_bytes(part.read_bytes().replace(b"track and", b"tr" + damage + b"ck and"))
+    with pytest.raises(ConfigError, match=part.name):
+        SweepFolder(tmp_path, plan)
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -106,6 +117,11 @@ def test_a_damaged_part_is_named(tmp_path, plan, row):
             table.column_names.index("true_mean_error_mm"),
             "true_mean_error_mm",
             pa.array([None], pa.float64()),
+        ),
+        lambda table: table.set_column(2, "rate_hz", pa.array([-1.0])),
+        lambda table: table.set_column(2, "rate_hz", pa.array([math.nan])),
+        lambda table: table.set_column(
+            table.column_names.index("ratio"), "ratio", pa.array([math.inf])
         ),
         lambda _: pa.table({"index": pa.nulls(2_000_000, pa.int64())}),
     ],
