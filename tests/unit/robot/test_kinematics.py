@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bench.any_robot import random_robot
 from ccr_host.description.schema import Robot
-from ccr_host.robot.arc import arc_derivatives, arc_derivatives_at
+from ccr_host.robot.arc import arc_at, doubled
 from ccr_host.robot.kinematics import ConstantCurvature
 from tests.unit.robot.random_robots import chain_of_transforms, levers_of
 
@@ -84,9 +84,11 @@ def test_matches_equation_10_as_printed_away_from_zero():
 def test_arc_and_three_derivatives_match_gauss_quadrature_of_the_tangent(theta):
     nodes, weights = np.polynomial.legendre.leggauss(40)
     share = (nodes + 1) / 2
-    for order, value in enumerate(arc_derivatives_at(theta)):
-        integrand = (1j * share) ** order * np.exp(1j * theta * share)
-        assert value == pytest.approx(np.sum(weights / 2 * integrand), abs=2e-14)
+    for arc in (arc_at(theta), doubled(arc_at(0.5 * theta))):
+        for order, value in enumerate(arc.derivatives):
+            integrand = (1j * share) ** order * np.exp(1j * theta * share)
+            assert value == pytest.approx(np.sum(weights / 2 * integrand), abs=2e-14)
+        assert arc.turn == pytest.approx(np.exp(1j * theta), abs=2e-15)
 
 
 @pytest.mark.parametrize("theta", [0.0, 5e-324, 1e-300, 1e-17, 1e-9, 1e-4])
@@ -156,9 +158,9 @@ def test_backbone_has_the_length_of_the_robot_and_ends_under_the_tip_marker(firs
 
 def test_arc_of_an_array_equals_arc_of_its_elements():
     theta = np.array([[-4.0, -1.0, -0.3], [0.0, 0.999, 6.0]])
-    whole = arc_derivatives(theta)
+    whole = arc_at(theta).derivatives
     for index, value in np.ndenumerate(theta):
-        for order, single in enumerate(arc_derivatives_at(float(value))):
+        for order, single in enumerate(arc_at(float(value)).derivatives):
             assert whole[order][index] == pytest.approx(single, abs=1e-15)
 
 

@@ -6,32 +6,15 @@ The model is written once with it: for floats (one robot), for arrays (many robo
 
 from __future__ import annotations
 
-import cmath
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.robot.arc import Number, arc_derivatives, arc_derivatives_at
+from ccr_host.robot.arc import Number
 
 FloatArray = NDArray[np.float64]
 Two = tuple[Number, Number]
 Three = tuple[Number, Number, Number]
 Four = tuple[Number, Number, Number, Number]
-
-
-class Arc(NamedTuple):
-    """The unit arc E with its derivatives at an angle, and exp(i angle)."""
-
-    derivatives: tuple[Number, ...]
-    turn: Number
-
-
-def arc_at(theta: Number) -> Arc:
-    """E and its derivatives, see ``robot.arc``."""
-    if isinstance(theta, float):
-        return Arc(arc_derivatives_at(theta), cmath.exp(1j * theta))
-    return Arc(arc_derivatives(theta), np.exp(1j * theta))
 
 
 def split(rows: FloatArray) -> tuple[Number, ...]:

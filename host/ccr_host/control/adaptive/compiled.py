@@ -6,7 +6,6 @@ arrays. It is imported only if a robot description requires it.
 
 from __future__ import annotations
 
-import cmath
 import sys
 from collections.abc import Callable
 from functools import lru_cache
@@ -28,7 +27,7 @@ from ccr_host.control.adaptive import (
     statics,
     tip,
 )
-from ccr_host.control.adaptive.arithmetic import Arc, FloatArray
+from ccr_host.control.adaptive.arithmetic import FloatArray
 from ccr_host.control.adaptive.model import PlainModel
 from ccr_host.control.adaptive.motion import Pose, change_of, first_pose, slopes_of
 from ccr_host.control.adaptive.motion import moved as moved_to
@@ -38,7 +37,7 @@ from ccr_host.control.adaptive.path_plan import polished_of
 from ccr_host.control.adaptive.static_model import PROBE, Sensitivity
 from ccr_host.control.adaptive.tip import markers_of
 from ccr_host.robot import arc
-from ccr_host.robot.arc import arc_derivatives_at
+from ccr_host.robot.arc import Arc, arc_at_one
 from ccr_host.robot.rests import Rests
 
 _SOURCES: tuple[ModuleType, ...] = (
@@ -53,15 +52,18 @@ _SOURCES: tuple[ModuleType, ...] = (
     path_plan,
 )
 
+
 # Versions for floats of functions that depend on the type of their arguments.
-overload(arithmetic.arc_at)(
-    lambda theta: lambda theta: Arc(arc_derivatives_at(theta), cmath.exp(1j * theta))
-)
+def _arc_at(theta_rad: float) -> Callable[[float], Arc]:
+    return arc_at_one
+
+
+overload(arc.arc_at)(_arc_at)
 overload(arithmetic.largest)(lambda x: lambda x: x if x > 0.0 else -x)
 overload(arithmetic.anywhere)(lambda x: lambda x: x)
 _to_fixed_tuple = cast(Callable[[FloatArray, int], tuple[float, ...]], to_fixed_tuple)
 
-_BY_TYPE = arithmetic.arc_at, arithmetic.largest, arithmetic.anywhere
+_BY_TYPE = arc.arc_at, arithmetic.largest, arithmetic.anywhere
 
 for _function in jit.functions_of(*_SOURCES):
     if _function not in _BY_TYPE:

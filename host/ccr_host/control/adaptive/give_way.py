@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ccr_host.control.adaptive.arithmetic import arc_at
 from ccr_host.control.adaptive.parameters import (
     MARKER_2_SHARE,
     SEGMENT_1_SHARE,
@@ -12,7 +11,7 @@ from ccr_host.control.adaptive.parameters import (
     Parameters,
     up_in_sagittal_plane,
 )
-from ccr_host.robot.arc import Number
+from ccr_host.robot.arc import Number, arc_at
 
 _NODES = 0.5 - 3.0**-0.5 / 2.0, 0.5 + 3.0**-0.5 / 2.0
 """Of Gauss's rule with two points, weighted equally: shares of segment 1 before its end."""

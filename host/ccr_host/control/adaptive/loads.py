@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ccr_host.control.adaptive.arithmetic import arc_at, sign
+from ccr_host.control.adaptive.arithmetic import sign
 from ccr_host.control.adaptive.parameters import (
     MARKER_2_SHARE,
     SEGMENT_1_SHARE,
@@ -12,7 +12,7 @@ from ccr_host.control.adaptive.parameters import (
     Parameters,
     up_in_sagittal_plane,
 )
-from ccr_host.robot.arc import Number
+from ccr_host.robot.arc import Number, arc_at, doubled
 
 
 class Forces(NamedTuple):
@@ -39,9 +39,13 @@ def loads_of(p: Parameters, theta_1: Number, theta_2: Number) -> Forces:
     markers = MARKER_2_SHARE * p.body_per_mm + p.tip_per_mm
     carried = (markers + SEGMENT_2_SHARE * p.body_per_mm) * p.length_1_mm
     tip = p.tip_per_mm * p.length_2_mm
-    arc_1, turn = arc_at(theta_1)
-    arc_2 = arc_at(theta_2).derivatives
-    half_1, half_2 = arc_at(0.5 * theta_1).derivatives, arc_at(0.5 * theta_2).derivatives
+    middle_1, middle_2 = arc_at(0.5 * theta_1), arc_at(0.5 * theta_2)
+    arc_1, turn = doubled(middle_1)
+    half_1, half_2, arc_2 = (
+        middle_1.derivatives,
+        middle_2.derivatives,
+        doubled(middle_2).derivatives,
+    )
     along = weight_2 * (2.0 * half_2[0].real + arc_2[0].real) / 6.0 + tip * arc_2[0].real
     along_2 = weight_2 * (half_2[1].real + arc_2[1].real) / 6.0 + tip * arc_2[1].real
     along_22 = weight_2 * (0.5 * half_2[2].real + arc_2[2].real) / 6.0 + tip * arc_2[2].real

@@ -13,7 +13,6 @@ import numpy as np
 from ccr_host.control.adaptive.arithmetic import (
     FloatArray,
     Three,
-    arc_at,
     positive,
     sign,
     stacked,
@@ -25,7 +24,7 @@ from ccr_host.control.adaptive.parameters import (
     Parameters,
     up_in_sagittal_plane,
 )
-from ccr_host.robot.arc import LEAST_SOFTENED, SHORTER_BY_SAG, Number
+from ccr_host.robot.arc import LEAST_SOFTENED, SHORTER_BY_SAG, Number, arc_at
 
 
 class Tip(NamedTuple):
