@@ -6,7 +6,6 @@ Most modules are imported inside `main`, as importing takes long enough to be in
 from __future__ import annotations
 
 import sys
-import tempfile
 import traceback
 from importlib import import_module
 from typing import NoReturn
@@ -14,6 +13,7 @@ from typing import NoReturn
 from ccr_host.core.errors import CcrError, CodeError
 from ccr_host.core.standard_streams import keep_streams_writable, lost_output, warn
 from ccr_host.core.stop_signals import stop_signals_interrupt
+from ccr_host.core.user_file import keep_elsewhere
 
 EXIT_DEFECT = 3
 """Status for defects, the same as for a failing device: the user cannot correct either."""
@@ -70,10 +70,6 @@ def _kept_traceback(error: BaseException) -> str:
     """Write the traceback to a file and return its name."""
     text = "".join(traceback.format_exception(error))
     try:
-        with tempfile.NamedTemporaryFile(
-            "w", prefix="ccr-host-", suffix=".txt", encoding="utf-8", errors="replace", delete=False
-        ) as file:
-            file.write(text)
+        return str(keep_elsewhere(text, ".txt"))
     except OSError as failure:
         return f"what you did (the traceback could not be written: {failure.strerror})"
-    return file.name

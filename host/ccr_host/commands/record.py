@@ -86,7 +86,7 @@ def record(
         finally:
             if table.rests:
                 done = f"{table.rests} rests in {len(stops.q_rad)} poses"
-                screen.print(f"{done}, saved in {file}", soft_wrap=True)
+                screen.print(f"{done}, saved in {table.settled()}", soft_wrap=True)
     if as_json:
         print_json(
             {

@@ -11,6 +11,7 @@ import io
 import itertools
 import os
 import stat
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -133,6 +134,19 @@ def replacing(path: Path) -> Iterator[Path]:
         with contextlib.suppress(OSError):
             draft.unlink()
         raise
+
+
+def keep_elsewhere(text: str, suffix: str) -> Path:
+    """Write text that would be lost otherwise to a new file among the temporary ones.
+
+    Raises:
+        OSError: it cannot be written there either.
+    """
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="ccr-host-", suffix=suffix, encoding="utf-8", errors="replace", delete=False
+    ) as file:
+        file.write(text)
+    return Path(file.name)
 
 
 def lines_of(text: str) -> list[str]:

@@ -13,7 +13,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.core.user_file import replacing
+from ccr_host.core.user_file import keep_elsewhere, replacing
 from ccr_host.description import schema
 from ccr_host.description.source import own_file, text_and_encoding_of
 
@@ -82,18 +82,31 @@ def keep_in(file: Path, sections: Sections, robot: str | None) -> None:
 
     Raises:
         ConfigError: the file cannot be read, would become invalid, or cannot be replaced; it is
-            left unchanged.
+            left unchanged, and the values are kept in another file, which is named.
     """
     target = file.resolve()
-    text, encoding = text_and_encoding_of(str(target) if target.exists() else robot)
-    text = updated(text, sections)
-    schema.parse(text)
-    content = text.encode(encoding)
-    _write(target, content)
+    try:
+        text, encoding = text_and_encoding_of(str(target) if target.exists() else robot)
+        text = updated(text, sections)
+        schema.parse(text)
+        _write(target, text.encode(encoding))
+    except ConfigError as error:
+        if not sections:
+            raise
+        try:
+            elsewhere = keep_elsewhere(updated("", sections), ".toml")
+        except OSError:
+            raise error from None
+        named = str(file) in error.cause or str(target) in error.cause
+        raise ConfigError(
+            error.cause if named else f"{file}: {error.cause}",
+            f"what was measured is in {elsewhere}: copy it into a description",
+        ) from None
 
 
 def _write(file: Path, content: bytes) -> None:
     try:
+        file.parent.mkdir(parents=True, exist_ok=True)  # it may have been deleted meanwhile
         with replacing(file) as draft:
             draft.write_bytes(content)
     except OSError as error:

@@ -8,7 +8,9 @@ are measured, so whatever ends a recording leaves what was measured until then.
 from __future__ import annotations
 
 import csv
+import io
 import itertools
+import os
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -19,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import CcrError, ConfigError, TrackerError, why
+from ccr_host.core.user_file import keep_elsewhere
 from ccr_host.description.robot import Robot
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -171,7 +174,7 @@ class RestTable:
         self.rests = 0
         self._file = file
         self._stream = stream
-        self._writer = csv.writer(stream, lineterminator="\n")
+        self._rows: list[Sequence[str]] = []
         between = [name.lower() for name in robot.markers[1:-1]]
         markers = ["tip", *(between if len(between) != 1 else [MIDDLE])]
         marks = [f"{marker}_{axis}_mm" for marker in markers for axis in "xyz"]
@@ -197,14 +200,64 @@ class RestTable:
         )
         self.rests += 1
 
+    def settled(self) -> Path:
+        """The file that holds all rows.
+
+        Raises:
+            CcrError: it was removed and cannot be written again.
+        """
+        if self.rests and not self._is_there():
+            self._begin_again()
+        return self._file
+
+    def close(self) -> None:
+        """Close the file."""
+        with suppress(OSError):
+            self._stream.close()
+
     def _write(self, cells: Sequence[str]) -> None:
+        self._rows.append(cells)
+        if self.rests and not self._is_there():
+            self._begin_again()
+            return
         try:
-            self._writer.writerow(cells)
+            csv.writer(self._stream, lineterminator="\n").writerow(cells)
             self._stream.flush()
         except OSError as error:
             raise CcrError(
                 f"{self._file}: {why(error)}", "free disk space; the rows before are kept"
             ) from None
+
+    def _is_there(self) -> bool:
+        """Whether the file has still its name; someone may have removed or replaced it."""
+        try:
+            return os.path.samestat(self._file.stat(), os.fstat(self._stream.fileno()))
+        except OSError:
+            return False
+
+    def _begin_again(self) -> None:
+        """Write all rows to a file of the same name, or to a temporary one.
+
+        Raises:
+            CcrError: says where the rows are.
+        """
+        try:
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            self._stream.close()
+            self._stream = self._file.open("x", encoding="utf-8", newline="")
+            csv.writer(self._stream, lineterminator="\n").writerows(self._rows)
+            self._stream.flush()
+        except OSError as error:
+            cause = f"{self._file}: {why(error)}"
+            text = io.StringIO()
+            csv.writer(text, lineterminator="\n").writerows(self._rows)
+            try:
+                self._file = keep_elsewhere(text.getvalue(), ".csv")
+                self._stream = self._file.open("a", encoding="utf-8", newline="")
+            except OSError:
+                raise CcrError(cause, "free disk space; the rows are lost") from None
+            self.rests = len(self._rows) - 1  # with the one that was to be added
+            raise CcrError(cause, f"the rows until now are in {self._file}") from None
 
 
 @contextmanager
@@ -228,7 +281,9 @@ def new_table(file: Path, robot: Robot) -> Iterator[RestTable]:
     finally:
         with suppress(OSError):  # a row that could not be written is still in the buffer
             opened.close()
-        if table is None or not table.rests:
+        if table is not None and table.rests:
+            table.close()
+        else:
             file.unlink(missing_ok=True)
 
 

@@ -1,5 +1,6 @@
 import datetime
 import os
+import tempfile
 import tomllib
 
 import pytest
@@ -161,3 +162,25 @@ def test_an_unwritable_place_is_reported_beforehand(tmp_path, out) -> None:
     (tmp_path / "robot.toml").write_text("")
     with pytest.raises(ConfigError, match="cannot be written"):
         file_to_keep_in(None, tmp_path / out)
+
+
+def test_what_was_measured_outlives_the_folder_of_the_description(tmp_path) -> None:
+    file = tmp_path / "gone" / "mine.toml"
+    keep_in(file, {"robot": {"pulley_radius_mm": 11.0}}, None)
+    assert schema.load(str(file)).robot.pulley_radius_mm == 11.0
+
+
+@pytest.mark.parametrize("content", [None, b"[robot", b"\xff\xfe\xff"])
+def test_what_cannot_be_kept_in_the_description_is_kept_elsewhere(
+    tmp_path, monkeypatch, content
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    file = tmp_path / "mine.toml"
+    if content is None:
+        file.mkdir()
+    else:
+        file.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"mine\.toml.*copy it into a description"):
+        keep_in(file, {"robot": {"pulley_radius_mm": 11.0}}, None)
+    (kept,) = tmp_path.glob("ccr-host-*.toml")
+    assert schema.load(str(kept)).robot.pulley_radius_mm == 11.0

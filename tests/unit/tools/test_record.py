@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import datetime
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +154,38 @@ def test_a_file_is_never_overwritten_and_an_empty_one_not_left(tmp_path: Path) -
     assert file.read_text() == before
     with pytest.raises(ConfigError, match="No such file"), new_table(tmp_path / "no" / "f", 2):
         raise AssertionError
+
+
+def test_a_table_that_is_removed_in_mid_recording_is_written_again(tmp_path: Path) -> None:
+    file = tmp_path / "folder" / "recorded.csv"
+    file.parent.mkdir()
+    with new_table(file, DESCRIPTION.robot) as table:
+        table.add(1_000_000, "single", np.zeros(2), REST)
+        shutil.rmtree(file.parent)
+        table.add(2_000_000, "single", np.ones(2), REST)
+        before = file.read_text()
+        file.unlink()
+        assert table.settled() == file
+    assert file.read_text() == before
+    assert before.count("single") == 2
+
+
+def test_rests_whose_table_is_replaced_are_kept_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    file = tmp_path / "recorded.csv"
+    with new_table(file, DESCRIPTION.robot) as table:
+        table.add(1_000_000, "single", np.zeros(2), REST)
+        file.unlink()
+        file.write_text("mine")
+        with pytest.raises(CcrError, match=r"recorded\.csv: .*rows until now are in") as told:
+            table.add(2_000_000, "single", np.ones(2), REST)
+        kept = table.settled()
+    assert table.rests == 2
+    assert str(kept) in told.value.cure
+    assert kept.read_text().count("single") == 2
+    assert file.read_text() == "mine"
 
 
 @pytest.mark.parametrize(
