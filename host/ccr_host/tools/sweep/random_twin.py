@@ -27,6 +27,9 @@ BELIEF_SPREAD = 0.1
 """Relative spread of the geometry in the controller's model."""
 DEAD_ZONE_DEG = 1.0
 """Largest deadband of the servos, and largest dead zone caused by friction."""
+FRICTION_N = 0.5
+"""Most friction of a tendon, whatever zone it makes: the hysteresis of OpenCR's robots stands for
+0.15 to 0.5 N (docs/twin.md), while a degree of stiff wires would stand for several times that."""
 ROTATION_DEG = 5.0
 LATENCY_MS = 100.0
 NOISE_MM = 0.5
@@ -93,6 +96,7 @@ def draw_twin(
     marker_mass_g = _spread(rng, twin.marker_mass_g, SPREAD)
     payload_g = rng.uniform(0.0, PAYLOAD_G)
     dead_zones_deg = rng.uniform(0.0, DEAD_ZONE_DEG, 2)
+    most_friction_n = min(FRICTION_N, friction_n(base, DEAD_ZONE_DEG))
     push_s = min(PUSH_S, duration_s)
     push_start_s = rng.uniform(0.0, max(duration_s - push_s, 0.0))
     force_n = rng.uniform(0.0, PUSH_N) * _direction(rng)
@@ -103,7 +107,7 @@ def draw_twin(
         "twin.marker_mass_g": marker_mass_g,
         "twin.payload_g": payload_g,
         "twin.servo_deadband_deg": dead_zones_deg[0],
-        "twin.friction": friction_n(base, dead_zones_deg[1]),
+        "twin.friction": most_friction_n * dead_zones_deg[1] / DEAD_ZONE_DEG,
         "twin.push": {
             "force_n": force_n.tolist(),
             "start_s": push_start_s,

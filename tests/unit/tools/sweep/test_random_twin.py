@@ -163,6 +163,16 @@ def test_friction_of_a_dead_zone_lets_a_motor_turn_back_by_twice_the_zone(motor)
 
 
 @pytest.mark.parametrize("name", ["single", "two-spatial", "three-spatial"])
+def test_tendons_of_any_robot_rub_no_more_than_measured_ones(name):
+    base = schema.load(name)
+    rubbing_n = [
+        draw_twin(np.random.default_rng(seed), base, DURATION_S)["twin.friction"]
+        for seed in range(20)
+    ]
+    assert 0.3 < max(rubbing_n) <= 0.5
+
+
+@pytest.mark.parametrize("name", ["single", "two-spatial", "three-spatial"])
 def test_a_twin_of_any_robot_has_every_effect_and_another_belief_of_its_geometry(name, drawn):
     base = schema.load(name)
     twin = draw_twin(np.random.default_rng(1), base, DURATION_S)
