@@ -54,9 +54,10 @@ _SWINGS: tuple[float, ...] = tuple(
 otherwise on each."""
 _SIDES: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0)
 """Poses of motor 2."""
-_TOUR_SHARE = 0.5
+_TOUR_SHARE, _TOUR_SHARE_OF_ONE = 0.5, 1.25
 """Part of the controller's tour that another robot of several segments makes: markers at its
-extremes cannot be told apart with certainty before the camera is registered."""
+extremes cannot be told apart with certainty before the camera is registered. One segment goes
+further, as only a wide bend tells its zero from the camera's turn."""
 _ALONE_DEG = 30.0
 _ALONE: tuple[float, ...] = (0.5, 1.0, 0.5, -1.0)
 """Poses of each motor of another robot, none of them slack but the first of all: what has a slack
@@ -118,8 +119,9 @@ def survey_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
         return visit(rig, check, np.concatenate([safe_rad, tour_rad]), on_pose)
     total = len(safe_rad) + len(tour_rad)
     rests = visit(rig, check, safe_rad, lambda done, _: on_pose(done, total))
-    share = _TOUR_SHARE if len(description.robot.segments) > 1 else 1.0
+    share = _TOUR_SHARE if len(description.robot.segments) > 1 else _TOUR_SHARE_OF_ONE
     led_rad = share * tour_rad * likeliest_motors(rests, description).signs
+    led_rad = MotorLimits.of(description.servo).clip(led_rad)
     later = visit(rig, check, led_rad, lambda done, _: on_pose(len(safe_rad) + done, total))
     return rests.then(later)
 

@@ -16,26 +16,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ccr_host.control.adaptive.identification import Fit, Predict, StaticsFit
+from ccr_host.control.adaptive.identification import Fit
 from ccr_host.control.adaptive.misfit import (
     is_misfit,
     misfit,
     misfit_of,
     wrongly_mounted,
 )
-from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.parameters import Scaling
 from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
-from ccr_host.tools.survey_starts import Start, SurveyError, nearest_motors, starts_of
+from ccr_host.tools.survey_starts import (
+    SurveyError,
+    fitted,
+    model_of_new,
+    nearest_motors,
+    starts_of,
+    where_tendons_pull,
+)
 
 Array = NDArray[np.float64]
 
 _STARTS = 3
-_SHAFT_FACTOR = 1.5
-"""By which an unexplained shaft angle is larger than in `adaptive`: zeros and directions that are
-not yet calibrated move the robot further. Chosen on 40 random robots, as ``Scaling.inflation``."""
 MAX_TURN_DEG = 3.0
 MAX_ZERO_DEG = 2.0
 """A survey that states larger standard deviations is refused."""
@@ -121,26 +124,24 @@ def fit_survey(rests: Rests, description: Description) -> Survey:
     """
     _require_motion(rests, description)
     hysteresis_mm = rests.hysteresis_mm()
-    model, space = make_static_model(description, is_new=True)
-    space.shaft_rad *= _SHAFT_FACTOR
+    model, space = model_of_new(description)
     seen, predict = rests.ends(), model.predicted_mm
     motors = nearest_motors(seen, space, predict)
     if description.robot.segments:
-        fitted = _where_tendons_pull(rests)
-        rests, seen = rests.chosen(fitted), seen.chosen(fitted)
+        rests, seen = where_tendons_pull(rests), where_tendons_pull(seen)
     starts = starts_of(motors, seen, space, predict)[:_STARTS]
-    fits = [_fitted(start, seen, space, predict) for start in starts]
+    fits = [fitted(start, seen, space, predict) for start in starts]
     start, fit = min(zip(starts, fits, strict=True), key=lambda pair: pair[1].cost)
     if description.robot.segments and 0.0 < fit.stands_out.mean() <= _MOST_STANDING_OUT:
         seen = seen.chosen(~fit.stands_out)
-        fit = _fitted(start._replace(score=fit.score), seen, space, predict)
+        fit = fitted(start._replace(score=fit.score), seen, space, predict)
     as_mounted = motors.drive(seen)
     if is_misfit(fit, as_mounted, space, zeros_are_known=False):
         if isinstance(space, Scaling):
             raise misfit(as_mounted.last(_RESTS_FOR_CAUSE), description, space)
         raise misfit_of(fit, space, zeros_are_known=False)
     costs = {
-        _fitted(starts_of(motors, seen, mounted, predict)[0], seen, mounted, predict).cost: gravity
+        fitted(starts_of(motors, seen, mounted, predict)[0], seen, mounted, predict).cost: gravity
         for gravity, mounted in space.mountings().items()
     }
     if costs and min(costs) < fit.cost - _MOUNTED_OTHERWISE:
@@ -166,23 +167,6 @@ def fit_survey(rests: Rests, description: Description) -> Survey:
     )
     _require_certainty(found)
     return found
-
-
-def _where_tendons_pull(rests: Rests) -> list[int]:
-    """Rests in which several motors bend the robot, all if it has one motor alone.
-
-    Where one motor moves, slack segments rest anywhere within their friction.
-    """
-    several = np.flatnonzero(np.count_nonzero(rests.q_rad, axis=1) > 1)
-    rows: list[int] = (
-        several if len(rests.start_rad) > 1 else np.arange(len(rests.q_rad))
-    ).tolist()
-    return rows
-
-
-def _fitted(start: Start, rests: Rests, space: ParameterSpace[Any], predict: Predict[Any]) -> Fit:
-    supposed = start.motors.drive(rests).turned(start.to_frame)
-    return StaticsFit(space, supposed, predict, start.score).finish()
 
 
 def _inflated(fit: Fit, space: ParameterSpace[Any]) -> Array:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
+from ccr_host.tools import survey_starts
 from ccr_host.tools.survey import identification_stops_rad, safe_poses_rad, survey
 from ccr_host.tools.survey_fit import Survey, fit_survey
 from ccr_host.tools.survey_starts import SurveyError, likeliest_motors
@@ -78,8 +80,7 @@ def off_deg(found: Survey, true: Rotation) -> np.ndarray:
     [
         ("single", (1,), 0.5),
         ("two-spatial", (2, 3), 0.5),
-        # With 0.5, motors 4 and 9 are taken for exchanged ones (docs/registration.md).
-        ("three-spatial", (4, 5, 9), 0.3),
+        ("three-spatial", (4, 5, 9), 0.5),
     ],
 )
 def test_camera_directions_and_zeros_are_found_as_exactly_as_stated(
@@ -97,12 +98,42 @@ def test_camera_directions_and_zeros_are_found_as_exactly_as_stated(
 
 @pytest.mark.parametrize(
     ("name", "wrong"),
-    [("single", ()), ("two-spatial", (1, 2, 3, 4)), ("two-spatial", (4,)), ("three-spatial", (7,))],
+    [("single", ()), ("two-spatial", (1, 2, 3, 4)), ("two-spatial", (4,))],
 )
 def test_small_moves_tell_which_motors_are_reversed(name: str, wrong) -> None:
     motors = reversed_in(name, *wrong)
     found = likeliest_motors(rests_of(name, 2, motors, only_moves=True), description_of(name))
     assert found == motors
+
+
+def test_reversed_motors_of_single_tendons_are_not_taken_for_exchanged_ones() -> None:
+    description = description_of("three-spatial")
+    seen_mm = np.loadtxt(Path(__file__).parent / "moves_of_three_spatial.csv", delimiter=",")
+    q_rad = safe_poses_rad(description)
+    markers_mm = seen_mm.reshape(len(q_rad), -1, 3)
+    rests = Rests(np.zeros(9), q_rad, markers_mm, np.full(len(q_rad), 30.0))
+    found = likeliest_motors(rests, description)
+    assert found == reversed_in("three-spatial", 1, 2, 4, 7, 9)
+
+
+def test_fits_tell_which_motors_are_reversed_where_distances_do_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(survey_starts, "_DISTINCT", 10.0)
+    motors = reversed_in("single", 1)
+    rests = rests_of("single", 2, motors, only_moves=True)
+    assert likeliest_motors(rests, description_of("single")) == motors
+
+
+def test_fits_that_explain_nothing_do_not_tell_which_motors_are_reversed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(survey_starts, "_DISTINCT", 10.0)
+    rests = rests_of("single", 2, only_moves=True)
+    off_mm = np.random.default_rng(1).normal(0.0, 10.0, rests.vectors_mm.shape)
+    shaken = Rests.of_vectors(rests.start_rad, rests.q_rad, rests.vectors_mm + off_mm, rests.count)
+    with pytest.raises(SurveyError, match="do not tell"):
+        likeliest_motors(shaken, description_of("single"))
 
 
 def test_small_moves_tell_exchanged_motors() -> None:
