@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import time
 from contextlib import suppress
@@ -21,7 +20,7 @@ from ccr_host.record.log.files import LOG_PREFIX, log_files
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.record.log.topics import Topic
 from tests.patience import PATIENCE_S
-from tests.system.warm_start import run_program
+from tests.system.warm_start import PipedProgram, run_program
 
 PAPERS = ("--controller", "mpc")
 """The fastest closed loop: it starts the path at once."""
@@ -54,14 +53,8 @@ class CcrHost:
         """Run it to its end; only tests of figures have them drawn."""
         return Ended(*run_program(words, self.folder, timeout_s, drawn=drawn))
 
-    def start(self, *words: str) -> subprocess.Popen[str]:
-        return subprocess.Popen(
-            [COMMAND, *words],
-            cwd=self.folder,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+    def start(self, *words: str) -> PipedProgram:
+        return PipedProgram(words, self.folder)
 
 
 def logged(folder: Path, *wanted: Topic) -> list[dict[str, Any]]:
@@ -97,7 +90,7 @@ def acting(folder: Path, deed: str, step: int) -> tuple[str, str]:
     return "--controller", "acting.py:Acting"
 
 
-def wait_until_following(folder: Path, process: subprocess.Popen[str]) -> None:
+def wait_until_following(folder: Path, process: PipedProgram) -> None:
     """Wait until the first step of the path is in the log."""
     deadline = time.monotonic() + PATIENCE_S
     while process.poll() is None and time.monotonic() < deadline:

@@ -4,44 +4,75 @@ from __future__ import annotations
 
 import os
 import re
+import termios
 from pathlib import Path
+from typing import Any
 
 import pexpect
+from pexpect.fdpexpect import fdspawn
 
 from tests.patience import PATIENCE_S
-from tests.system.conftest import COMMAND
+from tests.system.warm_start import Program
 
 UP, DOWN, RIGHT, LEFT = "\x1b[A", "\x1b[B", "\x1b[C", "\x1b[D"
+_ROWS_AND_COLUMNS = (40, 110)
 _STYLING = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
 class DrivenTerminal:
-    def __init__(self, folder: Path, *words: str, ignore_sighup: bool = False) -> None:
-        self.process = pexpect.spawn(
-            COMMAND,
-            list(words),
-            cwd=folder,
-            env=os.environ | {"TERM": "xterm-256color"},
-            dimensions=(40, 110),
-            timeout=PATIENCE_S,
-            encoding="utf-8",
+    """A command in a new terminal.
+
+    Args:
+        folder: to run in.
+        words: after the program's name.
+        ignore_sighup: as under nohup.
+        environment: beside that of the tests.
+    """
+
+    def __init__(
+        self, folder: Path, *words: str, ignore_sighup: bool = False, **environment: str
+    ) -> None:
+        keys, screen = os.openpty()
+        termios.tcsetwinsize(screen, _ROWS_AND_COLUMNS)
+        self._program = Program(
+            words,
+            folder,
+            [screen],
+            environment={"TERM": "xterm-256color"} | environment,
             ignore_sighup=ignore_sighup,
         )
+        self._screen: Any = fdspawn(keys, timeout=PATIENCE_S, encoding="utf-8")
 
     def press(self, keys: str) -> None:
-        self.process.send(keys)
+        self._screen.send(keys)
 
     def wait_for(self, pattern: str) -> str:
         """Output up to the end of a match."""
-        self.process.expect(pattern)
-        return _STYLING.sub("", self.process.before + self.process.after)
+        self._screen.expect(pattern)
+        return _STYLING.sub("", self._screen.before + self._screen.after)
 
     def end(self) -> str:
         """Output up to the end of the command."""
-        self.process.expect(pexpect.EOF)
-        self.process.close()
-        return _STYLING.sub("", self.process.before)
+        return _STYLING.sub("", self.styled_end())
+
+    def styled_end(self) -> str:
+        """The same with the sequences that colour it and move the cursor."""
+        self._screen.expect(pexpect.EOF)
+        self._screen.close()
+        self._program.wait(PATIENCE_S)
+        return self._screen.before
+
+    def hang_up(self) -> None:
+        """Close the window, and wait until the command has ended."""
+        self._screen.close()
+        self._program.wait(PATIENCE_S)
+
+    def kill(self) -> None:
+        """End it as it is."""
+        self._program.kill()
+        self._screen.close()
 
     @property
-    def status(self) -> int:
-        return self.process.exitstatus
+    def status(self) -> int | None:
+        """Exit status, once it has ended; negative: the signal that killed it."""
+        return self._program.returncode

@@ -39,7 +39,7 @@ def terminal(tmp_path: Path, robot: Path, calibrated: Path) -> Iterator[DrivenTe
     overrides = [word for key in TWIN for word in ("--set", key)]
     terminal = DrivenTerminal(tmp_path, "calibrate", "--by-eye", *files, *overrides, *PATIENT_BOARD)
     yield terminal
-    terminal.process.close(force=True)
+    terminal.kill()
 
 
 def keys_for(axis: int, motion_deg: float) -> str:

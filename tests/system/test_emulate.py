@@ -1,5 +1,4 @@
 import signal
-import subprocess
 import sys
 
 import pytest
@@ -7,13 +6,13 @@ import pytest
 from ccr_host.link.messages import EEPROM_BOOT_COUNTER
 from tests.patience import PATIENCE_S
 from tests.system.conftest import IN_REAL_TIME, PAPERS, CcrHost
+from tests.system.warm_start import PipedProgram
 
 LATE = 2
 """Of 6 steps. A board that is slow to serve makes nearly all of them late, a busy machine a few."""
 
 
-def served_uri(process: subprocess.Popen[str]) -> str:
-    assert process.stdout is not None
+def served_uri(process: PipedProgram) -> str:
     return process.stdout.readline().split()[3].rstrip(";")
 
 

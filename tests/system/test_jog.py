@@ -14,7 +14,7 @@ from tests.system.driven_terminal import LEFT, UP, DrivenTerminal
 def terminal(tmp_path: Path) -> Iterator[DrivenTerminal]:
     terminal = DrivenTerminal(tmp_path, "jog", *PATIENT_BOARD)
     yield terminal
-    terminal.process.close(force=True)
+    terminal.kill()
 
 
 def test_arrows_move_the_motors_on_the_board(terminal: DrivenTerminal) -> None:

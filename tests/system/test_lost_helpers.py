@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import time
 
 import pytest
@@ -13,9 +12,10 @@ import pytest
 from tests.patience import PATIENCE_S, becomes_true
 from tests.system.conftest import PAPERS, CcrHost, acting, children
 from tests.system.test_sweep import NARROW
+from tests.system.warm_start import PipedProgram
 
 
-def kill_helpers(process: subprocess.Popen[str], times: int) -> set[int]:
+def kill_helpers(process: PipedProgram, times: int) -> set[int]:
     """Kill the given number of processes that it starts, each as soon as it exists."""
     killed: set[int] = set()
     deadline = time.monotonic() + PATIENCE_S

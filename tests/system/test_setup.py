@@ -33,7 +33,6 @@ def test_a_new_robot_is_set_up_and_finished_steps_are_not_repeated(
 ) -> None:
     words = ("setup", "--robot", "mine.toml", *ends, *OVERRIDES)
     first = DrivenTerminal(tmp_path, *words)
-    first.process.timeout = 600
     first.wait_for("measure camera and servos .Enter starts")
     first.press("\r")
     assert "motor 1 and 2" in first.wait_for("measuring again")

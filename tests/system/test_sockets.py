@@ -26,6 +26,7 @@ from ccr_host.core.addresses import host_and_port
 from tests.patience import PATIENCE_S
 from tests.system.conftest import IN_REAL_TIME, PAPERS, CcrHost, acting
 from tests.system.test_sweep import NARROW
+from tests.system.warm_start import PipedProgram
 from tests.viewer import Viewer
 
 Address = tuple[str, int]
@@ -124,7 +125,7 @@ def upgrade(path: str, origin: str) -> str:
 
 
 @contextmanager
-def running(ccr_host: CcrHost, *words: str) -> Iterator[subprocess.Popen[str]]:
+def running(ccr_host: CcrHost, *words: str) -> Iterator[PipedProgram]:
     process = ccr_host.start(*words)
     try:
         yield process

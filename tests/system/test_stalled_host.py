@@ -1,9 +1,9 @@
 """A host that is stopped in mid-run, as by Ctrl-Z or a computer that sleeps."""
 
 import json
-import os
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +11,17 @@ import pytest
 from ccr_host.link.messages import SetTarget, State, Telemetry
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, becomes_true
 from tests.system.conftest import AT_ONCE, CcrHost, acting, events, logged, messages_in
 
 RATE_HZ = 20
 STOPS_AT_STEP = 10
 BURST = 4
 """More targets at once are a burst: one a period, one that fed the board, one late one."""
+
+
+def is_stopped(pid: int) -> bool:
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
 
 
 def stopped_run(ccr_host: CcrHost, device: str, path: str, seconds: float):
@@ -27,7 +31,7 @@ def stopped_run(ccr_host: CcrHost, device: str, path: str, seconds: float):
         *("track", path, *stops, "--rate", str(RATE_HZ), "--realtime", *AT_ONCE),
         *("--device", device, "--no-open", "--out", "kept", "--json"),
     )
-    os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
+    assert becomes_true(lambda: process.poll() is not None or is_stopped(process.pid))
     time.sleep(seconds)
     process.send_signal(signal.SIGCONT)
     out, err = process.communicate(timeout=PATIENCE_S)

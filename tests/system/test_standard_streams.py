@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.patience import PATIENCE_S, becomes_true
+from tests.patience import PATIENCE_S
 from tests.system.conftest import AT_ONCE, COMMAND, IN_REAL_TIME, PAPERS, CcrHost, events
 from tests.system.driven_terminal import DrivenTerminal
 
@@ -114,11 +114,9 @@ def test_a_message_stays_one_line_whatever_the_name_in_it(ccr_host: CcrHost) -> 
     assert len(ended.err.splitlines()) == 1
 
 
-def close_window(terminal: DrivenTerminal) -> int:
+def close_window(terminal: DrivenTerminal) -> int | None:
     """Status of a command whose terminal is closed."""
-    os.close(terminal.process.child_fd)
-    assert becomes_true(lambda: not terminal.process.isalive())
-    assert terminal.process.signalstatus is None
+    terminal.hang_up()
     return terminal.status
 
 

@@ -4,7 +4,6 @@ import json
 import os
 import shlex
 import signal
-import subprocess
 import time
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 from tests.foreign_servers import foreign_server
 from tests.system.conftest import CcrHost, children
 from tests.system.test_bad_input import assert_one_clear_line
+from tests.system.warm_start import PipedProgram
 
 NARROW = (
     "--set", "servo.angle_min_deg=[-10, -50]", "--set", "servo.angle_max_deg=[35, 5]",
@@ -33,7 +33,7 @@ def _rows(folder: Path) -> list[dict]:
     return pq.read_table(folder / "runs.parquet").to_pylist()
 
 
-def _wait_for_a_part(sweep: subprocess.Popen[str], folder: Path) -> None:
+def _wait_for_a_part(sweep: PipedProgram, folder: Path) -> None:
     while not list(folder.glob("parts/*.parquet")):
         assert sweep.poll() is None, sweep.communicate()
         time.sleep(0.05)

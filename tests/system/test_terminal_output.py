@@ -2,33 +2,22 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
-import pexpect
 import pytest
 
-from tests.patience import PATIENCE_S
-from tests.system.conftest import COMMAND, CcrHost
+from tests.system.conftest import CcrHost
+from tests.system.driven_terminal import DrivenTerminal
 
 COLOUR = "\x1b[3"
 WORDS = ("track", "short.csv", "--no-open", "--controller", "mpc")
 
 
 def on_a_terminal(folder: Path, *words: str, **environment: str) -> str:
-    terminal = pexpect.spawn(
-        COMMAND,
-        list(words),
-        cwd=folder,
-        env=os.environ | {"TERM": "xterm-256color"} | environment,
-        dimensions=(40, 110),
-        timeout=PATIENCE_S,
-        encoding="utf-8",
-    )
-    terminal.expect(pexpect.EOF)
-    terminal.close()
-    assert terminal.exitstatus == 0
-    return terminal.before
+    terminal = DrivenTerminal(folder, *words, **environment)
+    shown = terminal.styled_end()
+    assert terminal.status == 0
+    return shown
 
 
 @pytest.mark.usefixtures("short_path")

@@ -146,7 +146,6 @@ def test_a_run_over_a_served_camera_that_sees_the_twin_of_the_served_board(
 ) -> None:
     server = ccr_host.start("emulate", *words)
     try:
-        assert server.stdout is not None
         lines = [server.stdout.readline() for _ in range(3)]
         assert lines[1].startswith("emulated Polaris on ndi")
         uris = lines[2].split("8shape")[1].split()

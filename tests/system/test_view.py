@@ -4,7 +4,6 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +24,7 @@ from tests.system.conftest import (
     logged,
     wait_until_following,
 )
+from tests.system.warm_start import PipedProgram
 
 # A machine without a graphics card draws in software, as slowly as it likes.
 PATIENCE_MS = 1000 * PATIENCE_S
@@ -65,9 +65,8 @@ def tab(browser: Any) -> Iterator[Any]:
     page.close()
 
 
-def address_in(process: subprocess.Popen[str]) -> str:
+def address_in(process: PipedProgram) -> str:
     """The first address that the command prints for a browser."""
-    assert process.stderr is not None
     for line in process.stderr:
         found = re.search(r"http://\S+", line)
         if found:
@@ -76,7 +75,7 @@ def address_in(process: subprocess.Popen[str]) -> str:
 
 
 @contextmanager
-def ended(process: subprocess.Popen[str], number: signal.Signals) -> Iterator[None]:
+def ended(process: PipedProgram, number: signal.Signals) -> Iterator[None]:
     try:
         yield
     finally:
@@ -90,7 +89,6 @@ def test_pause_continue_and_stop_reach_the_robot(
 ) -> None:
     board = ccr_host.start("emulate", "--tcp", "127.0.0.1:0", "--boot-ms", "0")
     with ended(board, signal.SIGTERM):
-        assert board.stdout is not None
         uri = board.stdout.readline().split()[3].rstrip(";")
         run = ccr_host.start(
             *LIVE, "--device", uri, "--rate", "5",
@@ -188,7 +186,6 @@ def test_a_run_outlives_the_process_of_its_page_and_the_browser_finds_the_next(
         tab.get_by_text("following the path").wait_for()
         (page,) = children(run.pid)
         os.kill(page, signal.SIGKILL)
-        assert run.stderr is not None
         assert "ccr-host: the live page has died (SIGKILL)" in run.stderr.readline()
         tab.get_by_text("following the path").wait_for()
         tab.get_by_role("button", name="STOP the robot").click()

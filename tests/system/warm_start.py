@@ -1,8 +1,8 @@
 """Starts the program in a process that has imported its modules already.
 
 Hundreds of tests start it, and its imports take about a second each time. A process of
-multiprocessing's fork server has them; all else, arguments, folder, environment, streams and exit
-status, is as after a start from a shell. Tests of the start itself use `CcrHost.start`.
+multiprocessing's fork server has them; all else, arguments, folder, environment, streams, signals
+and exit status, is as after a start from a shell. Tests of the start itself start `COMMAND`.
 
 Figures are composed, but drawn only on request, as this takes half of a short run's time. Otherwise
 their files are there and empty.
@@ -13,12 +13,18 @@ from __future__ import annotations
 import atexit
 import multiprocessing
 import os
+import signal
 import sys
+import weakref
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from io import StringIO
+from multiprocessing import reduction
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from subprocess import TimeoutExpired
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryFile
+from typing import Any
 
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -44,13 +50,97 @@ _SERVER.set_forkserver_preload(
         "ccr_host.run.campaign",
         "ccr_host.record.keep",
         "ccr_host.tools.doctor",
-        __name__,
+        "matplotlib.backends.backend_agg",
+        "matplotlib.backends.backend_pdf",
+        "matplotlib.backends.backend_svg",
     ]
 )
 
 
+class Program:
+    """`ccr-host` at work, with the part of `subprocess.Popen` that tests use.
+
+    Args:
+        words: after the program's name.
+        folder: to run in.
+        output: descriptors of standard output and standard error, or of the terminal that all its
+            streams are; closed here.
+        environment: beside that of the tests.
+        ignore_sighup: as under nohup.
+        drawn: whether its figures are drawn.
+    """
+
+    def __init__(
+        self,
+        words: Sequence[str],
+        folder: Path,
+        output: Sequence[int],
+        *,
+        environment: Mapping[str, str] | None = None,
+        ignore_sighup: bool = False,
+        drawn: bool = False,
+    ) -> None:
+        self.args = ["ccr-host", *words]
+        surroundings = (str(folder), os.environ | (environment or {}), ignore_sighup, drawn)
+        self._process = _SERVER.Process(
+            target=_program, args=(words, *surroundings, [_Passed(one) for one in output])
+        )
+        self._process.start()
+        weakref.finalize(self, _end, self._process)  # what a test that failed has left
+        for descriptor in output:
+            os.close(descriptor)
+        assert self._process.pid is not None
+        self.pid = self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        """Negative: the number of the signal that killed it."""
+        return self._process.exitcode
+
+    def poll(self) -> int | None:
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        self._process.join(timeout)
+        if self.returncode is None:
+            raise TimeoutExpired(self.args, timeout or 0.0)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+class PipedProgram(Program):
+    """One whose standard output and standard error are read meanwhile."""
+
+    def __init__(self, words: Sequence[str], folder: Path) -> None:
+        pipes = [os.pipe(), os.pipe()]
+        self.stdout, self.stderr = (os.fdopen(reader, encoding="utf-8") for reader, _ in pipes)
+        super().__init__(words, folder, [writer for _, writer in pipes])
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """The rest of both, once it has ended.
+
+        Raises:
+            TimeoutExpired: it was killed.
+        """
+        with ThreadPoolExecutor(2) as readers:
+            rests = [readers.submit(stream.read) for stream in (self.stdout, self.stderr)]
+            try:
+                self.wait(timeout)
+            except TimeoutExpired:
+                self.kill()
+                raise
+            out, err = (rest.result() for rest in rests)
+            return out, err
+
+
 def run_program(
-    words: Sequence[str], folder: Path, timeout_s: float, *, drawn: bool = True
+    words: Sequence[str], folder: Path, timeout_s: float, *, drawn: bool
 ) -> tuple[int, str, str]:
     """Run ``ccr-host`` to its end.
 
@@ -66,31 +156,56 @@ def run_program(
     Raises:
         TimeoutExpired: it was killed.
     """
-    with TemporaryDirectory() as kept:
-        streams = [str(Path(kept) / name) for name in ("out", "err")]
-        process = _SERVER.Process(
-            target=_program, args=(words, str(folder), dict(os.environ), streams, drawn)
-        )
-        process.start()
-        process.join(timeout_s)
-        if process.is_alive():
-            process.kill()
-            process.join()
-            raise TimeoutExpired(["ccr-host", *words], timeout_s)
-        assert process.exitcode is not None
-        out, err = (Path(stream).read_text(encoding="utf-8") for stream in streams)
-        return process.exitcode, out, err
+    with TemporaryFile("w+", encoding="utf-8") as out, TemporaryFile("w+", encoding="utf-8") as err:
+        output = [os.dup(file.fileno()) for file in (out, err)]
+        program = Program(words, folder, output, drawn=drawn)
+        try:
+            status = program.wait(timeout_s)
+        except TimeoutExpired:
+            program.kill()
+            program.wait()
+            raise
+        out.seek(0)
+        err.seek(0)
+        return status, out.read(), err.read()
+
+
+def _end(process: BaseProcess) -> None:
+    if process.is_alive():
+        process.kill()
+
+
+class _Passed:
+    """A descriptor that becomes one of the process that is started."""
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _received, (reduction.DupFd(self.descriptor),)
+
+
+def _received(duplicate: Any) -> int:
+    return duplicate.detach()
 
 
 def _program(
     words: Sequence[str],
     folder: str,
     environment: Mapping[str, str],
-    streams: Sequence[str],
+    ignore_sighup: bool,
     drawn: bool,
+    output: Sequence[int],
 ) -> None:
-    for descriptor, stream in enumerate(streams, start=1):
-        os.dup2(os.open(stream, os.O_WRONLY | os.O_CREAT | os.O_APPEND), descriptor)
+    if len(output) == 1:
+        os.login_tty(output[0])
+        sys.stdin = os.fdopen(0, closefd=False)
+    else:
+        for descriptor, stream in enumerate(output, start=1):
+            os.dup2(stream, descriptor)
+            os.close(stream)
+    if ignore_sighup:
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)
