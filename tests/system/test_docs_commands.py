@@ -24,7 +24,7 @@ from ccr_host.description.schema import Robot
 from ccr_host.robot.kinematics import ConstantCurvature
 from tests.conformance.firmware_build import firmware_elf
 from tests.patience import PATIENCE_S
-from tests.system.conftest import COMMAND, CcrHost
+from tests.system.conftest import CcrHost
 from tests.system.driven_terminal import DrivenTerminal
 
 ROOT = Path(__file__).parents[2]
@@ -47,7 +47,14 @@ SIMULATED = {
     r"^track(?=.*spatial)": "track --controller pid-ik",
     r"^track(?!.*spatial)": "track --controller mpc",
     r"^track": "track --no-open",
+    r"^track(?!.*polaris_faults)": "track --unchecked",
+    r"^compare(?!.*--unchecked)": "compare --unchecked",
+    r"--controller adaptive": "--controller adaptive --set control.solver=compiled",
     r"--seed 1 --rate 1": "",
+    r"(short.csv) --rate 20$": r"\1",
+    r"--set twin.payload_g=5": "",
+    r"--robot ideal --baselines": "--baselines",
+    r"(my-robot.*) --view 127\S+": r"\1",
     r"^(calibrate .*) --tracker ndi-emulator:": r"\1",
     r"^record \S+": "record new.csv --pattern single",
     r"^monitor": "monitor --duration 4",
@@ -55,7 +62,8 @@ SIMULATED = {
 }
 """What stands for hardware, real time, minutes of work and addresses that may be taken; `mpc`, on
 spatial robots `pid-ik`, for the default controller, which approaches its path for half a minute of
-simulated time. A controller that is named comes later and counts."""
+simulated time. A controller that is named comes later and counts. What another line shows too is
+left out, so that both are one."""
 TOLD_ELSEWHERE = {
     r"flash": "tests/firmware flashes a simulated UNO",
     r"tcp://127\.0\.0\.1:5025": "tests/system/test_emulate.py",
@@ -64,6 +72,7 @@ TOLD_ELSEWHERE = {
     r"setup": "tests/system/test_setup.py",
     r"--surface robot": "tests/unit/control/adaptive/test_surface.py",
     r"calibrate (--identify )?--robot": "tests/system/test_calibrate.py",
+    r"register --robot": "tests/system/test_trackers.py",
 }
 HELP = {"--help", "-h", "--with-open"}
 SERVES_UNTIL = {"emulate": "stdout", "view": "stderr"}
@@ -110,7 +119,7 @@ def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recorded")
     write_short_path(folder)
     options = ("--no-open", "--controller", "mpc", "--out", "kept")
-    subprocess.run([COMMAND, "track", "short.csv", *options], cwd=folder, check=True)
+    assert CcrHost(folder)("track", "short.csv", *options).status == 0
     return folder / "kept"
 
 

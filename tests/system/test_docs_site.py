@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -58,6 +59,16 @@ def test_every_page_is_reachable_from_the_first(pages: dict[Path, Page]) -> None
     written = {page.relative_to(DOCS).with_suffix(".html") for page in DOCS.rglob("*.md")}
     assert written
     assert written <= {file.relative_to(site) for file in reached}
+
+
+def test_the_notebook_runs_from_top_to_bottom_while_its_page_is_made(
+    pages: dict[Path, Page],
+) -> None:
+    (page,) = (file for file in pages if file.stem == "first-steps")
+    printed = re.findall(r"(?:mpc: |open loop: )?mean error \d+\.\d mm", page.read_text())
+    assert [line.split(" mean")[0].rstrip(":") for line in printed[:2]] == ["mpc", "open loop"]
+    assert len(printed) == 3
+    assert page.read_text().count("data:image/png;base64") == 1
 
 
 def test_links_and_pictures_of_the_site_are_there(pages: dict[Path, Page]) -> None:

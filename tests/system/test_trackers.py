@@ -74,7 +74,8 @@ def test_after_registration_a_turned_camera_is_as_good_as_an_aligned_one(
 def test_register_keeps_what_it_found_in_the_users_own_description(ccr_host: CcrHost) -> None:
     own = Path(ccr_host.folder / "mine.toml")
     own.write_text('name = "mine"  # keep this\n')
-    assert ccr_host("register", "--robot", "mine.toml", *QUICK_FIT).status == 0
+    words = ("register", "--robot", "mine.toml", "--tracker", "ndi-emulator:")
+    assert ccr_host(*words, *QUICK_FIT).status == 0
     assert own.read_text().startswith('name = "mine"  # keep this\n')
     assert "[registration]" in own.read_text()
 
