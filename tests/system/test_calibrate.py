@@ -106,12 +106,13 @@ def test_an_identified_robot_is_followed_without_a_tour(
     registered = {"camera_to_robot_deg": [0, 0, 0], "uncertainty_deg": [0.28, 0.07, 0.14]}
     lines = ["[registration]", *(f"{key} = {value}" for key, value in registered.items())]
     robot.write_text(robot.read_text() + "\n".join(lines) + "\n")
-    ended = ccr_host("calibrate", "--identify", "--robot", robot.name)
+    compiled = ("--set", "control.solver=compiled")
+    ended = ccr_host("calibrate", "--identify", "--robot", robot.name, *compiled)
     assert ended.status == 0, ended.err
     assert "# keep this" in robot.read_text()
 
     def track(out: str, path: str, *words: str) -> tuple[float, float]:
-        common = ("--set", "control.solver=compiled", "--no-open", "--json", "--out", out)
+        common = (*compiled, "--no-open", "--json", "--out", out)
         summary = ccr_host("track", path, *common, *words).summary
         noted_s = {
             content["message"]: content["timestamp"]["sec"] + content["timestamp"]["nsec"] * 1e-9

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.system.conftest import CcrHost
+from tests.system.test_sweep import NARROW
 
 MINE = """
 import numpy as np
@@ -67,7 +68,7 @@ def test_every_command_that_takes_a_run_takes_them(
     for words in (
         ["track", short_path, "--with-open", "--unchecked", "--out", "kept"],
         ["compare", "--path", short_path, "--controller", "open-loop", "--unchecked"],
-        ["sweep", "--path", short_path, "--rate", "2", "--runs", "2", "--out", "swept"],
+        ["sweep", "--path", short_path, "--rate", "2", "--runs", "1", *NARROW, "--out", "swept"],
     ):
         ended = ccr_host(*words, *own, "--json")
         assert ended.status == 0, ended.err

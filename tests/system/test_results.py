@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 from pathlib import Path
@@ -16,7 +15,6 @@ from ccr_host.record.log.reader import RunRecording
 from tests.patience import PATIENCE_S
 from tests.system.conftest import (
     AT_ONCE,
-    COMMAND,
     IN_REAL_TIME,
     PAPERS,
     CcrHost,
@@ -27,6 +25,7 @@ from tests.system.conftest import (
     messages_in,
     wait_until_following,
 )
+from tests.system.warm_start import PipedProgram
 
 REALTIME = (*PAPERS, *IN_REAL_TIME, "--no-open", "--realtime", "--rate", "5", "--out", "kept")
 REMOVE = "shutil.rmtree('kept')"
@@ -34,17 +33,9 @@ REMOVE = "shutil.rmtree('kept')"
 
 def with_small_files(folder: Path, kilobytes: int, *words: str) -> Ended:
     """The command where no file can grow further, as on a disk that becomes full."""
-    ended = subprocess.run(
-        ["bash", "-c", f'ulimit -f {kilobytes}; exec "$0" "$@"', COMMAND, *words],
-        cwd=folder,
-        # Python would not notice that it has kept half of a module's bytecode.
-        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
-    return Ended(ended.returncode, ended.stdout, ended.stderr)
+    program = PipedProgram(words, folder, drawn=True, longest_file=1024 * kilobytes)
+    out, err = program.communicate(timeout=PATIENCE_S)
+    return Ended(program.wait(), out, err)
 
 
 def lines_of(ended: Ended) -> list[str]:

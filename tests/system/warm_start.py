@@ -13,6 +13,7 @@ from __future__ import annotations
 import atexit
 import multiprocessing
 import os
+import resource
 import signal
 import sys
 import weakref
@@ -68,6 +69,7 @@ class Program:
         environment: beside that of the tests.
         ignore_sighup: as under nohup.
         drawn: whether its figures are drawn.
+        longest_file: in bytes, longer than which no file can become, as on a disk that is full.
     """
 
     def __init__(
@@ -79,11 +81,18 @@ class Program:
         environment: Mapping[str, str] | None = None,
         ignore_sighup: bool = False,
         drawn: bool = False,
+        longest_file: int | None = None,
     ) -> None:
         self.args = ["ccr-host", *words]
-        surroundings = (str(folder), os.environ | (environment or {}), ignore_sighup, drawn)
         self._process = _SERVER.Process(
-            target=_program, args=(words, *surroundings, [_Passed(one) for one in output])
+            target=_program,
+            args=(words, str(folder), [_Passed(one) for one in output]),
+            kwargs={
+                "environment": os.environ | (environment or {}),
+                "ignore_sighup": ignore_sighup,
+                "drawn": drawn,
+                "longest_file": longest_file,
+            },
         )
         self._process.start()
         weakref.finalize(self, _end, self._process)  # what a test that failed has left
@@ -115,12 +124,20 @@ class Program:
 
 
 class PipedProgram(Program):
-    """One whose standard output and standard error are read meanwhile."""
+    """One whose standard output and standard error are read meanwhile; see `Program`."""
 
-    def __init__(self, words: Sequence[str], folder: Path) -> None:
+    def __init__(
+        self,
+        words: Sequence[str],
+        folder: Path,
+        *,
+        drawn: bool = False,
+        longest_file: int | None = None,
+    ) -> None:
         pipes = [os.pipe(), os.pipe()]
         self.stdout, self.stderr = (os.fdopen(reader, encoding="utf-8") for reader, _ in pipes)
-        super().__init__(words, folder, [writer for _, writer in pipes])
+        writers = [writer for _, writer in pipes]
+        super().__init__(words, folder, writers, drawn=drawn, longest_file=longest_file)
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str]:
         """The rest of both, once it has ended.
@@ -192,10 +209,12 @@ def _received(duplicate: Any) -> int:
 def _program(
     words: Sequence[str],
     folder: str,
+    output: Sequence[int],
+    *,
     environment: Mapping[str, str],
     ignore_sighup: bool,
     drawn: bool,
-    output: Sequence[int],
+    longest_file: int | None,
 ) -> None:
     if len(output) == 1:
         os.login_tty(output[0])
@@ -212,6 +231,8 @@ def _program(
     sys.argv = ["ccr-host", *words]
     if not drawn:
         FigureCanvasAgg.print_png = FigureCanvasPdf.print_pdf = FigureCanvasSVG.print_svg = _empty
+    if longest_file is not None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (longest_file, longest_file))
     try:
         main()
     finally:
