@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import PAPERS, CcrHost
+from tests.system.conftest import AT_ONCE, PAPERS, CcrHost
 
 
 @pytest.fixture(scope="module")
@@ -49,16 +49,18 @@ def test_runs_on_one_path_are_laid_over_each_other(with_run: CcrHost, short_path
     assert (
         with_run("track", "8shape", *PAPERS, "--seed", "2", "--no-open", "--out", "b").status == 0
     )
-    assert with_run("track", short_path, *PAPERS, "--no-open", "--out", "c").status == 0
+    assert with_run("track", short_path, *PAPERS, *AT_ONCE, "--no-open", "--out", "c").status == 0
     page = page_of(with_run, "kept", "b", "c")
     assert page.count("<svg") == 1 + 2 * 3
     assert page.count("8shape, mpc, 1 Hz, kept</a>") == 1, "equal titles are told apart"
     assert page.count("short, mpc, 1 Hz</a>") == 1
 
 
-def test_a_report_says_why_measured_and_true_error_differ(ccr_host: CcrHost) -> None:
+def test_a_report_says_why_measured_and_true_error_differ(
+    ccr_host: CcrHost, short_path: str
+) -> None:
     turned = ("--set", "tracker.rotation_deg=3", "--no-open", "--out", "kept")
-    assert ccr_host("track", "8shape", *PAPERS, *turned).status == 0
+    assert ccr_host("track", short_path, *PAPERS, *AT_ONCE, *turned).status == 0
     assert "turned by 3 deg" in page_of(ccr_host, "kept")
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import CcrHost
+from tests.system.conftest import AT_ONCE, PAPERS, CcrHost
 from tests.system.driven_terminal import DrivenTerminal
 
 COLOUR = "\x1b[3"
-WORDS = ("track", "short.csv", "--no-open", "--controller", "mpc")
+WORDS = ("track", "short.csv", "--no-open", *PAPERS, *AT_ONCE)
 
 
 def on_a_terminal(folder: Path, *words: str, **environment: str) -> str:
@@ -52,7 +52,7 @@ def test_every_term_of_the_tables_is_explained_below_them(
     ccr_host: CcrHost, short_path: str
 ) -> None:
     for command in (("track",), ("compare", "--path")):
-        out = ccr_host(*command, short_path, "--controller", "mpc").out
+        out = ccr_host(*command, short_path, "--controller", "mpc", "--unchecked").out
         table, _, terms = out.partition("distance between measured and desired tip")
         assert all(len(line) <= 80 for line in table.splitlines())
         assert "…" not in table, "no figure is cut off on 80 columns"
@@ -66,15 +66,17 @@ def test_the_papers_figures_stand_beside_its_own_experiment_alone(
     ccr_host: CcrHost, short_path: str
 ) -> None:
     both = ("--path", "8shape", "--path", short_path)
-    words = ("compare", "--robot", "paper", "--controller", "mpc", *both)
+    words = ("compare", "--robot", "paper", "--controller", "mpc", "--unchecked", *both)
     lines = ccr_host(*words).out.splitlines()
     row = {words[0]: words for line in lines if (words := line.split())}
     assert "7.50" in row["8shape"]
     assert len(row["short"]) == len(row["8shape"]) - 1
 
 
-def test_a_measured_error_far_from_the_true_one_is_explained(ccr_host: CcrHost) -> None:
-    words = ("--path", "8shape", "--robot", "hard", "--controller", "mpc")
+def test_a_measured_error_far_from_the_true_one_is_explained(
+    ccr_host: CcrHost, short_path: str
+) -> None:
+    words = ("--path", short_path, "--robot", "hard", "--controller", "mpc", "--unchecked")
     told = " ".join(ccr_host("compare", *words).out.split())
     assert "turned by 3 deg" in told
     assert "ccr-host register" in told
