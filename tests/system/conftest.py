@@ -53,8 +53,8 @@ class CcrHost:
         """Run it to its end; only tests of figures have them drawn."""
         return Ended(*run_program(words, self.folder, timeout_s, drawn=drawn))
 
-    def start(self, *words: str) -> PipedProgram:
-        return PipedProgram(words, self.folder)
+    def start(self, *words: str, drawn: bool = False) -> PipedProgram:
+        return PipedProgram(words, self.folder, drawn=drawn)
 
 
 def logged(folder: Path, *wanted: Topic) -> list[dict[str, Any]]:

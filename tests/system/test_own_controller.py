@@ -45,7 +45,7 @@ def test_it_is_reported_in_one_line_then_its_traceback_and_log_and_figure_are_sa
     script = tmp_path / "mine.py"
     script.write_text(MINE.format(deed=deed))
     words = ["track", short_path, "--controller", "mine.py:Mine", "--no-open", "--out", "kept"]
-    ended = ccr_host(*words, "--json", *realtime)
+    ended = ccr_host(*words, "--json", *realtime, drawn=True)
     assert ended.status == 2
     line, _, trace = ended.err[ended.err.index("ccr-host: error:") :].partition("\n")
     assert told in line

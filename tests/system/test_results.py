@@ -172,7 +172,7 @@ def test_repeated_ctrl_c_still_leaves_the_robot_safe_and_the_results_saved(
     ccr_host: CcrHost,
 ) -> None:
     folder = ccr_host.folder / "kept"
-    process = ccr_host.start("track", "8shape", *REALTIME)
+    process = ccr_host.start("track", "8shape", *REALTIME, drawn=True)
     wait_until_following(folder, process)
     process.send_signal(signal.SIGINT)
     while process.poll() is None:
