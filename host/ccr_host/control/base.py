@@ -152,7 +152,10 @@ def checked(answer: object, motors: int) -> Command:
 
 def _finite(name: str, numbers: object) -> FloatArray:
     try:
-        array = np.array(numbers, dtype=np.float64)
+        given = np.asarray(numbers)
+        if given.dtype.kind == "c":
+            raise TypeError("numpy would drop the imaginary parts")
+        array = given.astype(np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{name} = {numbers!r} instead of numbers") from None
     if not np.isfinite(array).all():

@@ -9,6 +9,9 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+_LONGEST_MESSAGE = 300
+"""Characters of the message of someone else's exception."""
+
 
 class CcrError(Exception):
     """Base class of all errors that the host raises on purpose.
@@ -61,25 +64,35 @@ class CodeError(CcrError):
 
 
 @contextmanager
-def blaming(who: str, cure: str) -> Iterator[None]:
+def blaming(who: str, cure: str, effect: str = "") -> Iterator[None]:
     """Turn any exception of a user-supplied class into an error that names the class.
+
+    Args:
+        who: class or method.
+        cure: what the user can do about it.
+        effect: what became of the robot, added to the cause.
 
     Raises:
         CodeError: for every exception except ours and an interrupt.
     """
     try:
         yield
-    except CcrError:
+    except (CcrError, KeyboardInterrupt):
         raise
-    except (Exception, SystemExit) as error:
-        raise code_error(who, cure, error) from error
+    except BaseException as error:
+        # Also SystemExit and those of frameworks, such as asyncio's CancelledError.
+        cause = f"{who} has failed: {type(error).__name__}: {_message(error)}{effect}"
+        raise CodeError(cause, cure, error) from error
 
 
-def code_error(who: str, cure: str, error: BaseException, effect: str = "") -> CodeError:
-    """The error to raise where user-supplied code has raised one."""
-    message = " ".join(str(error).split())
-    cause = f"{who} has failed: {type(error).__name__}: {message}{effect}"
-    return CodeError(cause, cure, error)
+def _message(error: BaseException) -> str:
+    """The error's own text on one line; short, whatever it holds."""
+    try:
+        text = str(error)
+    except Exception:  # the user's own __str__
+        return "(its message cannot be read)"
+    line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    return line if len(line) <= _LONGEST_MESSAGE else line[:_LONGEST_MESSAGE] + "..."
 
 
 def full_text(error: Exception) -> str:

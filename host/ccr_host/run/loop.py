@@ -7,6 +7,7 @@ aims at f_i; the error of step i is taken at the end of that period, before the 
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -24,7 +25,7 @@ from ccr_host.control.base import (
     checked,
 )
 from ccr_host.core.clock import Stopwatch
-from ccr_host.core.errors import CcrError, CodeError, code_error
+from ccr_host.core.errors import CodeError, blaming
 from ccr_host.description.schema import Description
 from ccr_host.link.device_errors import LinkLossError
 from ccr_host.robot.reference import Reference
@@ -125,7 +126,9 @@ class _PathRun:
         rig, clock = self._rig, self._rig.clock
         self._begin("planning")
         start = self._controller.start
-        command = self._usable(start, self._answer_of(start, self._reference, None)[0])
+        # A copy, as a controller may change it, and errors are measured against the path's own.
+        reference = deepcopy(self._reference)
+        command = self._usable(start, self._answer_of(start, reference, None)[0])
         self._begin("looking for the markers")
         self._watch.wait_for_markers()
         self._begin("arming")
@@ -225,12 +228,9 @@ class _PathRun:
 
         def ask() -> tuple[object, float]:
             stopwatch = Stopwatch()
-            try:
-                return method(argument), stopwatch.elapsed_us()
-            except CcrError:
-                raise
-            except (Exception, SystemExit) as error:
-                raise code_error(_name_of(method), _CURE, error, _DISARMED) from error
+            with blaming(_name_of(method), _CURE, _DISARMED):
+                answer = method(argument)
+            return answer, stopwatch.elapsed_us()
 
         def feed() -> None:
             if held is not None:

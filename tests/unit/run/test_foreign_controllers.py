@@ -111,6 +111,7 @@ UNUSABLE = {
     "numbers": lambda command: np.zeros(2),
     "NaN": lambda command: replace(command, q_rad=np.array([0.0, np.nan])),
     "infinite": lambda command: replace(command, q_rad=np.array([np.inf, 0.0])),
+    "complex": lambda command: replace(command, q_rad=np.array([1j, 0.0])),
     "three angles": lambda command: replace(command, q_rad=np.zeros(3)),
     "a matrix": lambda command: replace(command, q_rad=np.zeros((2, 1))),
     "words": lambda command: replace(command, q_rad="left"),
@@ -146,9 +147,39 @@ def test_a_controller_that_raises_ends_the_run_disarmed_with_log_and_traceback(
     assert replay(recording, controller=Given(Leading)).difference is None
 
 
-@pytest.mark.parametrize("error", [SystemExit(7), MemoryError(), RecursionError("deep")])
+class UnreadableError(BaseException):
+    """Not an `Exception`, and without a message."""
+
+    def __str__(self) -> str:
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        SystemExit(7),
+        MemoryError(),
+        RecursionError("deep"),
+        UnreadableError(),
+        OSError("\x1b\n" * 999),
+    ],
+)
 def test_nothing_that_a_controller_raises_gets_past_the_loop(run, error) -> None:
-    assert isinstance(run({("step", 3): raising(error)}).failure, CodeError)
+    failure = run({("step", 3): raising(error)}).failure
+    assert isinstance(failure, CodeError)
+    assert failure.cause.isprintable()
+    assert len(failure.cause) < 400
+
+
+def test_a_controller_that_changes_the_path_is_measured_against_the_true_one(run) -> None:
+    class Cheat(Still):
+        def start(self, reference) -> Command:
+            reference.target_mm[:] = 0.0
+            return super().start(reference)
+
+    honest, cheated = (run({}, kind=kind).records for kind in (Still, Cheat))
+    for one, other in zip(honest, cheated, strict=True):
+        np.testing.assert_array_equal(one.target_mm, other.target_mm)
 
 
 @pytest.mark.long
