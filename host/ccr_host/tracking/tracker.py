@@ -46,6 +46,9 @@ class Sample:
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+_FARTHEST_MM = 1e6
+"""Coordinate beyond the volume of any camera."""
+
 
 @dataclass(frozen=True, eq=False)
 class Pose:
@@ -83,6 +86,8 @@ class MarkerFrame:
 def checked_frame(frame: object) -> MarkerFrame:
     """Validate a frame of a plug-in and convert its numbers to arrays.
 
+    What is nowhere (NaN, infinite, or beyond any camera's volume) counts as not seen.
+
     Raises:
         ValueError, TypeError: not a frame, or numbers of the wrong type or shape.
     """
@@ -93,12 +98,18 @@ def checked_frame(frame: object) -> MarkerFrame:
     if points_mm.shape != (out_of_volume.size, 3) or out_of_volume.ndim != 1:
         shapes = f"{points_mm.shape} and {out_of_volume.shape}"
         raise ValueError(f"points_mm and out_of_volume of shapes {shapes}")
+    somewhere = (np.abs(points_mm) < _FARTHEST_MM).all(axis=1)
+    poses = {name: _checked_pose(name, pose) for name, pose in frame.tools.items()}
     return MarkerFrame(
         exposed_us=index(frame.exposed_us),
         frame_number=index(frame.frame_number),
-        points_mm=points_mm,
-        out_of_volume=out_of_volume,
-        tools={name: _checked_pose(name, pose) for name, pose in frame.tools.items()},
+        points_mm=points_mm[somewhere],
+        out_of_volume=out_of_volume[somewhere],
+        tools={
+            name: pose
+            for name, pose in poses.items()
+            if (np.abs(pose.position_mm) < _FARTHEST_MM).all()
+        },
     )
 
 
