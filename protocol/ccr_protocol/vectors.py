@@ -37,7 +37,8 @@ def generate(spec: Spec) -> str:
     Raises:
         CaseError: a case does not provoke what it was made for.
     """
-    vectors = [_vector(case, spec.at(REFERENCE_AXES)) for case in all_cases(spec)]
+    board = spec.at(REFERENCE_AXES)
+    vectors = [_vector(case, board) for case in all_cases(spec)]
     for axes in _OTHER_AXES:
         board = spec.at(axes)
         vectors += [_vector(case, board) for case in cases_of_axes(board, axes)]
