@@ -76,5 +76,6 @@ def test_every_key_at_its_bounds(path: str, key: str, end: str, controller: str)
 
 @pytest.mark.long
 def test_a_marker_on_the_backbone_is_a_robot_too(path: str) -> None:
-    options = RunOptions(path=path, overrides=("robot.marker_offset_mm=0",))
+    overrides = ("robot.marker_offset_mm=0", "control.solver=compiled")
+    options = RunOptions(path=path, overrides=overrides)
     assert execute_quietly(options).failure is None

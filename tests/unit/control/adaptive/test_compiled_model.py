@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccr_host.control.adaptive.compiled import CompiledModel
 from ccr_host.control.adaptive.model import PLAIN
 from ccr_host.control.adaptive.motion import first_pose
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
@@ -21,11 +20,6 @@ LONGEST_RAD = 1.2
 
 seeds = st.integers(0, 2**32 - 1)
 same = settings(max_examples=60, deadline=None)
-
-
-@pytest.fixture(scope="module")
-def compiled():
-    return CompiledModel()
 
 
 def _drawn(seed):

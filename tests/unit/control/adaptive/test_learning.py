@@ -52,29 +52,29 @@ def _tips_elsewhere(p):
 
 
 @pytest.mark.long
-def test_the_tour_tells_all_parameters_well_enough_to_predict_other_taut_poses():
+def test_the_tour_tells_all_parameters_well_enough_to_predict_other_taut_poses(compiled):
     truth = _believable(1)
     found = SCALING.parameters(
-        StaticsFit(SCALING, _tour_of(truth, 0.15), predicted_mm).finish().score
+        StaticsFit(SCALING, _tour_of(truth, 0.15), compiled.predicted_mm).finish().score
     )
     assert _tips_elsewhere(found) == pytest.approx(_tips_elsewhere(truth), abs=0.5)
 
 
 @pytest.mark.long
-def test_the_tour_tells_play_from_friction():
+def test_the_tour_tells_play_from_friction(compiled):
     truth = PRIOR._replace(backlash_rad=0.008, friction_1=0.22)
     found = SCALING.parameters(
-        StaticsFit(SCALING, _tour_of(truth, 0.3), predicted_mm).finish().score
+        StaticsFit(SCALING, _tour_of(truth, 0.3), compiled.predicted_mm).finish().score
     )
     assert found.backlash_rad == pytest.approx(0.008, abs=0.003)
     assert found.friction_1 == pytest.approx(0.22, abs=0.06)
 
 
 @pytest.mark.long
-def test_a_wild_rest_does_not_spoil_the_fit():
+def test_a_wild_rest_does_not_spoil_the_fit(compiled):
     rests = _tour_of(PRIOR)
     rests.markers_mm[7, 1:] += 30.0
-    found = SCALING.parameters(StaticsFit(SCALING, rests, predicted_mm).finish().score)
+    found = SCALING.parameters(StaticsFit(SCALING, rests, compiled.predicted_mm).finish().score)
     assert np.median(np.linalg.norm(predicted_mm(found, rests) - rests.vectors_mm, axis=2)) < 0.3
 
 
@@ -88,8 +88,10 @@ def test_a_wild_rest_does_not_spoil_the_fit():
         ({"twisting": 0.6}, False),
     ],
 )
-def test_the_prior_of_cheap_robots_is_taken_only_for_robots_with_their_faults(fault, is_narrow):
-    fits = fits_to(SCALING, _tour_of(PRIOR._replace(**fault), 0.3), predicted_mm)
+def test_the_prior_of_cheap_robots_is_taken_only_for_robots_with_their_faults(
+    compiled, fault, is_narrow
+):
+    fits = fits_to(SCALING, _tour_of(PRIOR._replace(**fault), 0.3), compiled.predicted_mm)
     assert fits is not None
     for fit in fits:
         fit.finish()
@@ -97,8 +99,8 @@ def test_the_prior_of_cheap_robots_is_taken_only_for_robots_with_their_faults(fa
 
 
 @pytest.mark.long
-def test_each_step_of_the_fit_leaves_less():
-    fit, left_mm = StaticsFit(SCALING, _tour_of(_believable(3)), predicted_mm), []
+def test_each_step_of_the_fit_leaves_less(compiled):
+    fit, left_mm = StaticsFit(SCALING, _tour_of(_believable(3)), compiled.predicted_mm), []
     while fit.improve():
         left_mm.append(fit.result().rms_mm)
     assert len(left_mm) > 2

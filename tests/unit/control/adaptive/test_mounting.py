@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from ccr_host.control.adaptive.compiled import CompiledModel
 from ccr_host.control.adaptive.identification import StaticsFit
-from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.control.adaptive.tour import tour_stops_rad
 from ccr_host.description import schema
@@ -31,7 +31,9 @@ def _gravity(direction: str) -> str:
 
 @pytest.mark.long
 @pytest.mark.parametrize("direction", [USUAL, UPSIDE_DOWN, ON_ITS_SIDE, HANGING, ASKEW])
-def test_the_model_explains_the_twin_whichever_way_gravity_pulls(direction: str) -> None:
+def test_the_model_explains_the_twin_whichever_way_gravity_pulls(
+    compiled: CompiledModel, direction: str
+) -> None:
     description = schema.load(None, [_gravity(direction)])
     scaling, equilibrium = Scaling.of(description), Equilibrium(description.twin)
     stops_rad = tour_stops_rad(
@@ -40,7 +42,7 @@ def test_the_model_explains_the_twin_whichever_way_gravity_pulls(direction: str)
     vectors_mm = np.full((len(stops_rad), 2, 3), np.nan)
     vectors_mm[:, 1] = [equilibrium.tip_mm(stop_rad) for stop_rad in stops_rad]
     rests = Rests.of_vectors(np.zeros(2), stops_rad, vectors_mm, np.full(len(stops_rad), 6.0))
-    assert StaticsFit(scaling, rests, predicted_mm).finish().rms_mm < 0.2
+    assert StaticsFit(scaling, rests, compiled.predicted_mm).finish().rms_mm < 0.2
 
 
 @cache

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ccr_host.control.adaptive.compiled import CompiledModel
 from ccr_host.control.adaptive.identification import StaticsFit
 from ccr_host.control.adaptive.misfit import zeros_off
 from ccr_host.control.adaptive.motion import predicted_mm
@@ -73,10 +74,14 @@ def rests_of(truth: Parameters) -> Rests:
         {"marker_aside_mm": -0.7},
     ],
 )
-def test_what_is_the_robots_is_not_blamed_on_the_camera(robot: dict[str, float]) -> None:
+def test_what_is_the_robots_is_not_blamed_on_the_camera(
+    compiled: CompiledModel, robot: dict[str, float]
+) -> None:
     scaling = Scaling.of(schema.load())
     truth = scaling.parameters(np.zeros(COUNT))._replace(**robot)
-    found = scaling.parameters(StaticsFit(scaling, rests_of(truth), predicted_mm).finish().score)
+    found = scaling.parameters(
+        StaticsFit(scaling, rests_of(truth), compiled.predicted_mm).finish().score
+    )
     turn_rad = np.array([found.turn_x_rad, found.turn_y_rad, found.turn_z_rad])
     assert np.degrees(np.abs(turn_rad)).max() < 0.5
     for name, value in robot.items():
@@ -84,7 +89,7 @@ def test_what_is_the_robots_is_not_blamed_on_the_camera(robot: dict[str, float])
 
 
 @pytest.mark.long
-def test_the_end_of_segment_1_tells_a_zero_from_a_turned_camera() -> None:
+def test_the_end_of_segment_1_tells_a_zero_from_a_turned_camera(compiled: CompiledModel) -> None:
     scaling = Scaling.of(schema.load())
     truth = scaling.parameters(np.zeros(COUNT))._replace(zero_1_rad=0.06, turn_x_rad=-0.05)
     rests = rests_of(truth)
@@ -93,7 +98,7 @@ def test_the_end_of_segment_1_tells_a_zero_from_a_turned_camera() -> None:
     for first in (0, 1):  # with M2, and without
         rests.markers_mm[:, 1:] = seen_mm
         rests.markers_mm[:, 1 : 1 + first] = np.nan
-        found = scaling.parameters(StaticsFit(scaling, rests, predicted_mm).finish().score)
+        found = scaling.parameters(StaticsFit(scaling, rests, compiled.predicted_mm).finish().score)
         off_rad.append([abs(found.turn_x_rad + 0.05), abs(zeros_rad(found)[0] - 0.06)])
     assert np.all(off_rad[0] < np.multiply(off_rad[1], 0.7))
 

@@ -91,7 +91,8 @@ def test_a_run_in_virtual_time_repeats_byte_for_byte(folder, short_path, control
 def test_laps_of_adaptive_repeat_byte_for_byte(folder, tmp_path):
     file = tmp_path / "loop.csv"
     file.write_text("t_s,y_mm,z_mm\n0,0,50\n2,4,50\n4,4,46\n6,0,46\n8,0,50\n")
-    result = run(folder, str(file), controller="adaptive", laps=3)
+    fast = "control.solver=compiled"
+    result = run(folder, str(file), fast, controller="adaptive", laps=3)
     assert result.failure is None
     assert RunRecording(folder).reference.laps == 3
     assert_equal(folder, steps=24)
