@@ -51,5 +51,5 @@ class CoarseCamera:
 
 if __name__ == "__main__":
     with ccr_host.open_robot(tracker=CoarseCamera) as robot:
-        summary = robot.track("8shape", "mpc").summary
+        summary = robot.track("8shape", "mpc", with_open=False).summary
     print(f"mean error {summary['mean_error_mm']:.1f} mm")

@@ -84,8 +84,11 @@ def test_every_call_on_a_samples_way_to_a_pulse_is_made(tmp_path: Path) -> None:
     path = tmp_path / "short.csv"
     path.write_text("t_s,y_mm,z_mm\n0,0,30\n1,0,32\n")
     made = set()
-    for controller, tracker in (("mpc", "twin:"), ("adaptive", "ndi-emulator:")):
-        run = RunOptions(path=str(path), controller=controller, tracker=tracker, rate_hz=2.0)
+    runs = ("mpc", "twin:", ()), ("adaptive", "ndi-emulator:", ("control.solver=compiled",))
+    for controller, tracker, overrides in runs:
+        run = RunOptions(
+            path=str(path), controller=controller, tracker=tracker, rate_hz=2.0, overrides=overrides
+        )
         made |= set(calls_of(run))
     missing = [(call, file) for call, file, _ in sample_steps() if (file, call) not in made]
     assert not missing

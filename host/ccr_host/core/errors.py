@@ -64,13 +64,8 @@ class CodeError(CcrError):
 
 
 @contextmanager
-def blaming(who: str, cure: str, effect: str = "") -> Iterator[None]:
+def blaming(who: str, cure: str) -> Iterator[None]:
     """Turn any exception of a user-supplied class into an error that names the class.
-
-    Args:
-        who: class or method.
-        cure: what the user can do about it.
-        effect: what became of the robot, added to the cause.
 
     Raises:
         CodeError: for every exception except ours and an interrupt.
@@ -81,8 +76,20 @@ def blaming(who: str, cure: str, effect: str = "") -> Iterator[None]:
         raise
     except BaseException as error:
         # Also SystemExit and those of frameworks, such as asyncio's CancelledError.
-        cause = f"{who} has failed: {type(error).__name__}: {_message(error)}{effect}"
-        raise CodeError(cause, cure, error) from error
+        raise code_error(who, cure, error) from error
+
+
+def code_error(who: str, cure: str, error: BaseException, effect: str = "") -> CodeError:
+    """The error to raise where user-supplied code has raised one.
+
+    Args:
+        who: class or method.
+        cure: what the user can do about it.
+        error: what was raised.
+        effect: what became of the robot, added to the cause.
+    """
+    cause = f"{who} has failed: {type(error).__name__}: {_message(error)}{effect}"
+    return CodeError(cause, cure, error)
 
 
 def _message(error: BaseException) -> str:

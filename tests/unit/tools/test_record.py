@@ -24,7 +24,9 @@ from ccr_host.tools.record import PATTERNS, Stops, new_table, record_rests, stop
 
 SLACK_MM = (0.9, 1.4, 0.9, 1.4)
 """Of both tendons on one side of the robot, then of both on the other."""
-OPTIONS = RigOptions(robot="ideal", overrides=(f"twin.slack_mm={[*SLACK_MM]}",))
+OPTIONS = RigOptions(
+    robot="ideal", overrides=(f"twin.slack_mm={[*SLACK_MM]}", "control.solver=compiled")
+)
 DESCRIPTION = OPTIONS.description()
 REST = np.arange(27.0).reshape(3, 3, 3)
 
