@@ -228,7 +228,7 @@ class _PathRun:
 
         def ask() -> tuple[object, float]:
             stopwatch = Stopwatch()
-            try:  # As `blaming` does, without its two calls a step.
+            try:  # As `blaming` does, without its three calls a step.
                 return method(argument), stopwatch.elapsed_us()
             except (CcrError, KeyboardInterrupt):
                 raise
