@@ -85,9 +85,10 @@ class Program:
         longest_file: int | None = None,
     ) -> None:
         self.args = ["ccr-host", *words]
+        begun, begins = os.pipe()
         self._process = _SERVER.Process(
             target=_program,
-            args=(words, str(folder), [_Passed(one) for one in output]),
+            args=(words, str(folder), [_Passed(one) for one in output], _Passed(begins)),
             kwargs={
                 "environment": os.environ | (environment or {}),
                 "ignore_sighup": ignore_sighup,
@@ -97,8 +98,11 @@ class Program:
         )
         self._process.start()
         weakref.finalize(self, _end, self._process)  # what a test that failed has left
-        for descriptor in output:
+        for descriptor in (*output, begins):
             os.close(descriptor)
+        # Until then it holds what the server listens on, which is not the program's.
+        os.read(begun, 1)
+        os.close(begun)
         assert self._process.pid is not None
         self.pid = self._process.pid
 
@@ -212,12 +216,14 @@ def _program(
     words: Sequence[str],
     folder: str,
     output: Sequence[int],
+    begins: int,
     *,
     environment: Mapping[str, str],
     ignore_sighup: bool,
     drawn: bool,
     longest_file: int | None,
 ) -> None:
+    os.close(begins)
     if len(output) == 1:
         os.login_tty(output[0])
         sys.stdin = os.fdopen(0, closefd=False)
