@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -198,7 +198,10 @@ def exact_direction(angle_rad: float) -> tuple[float, float]:
 
 
 class Bend(NamedTuple):
-    """One segment's shape and its derivatives by b_x and b_y, which come last but two or one."""
+    """One segment's shape and its derivatives by b_x and b_y, which come last but two or one.
+
+    Of order 0 there are none, instead of 2.
+    """
 
     end: FloatArray
     """End of a segment of length 1, (..., 3)."""
@@ -209,18 +212,14 @@ class Bend(NamedTuple):
     turn_by: FloatArray
     """(..., 2, 3, 3)."""
 
-    def apart(self) -> list[Bend]:
-        """Shapes along the first dimension."""
-        return [Bend(*parts) for parts in zip(*self, strict=True)]
 
-
-def bend_of(bend_rad: ArrayLike) -> Bend:
+def bend_of(bend_rad: ArrayLike, order: Literal[0, 1] = 1) -> Bend:
     """Shape of a segment at bending vectors, (..., 2)."""
     b = np.asarray(bend_rad, dtype=np.float64)
-    constants = transform_constants(None, 1.0, 1)
+    constants = transform_constants(None, 1.0, order)
     functions = spatial_functions(b.reshape(-1, 2), len(constants))
     flat = functions @ constants.reshape(len(constants), -1)
-    whole = flat.reshape(*b.shape[:-1], 3, 4, 4)
+    whole = flat.reshape(*b.shape[:-1], 1 + 2 * order, 4, 4)
     end, turn = whole[..., :3, 3], whole[..., :3, :3]
     return Bend(end[..., 0, :], end[..., 1:, :], turn[..., 0, :, :], turn[..., 1:, :, :])
 
@@ -244,7 +243,11 @@ def tip_weights(segments: int, tip_offset_mm: ArrayLike = (0.0, 0.0, 0.0)) -> We
 
 
 def point_mm(
-    lengths_mm: ArrayLike, bend_rad: ArrayLike, weights: Weights, shorter_mm: ArrayLike = 0.0
+    lengths_mm: ArrayLike,
+    bend_rad: ArrayLike,
+    weights: Weights,
+    shorter_mm: ArrayLike = 0.0,
+    order: Literal[0, 1] = 1,
 ) -> tuple[FloatArray, FloatArray]:
     """Weighted sum of points of a chain in the frame of its base, and its derivatives.
 
@@ -257,24 +260,30 @@ def point_mm(
         weights: the points.
         shorter_mm: by how much a bending of 1 rad shortens each segment, (S,), growing with its
             square.
+        order: 0 if the derivatives are not needed.
 
     Returns:
-        The sum, (..., 3), and its derivatives, (..., S, 2, 3).
+        The sum, (..., 3), and its derivatives, (..., S, 2, 3) or (..., S, 0, 3).
     """
     bends = np.asarray(bend_rad, dtype=np.float64)
     along = np.asarray(weights.along)[:, None]
     carried = np.cumsum((weights.at_end + weights.along)[::-1])[::-1, None] - along
-    whole, half = bend_of(np.stack([bends, 0.5 * bends])).apart()
-    unit = (carried + along / 6.0) * whole.end + along / 3.0 * half.end
-    unit_by = (carried + along / 6.0)[:, None] * whole.end_by + along[:, None] / 6.0 * half.end_by
+    whole = bend_of(bends, order)
+    unit = (carried + along / 6.0) * whole.end
+    unit_by = (carried + along / 6.0)[:, None] * whole.end_by
+    if along.any():
+        half = bend_of(0.5 * bends, order)
+        unit += along / 3.0 * half.end
+        unit_by += along[:, None] / 6.0 * half.end_by
     shorter = np.broadcast_to(shorter_mm, np.shape(lengths_mm))[:, None]
     lengths = np.asarray(lengths_mm)[:, None] - shorter * (bends**2).sum(axis=-1, keepdims=True)
     sums = lengths * unit
-    by = lengths[..., None] * unit_by - 2.0 * (shorter * bends)[..., None] * unit[..., None, :]
+    shortening = 2.0 * (shorter * bends)[..., : 2 * order, None]
+    by = lengths[..., None] * unit_by - shortening * unit[..., None, :]
     beyond: FloatArray = np.broadcast_to(weights.tip_offset_mm, (*bends.shape[:-2], 3))
     for number in reversed(range(bends.shape[-2])):
         turn, later = whole.turn[..., number, :, :], by[..., number + 1 :, :, :]
-        later[:] = np.einsum("...ij,...sdj->...sdi", turn, later)
+        later[:] = later @ np.swapaxes(turn, -1, -2)[..., None, :, :]
         by[..., number, :, :] += np.einsum(
             "...dij,...j->...di", whole.turn_by[..., number, :, :, :], beyond
         )

@@ -8,7 +8,8 @@ measurement.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,14 +20,16 @@ from ccr_host.description.schema import Segment
 from ccr_host.robot.arc import SHORTER_BY_SAG
 from ccr_host.robot.chain import Weights
 from ccr_host.robot.kinematics import freedom_of
-from ccr_host.robot.tendon_rest import TendonRobot
+from ccr_host.robot.tendon_rest import TendonRobot, pulled_mm
 
 FloatArray = NDArray[np.float64]
 
 _MARKERS_MM, _GLUE_MM, _PLACE_MM = 0.7, 0.5, 5.0
 """Deviation of all markers from their described place, of each from that of the tip, and of the
 origin of other measurements."""
-_PROBE_RAD = 1e-6
+_PROBE_RAD, _PROBE = 1e-6, 1e-5
+_PLACING, _PULLING = ("turn", "base", "glue"), ("dead_travel", "slack", "angle", "log_compliance")
+"""What changes no moment, and what changes no place at the same bending, nor any weight."""
 _WEIGHT = 0.4
 """Deviation of the weight times the robot's length, over the stiffness of segment 1."""
 
@@ -62,6 +65,19 @@ class Markers(NamedTuple):
 def tip_alone(segments: int) -> Markers:
     """The end of the backbone, seen from anywhere near the base."""
     return Markers((segments - 1,), np.zeros(3), are_from_base=False)
+
+
+class Slopes(NamedTuple):
+    """Derivatives at N rests; P are the scores by which they are taken."""
+
+    markers: FloatArray
+    """By the scores, (N, ends, 3, P)."""
+    yielding: FloatArray
+    """Of the degrees of freedom by the scores, (N, D, P)."""
+    by_freedom: FloatArray
+    """Of the markers at bending, (N, ends, 3, D)."""
+    compliance: FloatArray
+    """Of the degrees of freedom by moments, (N, D, D)."""
 
 
 class RestModel:
@@ -147,6 +163,22 @@ class RestModel:
         half: FloatArray = 0.5 * self.group(score, "dead_travel")[self.segment_of]
         return half
 
+    def travel_mm(
+        self, score: FloatArray, start_mm: FloatArray, wound_mm: FloatArray
+    ) -> FloatArray:
+        """Pull of each tendon behind its dead travel, (N, T): the play operator over all rows.
+
+        Args:
+            score: of the robot, (P,).
+            start_mm: pull of each before the first row, (T,).
+            wound_mm: what the motors have wound up at each row, (N, T).
+        """
+        half_mm, behind = self.half_dead_mm(score), start_mm
+        rows: FloatArray = np.empty_like(wound_mm)
+        for number, wound in enumerate(wound_mm):
+            rows[number] = behind = pulled_mm(behind, wound, half_mm)
+        return rows
+
     @property
     def nothing(self) -> FloatArray:
         """Scores of the description itself, (P,)."""
@@ -164,13 +196,52 @@ class RestModel:
         ends = zip(self._markers.ends, places_mm, strict=True)
         return np.stack([robot.end_mm(halves_rad, *end) - places_mm[-1] for end in ends], axis=-2)
 
-    def ends_by(
+    def seen_by(
         self, score: FloatArray, robot: TendonRobot, y: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """``ends_mm`` and its derivatives, (N, ends, 3, D)."""
+        """``seen_mm`` and its derivatives, (N, ends, 3, D)."""
         steps = np.concatenate([np.zeros((1, y.shape[-1])), _PROBE_RAD * np.eye(y.shape[-1])])
-        here_mm, *near_mm = np.moveaxis(self.ends_mm(score, robot, y[:, None] + steps), 1, 0)
+        here_mm, *near_mm = np.moveaxis(self.seen_mm(score, robot, y[:, None] + steps), 1, 0)
         return here_mm, (np.stack(near_mm, axis=-1) - here_mm[..., None]) / _PROBE_RAD
+
+    def slopes(
+        self,
+        score: FloatArray,
+        y: FloatArray,
+        travel_of: Callable[[FloatArray], FloatArray],
+        numbers: Sequence[int] | None = None,
+    ) -> Slopes:
+        """Derivatives at rest by the implicit function theorem: g(y, p) = 0, dy = -g_y^-1 g_p dp.
+
+        Args:
+            score: of the robot.
+            y: its degrees of freedom at rest, (N, D).
+            travel_of: pull of each tendon there by the scores, (N, T).
+            numbers: those of the scores by which derivatives are taken; by default all.
+        """
+        robot, travel_mm = self.robot(score), travel_of(score)
+        here_mm, by_freedom = self.seen_by(score, robot, y)
+        weightless = replace(robot, load_mm=np.zeros(3)).moments(y, travel_mm)
+        moments = robot.moments(y, travel_mm)
+        numbers = range(len(score)) if numbers is None else numbers
+        more, moved = np.zeros((*y.shape, len(numbers))), np.zeros((*here_mm.shape, len(numbers)))
+        for column, number in enumerate(numbers):
+            kind = self.unknowns[number].kind
+            near = score.copy()
+            near[number] += _PROBE
+            other = self.robot(near)
+            if kind in _PULLING:
+                led_mm = travel_of(near) if kind == "dead_travel" else travel_mm
+                other = replace(other, load_mm=np.zeros(3))
+                more[..., column] = other.moments(y, led_mm) - weightless
+                continue
+            if kind not in _PLACING:
+                more[..., column] = other.moments(y, travel_mm) - moments
+            moved[..., column] = self.seen_mm(near, other, y) - here_mm
+        compliance = robot.compliance(y, travel_mm)
+        yielding = -compliance @ more / _PROBE
+        markers = moved / _PROBE + by_freedom @ yielding[:, None]
+        return Slopes(markers, yielding, by_freedom, compliance)
 
     def _places_mm(self, score: FloatArray) -> FloatArray:
         """Each marker seen from the backbone, in the frame of its disk, (ends, 3)."""

@@ -42,10 +42,7 @@ _PROBE_RAD = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class TendonRobot:
-    """What rest depends on, without a leading dimension.
-
-    But ``slack_mm`` and ``tendon_stiffness_mm2`` may have one: robots that differ in these alone.
-    """
+    """What rest depends on."""
 
     lengths_mm: FloatArray
     """(S,)."""
@@ -101,7 +98,7 @@ class TendonRobot:
         until = slice(2 * (end + 1))
         weights = tip_weights(2 * (end + 1), offset_mm)
         lengths_mm, shorter_mm = self._half_lengths_mm[until], self._half_shorter_mm[until]
-        return point_mm(lengths_mm, halves_rad[..., until, :], weights, shorter_mm)[0]
+        return point_mm(lengths_mm, halves_rad[..., until, :], weights, shorter_mm, order=0)[0]
 
     def halves_rad(self, y: FloatArray) -> FloatArray:
         """Bending vectors of each half of the segments at rest, (..., D) -> (..., 2 S, 2)."""
@@ -136,27 +133,24 @@ class TendonRobot:
         levers: FloatArray = np.tensordot(lever, self.freedom, axes=((-2, -1), (1, 2)))
         return levers
 
-    def energy(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
-        """Energy over k_1, (...)."""
+    def energy(self, y: FloatArray, travel_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Energy over k_1, (...), and its gradient, the moments, (..., D), zero at rest."""
         bend = self.bend_rad(y)
         taut = np.maximum(self.stretch_mm(y, travel_mm), 0.0)
-        height, _ = point_mm(self.lengths_mm, bend, self.weights, self.shorter_mm)
-        energy: FloatArray = (
+        height, by_bend = self._load(bend)
+        energy = (
             0.5 * (bend**2).sum(axis=-1) @ self.stiffness
             + 0.5 * taut**2 @ self.tendon_stiffness_mm2
-            + height @ self.load_mm
+            + height
         )
-        return energy
+        pull = taut * self.tendon_stiffness_mm2
+        even = self.stiffness - 2.0 * pull @ self.sag_mm
+        by_bend = by_bend + even[..., None] * bend - np.tensordot(pull, self.lever_mm, axes=1)
+        return energy, np.tensordot(by_bend, self.freedom, axes=((-2, -1), (1, 2)))
 
     def moments(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
         """Gradient of the energy, (..., D), zero at rest."""
-        bend = self.bend_rad(y)
-        pull = np.maximum(self.stretch_mm(y, travel_mm), 0.0) * self.tendon_stiffness_mm2
-        by_bend = self.stiffness[:, None] * bend - np.tensordot(pull, self.lever_mm, axes=1)
-        by_bend -= 2.0 * (pull @ self.sag_mm)[..., None] * bend
-        by_bend += self._load_by(bend)
-        moments: FloatArray = np.tensordot(by_bend, self.freedom, axes=((-2, -1), (1, 2)))
-        return moments
+        return self.energy(y, travel_mm)[1]
 
     def stiffness_matrix(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
         """Second derivatives of the energy, (..., D, D); those of the load by differences."""
@@ -169,11 +163,19 @@ class TendonRobot:
         even = self.stiffness - 2.0 * pull @ self.sag_mm
         matrix += np.einsum("...s,dsi,esi->...de", even, self.freedom, self.freedom)
         if self.load_mm.any():
-            near = bend[..., None, :, :] + _PROBE_RAD * self.freedom
-            slope = (self._load_by(near) - self._load_by(bend)[..., None, :, :]) / _PROBE_RAD
+            steps = np.concatenate([np.zeros_like(self.freedom[:1]), _PROBE_RAD * self.freedom])
+            by_bend = self._load(bend[..., None, :, :] + steps)[1]
+            slope = (by_bend[..., 1:, :, :] - by_bend[..., :1, :, :]) / _PROBE_RAD
             matrix += np.tensordot(slope, self.freedom, axes=((-2, -1), (1, 2)))
         stiffness: FloatArray = matrix
         return stiffness
+
+    def compliance(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
+        """Inverse of ``stiffness_matrix``, made positive definite, (..., D, D)."""
+        values, vectors = np.linalg.eigh(self.stiffness_matrix(y, travel_mm))
+        soft = vectors / np.maximum(values, _LEAST_STIFFNESS)[..., None, :]
+        compliance: FloatArray = soft @ np.swapaxes(vectors, -1, -2)
+        return compliance
 
     def rest(
         self,
@@ -190,40 +192,33 @@ class TendonRobot:
         """
         y = np.zeros((len(travel_mm), len(self.freedom))) if start is None else start.copy()
         moving = np.arange(len(y))
+        energy, moments = self.energy(y, travel_mm)
         for _ in range(_NEWTON_LIMIT):
             here, travel = y[moving], travel_mm[moving]
-            gradient = self.moments(here, travel)
-            step = -solved(self.stiffness_matrix(here, travel), gradient)
-            step *= _LONGEST_STEP_RAD / np.maximum(
-                np.abs(step).max(axis=1, keepdims=True), _LONGEST_STEP_RAD
-            )
-            y[moving] += step * self._share(here, travel, step, gradient)[:, None]
-            moving = moving[np.abs(step).max(axis=1) > until_rad]
+            step = -(self.compliance(here, travel) @ moments[..., None])[..., 0]
+            size = np.abs(step).max(axis=1)
+            step *= (_LONGEST_STEP_RAD / np.maximum(size, _LONGEST_STEP_RAD))[:, None]
+            promised = 1e-4 * np.einsum("nd,nd->n", moments, step)
+            allowed, share = energy + 1e-14 * np.abs(energy), np.ones(len(here))
+            for _ in range(_HALVINGS + 1):
+                there = here + share[:, None] * step
+                energy, moments = self.energy(there, travel)
+                uphill = energy > allowed + share * promised
+                if not uphill.any():
+                    break
+                share[uphill] *= 0.5
+            y[moving], goes_on = there, size > until_rad
+            moving, energy, moments = moving[goes_on], energy[goes_on], moments[goes_on]
             if not len(moving):
                 break
         return y
 
-    def _share(
-        self, y: FloatArray, travel_mm: FloatArray, step: FloatArray, gradient: FloatArray
-    ) -> FloatArray:
-        """Fraction of each step that leads downhill, (N,)."""
-        energy = self.energy(y, travel_mm)
-        promised = 1e-4 * np.einsum("nd,nd->n", gradient, step)
-        share = np.ones(len(y))
-        for _ in range(_HALVINGS):
-            there = self.energy(y + share[:, None] * step, travel_mm)
-            uphill = there > energy + share * promised + 1e-14 * np.abs(energy)
-            if not uphill.any():
-                break
-            share[uphill] *= 0.5
-        return share
-
-    def _load_by(self, bend: FloatArray) -> FloatArray:
+    def _load(self, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Its energy over k_1, (...), and the derivatives by the bending, (..., S, 2)."""
         if not self.load_mm.any():
-            return np.zeros_like(bend)
-        _, by = point_mm(self.lengths_mm, bend, self.weights, self.shorter_mm)
-        load_by: FloatArray = by @ self.load_mm
-        return load_by
+            return np.zeros(bend.shape[:-2]), np.zeros_like(bend)
+        place_mm, by_bend = point_mm(self.lengths_mm, bend, self.weights, self.shorter_mm)
+        return place_mm @ self.load_mm, by_bend @ self.load_mm
 
 
 def pulled_mm(travel_mm: FloatArray, wound_mm: FloatArray, half_dead_mm: FloatArray) -> FloatArray:
@@ -234,14 +229,5 @@ def pulled_mm(travel_mm: FloatArray, wound_mm: FloatArray, half_dead_mm: FloatAr
         wound_mm: what the motors have wound up since the tendons were put on, (T,).
         half_dead_mm: half of the travel that each loses after a reversal, (T,).
     """
-    pulled: FloatArray = np.clip(travel_mm, wound_mm - half_dead_mm, wound_mm + half_dead_mm)
-    return pulled
-
-
-def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    """The solutions, (N, D), with the matrices, (N, D, D), made positive definite."""
-    values, vectors = np.linalg.eigh(matrix)
-    values = np.maximum(values, _LEAST_STIFFNESS)
-    along = np.einsum("nij,ni->nj", vectors, vector) / values
-    solved: FloatArray = np.einsum("nij,nj->ni", vectors, along)
-    return solved
+    slack_side = np.maximum(travel_mm, wound_mm - half_dead_mm)
+    return np.minimum(slack_side, wound_mm + half_dead_mm)

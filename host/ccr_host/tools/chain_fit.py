@@ -1,13 +1,12 @@
 """Fit of ``robot.tendon_rest``'s model to tendon travel and marker positions of any robot.
 
-Unknown is what ``robot.rest_model`` lists, with its prior from the description. The fit is scipy's,
-with exact derivatives at rest by the implicit function theorem: with g(y, p) = 0, dy = -g_y^-1 g_p
-dp.
+Unknown is what ``robot.rest_model`` lists, with its prior from the description. The fit is scipy's.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Segment
 from ccr_host.robot.rest_model import Markers, RestModel
-from ccr_host.robot.tendon_rest import pulled_mm
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +27,6 @@ _MOST_ROWS = 500
 """Rows that are fitted; more are thinned evenly. Neighbouring rows have the same errors."""
 _UNLIKE = 0.05
 """Correlation below which the residuals of two rows count as independent."""
-_PROBE = 1e-5
 _MOST_STEPS = 40
 _ONE_PLANE = 0.17
 """Bending across the main plane over that in it, at most: 10 deg."""
@@ -53,25 +50,21 @@ class ChainModel(RestModel):
         super().__init__(segments, markers)
         self._wound_mm = travel_mm @ self.winding.T
 
-    def travel_mm(self, score: FloatArray) -> FloatArray:
-        """Pull of each tendon behind its dead travel, (N, T): the play operator over all rows."""
-        half_mm = self.half_dead_mm(score)
-        behind = self._wound_mm[0]
-        rows: FloatArray = np.empty_like(self._wound_mm)
-        for number, wound_mm in enumerate(self._wound_mm):
-            behind = pulled_mm(behind, wound_mm, half_mm)
-            rows[number] = behind
-        return rows
+    def rest(
+        self, score: FloatArray, rows: NDArray[np.intp], start: FloatArray | None = None
+    ) -> FloatArray:
+        """Degrees of freedom of some rows from a guess, both (n, D)."""
+        return self.robot(score).rest(self._travel_mm(rows, score), start)
 
-    def predicted_mm(self, score: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
+    def predicted_mm(
+        self, score: FloatArray, rows: NDArray[np.intp], start: FloatArray | None = None
+    ) -> FloatArray:
         """Markers of some rows in the frame of the measurement, (n, ends, 3)."""
-        robot = self.robot(score)
-        return self.seen_mm(score, robot, robot.rest(self.travel_mm(score)[rows]))
+        return self.seen_mm(score, self.robot(score), self.rest(score, rows, start))
 
     def bend_rad(self, score: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
         """Bending vectors of some rows, (n, S, 2)."""
-        robot = self.robot(score)
-        return robot.bend_rad(robot.rest(self.travel_mm(score)[rows]))
+        return self.robot(score).bend_rad(self.rest(score, rows))
 
     def in_one_plane(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Whether the description bends all segments within one plane there, (n,)."""
@@ -79,25 +72,12 @@ class ChainModel(RestModel):
         across = sizes[:, 1] if sizes.shape[1] > 1 else np.zeros(len(rows))
         return np.asarray(across <= _ONE_PLANE * sizes[:, 0])
 
-    def slope(self, score: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
-        """Derivatives of the markers at rest by the scores, (n, ends, 3, P)."""
-        robot, travel_mm = self.robot(score), self.travel_mm(score)[rows]
-        y = robot.rest(travel_mm)
-        _, by_y = self.ends_by(score, robot, y)
-        by_y = self.turn(score) @ by_y
-        yielding = np.linalg.inv(robot.stiffness_matrix(y, travel_mm))
-        here_mm, moments = self.seen_mm(score, robot, y), robot.moments(y, travel_mm)
-        slope = np.empty((*here_mm.shape, len(score)))
-        for number, unknown in enumerate(self.unknowns):
-            near = score.copy()
-            near[number] += _PROBE
-            other = self.robot(near)
-            led_mm = self.travel_mm(near)[rows] if unknown.kind == "dead_travel" else travel_mm
-            more = (other.moments(y, led_mm) - moments) / _PROBE
-            moved = -np.einsum("nde,ne->nd", yielding, more)
-            seen = (self.seen_mm(near, other, y) - here_mm) / _PROBE
-            slope[..., number] = seen + np.einsum("neiy,ny->nei", by_y, moved)
-        return slope
+    def slope(self, score: FloatArray, rows: NDArray[np.intp], y: FloatArray) -> FloatArray:
+        """Derivatives of the markers at rest, y, by the scores, (n, ends, 3, P)."""
+        return self.slopes(score, y, partial(self._travel_mm, rows)).markers
+
+    def _travel_mm(self, rows: NDArray[np.intp], score: FloatArray) -> FloatArray:
+        return self.travel_mm(score, self._wound_mm[0], self._wound_mm)[rows]
 
     def align(self, seen_mm: FloatArray, rows: NDArray[np.intp]) -> None:
         """Place the robot so that its markers are nearest to those seen, (n, ends, 3)."""
@@ -141,13 +121,16 @@ def fit_chain(model: ChainModel, seen_mm: FloatArray, rows: NDArray[np.intp]) ->
     model.align(seen_mm[fitted], fitted)
     assumed_mm = _MODEL_SHARE * model.length_mm
     prior = np.eye(len(model.unknowns))
+    rested = model.rest(model.nothing, fitted)
 
     def residuals(score: FloatArray) -> FloatArray:
-        off_mm = model.predicted_mm(score, fitted) - seen_mm[fitted]
+        off_mm = model.predicted_mm(score, fitted, rested) - seen_mm[fitted]
         return np.append(off_mm.ravel() / assumed_mm, score)
 
     def slope(score: FloatArray) -> FloatArray:
-        by_score = model.slope(score, fitted).reshape(-1, len(score))
+        nonlocal rested  # The next scores are near those at which slopes are asked for.
+        rested = model.rest(score, fitted, rested)
+        by_score = model.slope(score, fitted, rested).reshape(-1, len(score))
         return np.concatenate([by_score / assumed_mm, prior])
 
     found = least_squares(

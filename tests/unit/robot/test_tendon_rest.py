@@ -59,7 +59,7 @@ def test_stiffness_is_the_slope_of_the_moments_and_moments_that_of_the_energy():
     for way, step in enumerate(1e-6 * np.eye(4)):
         slope = (robot.moments(y + step, travel) - robot.moments(y - step, travel)) / 2e-6
         assert stiffness[:, way] == pytest.approx(slope, abs=1e-4)
-        slope = (robot.energy(y + step, travel) - robot.energy(y - step, travel)) / 2e-6
+        slope = (robot.energy(y + step, travel)[0] - robot.energy(y - step, travel)[0]) / 2e-6
         assert moments[:, way] == pytest.approx(slope, abs=1e-6)
 
 

@@ -11,6 +11,7 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,18 +51,27 @@ _SURE = ("length", "tendon_radius", "angle")
 """What does not vary beyond its prior from robot to robot."""
 
 
+class Near(NamedTuple):
+    """How some robots differ from one, K of them."""
+
+    steps: FloatArray
+    """Differences of their scores, (K, P)."""
+    turns: FloatArray
+    """``turn`` of each, (K, 3, 3)."""
+
+
 @dataclass(frozen=True, eq=False)
 class ChainParameters:
     """One robot, and others close to it."""
 
     score: FloatArray
-    """(COUNT,)."""
+    """Of ``RestModel``, zeros in the slack, (P,)."""
     rest: TendonRobot
     half_dead_mm: FloatArray
     """Half the travel that each tendon loses after a reversal, (T,)."""
     turn: FloatArray = field(default_factory=partial(np.eye, 3))
     """From the robot's frame to that of the camera, (3, 3)."""
-    near: tuple[ChainParameters, ...] = ()
+    near: Near | None = None
     """Robots whose parameters are slightly different, see ``ChainSpace.perturbed``."""
 
 
@@ -109,9 +119,8 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         """Whether a motor's zero counts; that of a single tendon is its slack as well, (n, 1)."""
         # Slack and stretch take a robot far from the prior.
         self.believable_mm = self.model.length_mm
-        self.of_tendons = [n for n in roles.drifting if n not in roles.loads]
-        """Numbers of those learnt along a path that change tendons alone; ``roles.loads`` are the
-        others that are learnt."""
+        self.learnt = sorted({*roles.drifting, *roles.loads})
+        """Numbers of those learnt along a path."""
         if is_new:
             motors = self.winding_mm.shape[1]
             open_rad = np.repeat((BEFORE_SETUP_TURN_RAD, BEFORE_SETUP_ZERO_RAD), (3, motors))
@@ -175,18 +184,23 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         return np.zeros((1, 1, self.count))
 
     def parameters(self, score: FloatArray) -> ChainParameters:
-        model, own = self.model, self._held * score[: self._own]
-        robot, half_dead_mm = model.robot(own), model.half_dead_mm(own)
-        if len(score) == self._own:
-            return ChainParameters(own, robot, half_dead_mm)
-        more_rad = self.deviation[self._own :] * score[self._own :]
-        robot = replace(robot, slack_mm=robot.slack_mm + self.winding_mm @ more_rad[3:])
-        turn = Rotation.from_rotvec(more_rad[:3]).as_matrix()
-        return ChainParameters(own, robot, half_dead_mm, turn)
+        own, turn = self._own_of(score)
+        return ChainParameters(own, self.model.robot(own), self.model.half_dead_mm(own), turn)
 
     def perturbed(self, score: FloatArray, probe: float) -> ChainParameters:
-        near = tuple(map(self.parameters, score + probe * np.eye(self.count)))
-        return replace(self.parameters(score), near=near)
+        here = self.parameters(score)
+        steps = probe * np.eye(self.count + 1, self.count)
+        near = zip(*(self._own_of(score + step) for step in steps), strict=True)
+        scores, turns = (np.array(column) for column in near)
+        return replace(here, near=Near(scores - here.score, turns))
+
+    def _own_of(self, score: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Scores of the robot itself, to whose slack zeros add, and the camera's turn, (3, 3)."""
+        own, more_rad = self._held * score[: self._own], (self.deviation * score)[self._own :]
+        if not len(more_rad):
+            return own, np.eye(3)
+        own[self._slack] += self.winding_mm @ more_rad[3:] / self.deviation[self._slack]
+        return own, Rotation.from_rotvec(more_rad[:3]).as_matrix()
 
     def by_shaft(self, shaft_rad: float) -> FloatArray:
         """The angle of a shaft is as much slack of each tendon that it winds."""

@@ -7,7 +7,7 @@ is least at rest. Backlash is the play of ``RestModel``; dry friction is left to
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,11 +18,10 @@ from ccr_host.control.adaptive.chain_space import ChainParameters, ChainSpace
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.static_model import PROBE, Hold, PathPlan, Sensitivity, StaticModel
 from ccr_host.description.schema import Description
-from ccr_host.robot.chain import PAPER_FRAME
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
-from ccr_host.robot.tendon_rest import TendonRobot, pulled_mm, solved
+from ccr_host.robot.tendon_rest import TendonRobot, pulled_mm
 from ccr_host.robot.workspace import MotorLimits
 
 FloatArray = NDArray[np.float64]
@@ -105,7 +104,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         return pose._replace(theta_rad=theta_rad)
 
     def tip_mm(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
-        tip: FloatArray = self._markers_mm(p, theta_rad[None])[0, -1]
+        tip: FloatArray = p.turn @ self._model.seen_mm(p.score, p.rest, theta_rad)[-1]
         return tip
 
     def turned_back_mm(self, p: ChainParameters, seen_mm: FloatArray) -> FloatArray:
@@ -114,17 +113,15 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
     def predicted_mm(self, p: ChainParameters, rests: Rests) -> FloatArray:
         """Those of robots near by are first-order changes of this robot's."""
-        travel_mm = self._travel_mm(p, rests)
-        theta_rad = p.rest.rest(travel_mm)
-        here_mm = self._markers_mm(p, theta_rad)
-        if not p.near:
-            return here_mm
-        stiffness = p.rest.stiffness_matrix(theta_rad, travel_mm)
-        sets_mm = []
-        for other in p.near:
-            moments = other.rest.moments(theta_rad, self._travel_mm(other, rests))
-            sets_mm.append(self._markers_mm(other, theta_rad - solved(stiffness, moments)))
-        return np.stack([*sets_mm, here_mm], axis=1)
+        travel_of = partial(self._travel_mm, rests)
+        theta_rad = p.rest.rest(travel_of(p.score))
+        here_mm = self._model.seen_mm(p.score, p.rest, theta_rad)
+        if p.near is None:
+            predicted_mm: FloatArray = here_mm @ p.turn.T
+            return predicted_mm
+        slopes = self._model.slopes(p.score, theta_rad, travel_of)
+        more_mm = np.moveaxis(slopes.markers @ p.near.steps.T, -1, 1)
+        return (here_mm[:, None] + more_mm) @ np.swapaxes(p.near.turns, 1, 2)
 
     def sensitivity(
         self,
@@ -137,29 +134,16 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
         Those of tendons act by the bending alone, loads bend the segments unevenly, too.
         """
-        p, steps = space.parameters(score), PROBE * np.eye(space.count)
-        tendons, loads = self._space.of_tendons, space.roles.loads
+        p, learnt = space.parameters(score), self._space.learnt
         theta_rad, travel_mm = pose.theta_rad[None], pose.travel_mm[None]
-        loaded = [space.parameters(score + steps[number]) for number in loads]
-        near = [space.parameters(score + steps[number]).rest for number in tendons]
-        # Robots that differ in their tendons alone are computed at once.
-        together = replace(
-            p.rest,
-            slack_mm=np.array([rest.slack_mm for rest in near]),
-            tendon_stiffness_mm2=np.array([rest.tendon_stiffness_mm2 for rest in near]),
-        )
-        moments = [together.moments(theta_rad.repeat(len(tendons), axis=0), travel_mm)]
-        moments += [other.rest.moments(theta_rad, travel_mm) for other in loaded]
+        slopes = self._model.slopes(p.score, theta_rad, lambda _: travel_mm, learnt)
         led_mm = travel_mm + PROBE * self._winding_mm @ rate_rad_s
-        moments.append(p.rest.moments(theta_rad, led_mm))
-        more = np.concatenate(moments) - p.rest.moments(theta_rad, travel_mm)
-        compliance = np.linalg.inv(p.rest.stiffness_matrix(theta_rad, travel_mm)[0])
+        more = p.rest.moments(theta_rad, led_mm) - p.rest.moments(theta_rad, travel_mm)
         yielding = np.zeros((theta_rad.shape[1], space.count + 1))
-        yielding[:, [*tendons, *loads, space.count]] = -compliance @ more.T / PROBE
-        here_mm, by_theta = self._tip_by(p, theta_rad)
-        tip = by_theta[0] @ yielding
-        for number, other in zip(loads, loaded, strict=True):
-            tip[:, number] += (self.tip_mm(other, pose.theta_rad) - here_mm[0]) / PROBE
+        tip = np.zeros((3, space.count + 1))
+        yielding[:, learnt], tip[:, learnt] = slopes.yielding[0], slopes.markers[0, -1]
+        yielding[:, -1] = -slopes.compliance[0] @ more[0] / PROBE
+        tip[:, -1] = slopes.by_freedom[0, -1] @ yielding[:, -1]
         return Sensitivity(tip, yielding)
 
     def hold(
@@ -258,24 +242,13 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
     def _tip_by(self, p: ChainParameters, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tips, (N, 3), and their derivatives, (N, 3, D)."""
-        ends_mm, by_theta = self._model.ends_by(p.score, p.rest, theta_rad)
-        base_mm = self._model.group(p.score, "base")
-        return ends_mm[:, -1] @ PAPER_FRAME.T + base_mm, PAPER_FRAME @ by_theta[:, -1]
+        seen_mm, by_theta = self._model.seen_by(p.score, p.rest, theta_rad)
+        return seen_mm[:, -1], by_theta[:, -1]
 
-    def _markers_mm(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
-        """M2 and the tip, (N, D) -> (N, 2, 3)."""
-        markers_mm = self._model.seen_mm(p.score, p.rest, theta_rad)
-        turned: FloatArray = markers_mm @ p.turn.T
-        return turned
-
-    def _travel_mm(self, p: ChainParameters, rests: Rests) -> FloatArray:
+    def _travel_mm(self, rests: Rests, score: FloatArray) -> FloatArray:
         """Pull of each tendon at rests, (N, T)."""
-        travel_mm = self._winding_mm @ rests.start_rad
-        rows = []
-        for wound_mm in rests.q_rad @ self._winding_mm.T:
-            travel_mm = pulled_mm(travel_mm, wound_mm, p.half_dead_mm)
-            rows.append(travel_mm)
-        return np.array(rows)
+        start_mm, wound_mm = (q @ self._winding_mm.T for q in (rests.start_rad, rests.q_rad))
+        return self._model.travel_mm(score, start_mm, wound_mm)
 
     def _tendons(
         self,

@@ -85,7 +85,7 @@ def test_sensitivity_is_the_slope_of_the_tip_at_rest(robot):
         return model.tip_mm(p, model.first_pose(p, q_rad).theta_rad)
 
     step = 1e-4
-    for number in space.of_tendons + space.roles.loads:
+    for number in space.learnt:
         way = step * (np.arange(space.count) == number)
         slope = (tip_mm(score + way, q_rad) - tip_mm(score - way, q_rad)) / (2.0 * step)
         assert found.tip[:, number] == pytest.approx(slope, abs=1e-3)
