@@ -20,6 +20,9 @@ OnPose = Callable[[int, int], None]
 OnRest = Callable[[int, Array], None]
 """Called at rest, with the stop's number and the markers of all exposures there,
 (exposures, S + 1, 3)."""
+Judge = Callable[[int, Rests], None]
+"""Called after each pose with the number of poses done and the rests so far; what it raises ends
+the tour."""
 
 _SPEED_RAD_S = math.radians(25.0)
 """Average speed of the motors between poses; 120 mm/s at the tip, which excites little ringing."""
@@ -45,6 +48,7 @@ def visit(
     stops_rad: Array,
     on_pose: OnPose,
     on_rest: OnRest = lambda *_: None,
+    judge: Judge = lambda *_: None,
 ) -> Rests:
     """Arm, measure at each stop, (K, n), return to the pose reached by arming, disarm.
 
@@ -60,26 +64,22 @@ def visit(
     rig.client.arm()
     start_rad = np.array(rig.client.accepted_rad)
     motion = _RestMotion(rig, check, start_rad)
-    q_rad, markers_mm, count = [], [], []
+    shape = len(start_rad), len(check.names)
+    rests = Rests(start_rad, np.empty((0, shape[0])), np.empty((0, shape[1], 3)), np.empty(0))
     for done, stop_rad in enumerate(stops_rad):
         on_pose(done, len(stops_rad))
         motion.move_to(stop_rad)
         seen_mm = motion.measure_at_rest()
         if seen_mm is not None:
             on_rest(done, seen_mm)
-            q_rad.append(stop_rad)
-            markers_mm.append(seen_mm.mean(axis=0))
-            count.append(float(len(seen_mm)))
+            here = stop_rad[None], seen_mm.mean(axis=0)[None], np.array([float(len(seen_mm))])
+            rests = rests.then(Rests(start_rad, *here))
         check.robot_moves()
+        judge(done + 1, rests)
     motion.move_to(start_rad)
     rig.client.disarm()
     on_pose(len(stops_rad), len(stops_rad))
-    return Rests(
-        start_rad,
-        np.array(q_rad).reshape(-1, len(start_rad)),
-        np.array(markers_mm).reshape(-1, len(check.names), 3),
-        np.array(count),
-    )
+    return rests
 
 
 def move_to(rig: Rig, start_rad: Array, target_rad: Array) -> Array:

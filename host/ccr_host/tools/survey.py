@@ -32,7 +32,7 @@ from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
-from ccr_host.tools.survey_fit import Survey, fit_survey
+from ccr_host.tools.survey_fit import Survey, fit_survey, require_motion_so_far
 from ccr_host.tools.survey_starts import likeliest_motors
 from ccr_host.tracking.markers.check import MarkerCheck
 
@@ -115,10 +115,14 @@ def survey_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
     """
     safe_rad, tour_rad = safe_poses_rad(description), identification_stops_rad(description)
     check = MarkerCheck(description, in_robot_frame=False)
+
+    def judge(done: int, rests: Rests) -> None:
+        require_motion_so_far(rests, description, done, safe_rad)
+
     if not description.robot.segments:  # Its motors cannot pull against each other.
-        return visit(rig, check, np.concatenate([safe_rad, tour_rad]), on_pose)
+        return visit(rig, check, np.concatenate([safe_rad, tour_rad]), on_pose, judge=judge)
     total = len(safe_rad) + len(tour_rad)
-    rests = visit(rig, check, safe_rad, lambda done, _: on_pose(done, total))
+    rests = visit(rig, check, safe_rad, lambda done, _: on_pose(done, total), judge=judge)
     share = _TOUR_SHARE if len(description.robot.segments) > 1 else _TOUR_SHARE_OF_ONE
     led_rad = share * tour_rad * likeliest_motors(rests, description).signs
     led_rad = MotorLimits.of(description.servo).clip(led_rad)

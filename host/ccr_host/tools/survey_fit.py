@@ -48,6 +48,9 @@ _FEWEST_RESTS = 12
 _MAX_BASE_MOTION_MM = 1.0
 _MIN_MOTION_MM = 5.0
 """By which each motor must move the tip, linearly."""
+_FIRST_POSES, _STILL_MM, _BEYOND_SLACK_RAD = 5, 1.0, math.radians(30.0)
+"""The tour ends if none of its first poses was seen, or if a motor that was turned beyond any slack
+moved the tip by less."""
 _NOTABLE_MM = 5.0
 """Width of the hysteresis from which it is named as a cause; `default` has 3 mm."""
 _MOUNTED_OTHERWISE = 150.0
@@ -183,11 +186,7 @@ def _require_motion(rests: Rests, description: Description) -> None:
     Raises:
         SurveyError: too few rests, the base moved, or a motor moved nothing.
     """
-    if len(rests.q_rad) < _FEWEST_RESTS:
-        raise SurveyError(
-            f"the markers were seen in {len(rests.q_rad)} poses; {_FEWEST_RESTS} are needed",
-            "check line of sight and the camera's measurement volume; see ccr-host monitor",
-        )
+    _require_rests(rests, _FEWEST_RESTS)
     base_mm = rests.markers_mm[:, 0]
     base_moved_mm = float(np.linalg.norm(base_mm - np.median(base_mm, axis=0), axis=1).max())
     if base_moved_mm > _MAX_BASE_MOTION_MM:
@@ -195,16 +194,51 @@ def _require_motion(rests: Rests, description: Description) -> None:
             f"M1 moved by {base_moved_mm:.1f} mm between poses",
             "fix base and camera, and keep clear of them during the measurement",
         )
+    _require_moves(rests, description, np.full(rests.q_rad.shape[1], _MIN_MOTION_MM))
+
+
+def require_motion_so_far(
+    rests: Rests, description: Description, done: int, alone_rad: Array
+) -> None:
+    """End a tour of which no fit could tell anything.
+
+    Args:
+        rests: those of the tour so far.
+        description: of the robot.
+        done: number of poses so far.
+        alone_rad: the first poses of the tour, of one motor after the other, (K, n).
+
+    Raises:
+        SurveyError: the markers were not seen yet, or a motor that was led through its own poses
+            moved nothing.
+    """
+    if done < _FIRST_POSES:
+        return
+    _require_rests(rests, 1)
+    is_led = np.ptp(rests.q_rad, axis=0) > _BEYOND_SLACK_RAD
+    _require_moves(rests, description, _STILL_MM * (is_led & ~alone_rad[done:].any(axis=0)))
+
+
+def _require_rests(rests: Rests, fewest: int) -> None:
+    if len(rests.q_rad) < fewest:
+        raise SurveyError(
+            f"the markers were seen in {len(rests.q_rad)} poses; {_FEWEST_RESTS} are needed",
+            "check line of sight and the camera's measurement volume; see ccr-host monitor",
+        )
+
+
+def _require_moves(rests: Rests, description: Description, least_mm: Array) -> None:
+    """Refuse rests in which a motor moved the tip by less than that, (n,)."""
     tip, led_rad = description.robot.markers[-1], rests.q_rad
     design = np.column_stack([led_rad, np.ones(len(led_rad))])
     by_motor = np.linalg.norm(np.linalg.lstsq(design, rests.tip_mm, rcond=None)[0][:-1], axis=1)
-    for motor, moved_mm in enumerate(by_motor * np.ptp(led_rad, axis=0)):
-        if moved_mm < _MIN_MOTION_MM:
-            raise SurveyError(
-                f"motor {motor + 1} moved {tip} by {moved_mm:.1f} mm only",
-                "check its supply, and that its tendons are on its pulley; tighten them; "
-                "or widen servo.angle_min_deg and angle_max_deg",
-            )
+    moved_mm = by_motor * np.ptp(led_rad, axis=0)
+    for motor in np.flatnonzero(moved_mm < least_mm):
+        raise SurveyError(
+            f"motor {motor + 1} moved {tip} by {moved_mm[motor]:.1f} mm only",
+            "check its supply, and that its tendons are on its pulley; tighten them; "
+            "or widen servo.angle_min_deg and angle_max_deg",
+        )
 
 
 def _require_certainty(found: Survey) -> None:

@@ -23,7 +23,7 @@ from ccr_host.tools.survey import (
     recalibrated,
     safe_poses_rad,
 )
-from ccr_host.tools.survey_fit import Survey, fit_survey
+from ccr_host.tools.survey_fit import Survey, fit_survey, require_motion_so_far
 from ccr_host.tools.survey_starts import SurveyError
 
 DESCRIPTION = schema.load(None, ["control.solver=compiled"])
@@ -142,6 +142,36 @@ def without_motor_2(markers_mm):
 def test_a_robot_that_does_not_move_as_commanded_is_refused(change, cause: str) -> None:
     with pytest.raises(SurveyError, match=cause):
         fit_survey(changed(change), DESCRIPTION)
+
+
+def ended_after(tour: Rests) -> int | None:
+    """Number of poses after which a tour ends as it would tell nothing; None if it goes on."""
+    alone_rad = safe_poses_rad(DESCRIPTION)
+    for done in range(1, len(tour.q_rad) + 1):
+        try:
+            require_motion_so_far(tour.chosen(list(range(done))), DESCRIPTION, done, alone_rad)
+        except SurveyError:
+            return done
+    return None
+
+
+@pytest.mark.parametrize("motor", [1, 2])
+def test_a_motor_that_moves_nothing_ends_the_tour_after_its_own_poses(motor: int) -> None:
+    alone_rad = safe_poses_rad(DESCRIPTION)
+    still = changed(without_motor_2 if motor == 2 else lambda m: np.broadcast_to(m[:1], m.shape))
+    assert ended_after(still) == 1 + np.flatnonzero(alone_rad[:, motor - 1])[-1]
+
+
+@pytest.mark.parametrize("zeros_rad", [(0.17, 0.17), (-0.17, 0.17)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_tour_in_which_every_motor_moves_the_tip_goes_on(zeros_rad, sign: float) -> None:
+    zeros = {f"zero_{motor}_rad": zero for motor, zero in enumerate(zeros_rad, 1)}
+    assert ended_after(seen(ASKEW, signs=(sign, -sign), **zeros)) is None
+
+
+def test_a_motor_that_may_have_stayed_within_its_slack_does_not_end_the_tour() -> None:
+    still = changed(without_motor_2).chosen(list(range(len(safe_poses_rad(DESCRIPTION)))))
+    assert ended_after(replace(still, q_rad=still.q_rad * (1.0, 0.4))) is None
 
 
 def test_too_few_rests_are_refused() -> None:
