@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +13,6 @@ LIBRARY = ROOT / "firmware" / "lib" / "protocol"
 NATIVE = Path(__file__).with_name("native")
 VECTORS = ROOT / "protocol" / "vectors.json"
 
-APT_LINE = "apt-get install -y g++ doctest-dev"
 STRICT = ["-std=c++14", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow", "-Wpedantic"]
 SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
@@ -27,34 +25,9 @@ def _run(*command: str | Path) -> str:
     return result.stdout
 
 
-@pytest.fixture(scope="module")
-def compiler() -> str:
-    found = shutil.which("g++")
-    if found is None:
-        pytest.fail(f"there is no g++: {APT_LINE}")
-    probe = subprocess.run(
-        [found, "-E", "-x", "c++", "-include", "doctest/doctest.h", "/dev/null"],
-        capture_output=True,
-        check=False,
-    )
-    if probe.returncode != 0:
-        pytest.fail(f"there is no doctest/doctest.h: {APT_LINE}")
-    return found
-
-
-@pytest.fixture(scope="module")
-def runner(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The part of the native tests that is the same for all boards."""
-    compiled = tmp_path_factory.mktemp("native") / "main.o"
-    _run(compiler, "-std=c++14", "-c", NATIVE / "main.cpp", "-o", compiled)
-    return compiled
-
-
 @pytest.mark.parametrize("axes", [1, 2, 4, 6, 12])
-def test_every_vector_and_property_passes(
-    compiler: str, runner: Path, axes: int, tmp_path: Path
-) -> None:
-    report = _report(compiler, runner, axes, tmp_path)
+def test_every_vector_and_property_passes(doctest_main: Path, axes: int, tmp_path: Path) -> None:
+    report = _report(doctest_main, axes, tmp_path)
     document = json.loads(VECTORS.read_text(encoding="utf-8"))
     vectors = sum(vector["axes"] == axes for vector in document["vectors"])
     source = (NATIVE / "test_protocol.cpp").read_text(encoding="utf-8")
@@ -66,22 +39,22 @@ def test_every_vector_and_property_passes(
     assert properties >= 5
 
 
-def _report(compiler: str, runner: Path, axes: int, build: Path) -> str:
+def _report(doctest_main: Path, axes: int, build: Path) -> str:
     """What the native tests print."""
     _run(sys.executable, NATIVE / "vectors_header.py", VECTORS, build / "vectors.h", str(axes))
     includes = [f"-I{folder}" for folder in (LIBRARY, NATIVE, build)]
     # Without it doctest's assertions take most of the time to compile.
     fast = ("-DDOCTEST_CONFIG_SUPER_FAST_ASSERTS", f"-DCCR_AXES={axes}")
     source, target = NATIVE / "test_protocol.cpp", build / "test_protocol.o"
-    _run(compiler, *STRICT, *SANITIZERS, *fast, *includes, "-c", source, "-o", target)
+    _run("g++", *STRICT, *SANITIZERS, *fast, *includes, "-c", source, "-o", target)
     program = build / "tests"
-    _run(compiler, *SANITIZERS, runner, target, "-o", program)
+    _run("g++", *SANITIZERS, doctest_main, target, "-o", program)
     return _run(program, "--no-colors")
 
 
 @pytest.mark.parametrize("header", sorted(LIBRARY.glob("*.h")), ids=lambda header: str(header.name))
 def test_each_header_compiles_alone_without_the_standard_library(
-    compiler: str, header: Path, tmp_path: Path
+    header: Path, tmp_path: Path
 ) -> None:
     """Compile without a C++ standard library, as for the AVR."""
     source = tmp_path / "alone.cpp"
@@ -93,7 +66,7 @@ def test_each_header_compiles_alone_without_the_standard_library(
         "-fno-exceptions",
         "-fno-rtti",
     ]
-    _run(compiler, *STRICT, *freestanding, f"-I{LIBRARY}", "-fsyntax-only", source)
+    _run("g++", *STRICT, *freestanding, f"-I{LIBRARY}", "-fsyntax-only", source)
 
 
 def test_the_library_uses_no_heap_and_no_header_but_stdint() -> None:

@@ -2,7 +2,6 @@
 
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -19,25 +18,19 @@ from tests.firmware.native_core.conftest import (
     run,
 )
 
-SOURCES = sorted((TESTS / "test_core").glob("*.cpp"))
-FOR_ANY_AXES = [TESTS / "test_core" / f"{name}.cpp" for name in ("main", "test_axes")]
+SOURCES = sorted((TESTS / "test_core").glob("test_*.cpp"))
+FOR_ANY_AXES = TESTS / "test_core" / "test_axes.cpp"
 PROPERTIES = TESTS / "test_core" / "test_properties.cpp"
 SPEC = FIRMWARE.parent / "protocol" / "spec.toml"
 ONLY_ON_THE_PINS = {"TIM-2"}
 """Requirements that the core alone cannot show."""
 
 
-def test_every_case_passes_and_none_is_left_out(build: Build) -> None:
-    probe = subprocess.run(
-        ["g++", "-E", "-x", "c++", "-include", "doctest/doctest.h", "/dev/null"],
-        capture_output=True,
-        check=False,
-    )
-    if probe.returncode != 0:
-        pytest.fail("there is no doctest/doctest.h: apt-get install -y doctest-dev")
+def test_every_case_passes_and_none_is_left_out(build: Build, doctest_main: Path) -> None:
     fast = "-DDOCTEST_CONFIG_SUPER_FAST_ASSERTS"
     # Optimised cases take three times as long to compile, and run for a second either way.
-    program = build("g++", ["-O1", "-g", fast, *SANITIZERS], core_sources(), unoptimised=SOURCES)
+    flags = ["-O1", "-g1", fast, *SANITIZERS]
+    program = build("g++", flags, [doctest_main, *core_sources()], unoptimised=SOURCES)
 
     report = run(program, "--no-colors")
 
@@ -51,18 +44,22 @@ def test_every_case_passes_and_none_is_left_out(build: Build) -> None:
     assert int(assertions[1]) > 100_000
 
 
-def test_the_cases_for_any_number_of_axes_pass_with_the_most(build: Build) -> None:
-    program = build("g++", ["-O0", "-DCCR_AXES=12"], [*FOR_ANY_AXES, *core_sources()])
+def test_the_cases_for_any_number_of_axes_pass_with_the_most(
+    build: Build, doctest_main: Path
+) -> None:
+    sources = [doctest_main, FOR_ANY_AXES, *core_sources()]
+    program = build("g++", ["-O0", "-DCCR_AXES=12"], sources)
     assert re.search(r"test cases: +8 \| +8 passed", run(program, "--no-colors"))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("axes", [1, 4, 6, 12])
 def test_the_cases_and_properties_hold_with_sanitizers_for_any_number_of_axes(
-    build: Build, axes: int
+    build: Build, doctest_main: Path, axes: int
 ) -> None:
-    flags = ["-O1", "-g", f"-DCCR_AXES={axes}", *SANITIZERS]
-    program = build("g++", flags, core_sources(), unoptimised=[*FOR_ANY_AXES, PROPERTIES])
+    flags = ["-O1", "-g1", f"-DCCR_AXES={axes}", *SANITIZERS]
+    sources = [doctest_main, *core_sources()]
+    program = build("g++", flags, sources, unoptimised=[FOR_ANY_AXES, PROPERTIES])
     assert re.search(r"test cases: +9 \| +9 passed", run(program, "--no-colors"))
 
 
