@@ -12,7 +12,7 @@ import pexpect
 from pexpect.fdpexpect import fdspawn
 
 from tests.patience import PATIENCE_S
-from tests.system.warm_start import Program
+from tests.system.warm_start import Prepared, Program, as_usual
 
 UP, DOWN, RIGHT, LEFT = "\x1b[A", "\x1b[B", "\x1b[C", "\x1b[D"
 _ROWS_AND_COLUMNS = (40, 110)
@@ -25,12 +25,12 @@ class DrivenTerminal:
     Args:
         folder: to run in.
         words: after the program's name.
-        ignore_sighup: as under nohup.
+        prepared: see `Program`.
         environment: beside that of the tests.
     """
 
     def __init__(
-        self, folder: Path, *words: str, ignore_sighup: bool = False, **environment: str
+        self, folder: Path, *words: str, prepared: Prepared = as_usual, **environment: str
     ) -> None:
         keys, screen = os.openpty()
         termios.tcsetwinsize(screen, _ROWS_AND_COLUMNS)
@@ -39,7 +39,7 @@ class DrivenTerminal:
             folder,
             [screen],
             environment={"TERM": "xterm-256color"} | environment,
-            ignore_sighup=ignore_sighup,
+            prepared=prepared,
         )
         self._screen: Any = fdspawn(keys, timeout=PATIENCE_S, encoding="utf-8")
 

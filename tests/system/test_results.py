@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import resource
 import signal
 import subprocess
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -33,7 +35,8 @@ REMOVE = "shutil.rmtree('kept')"
 
 def with_small_files(folder: Path, kilobytes: int, *words: str) -> Ended:
     """The command where no file can grow further, as on a disk that becomes full."""
-    program = PipedProgram(words, folder, drawn=True, longest_file=1024 * kilobytes)
+    limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (1024 * kilobytes,) * 2)
+    program = PipedProgram(words, folder, drawn=True, prepared=limit)
     out, err = program.communicate(timeout=PATIENCE_S)
     return Ended(program.wait(), out, err)
 

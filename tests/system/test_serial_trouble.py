@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import pty
-import subprocess
+import termios
+import tty
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from tests.patience import PATIENCE_S
-from tests.system.conftest import COMMAND
+from tests.system.warm_start import PipedProgram, with_streams
 
-_FAILING_DRIVER = """
-import errno, termios
-def fail(*_):
+
+def with_failing_driver(terminal: str) -> None:
+    """Make every serial driver fail, at the keyboard of a terminal."""
+    with_streams(f"< {terminal}")
+    termios.tcsetattr = tty.tcsetattr = _fail
+
+
+def _fail(*_: object) -> None:
     raise termios.error(errno.EIO, "Input/output error")
-termios.tcsetattr = fail
-"""
-"""Replaces a preloaded library: every program with this PYTHONPATH gets such a driver."""
 
 
 @pytest.fixture
@@ -52,33 +57,21 @@ def terminal() -> Iterator[str]:
 def test_a_failing_driver_is_one_line(
     tmp_path: Path, terminal: str, words: list[str], status: int
 ) -> None:
-    (tmp_path / "sitecustomize.py").write_text(_FAILING_DRIVER)
-    with Path(terminal).open() as keys:
-        ended = subprocess.run(
-            [COMMAND, *(word.format(port=terminal) for word in words)],
-            cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": str(tmp_path)},
-            stdin=keys,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE_S,
-            check=False,
-        )
-    assert ended.returncode == status, ended.stderr
-    assert "Traceback" not in ended.stderr
+    program = PipedProgram(
+        [word.format(port=terminal) for word in words],
+        tmp_path,
+        prepared=partial(with_failing_driver, terminal),
+    )
+    _, err = program.communicate(PATIENCE_S)
+    assert program.wait() == status, err
+    assert "Traceback" not in err
 
 
 @pytest.mark.parametrize("words", [["jog"], ["calibrate", "--by-eye", "--out", "robot.toml"]])
 def test_keys_from_a_closed_standard_input_are_refused(tmp_path: Path, words: list[str]) -> None:
-    ended = subprocess.run(
-        ["/bin/sh", "-c", f'exec "$0" {" ".join(words)} <&-', COMMAND],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
-    assert ended.returncode == 2, ended.stderr
-    assert ended.stderr.strip().endswith(
+    program = PipedProgram(words, tmp_path, prepared=partial(with_streams, "<&-"))
+    _, err = program.communicate(PATIENCE_S)
+    assert program.wait() == 2, err
+    assert err.strip().endswith(
         "ccr-host: error: standard input is not a terminal; start it from a terminal"
     )

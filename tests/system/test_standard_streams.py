@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,6 +16,7 @@ import pytest
 from tests.patience import PATIENCE_S
 from tests.system.conftest import AT_ONCE, COMMAND, IN_REAL_TIME, PAPERS, CcrHost, events
 from tests.system.driven_terminal import DrivenTerminal
+from tests.system.warm_start import PipedProgram, with_streams
 
 pytestmark = pytest.mark.usefixtures("short_path")
 
@@ -20,7 +24,14 @@ TRACK = ("track", "short.csv", *PAPERS, *AT_ONCE, "--no-open", "--out", "kept")
 RESULTS = ("run.json", "timing.json", "figure.png", "log_0000.mcap")
 A_STEP = r"\d+/\d"
 """Progress that a busy machine may show seldom."""
-GONE = ("> /dev/full", "2> /dev/full", ">&-", "2>&-", "<&-", "<&- >&- 2>&-", "2>&1 | head -0")
+GONE = ("> /dev/full", "2> /dev/full", ">&-", "2>&-", "<&-", "<&- >&- 2>&-")
+
+
+def warm(folder: Path, *words: str, streams: str) -> tuple[int, str, str]:
+    """Status and output with streams as the shell below makes them."""
+    program = PipedProgram(words, folder, prepared=partial(with_streams, streams))
+    out, err = program.communicate(PATIENCE_S)
+    return program.wait(), out, err
 
 
 def in_shell(folder: Path, *words: str, streams: str, **environment: str) -> tuple[int, str, str]:
@@ -42,11 +53,14 @@ def assert_results(folder: Path) -> None:
     assert {file.name for file in folder.iterdir()} >= set(RESULTS)
 
 
-@pytest.mark.parametrize("streams", GONE)
+@pytest.mark.parametrize(
+    ("start", "streams"),
+    [*((warm, streams) for streams in GONE), (in_shell, GONE[-1]), (in_shell, "2>&1 | head -0")],
+)
 def test_a_run_whose_output_goes_nowhere_keeps_its_results_and_status_0(
-    tmp_path: Path, streams: str
+    tmp_path: Path, start: Callable[..., tuple[int, str, str]], streams: str
 ) -> None:
-    status, _, err = in_shell(tmp_path, *TRACK, streams=streams)
+    status, _, err = start(tmp_path, *TRACK, streams=streams)
     assert status == 0, err
     assert "Traceback" not in err
     assert_results(tmp_path / "kept")
@@ -64,7 +78,7 @@ def test_a_run_whose_output_goes_nowhere_keeps_its_results_and_status_0(
 def test_other_commands_end_as_they_would_have_ended(
     tmp_path: Path, words: tuple[str, ...], streams: str
 ) -> None:
-    status, _, err = in_shell(tmp_path, *words, streams=streams)
+    status, _, err = warm(tmp_path, *words, streams=streams)
     assert status == 0, err
     assert "Traceback" not in err
 
@@ -76,19 +90,25 @@ def test_a_full_disk_behind_standard_output_is_reported_once(tmp_path: Path) -> 
 
 def test_an_unreadable_error_message_keeps_its_status(tmp_path: Path) -> None:
     for streams in ("2>&-", "2> /dev/full", "> /dev/full"):
-        assert in_shell(tmp_path, "track", "spiral", streams=streams)[0] == 2
+        assert warm(tmp_path, "track", "spiral", streams=streams)[0] == 2
 
 
-def test_a_reader_that_closes_the_pipe_is_not_an_error(tmp_path: Path) -> None:
-    status, out, err = in_shell(tmp_path, *TRACK, streams="| head -1")
-    assert (status, err) == (0, "")
-    assert out.startswith("short with mpc")
+def first_line(ccr_host: CcrHost, *words: str) -> str:
+    """The line after which its reader closes the pipe, which is no error."""
+    program = ccr_host.start(*words)
+    line = program.stdout.readline()
+    program.stdout.close()
+    assert program.wait(PATIENCE_S) == 0
+    assert program.stderr.read() == ""
+    return line
 
 
-def test_a_monitor_ends_with_its_reader(tmp_path: Path) -> None:
-    status, out, err = in_shell(tmp_path, "monitor", "--json", streams="| head -1")
-    assert (status, err) == (0, "")
-    assert json.loads(out)["tracker"] == "twin:"
+def test_a_reader_that_closes_the_pipe_is_not_an_error(ccr_host: CcrHost) -> None:
+    assert first_line(ccr_host, *TRACK).startswith("short with mpc")
+
+
+def test_a_monitor_ends_with_its_reader(ccr_host: CcrHost) -> None:
+    assert json.loads(first_line(ccr_host, "monitor", "--json"))["tracker"] == "twin:"
 
 
 def test_what_the_locale_cannot_show_is_escaped(tmp_path: Path) -> None:
@@ -151,7 +171,8 @@ def test_a_run_that_ignores_hangups_outlives_its_terminal(tmp_path: Path) -> Non
         "--out",
         "kept",
     )
-    terminal = DrivenTerminal(tmp_path, *words, ignore_sighup=True)
+    ignore_hangups = partial(signal.signal, signal.SIGHUP, signal.SIG_IGN)  # as under nohup
+    terminal = DrivenTerminal(tmp_path, *words, prepared=ignore_hangups)
     terminal.wait_for(A_STEP)
     assert close_window(terminal) == 0
     assert_results(tmp_path / "kept")

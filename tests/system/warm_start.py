@@ -13,11 +13,11 @@ from __future__ import annotations
 import atexit
 import multiprocessing
 import os
-import resource
+import re
 import signal
 import sys
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from io import StringIO
@@ -58,6 +58,34 @@ _SERVER.set_forkserver_preload(
     ]
 )
 
+Prepared = Callable[[], object]
+
+
+def as_usual() -> None:
+    """Nothing differs."""
+
+
+def with_streams(streams: str) -> None:
+    """Redirect this process's standard streams as a shell does.
+
+    Args:
+        streams: any of ``> FILE``, ``2> FILE``, ``< FILE``, ``>&-``, ``2>&-`` and ``<&-``.
+    """
+    for number, sign, file in re.findall(r"(2?)([<>])(&-| \S+)", streams):
+        descriptor = 0 if sign == "<" else int(number or 1)
+        if file == "&-":
+            os.close(descriptor)
+            setattr(sys, _STREAMS[descriptor], None)  # as the interpreter does at its start
+        else:
+            opened = os.open(file.strip(), os.O_RDONLY if sign == "<" else os.O_WRONLY)
+            os.dup2(opened, descriptor)
+            os.close(opened)
+            if descriptor == 0:
+                sys.stdin = os.fdopen(0, closefd=False)
+
+
+_STREAMS = ("stdin", "stdout", "stderr")
+
 
 class Program:
     """`ccr-host` at work, with the part of `subprocess.Popen` that tests use.
@@ -68,9 +96,8 @@ class Program:
         output: descriptors of standard output and standard error, or of the terminal that all its
             streams are; closed here.
         environment: beside that of the tests.
-        ignore_sighup: as under nohup.
         drawn: whether its figures are drawn.
-        longest_file: in bytes, longer than which no file can become, as on a disk that is full.
+        prepared: called in its process before it starts, as what shell and computer differ in.
     """
 
     def __init__(
@@ -80,9 +107,8 @@ class Program:
         output: Sequence[int],
         *,
         environment: Mapping[str, str] | None = None,
-        ignore_sighup: bool = False,
         drawn: bool = False,
-        longest_file: int | None = None,
+        prepared: Prepared = as_usual,
     ) -> None:
         self.args = ["ccr-host", *words]
         begun, begins = os.pipe()
@@ -91,9 +117,8 @@ class Program:
             args=(words, str(folder), [_Passed(one) for one in output], _Passed(begins)),
             kwargs={
                 "environment": os.environ | (environment or {}),
-                "ignore_sighup": ignore_sighup,
                 "drawn": drawn,
-                "longest_file": longest_file,
+                "prepared": prepared,
             },
         )
         self._process.start()
@@ -138,12 +163,12 @@ class PipedProgram(Program):
         folder: Path,
         *,
         drawn: bool = False,
-        longest_file: int | None = None,
+        prepared: Prepared = as_usual,
     ) -> None:
         pipes = [os.pipe(), os.pipe()]
         self.stdout, self.stderr = (os.fdopen(reader, encoding="utf-8") for reader, _ in pipes)
         writers = [writer for _, writer in pipes]
-        super().__init__(words, folder, writers, drawn=drawn, longest_file=longest_file)
+        super().__init__(words, folder, writers, drawn=drawn, prepared=prepared)
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str]:
         """The rest of both, once it has ended.
@@ -219,9 +244,8 @@ def _program(
     begins: int,
     *,
     environment: Mapping[str, str],
-    ignore_sighup: bool,
     drawn: bool,
-    longest_file: int | None,
+    prepared: Prepared,
 ) -> None:
     os.close(begins)
     if len(output) == 1:
@@ -231,16 +255,13 @@ def _program(
         for descriptor, stream in enumerate(output, start=1):
             os.dup2(stream, descriptor)
             os.close(stream)
-    if ignore_sighup:
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)
     sys.argv = ["ccr-host", *words]
     if not drawn:
         FigureCanvasAgg.print_png = FigureCanvasPdf.print_pdf = FigureCanvasSVG.print_svg = _empty
-    if longest_file is not None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (longest_file, longest_file))
+    prepared()
     try:
         main()
     finally:
