@@ -64,35 +64,28 @@ QUICK_FIT = ("--set", "control.solver=compiled")
 @pytest.mark.parametrize(
     ("tracker", "rotation_deg"),
     [
-        ("twin:", "[0, 127.28, 127.28]"),
-        pytest.param("twin:", "17", marks=pytest.mark.slow),
+        ("ndi-emulator:", "[0, 127.28, 127.28]"),
         pytest.param("ndi-emulator:", "[50, -60, 45]", marks=pytest.mark.slow),
-        pytest.param("ndi-emulator:", "[0, 127.28, 127.28]", marks=pytest.mark.slow),
         pytest.param("ndi-emulator:", "17", marks=pytest.mark.slow),
+        pytest.param("twin:", "[0, 127.28, 127.28]", marks=pytest.mark.slow),
+        pytest.param("twin:", "17", marks=pytest.mark.slow),
     ],
 )
-def test_after_registration_a_turned_camera_is_as_good_as_an_aligned_one(
+def test_registered_in_the_users_own_file_a_turned_camera_is_as_good_as_an_aligned_one(
     ccr_host: CcrHost, aligned: Aligned, tracker: str, rotation_deg: str
 ) -> None:
-    turned = ("--set", f"tracker.rotation_deg={rotation_deg}")
-    registered = ccr_host(
-        "register", "--tracker", tracker, "--out", "robot.toml", "--json", *turned, *QUICK_FIT
-    )
+    own = Path(ccr_host.folder / "mine.toml")
+    own.write_text('name = "mine"  # keep this\n')
+    turned = ("--robot", "mine.toml", "--set", f"tracker.rotation_deg={rotation_deg}")
+    registered = ccr_host("register", "--tracker", tracker, "--json", *turned, *QUICK_FIT)
     assert registered.status == 0, registered.err
-    assert json.loads(registered.out)["kept_in"] == "robot.toml"
-    corrected = tracked(ccr_host, "8shape", tracker, "--robot", "robot.toml", *turned)
+    assert json.loads(registered.out)["kept_in"] == "mine.toml"
+    assert own.read_text().startswith('name = "mine"  # keep this\n')
+    assert "[registration]" in own.read_text()
+    corrected = tracked(ccr_host, "8shape", tracker, *turned)
     as_described = aligned("8shape", tracker, "mpc")
     for error in ("mean_error_mm", "true_mean_error_mm"):
         assert corrected[error] == pytest.approx(as_described[error], rel=0.05)
-
-
-def test_register_keeps_what_it_found_in_the_users_own_description(ccr_host: CcrHost) -> None:
-    own = Path(ccr_host.folder / "mine.toml")
-    own.write_text('name = "mine"  # keep this\n')
-    words = ("register", "--robot", "mine.toml", "--tracker", "ndi-emulator:")
-    assert ccr_host(*words, *QUICK_FIT).status == 0
-    assert own.read_text().startswith('name = "mine"  # keep this\n')
-    assert "[registration]" in own.read_text()
 
 
 def test_register_refuses_a_robot_that_does_not_move_and_writes_nothing(ccr_host: CcrHost) -> None:
