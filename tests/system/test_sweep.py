@@ -39,11 +39,15 @@ def _wait_for_a_part(sweep: PipedProgram, folder: Path) -> None:
         time.sleep(0.05)
 
 
-def test_each_row_of_a_sweep_can_be_repeated_alone(
-    ccr_host: CcrHost, short_sweep: tuple[str, ...], short_path: str
+def test_a_killed_sweep_continues_and_each_of_its_rows_can_be_repeated_alone(
+    ccr_host: CcrHost, short_sweep: tuple[str, ...]
 ) -> None:
-    words = (*short_sweep, "--runs", "2", "--workers", "1", "--out", "kept", "--json")
-    ended = ccr_host(*words, drawn=True)
+    words = (*short_sweep, "--runs", "2", "--workers", "1", "--out", "kept")
+    killed = ccr_host.start(*words)
+    _wait_for_a_part(killed, ccr_host.folder / "kept")
+    killed.kill()
+    killed.communicate()
+    ended = ccr_host(*words, "--json", drawn=True)
     assert ended.status == 0, ended.err
     (group,) = ended.summary["groups"]
     rows = _rows(ccr_host.folder / "kept")
@@ -54,32 +58,17 @@ def test_each_row_of_a_sweep_can_be_repeated_alone(
     assert "worst twins of mpc at 2 Hz" in ended.err
     assert (ccr_host.folder / "kept" / "figure.png").read_bytes().startswith(b"\x89PNG")
 
+    alone = ccr_host(*short_sweep, "--only", "0", "--only", "1", "--json")
+    (repeated,) = alone.summary["groups"]
+    assert repeated["runs"] == 2
+    for figure in ("max", "median"):
+        assert repeated["ratio"][figure] == pytest.approx(group["ratio"][figure], rel=ROUNDING)
+    assert rows[1]["command"] in alone.err
+
     command = shlex.split(rows[1]["command"])
     tracked = ccr_host(*command[1:], "--no-open", "--json").summary
     for figure in ("true_mean_error_mm", "mean_error_mm", "twin_floor_mean_error_mm", "steps"):
         assert tracked[figure] == pytest.approx(rows[1][figure], rel=ROUNDING)
-    only = ccr_host(*short_sweep, "--only", "1")
-    assert rows[1]["command"] in only.out
-
-
-def test_a_killed_sweep_continues_and_ends_as_if_uninterrupted(
-    ccr_host: CcrHost, short_sweep: tuple[str, ...]
-) -> None:
-    words = (*short_sweep, "--runs", "2", "--workers", "1", "--out", "kept")
-    killed = ccr_host.start(*words)
-    _wait_for_a_part(killed, ccr_host.folder / "kept")
-    killed.kill()
-    killed.communicate()
-    assert ccr_host(*words).status == 0
-    rows = _rows(ccr_host.folder / "kept")
-    assert [row["index"] for row in rows] == [0, 1]
-
-    ratios = [row["ratio"] for row in rows]
-    alone = ccr_host(*short_sweep, "--only", "0", "--only", "1", "--json").summary
-    (group,) = alone["groups"]
-    assert group["runs"] == 2
-    assert group["ratio"]["max"] == pytest.approx(max(ratios), rel=ROUNDING)
-    assert group["ratio"]["median"] == pytest.approx(sum(ratios) / 2, rel=ROUNDING)
 
 
 def test_ctrl_c_keeps_what_is_there(ccr_host: CcrHost, short_sweep: tuple[str, ...]) -> None:
@@ -121,16 +110,17 @@ def test_the_death_of_a_worker_loses_nothing(
     ],
 )
 def test_a_word_that_makes_no_sense_gets_one_line(
-    ccr_host: CcrHost, words: list[str], named: list[str]
+    ccr_host: CcrHost, short_path: str, words: list[str], named: list[str]
 ) -> None:
-    assert_one_clear_line(ccr_host("sweep", *words), 2, *named)
+    assert_one_clear_line(ccr_host("sweep", "--path", short_path, *words), 2, *named)
 
 
 @pytest.mark.parametrize("kind", ["http", "random bytes", "echo", "hangs"])
 def test_an_address_without_a_dask_scheduler_gets_one_line_within_seconds(
-    ccr_host: CcrHost, kind: str
+    ccr_host: CcrHost, short_path: str, kind: str
 ) -> None:
     with foreign_server(kind) as port:
         address = f"tcp://127.0.0.1:{port}"
-        ended = ccr_host("sweep", "--runs", "1", "--scheduler", address, timeout_s=100)
+        words = ("--path", short_path, "--runs", "1", "--scheduler", address)
+        ended = ccr_host("sweep", *words, timeout_s=100)
     assert_one_clear_line(ended, 2, address, "no dask scheduler")

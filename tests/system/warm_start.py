@@ -42,6 +42,7 @@ _SERVER.set_forkserver_preload(
         "ccr_host.commands.terminal",
         "ccr_host.run.igtl_server",
         "ccr_host.view.feed",
+        "distributed",
         "fontTools.subset",
         "fontTools.ttLib.tables.otConverters",
         "fontTools.ttLib.tables.otTables",
