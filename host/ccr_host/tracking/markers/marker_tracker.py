@@ -122,8 +122,9 @@ class MarkerTracker:
 
     def _new_belief(self) -> Array | None:
         """The present belief if it is not the last one that was noted."""
-        believed_rad = self._believed_rad()
-        return None if np.array_equal(believed_rad, self._beliefs.at(math.inf)) else believed_rad
+        believed_rad, noted_rad = self._believed_rad(), self._beliefs.at(math.inf)
+        is_noted = believed_rad is noted_rad or np.array_equal(believed_rad, noted_rad)
+        return None if is_noted else believed_rad
 
     def _new_frame(self) -> MarkerFrame | None:
         """The camera's newest frame if it is not yet processed."""

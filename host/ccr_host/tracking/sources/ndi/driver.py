@@ -158,6 +158,7 @@ class NdiTracker(StartsAndStops):
         self._open_port = open_port
         self._settings = settings or NdiSettings()
         self._port: Port | None = None
+        self._arrivals: ForeseesArrivals | None = None
         self._conversation: Conversation | None = None
         self._log = SessionLog()
         self._frames = _FrameMaker(self._settings)
@@ -196,18 +197,23 @@ class NdiTracker(StartsAndStops):
         Raises:
             TrackerError: the port cannot be opened.
         """
-        self._port = self._open_port()
+        self._open()
         self._running = True
+
+    def _open(self) -> Port:
+        port = self._port = self._open_port()
+        # Found out here: a look takes longer than all else in a turn.
+        self._arrivals = port if isinstance(port, ForeseesArrivals) else None
+        return port
 
     def advance_to(self, time_us: int) -> None:
         """Process what has arrived, continue the session, restart it if it has failed."""
         if not self._running or time_us < self._retry_us:
             return
         try:
-            if self._port is None:
-                self._port = self._open_port()
+            port = self._open() if self._port is None else self._port
             if self._conversation is None:
-                self._conversation = self._begin_session(self._port)
+                self._conversation = self._begin_session(port)
             self._conversation.advance_to(time_us)
         except TrackerError as error:
             is_hopeless = self._port is not None and not self._port.has_baud
@@ -224,9 +230,9 @@ class NdiTracker(StartsAndStops):
             return NEVER_US
         if self._port is None or self._conversation is None:
             return self._retry_us
-        if not isinstance(self._port, ForeseesArrivals):
+        if self._arrivals is None:
             return 0
-        return min(self._conversation.next_turn_us, self._port.next_arrival_us)
+        return min(self._conversation.next_turn_us, self._arrivals.next_arrival_us)
 
     def newest_frame(self) -> MarkerFrame | None:
         """Newest frame, whatever its age; None before the first."""
