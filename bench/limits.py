@@ -29,6 +29,7 @@ from ccr_host.run.observer import RunObserver, StepRecord, true_errors_mm
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
 from ccr_host.run.twin_floor import default_cache, rests_along, twin_floor_mm
+from ccr_host.tracking.markers.check import MarkerCheck
 
 Array = NDArray[np.float64]
 
@@ -90,8 +91,9 @@ def feedforward_mm(options: RunOptions) -> list[float]:
         observer = RunObserver()
         with open_rig(options, description, observer) as rig:
             records = follow_path(
-                rig, controller, reference, description, observer, lambda *_: None
-            )
+                rig, controller, reference, description, observer, lambda *_: None,
+                markers=MarkerCheck(description),
+            )  # fmt: skip
         errors_mm.append(lap_errors_mm(records, reference))
     return min(errors_mm)
 

@@ -27,6 +27,7 @@ from ccr_host.run.loop import follow_path
 from ccr_host.run.observer import Observers, StepRecord
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
+from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.sources import twin
 
 _COMMAND = Command(np.zeros(2), np.zeros((0, 3)), Outcome.SOLVED)
@@ -83,7 +84,10 @@ def count(rate_hz: float) -> CallCounter:
     description, reference = options.description(), reference_of(options)
     counter = CallCounter(len(reference) - 1)
     with open_rig(options, description, Observers()) as rig:
-        follow_path(rig, Trivial(), reference, description, Observers(), counter.on_step)
+        follow_path(
+            rig, Trivial(), reference, description, Observers(), counter.on_step,
+            markers=MarkerCheck(description),
+        )  # fmt: skip
     return counter
 
 

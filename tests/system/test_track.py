@@ -13,8 +13,8 @@ SUMMARY_KEYS = {
     "true_mean_lateral_error_mm", "floor_mean_error_mm", "twin_floor_mean_error_mm",
     "surface",
     "unreachable_steps", "laps", "open", "solve_us", "missed_deadlines", "tracker_lost_steps",
-    "coasted_steps", "held_steps", "skipped_steps", "clamped_commands", "board_holds",
-    "board_relaxes", "link", "wall_s", "faults",
+    "jumped_pictures", "coasted_steps", "held_steps", "skipped_steps", "clamped_commands",
+    "board_holds", "board_relaxes", "link", "wall_s", "faults",
 }  # fmt: skip
 
 

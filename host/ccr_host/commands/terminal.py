@@ -195,6 +195,8 @@ def health_lines(summary: Mapping[str, Any]) -> Iterator[str]:
             f"commands outside the angle limits, clamped by the board: "
             f"{summary['clamped_commands']}"
         )
+    if summary["jumped_pictures"]:
+        yield f"pictures left out, as a marker jumped there and back: {summary['jumped_pictures']}"
     if summary["tracker_lost_steps"]:
         yield (
             f"steps without a fresh tracker sample: {summary['tracker_lost_steps']}; commands from "

@@ -37,6 +37,7 @@ from ccr_host.run.operator import stopping_at_once
 from ccr_host.run.rig import Rig
 from ccr_host.run.robot_check import motion_check
 from ccr_host.run.tape import Tape, TapeError, TapePiece, Token
+from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample
 
 
@@ -205,7 +206,7 @@ class _Replay:
                         Observers(),
                         self._count_step,
                         operator,
-                        checks_markers=checks != "none",
+                        markers=None if checks == "none" else MarkerCheck(description),
                         motion=motion,
                     )
         except (CcrError, KeyboardInterrupt):

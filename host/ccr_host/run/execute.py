@@ -23,6 +23,7 @@ from ccr_host.run.recording import RecordedOperator
 from ccr_host.run.rig import Rig
 from ccr_host.run.robot_check import motion_check
 from ccr_host.run.summary import RunResult
+from ccr_host.tracking.markers.check import MarkerCheck
 
 
 def reference_of(options: RunOptions) -> Reference:
@@ -69,6 +70,7 @@ def execute(
     description = options.description()
     reference = reference_of(options)
     controller = make_controller(options.controller, description)
+    markers = None if options.effective_checks == "none" else MarkerCheck(description)
     motion = motion_check(options, controller, description, reference)
     observer.begin(RunSetup(options, description, reference))
     records: list[StepRecord] = []
@@ -91,7 +93,7 @@ def execute(
                     observer,
                     keep,
                     heard,
-                    checks_markers=options.effective_checks != "none",
+                    markers=markers,
                     motion=motion,
                 )
     except (Exception, KeyboardInterrupt) as error:
@@ -107,6 +109,7 @@ def execute(
         link=rig.client.statistics if rig else None,
         failure=failure,
         wall_s=stopwatch.elapsed_us() * 1e-6,
+        jumped_pictures=0 if markers is None else markers.jumped,
     )
 
 

@@ -65,7 +65,7 @@ def follow_path(
     on_step: Progress,
     operator: Operator | None = None,
     *,
-    checks_markers: bool = True,
+    markers: MarkerCheck | None = None,
     motion: RobotCheck | None = None,
 ) -> list[StepRecord]:
     """Arm the robot, approach the first point, follow the path, disarm.
@@ -82,7 +82,6 @@ def follow_path(
         MisfitError: the robot is not the described one; it has been disarmed.
     """
     heard = operator or NoOperator()
-    markers = MarkerCheck(description) if checks_markers else None
     return _PathRun(
         rig, controller, reference, description, observer, on_step, heard, markers, motion
     ).execute()
@@ -250,6 +249,7 @@ class _PathRun:
         clock = self._rig.clock
         now_us = self._sent_us = clock.now_us()
         self._put(command, command.ramp_s)
+        self._watch.setpoints.append((now_us, command.q_rad))
         while True:
             clock.sleep_until_us(min(end_us, now_us + self._feed_us))
             now_us = clock.now_us()

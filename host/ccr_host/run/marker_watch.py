@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections import deque
 
+import numpy as np
+
 from ccr_host.core.errors import TrackerError
 from ccr_host.description.schema import Description
+from ccr_host.run.observer import Vector
 from ccr_host.run.rig import MOST_ARRIVED, Rig
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample
 
 _FIRST_SAMPLE_TIMEOUT_US = 5_000_000
 _SAMPLE_POLL_US = 10_000
+_FOLLOWS_US = 500_000
+"""Time for which the robot may still follow a command: lag and latency."""
+_SETPOINTS_KEPT = 64
 _LOOK_PERIOD_US = 100_000
 """Interval between looks that is tolerated even if the control period is shorter."""
 
@@ -37,6 +43,8 @@ class MarkerWatch:
         self._newest: Sample | None = None
         self.untaken: deque[Sample] = deque(maxlen=MOST_ARRIVED)
         """Measurements that can be the robot's, oldest first; the loop empties it."""
+        self.setpoints: deque[tuple[int, Vector]] = deque(maxlen=_SETPOINTS_KEPT)
+        """Times and setpoints of the last steps; the loop fills it."""
         self._fresh_us = -1
 
     def wait_for_markers(self) -> None:
@@ -74,13 +82,22 @@ class MarkerWatch:
             away_us, self._looked_us = now_us - self._looked_us, now_us
             if away_us > self._longest_look_away_us:
                 self._last_seen_us += away_us
+            swung_rad = self._swung_rad if self.setpoints else None
             for sample in self._rig.tracker.arrived():
-                if self._check is None or self._check.accepts(sample):
+                if self._check is None or self._check.accepts(sample, swung_rad):
                     self._newest = sample
                     self._last_seen_us = max(self._last_seen_us, sample.exposed_us)
                     self.untaken.append(sample)
         newest = self._newest
         return None if newest is None or now_us - newest.exposed_us > self._stale_us else newest
+
+    def _swung_rad(self) -> Vector:
+        """How far setpoints went to and fro in the last steps, (n,)."""
+        newest_us, _ = self.setpoints[-1]
+        recent = [q_rad for at_us, q_rad in self.setpoints if newest_us - at_us < _FOLLOWS_US]
+        changes_rad = np.diff(recent, axis=0)
+        swung_rad: Vector = np.abs(changes_rad).sum(axis=0) - np.abs(changes_rad.sum(axis=0))
+        return swung_rad
 
     def look(self, now_us: int) -> tuple[Sample | None, bool]:
         """Newest measurement or None, and whether the pose must be held.

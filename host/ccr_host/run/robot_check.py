@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.changed_robot import likely_change
 from ccr_host.run.motor_responses import MotorResponses
 from ccr_host.run.options import RunOptions
 
@@ -144,6 +146,7 @@ class RobotCheck:
         self._looked_us = 0
         self._odd_since_us: int | None = None
         self._seen: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_KEPT)
+        """Motor angles, (n,), M2 and the tip, (2, 3), of the last looks that were unexplained."""
 
     @property
     def told(self) -> str:
@@ -177,11 +180,12 @@ class RobotCheck:
         statics, pose = self._statics, self._pose
         pose = statics.first_pose(p, q_rad) if pose is None else statics.moved(p, pose, q_rad)
         self._pose = pose
-        self._seen.append((q_rad, np.stack([middle_mm, seen_mm])))
         expected_mm = statics.tip_mm(p, pose.theta_rad)
         if np.linalg.norm(seen_mm - expected_mm) < self._unexplained_mm:
             self._odd_since_us = None
+            self._seen.clear()
             return None
+        self._seen.append((q_rad, np.stack([middle_mm, seen_mm])))
         if self._odd_since_us is None:
             self._odd_since_us = time_us
         if time_us - self._odd_since_us < _FOR_US:
@@ -196,13 +200,26 @@ class RobotCheck:
         return MisfitError(found.cause, f"{found.cure}; --unchecked goes on all the same")
 
     def _cause_of(self, odd: Rests) -> MisfitError:
+        if self._odd_since_us is not None:
+            return not_as_described(*(self._change_of(odd) or _ALONG_PATH))
         if not self._description.robot.segments:
             return misfit(odd, self._description)
         if self._responses and (named := self._responses.cause_and_cure()):
             return not_as_described(*named)
         if self._fit is not None:
             return misfit_of(self._fit.result(), self._fit.scaling)
-        return not_as_described(*(_ALONG_PATH if self._odd_since_us is not None else _UNKNOWN))
+        return not_as_described(*_UNKNOWN)
+
+    def _change_of(self, odd: Rests) -> tuple[str, str] | None:
+        """Cause and cure of poses along the path, of a robot that matched before it."""
+
+        def predict(q_rad: FloatArray) -> FloatArray:
+            led = replace(odd, start_rad=q_rad[0], q_rad=q_rad)
+            predicted_mm: FloatArray = self._statics.predicted_mm(self._model, led)
+            return predicted_mm
+
+        limits = MotorLimits.of(self._description.servo)
+        return likely_change(predict, limits, odd.q_rad, odd.vectors_mm)
 
     def _judge(self, rests: Rests, fit: StaticsFit[Any] | None) -> Rests | None:
         if len(rests.count) < self._fewest_rests:

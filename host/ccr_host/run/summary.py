@@ -85,6 +85,8 @@ class RunResult:
     failure: Exception | KeyboardInterrupt | None
     """The error that ended the run early; None if it was completed."""
     wall_s: float
+    jumped_pictures: int = 0
+    """Pictures left out since a marker had jumped for that picture alone."""
     started: bool = True
     """Whether the robot was armed."""
     log_trouble: str = ""
@@ -118,6 +120,7 @@ def summarise(
         "solve_us": quantiles_us(np.array(solved_us)),
         "missed_deadlines": sum(record.late for record in records),
         "tracker_lost_steps": sum(record.measured_mm is None for record in records),
+        "jumped_pictures": result.jumped_pictures,
         "coasted_steps": _count(records, Outcome.COASTED),
         "held_steps": _count(records, Outcome.HELD),
         "skipped_steps": _count(records, Outcome.SKIPPED),

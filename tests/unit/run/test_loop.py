@@ -14,6 +14,7 @@ from ccr_host.run.observer import Observers, StepRecord
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
 from ccr_host.run.rig import Rig
+from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample
 
 STEPS = 8
@@ -80,7 +81,9 @@ def rig():
 
 
 def follow(rig: Rig, controller, path: Reference, on_step=lambda *_: None) -> list[StepRecord]:
-    return follow_path(rig, controller, path, OPTIONS.description(), SILENT, on_step)
+    description = OPTIONS.description()
+    markers = MarkerCheck(description)
+    return follow_path(rig, controller, path, description, SILENT, on_step, markers=markers)
 
 
 def test_the_command_of_a_step_is_on_the_servos_at_its_end(rig: Rig) -> None:

@@ -114,6 +114,24 @@ def test_what_no_model_explains_along_the_path_ends_the_run(path: str) -> None:
     assert witness.last.state is State.DISARMED
 
 
+def test_a_servo_that_stops_in_mid_run_is_named(path: str) -> None:
+    as_sent = TwinRobot.set_pulses_half_us
+
+    def stopping(robot: TwinRobot, pulses_half_us: tuple[int, int]) -> None:
+        as_sent(robot, (3000, pulses_half_us[1]) if begun else pulses_half_us)
+
+    begun = []
+    with (
+        patch.object(TwinRobot, "set_pulses_half_us", stopping),
+        patch.object(TwinRobot, "start_path_clock", lambda robot, time_us: begun.append(time_us)),
+    ):
+        result, witness = checked(path)
+    assert "most likely motor 1 no longer turns" in str(result.failure)
+    assert result.records
+    assert witness.last is not None
+    assert witness.last.state is State.DISARMED
+
+
 def test_who_wants_it_unchecked_gets_it(path: str) -> None:
     reversed_motor = ("twin.servo_us_per_90_deg=[-1000,1000]",)
     options = RunOptions(path=path, controller="mpc", overrides=reversed_motor, checks="markers")

@@ -10,6 +10,10 @@ whatever its tendons, its load and the camera:
   backbone leaves the base. Further segments may lead anywhere.
 - Two markers change places from one sample to the next.
 
+A marker that is far from where it was in the last picture waits for the next one to confirm it, as
+phantoms and wrong matches come and go. Many such jumps end the run, and so does an M1 that leaves
+its place for some seconds, as the camera and the robot's base stand still.
+
 The tolerance of a distance is `_LENGTH_TOLERANCE` of it (print; sweeps draw as much around a
 description), `_GLUE_MM` for each of its two markers, and `_SIGMAS` times the camera's noise.
 """
@@ -17,6 +21,8 @@ description), `_GLUE_MM` for each of its two markers, and `_SIGMAS` times the ca
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Callable
 from itertools import combinations, permutations
 
 import numpy as np
@@ -24,7 +30,7 @@ from numpy.typing import NDArray
 
 from ccr_host.core.errors import TrackerError
 from ccr_host.description.schema import Description, Robot
-from ccr_host.robot.kinematics import chain_of, freedom_of, jets
+from ccr_host.robot.kinematics import ConstantCurvature, chain_of, freedom_of, jets
 from ccr_host.tracking.tracker import Sample
 
 Array = NDArray[np.float64]
@@ -47,6 +53,14 @@ _REVERSED = 0.34
 _JUMP_RATIO = 0.3
 """Ratio of the distances to each other's last positions to those to their own, for a jump."""
 _JUMP_MM = 20.0
+_DRIFT_MM_S = 100.0
+"""Only motors that swing move a marker further than `_JUMP_MM`, and at this speed, and back."""
+_WATCHED, _MOST_JUMPS = 40, 9
+"""Pictures among which jumps to and fro are counted, and how many of them end the run."""
+_BASE_MM, _BASE_US = 8.0, 3_000_000
+"""M1 was moved if it is this far from its place, beyond the camera's noise, for so long."""
+_NEAR_MM = 0.25 * _JUMP_MM
+"""Change of every coordinate with which no marker has jumped."""
 _SAMPLES = 3
 _CONFIRMED_US = 300_000
 """This many samples over this time are not outliers."""
@@ -69,6 +83,9 @@ class MarkerCheck:
 
     def __init__(self, description: Description, *, in_robot_frame: bool = True) -> None:
         self._robot = robot = description.robot
+        model = ConstantCurvature(robot)
+        self._length_mm = sum(model.lengths_mm)
+        self._bending_per_rad = np.abs(model.bending_rad(np.eye(model.motors)).T)
         self.names = robot.markers
         """Names of the markers, M1 first."""
         self._as_named: Order = tuple(range(len(robot.markers)))
@@ -78,11 +95,24 @@ class MarkerCheck:
         """The pairs of markers."""
         self._points_away = in_robot_frame
         """Whether M3 must be where the backbone leaves the base for."""
-        tolerance_mm = 2 * _GLUE_MM + _SIGMAS * description.tracker.noise_mm
+        noise_mm = _SIGMAS * description.tracker.noise_mm
+        self._most_away_mm = _BASE_MM + noise_mm
+        tolerance_mm = 2 * _GLUE_MM + noise_mm
         self._low_mm, self._high_mm = self._bounds_mm(tolerance_mm)
         self._moves = False
         self._last: Array | None = None
         """(S + 1, 3): markers that fitted."""
+        self._last_us = 0
+        self._held: Array | None = None
+        """(S + 1, 3): markers that have jumped and are not confirmed."""
+        self._jumps: deque[bool] = deque(maxlen=_WATCHED)
+        """For each of the last pictures, whether markers had jumped for the one before alone."""
+        self.jumped = 0
+        """Number of pictures left out since a marker had jumped for that picture alone."""
+        self._base_mm: Array | None = None
+        """(3,): M1 when the robot began to move."""
+        self._base_left_us: int | None = None
+        """Time of exposure since which M1 is elsewhere."""
         self._misfits = 0
         self._misfit_since_us = 0
 
@@ -90,21 +120,41 @@ class MarkerCheck:
         """Note that the robot has left its rest."""
         self._moves = True
         self._points_away = False
+        if self._base_mm is None and self._last is not None:
+            self._base_mm = self._last[0]
 
-    def accepts(self, sample: Sample) -> bool:
+    def accepts(self, sample: Sample, swung_rad: Callable[[], Array] | None = None) -> bool:
         """Whether a sample can be used; call once for each sample, in order.
+
+        Args:
+            sample: the next sample.
+            swung_rad: answers how far the motors went to and fro, (n,); None if they rest.
 
         Raises:
             TrackerError: several in a row do not fit; says which markers are swapped, or what
-                else is wrong.
+                else is wrong; or markers jump to and fro, or M1 has left its place.
         """
-        trouble = self.trouble(sample.markers_mm)
+        markers_mm, last = sample.markers_mm, self._last
+        trouble = self.trouble(markers_mm)
         if trouble is None:
-            last, self._last = self._last, sample.markers_mm.copy()
+            self._misfits = 0
+            if last is not None:
+                change_mm = np.abs(markers_mm - last)
+                if self._held is None and np.fmax.reduce(change_mm, axis=None) < _NEAR_MM:
+                    self._jumps.append(False)
+                elif not self._is_confirmed(sample, last, swung_rad):
+                    return False
+            if self._base_mm is not None:
+                away_mm = math.dist(markers_mm[0], self._base_mm)
+                if away_mm <= self._most_away_mm:
+                    self._base_left_us = None
+                else:
+                    self._require_base(sample.exposed_us, away_mm)
+            self._last = markers_mm.copy()
+            self._last_us, self._held = sample.exposed_us, None
             if last is not None:
                 lost = np.isnan(self._last)
                 self._last[lost] = last[lost]
-            self._misfits = 0
             return True
         if self._misfits == 0:
             self._misfit_since_us = sample.exposed_us
@@ -143,6 +193,48 @@ class MarkerCheck:
             f"{side} is on the other side of the base than at rest ({told})",
             f"{_RENAME}; or find out how the camera stands: ccr-host register",
         )
+
+    def _is_confirmed(
+        self, sample: Sample, last: Array, swung_rad: Callable[[], Array] | None
+    ) -> bool:
+        """Whether the markers are near those of the last picture, or have jumped there before.
+
+        Motors may have led a marker as far as if all that they bend were bent at the base.
+
+        Raises:
+            TrackerError: they jump to and fro too often.
+        """
+        moved_mm = _moved_mm(sample.markers_mm, last)
+        passed_s = (sample.exposed_us - self._last_us) * 1e-6
+        limit_mm = _JUMP_MM + _DRIFT_MM_S * passed_s
+        if swung_rad is not None:
+            limit_mm += self._length_mm * float((self._bending_per_rad @ swung_rad()).sum())
+        jumps, held = moved_mm > limit_mm, self._held
+        if jumps and held is not None and _moved_mm(sample.markers_mm, held) < moved_mm:
+            return True
+        self._held = sample.markers_mm if jumps else None
+        self._jumps.append(held is not None)
+        self.jumped += held is not None
+        if sum(self._jumps) >= _MOST_JUMPS:
+            raise TrackerError(
+                f"the markers jump to and fro: {sum(self._jumps)} of the last "
+                f"{len(self._jumps)} pictures showed one more than {limit_mm:.0f} mm from where "
+                "it was before and after",
+                "shade reflections, remove other markers; check the tools' definitions and the "
+                "connection of the camera",
+            )
+        return not jumps
+
+    def _require_base(self, exposed_us: int, away_mm: float) -> None:
+        """Raise a TrackerError if M1 has been away from its place for some seconds."""
+        if self._base_left_us is None:
+            self._base_left_us = exposed_us
+        elif exposed_us - self._base_left_us >= _BASE_US:
+            raise TrackerError(
+                f"{self.names[0]} is {away_mm:.0f} mm from where it was: the camera, the robot's "
+                "base or that marker has been moved",
+                "fix all three, then find out how the camera stands: ccr-host register",
+            )
 
     def _exchange(self, markers_mm: Array) -> Order | None:
         """Find the swap of names that fits the robot, and its lengths clearly better."""
@@ -250,6 +342,12 @@ def _extremes_mm(robot: Robot, first: int, end: int) -> tuple[float, float]:
 def _is_reversed(markers_mm: Array) -> bool:
     there_mm = markers_mm[: _LEADING + 1][-1] - markers_mm[0]
     return bool(there_mm[1] > _REVERSED * np.linalg.norm(there_mm))
+
+
+def _moved_mm(now_mm: Array, before_mm: Array) -> float:
+    """Greatest motion of a marker relative to M1; both (S + 1, 3), NaN if lost."""
+    change_mm = now_mm - before_mm
+    return float(np.nanmax(_lengths_mm(change_mm - change_mm[0])))
 
 
 def _lengths_mm(vectors_mm: Array) -> Array:

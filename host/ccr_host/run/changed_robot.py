@@ -1,0 +1,174 @@
+"""Finds what has most likely changed in a robot that moved as described before.
+
+Its static model is known by then. Each hypothesis leads the model otherwise (a motor that stands
+still, slips or turns the other way, a tendon that no longer pulls), or changes what the camera sees
+(turned, another scale, a marker that has shifted, a picture that is repeated), and has few
+unknowns. The one that leaves the least unexplained is named.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from ccr_host.robot.workspace import MotorLimits
+
+Array = NDArray[np.float64]
+Predict = Callable[[Array], Array]
+"""M2 and the tip relative to M1, mm, (N, 2, 3), at motor angles, (N, n)."""
+
+_MODEL_MM = 2.0
+"""What the model leaves unexplained anyway; differences below it tell nothing."""
+_PRICE = 4.0
+"""Of an unknown, in units of minus twice the log likelihood."""
+_EXPLAINED, _BETTER = 0.3, 0.6
+"""Shares of the deviation, RMS, that the likely cause, or a possible one, may leave."""
+_MOVED_RAD = math.radians(5.0)
+"""Travel of a motor without which it is not known whether markers that rest should move."""
+_SERVO = (
+    "check its servo and the supply, its horn and its tendons, and that nothing holds the robot"
+)
+_CAMERA = "fix it again and find out how it stands: ccr-host register"
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """A hypothesis at the best value of its unknowns."""
+
+    cause: str
+    cure: str
+    left_mm: Array
+    """What it leaves unexplained, (N, 2, 3)."""
+    unknowns: int
+
+    def cost(self) -> float:
+        left = self.left_mm[np.isfinite(self.left_mm)]
+        return len(left) * math.log(_MODEL_MM**2 + float(np.mean(left**2))) + _PRICE * self.unknowns
+
+
+def likely_change(
+    predict: Predict, limits: MotorLimits, q_rad: Array, seen_mm: Array
+) -> tuple[str, str] | None:
+    """Cause and cure of poses that the model does not explain, or None if nothing usual does.
+
+    Args:
+        predict: the model of the robot as it was before.
+        limits: of the motors.
+        q_rad: commanded motor angles, (N, n).
+        seen_mm: M2 and the tip relative to M1, (N, 2, 3); NaN where M2 was not seen.
+    """
+    expected_mm = predict(q_rad)
+    found = [*_of_camera(expected_mm, seen_mm), *_of_motors(predict, limits, q_rad, seen_mm)]
+    if np.ptp(q_rad, axis=0).max() > _MOVED_RAD:
+        found.append(_standing(seen_mm))
+    best = min(found, key=_Explained.cost)
+    share = _rms(best.left_mm) / _rms(seen_mm - expected_mm)
+    if share > _BETTER:
+        return None
+    likely = "most likely" if share < _EXPLAINED else "no usual cause explains it; perhaps"
+    return f"{likely} {best.cause}", best.cure
+
+
+def _of_motors(
+    predict: Predict, limits: MotorLimits, q_rad: Array, seen_mm: Array
+) -> Iterator[_Explained]:
+    for motor, (lower_rad, upper_rad) in enumerate(
+        zip(limits.lower_rad, limits.upper_rad, strict=True)
+    ):
+        span_rad = upper_rad - lower_rad
+        own_rad = q_rad[:, motor]
+
+        def acting(changed_rad: Array, motor: int = motor) -> Array:
+            led_rad = q_rad.copy()
+            led_rad[:, motor] = changed_rad
+            return seen_mm - predict(led_rad)
+
+        def stands(at_rad: float, own_rad: Array = own_rad) -> Array:
+            return np.full_like(own_rad, at_rad)
+
+        def off(by_rad: float, own_rad: Array = own_rad) -> Array:
+            return own_rad + by_rad
+
+        def at_most(limit_rad: float, own_rad: Array = own_rad) -> Array:
+            return np.minimum(own_rad, limit_rad)
+
+        def at_least(limit_rad: float, own_rad: Array = own_rad) -> Array:
+            return np.maximum(own_rad, limit_rad)
+
+        name = f"motor {motor + 1}"
+        yield _Explained(f"{name} turns the other way than before", _SERVO, acting(-own_rad), 0)
+        for change, least_rad, most_rad, cause in (
+            (stands, lower_rad, upper_rad, "no longer turns, or turns in vain: it acts as if at"),
+            (off, -span_rad / 2.0, span_rad / 2.0, "or its horn has slipped, by"),
+            (at_most, own_rad.min(), own_rad.max(), "or its tendon no longer pulls beyond"),
+            (at_least, own_rad.min(), own_rad.max(), "or its tendon no longer pulls below"),
+        ):
+
+            def left(unknown: float, change: Callable[[float], Array] = change) -> float:
+                return _rms(acting(change(unknown)))
+
+            best = scipy.optimize.brute(
+                left, ((least_rad, most_rad),), Ns=9, finish=None, full_output=False
+            )
+            step_rad = (most_rad - least_rad) / 8.0
+            bounds = (float(best) - step_rad, float(best) + step_rad)
+            fit = scipy.optimize.minimize_scalar(
+                left, bounds=bounds, method="bounded", options={"maxiter": 12}
+            )
+            told = f"{name} {cause} {math.degrees(fit.x):.0f} deg"
+            yield _Explained(told, _SERVO, acting(change(float(fit.x))), 1)
+
+
+def _of_camera(expected_mm: Array, seen_mm: Array) -> Iterator[_Explained]:
+    known: NDArray[np.bool_] = np.isfinite(seen_mm[:, :, 0])
+    # Unlike scipy's, without a warning where all markers are on one line.
+    left, _, right = np.linalg.svd(seen_mm[known].T @ expected_mm[known])
+    handed = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
+    turn = scipy.spatial.transform.Rotation.from_matrix(left @ handed @ right)
+    yield _Explained(
+        f"the camera has been turned by {math.degrees(turn.magnitude()):.0f} deg",
+        _CAMERA,
+        seen_mm - expected_mm @ turn.as_matrix().T,
+        3,
+    )
+    scale = float((seen_mm[known] * expected_mm[known]).sum() / (expected_mm[known] ** 2).sum())
+    yield _Explained(
+        f"distances are seen {scale:.2g} times as long as before",
+        "check the camera's calibration and the unit of its lengths",
+        seen_mm - scale * expected_mm,
+        1,
+    )
+    shift_mm = seen_mm - expected_mm
+    for name, of_marker in (("M1", [0, 1]), ("M2", [0]), ("the last marker", [1])):
+        shifts_mm = shift_mm[:, of_marker][known[:, of_marker]]
+        if not len(shifts_mm):
+            continue
+        mean_mm = np.zeros_like(seen_mm)
+        mean_mm[:, of_marker] = shifts_mm.mean(axis=0)
+        by_mm = float(np.linalg.norm(mean_mm[0, of_marker[0]]))
+        yield _Explained(
+            f"{name} has shifted on the robot by {by_mm:.0f} mm, or another marker is taken for it",
+            "fix the marker, remove others; then ccr-host register",
+            shift_mm - mean_mm,
+            3,
+        )
+
+
+def _standing(seen_mm: Array) -> _Explained:
+    known = np.isfinite(seen_mm)
+    return _Explained(
+        "the tracker repeats its picture, or no servo turns any more: the markers stand still",
+        "see with ccr-host monitor whether the tracker follows a marker moved by hand; check the "
+        "supply of the servos",
+        seen_mm - np.where(known, seen_mm, 0.0).sum(axis=0) / known.sum(axis=0).clip(1),
+        6,
+    )
+
+
+def _rms(vectors_mm: Array) -> float:
+    return math.sqrt(float(np.nanmean(vectors_mm**2)))

@@ -1,0 +1,92 @@
+"""What has changed in a robot of any kind in mid-run is named."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ccr_host.description import schema
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.workspace import MotorLimits
+from ccr_host.run.changed_robot import likely_change
+
+ROBOTS = None, "two-spatial"
+LOOKS = 8
+
+
+class Case:
+    """Looks along a path at a robot that follows constant curvature, not quite."""
+
+    def __init__(self, name: str | None) -> None:
+        description = schema.load(name)
+        self.model = ConstantCurvature(description.robot)
+        self.limits = MotorLimits.of(description.servo)
+        self.rng = np.random.default_rng(1)
+        phase = np.linspace(0.0, 2.0, LOOKS)[:, None] + np.arange(self.model.motors)
+        self.q_rad = 0.5 * np.sin(phase)
+
+    def seen_mm(self, q_rad: np.ndarray) -> np.ndarray:
+        return self.predict(q_rad) + self.rng.normal(0.0, 1.0, (LOOKS, 2, 3))
+
+    def predict(self, q_rad: np.ndarray) -> np.ndarray:
+        places, _ = self.model.markers_mm(self.model.bending_rad(q_rad))
+        return places[:, [0, -1]]
+
+    def change(self, seen_mm: np.ndarray) -> str:
+        return " (".join(likely_change(self.predict, self.limits, self.q_rad, seen_mm) or ("",))
+
+
+@pytest.fixture(params=ROBOTS)
+def case(request) -> Case:
+    return Case(request.param)
+
+
+def test_what_became_of_each_motor_is_named(case) -> None:
+    for motor in range(case.model.motors):
+        for change, told in (
+            (lambda own: np.full_like(own, -0.4), "no longer"),
+            (lambda own: own - 0.6, "has slipped, by -3"),
+            (lambda own: -own, "turns the other way"),
+            (lambda own: np.minimum(own, own.min() + 0.1), "no longer"),
+        ):
+            led_rad = case.q_rad.copy()
+            led_rad[:, motor] = change(led_rad[:, motor])
+            named = case.change(case.seen_mm(led_rad))
+            assert named.startswith(f"most likely motor {motor + 1} ")
+            assert told in named
+
+
+@pytest.mark.parametrize("turn_deg", [(20, 0, 0), (0, -25, 0), (0, 0, 90), (100, 100, 0)])
+def test_a_camera_that_was_turned_is_named_with_its_angle(case, turn_deg) -> None:
+    turn = Rotation.from_rotvec(turn_deg, degrees=True)
+    named = case.change(case.seen_mm(case.q_rad) @ turn.as_matrix().T)
+    found = re.search(r"camera has been turned by (\d+) deg .*register", named)
+    assert found is not None
+    assert int(found[1]) == pytest.approx(np.degrees(turn.magnitude()), abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("moved", "told"), [([0, 1], "M1 has shifted"), ([0], "M2 has shifted"), ([1], "the last m")]
+)
+def test_a_marker_that_came_loose_is_named(case, moved, told) -> None:
+    seen_mm = case.seen_mm(case.q_rad)
+    seen_mm[:, moved] += np.array((20.0, 0.0, -15.0))
+    named = case.change(seen_mm)
+    assert told in named
+    assert "by 25 mm" in named
+
+
+def test_other_units_of_a_camera_are_named(case) -> None:
+    assert "seen 1.5 times as long" in case.change(1.5 * case.seen_mm(case.q_rad))
+
+
+def test_markers_that_stand_still_are_the_trackers_or_all_servos(case) -> None:
+    seen_mm = case.predict(case.q_rad[:1] - 0.4).repeat(LOOKS, axis=0)
+    assert "repeats its picture, or no servo turns" in case.change(seen_mm)
+    seen_mm[:, 0] = np.nan
+    assert "repeats its picture, or no servo turns" in case.change(seen_mm)
+
+
+def test_what_nothing_usual_explains_is_not_explained(case) -> None:
+    assert case.change(case.rng.normal(0.0, 60.0, (LOOKS, 2, 3))) == ""
