@@ -35,6 +35,12 @@ SAME_EXPOSURE_S = 10e-3
 """Largest difference of the stamps in a frame: many servers stamp each transform when they send it,
 a few milliseconds apart."""
 
+_MOST_AHEAD_S = 0.3
+"""Time by which a message may be faster than the fastest one so far: a step of the clock."""
+_ROTATION_TOLERANCE = 0.01
+_STATUS_KEYS = "transformstatus", "toolstatus", "status"
+_VALID_KEYS = "transformvalid", "toolvalid", "valid"
+_FINE, _TRUE = ("OK", "TOOL_OK"), ("TRUE", "1")
 _SILENCE_US = 2_000_000
 _RETRY_US = 1_000_000
 _STAMPS_REMEMBERED = 4096
@@ -187,7 +193,7 @@ class IgtlTracker(StartsAndStops):
             )
 
     def _take(self, message: Message, time_us: int) -> None:
-        device, stamp_s = str(message.device_name), float(message.timestamp)
+        device, stamp_s = str(message.device_name).strip(), float(message.timestamp)
         is_tool = message.message_type == "TRANSFORM"
         name = device.partition("To")[0] if is_tool else device
         if is_tool:
@@ -197,7 +203,7 @@ class IgtlTracker(StartsAndStops):
         if not math.isfinite(stamp_s) or stamp_s <= 0:
             self._unstamped = True
             return
-        if not self._stamps.is_new(device, stamp_s):
+        if not self._stamps.is_new(device, stamp_s, time_us):
             return
         self._heard_us = time_us
         if self._stamps.has_restarted:
@@ -219,13 +225,17 @@ class IgtlTracker(StartsAndStops):
             return
         self._statuses.pop(name, None)
         matrix = np.asarray(message.matrix, dtype=np.float64)
-        if (status := _status(message)) != "OK":
-            self._statuses[name] = f"{status}, says the server"
+        if (status := _status(message)) is not None:
+            self._statuses[name] = status
         elif matrix.shape == (4, 4) and np.isfinite(matrix).all():
-            if np.linalg.det(matrix[:3, :3]) <= 0:
+            part = matrix[:3, :3]
+            if np.abs(part @ part.T - np.eye(3)).max() > _ROTATION_TOLERANCE:
+                self._statuses[name] = "no rotation: its matrix is scaled or sheared"
+                return
+            if np.linalg.det(part) <= 0:
                 self._statuses[name] = "no rotation: its matrix is left-handed"
                 return
-            turn = scipy.spatial.transform.Rotation.from_matrix(matrix[:3, :3])
+            turn = scipy.spatial.transform.Rotation.from_matrix(part)
             self._tools[name] = Pose.of(matrix[:3, 3].copy(), turn)
 
     def _publish(self) -> None:
@@ -245,8 +255,8 @@ class IgtlTracker(StartsAndStops):
         strange = self._tool_names.difference(self._expected)
         if strange and not self._tool_names.issuperset(self._expected):
             yield (
-                f"the server sends {', '.join(sorted(self._tool_names))}; expected are "
-                f"{', '.join(self._expected)}, as in {self._expected[0]}ToTracker: "
+                f"the server sends {', '.join(sorted(self._tool_names)) or 'no names'}; "
+                f"expected are {', '.join(self._expected)}, as in {self._expected[0]}ToTracker: "
                 "rename them in the server"
             )
         if self._skipped_types and not self._frames.count and not self._tool_names:
@@ -262,6 +272,8 @@ class _Stamps:
     def __init__(self) -> None:
         self._seen: dict[tuple[str, float], None] = {}
         self._newest_s = -math.inf
+        self._least_s = math.inf
+        """Least time of arrival minus stamp."""
         self._may_restart = False
         self.has_restarted = False
         """Whether the newest message showed that the server's clock was reset."""
@@ -270,24 +282,42 @@ class _Stamps:
         """Note a new connection: the server, and so its clock, may be another one."""
         self._may_restart = True
 
-    def is_new(self, device: str, stamp_s: float) -> bool:
-        """Whether a message is new, and not older than the newest by more than a frame."""
-        key = (device, stamp_s)
+    def is_new(self, device: str, stamp_s: float, time_us: int) -> bool:
+        """Whether a message is new, and its stamp plausible.
+
+        A stamp is not older than the newest by more than a frame, nor ahead of its time: one such
+        stamp would make all following exposures seem old.
+        """
+        key, delay_s = (device, stamp_s), time_us * 1e-6 - stamp_s
         goes_back = stamp_s < self._newest_s - SAME_EXPOSURE_S
-        if key in self._seen or (goes_back and not self._may_restart):
+        is_ahead = delay_s < self._least_s - _MOST_AHEAD_S and math.isfinite(self._least_s)
+        jumps = goes_back or is_ahead
+        if key in self._seen or (jumps and not self._may_restart):
             return False
-        self.has_restarted = goes_back
+        self.has_restarted = jumps
         self._may_restart = False
-        self._newest_s = stamp_s if goes_back else max(stamp_s, self._newest_s)
+        self._least_s = delay_s if jumps else min(delay_s, self._least_s)
+        self._newest_s = stamp_s if jumps else max(stamp_s, self._newest_s)
         self._seen[key] = None
         if len(self._seen) > _STAMPS_REMEMBERED:
             del self._seen[next(iter(self._seen))]
         return True
 
 
-def _status(message: Message) -> str:
-    """Status of a transform by PLUS; OK if the server sends none."""
-    told = {key.lower(): value.strip().upper() for key, value in message.metadata.items()}
-    status = told.get("transformstatus", "OK")
-    is_valid = told.get("transformvalid", "TRUE") in ("TRUE", "1")
-    return "not valid" if status == "OK" and not is_valid else status
+def _status(message: Message) -> str | None:
+    """What a server says of a transform that is not OK; None if it is, or nothing is said.
+
+    Servers write the key of PLUS with or without the transform's name before it.
+    """
+    device = _letters(str(message.device_name))
+    for key, value in message.metadata.items():
+        what, told = _letters(key).removeprefix(device), value.strip()
+        if what in _STATUS_KEYS and told.upper() not in _FINE:
+            return f"{told or 'without a status'}, says the server"
+        if what in _VALID_KEYS and told.upper() not in _TRUE:
+            return f"not valid, says the server ({key} is {told!r})"
+    return None
+
+
+def _letters(text: str) -> str:
+    return "".join(filter(str.isalnum, text)).lower()

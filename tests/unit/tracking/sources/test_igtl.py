@@ -194,6 +194,12 @@ def test_words_that_a_server_kept_while_it_hung_are_as_old_as_they_are():
         ({"TransformValid": "False"}, False),
         ({"TransformValid": "0", "TransformStatus": "OK"}, False),
         ({"transformstatus": "Missing"}, False),
+        ({"M3ToTrackerTransformStatus": "MISSING"}, False),
+        ({"M1ToTrackerTransformStatus": "MISSING"}, True),
+        ({"Transform_Status": "OUT_OF_VOLUME"}, False),
+        ({"ToolStatus": "TOOL_OK"}, True),
+        ({"Status": ""}, False),
+        ({"M3ToTracker.Valid": "no"}, False),
     ],
 )
 def test_transform_that_the_server_says_is_not_ok_is_no_marker(metadata, is_there):
@@ -203,6 +209,24 @@ def test_transform_that_the_server_says_is_not_ok_is_no_marker(metadata, is_ther
     frame = rig.send(*messages)
     assert set(frame.tools) == ({"M1", "M2", "M3"} if is_there else {"M1", "M2"})
     assert any("M3 is" in text for text in rig.tracker.health.warnings) is not is_there
+
+
+@pytest.mark.parametrize("ahead_s", [0.5, 3600.0])
+def test_one_stamp_ahead_of_its_time_does_not_make_the_following_seem_old(ahead_s):
+    rig = Rig(latency_us=60_000)
+    for step in range(100):
+        frame = rig.send(*all_three(1e9 + 0.05 * step + (ahead_s if step == 50 else 0.0)))
+        assert rig.clock.now_us() - frame.exposed_us < 200_000
+    assert rig.tracker.health.frames == 99
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, -1.0, 1.0, 3600.0])
+def test_a_servers_clock_that_is_set_is_believed_after_some_seconds(step_s):
+    rig = Rig(latency_us=60_000)
+    for step in range(200):
+        frame = rig.send(*all_three(1e9 + 0.05 * step + (step_s if step >= 50 else 0.0)))
+    assert rig.tracker.health.reconnections == (step_s != -1.0)
+    assert rig.clock.now_us() - frame.exposed_us < 200_000
 
 
 @pytest.mark.parametrize("order", [(1, 2, 3), (3, 1, 2)])
@@ -259,12 +283,17 @@ def test_infinite_matrix_is_no_pose():
     assert rig.tracker.health.frames == 2
 
 
-def test_a_left_handed_matrix_is_no_pose_and_is_named():
+@pytest.mark.parametrize(
+    ("diagonal", "told"),
+    [((1, 1, -1), "left-handed"), ((1e3, 1e3, 1e3), "scaled or sh"), ((0, 0, 0), "scaled or sh")],
+)
+def test_a_matrix_that_is_no_rotation_is_no_pose_and_is_named(diagonal, told):
     rig = Rig()
     messages = all_three(100.0)
-    messages[0].matrix[:3, :3] = np.diag([1.0, 1.0, -1.0])
+    messages[0].matrix[:3, :3] = np.diag(diagonal)
     assert set(rig.send(*messages).tools) == {"M2", "M3"}
-    assert rig.tracker.health.warnings == ("M1 is no rotation: its matrix is left-handed",)
+    (warning,) = rig.tracker.health.warnings
+    assert f"M1 is no rotation: its matrix is {told}" in warning
 
 
 def test_rotation_of_a_tool_is_that_of_the_matrix():
