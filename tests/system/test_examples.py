@@ -2,8 +2,10 @@
 
 import json
 import re
+import runpy
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -24,6 +26,23 @@ def run(name: str, folder: Path, *words: str) -> str:
     return ended.stdout
 
 
+@pytest.fixture
+def run_here(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., str]:
+    """The same in this process, which has imported nearly all of what an example imports."""
+
+    def run_it(name: str, *words: str) -> str:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [name, *words])
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        out, err = capsys.readouterr()
+        assert err == ""
+        return out
+
+    return run_it
+
+
 def numbers(text: str) -> list[float]:
     return [float(number) for number in re.findall(r"-?\d+\.\d+", text)]
 
@@ -35,26 +54,28 @@ def test_two_motors_move_the_tip(tmp_path: Path) -> None:
     assert abs(both[1] - first[1]) > 5, "motor 2 moves it along y"
 
 
-def test_the_controller_beats_the_open_loop_and_its_run_can_be_read(tmp_path: Path) -> None:
-    mean_mm, open_mm = numbers(run("own_controller.py", tmp_path))
+def test_the_controller_beats_the_open_loop_and_its_run_can_be_read(
+    run_here: Callable[..., str], tmp_path: Path
+) -> None:
+    mean_mm, open_mm = numbers(run_here("own_controller.py"))
     assert mean_mm < open_mm / 2
     (folder,) = (tmp_path / "runs").iterdir()
-    told = run("read_run.py", tmp_path, str(folder))
+    told = run_here("read_run.py", str(folder))
     assert "8shape under python:IntegralFeedback: 80 steps" in told
     assert numbers(told)[0] == pytest.approx(mean_mm, abs=0.1)
     assert "event: following the path" in told
 
 
-def test_the_own_tracker_closes_the_loop(tmp_path: Path) -> None:
-    assert numbers(run("own_tracker.py", tmp_path))[0] < 10
+def test_the_own_tracker_closes_the_loop(run_here: Callable[..., str]) -> None:
+    assert numbers(run_here("own_tracker.py"))[0] < 10
 
 
-def test_the_plant_is_the_model(tmp_path: Path) -> None:
-    assert numbers(run("own_plant.py", tmp_path))[0] < 0.5
+def test_the_plant_is_the_model(run_here: Callable[..., str]) -> None:
+    assert numbers(run_here("own_plant.py"))[0] < 0.5
 
 
-def test_the_pid_policy_reaches_and_the_random_one_does_not(tmp_path: Path) -> None:
-    random_mm, pid_mm = numbers(run("gym_policies.py", tmp_path))
+def test_the_pid_policy_reaches_and_the_random_one_does_not(run_here: Callable[..., str]) -> None:
+    random_mm, pid_mm = numbers(run_here("gym_policies.py"))
     assert pid_mm < 10 < random_mm
 
 

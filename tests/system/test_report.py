@@ -8,14 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import AT_ONCE, PAPERS, CcrHost
+from tests.system.conftest import AT_ONCE, PAPERS, CcrHost, write_short_path
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a run."""
     folder = tmp_path_factory.mktemp("recorded") / "kept"
-    words = ("track", "8shape", *PAPERS, "--no-open", "--out", folder.name)
+    path = write_short_path(folder.parent)
+    words = ("track", path, *PAPERS, *AT_ONCE, "--no-open", "--out", folder.name)
     assert CcrHost(folder.parent)(*words).status == 0
     return folder
 
@@ -38,7 +39,7 @@ def test_a_report_holds_figures_table_and_configuration_and_refers_to_nothing_ou
 ) -> None:
     page = page_of(with_run, "kept")
     assert page.count("<svg") == 2
-    assert "8shape, mpc, 1 Hz" in page
+    assert "short, mpc, 1 Hz" in page
     assert "following the path" in page
     assert "tendon_radius_mm" in page
     references = re.findall(r'(?:src|href)="([^"]*)"', page)
@@ -46,14 +47,15 @@ def test_a_report_holds_figures_table_and_configuration_and_refers_to_nothing_ou
 
 
 def test_runs_on_one_path_are_laid_over_each_other(with_run: CcrHost, short_path: str) -> None:
-    assert (
-        with_run("track", "8shape", *PAPERS, "--seed", "2", "--no-open", "--out", "b").status == 0
-    )
-    assert with_run("track", short_path, *PAPERS, *AT_ONCE, "--no-open", "--out", "c").status == 0
+    common = (*PAPERS, *AT_ONCE, "--no-open", "--out")
+    other = with_run.folder / "other.csv"
+    other.write_text("t_s,y_mm,z_mm\n0,0,30\n3,6,33\n")
+    assert with_run("track", short_path, *common, "b", "--seed", "2").status == 0
+    assert with_run("track", str(other), *common, "c").status == 0
     page = page_of(with_run, "kept", "b", "c")
     assert page.count("<svg") == 1 + 2 * 3
-    assert page.count("8shape, mpc, 1 Hz, kept</a>") == 1, "equal titles are told apart"
-    assert page.count("short, mpc, 1 Hz</a>") == 1
+    assert page.count("short, mpc, 1 Hz, kept</a>") == 1, "equal titles are told apart"
+    assert page.count("other, mpc, 1 Hz</a>") == 1
 
 
 def test_a_report_says_why_measured_and_true_error_differ(
