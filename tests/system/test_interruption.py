@@ -15,13 +15,19 @@ from tests.system.conftest import (
 )
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    ("number", "beside"),
+    [
+        (signal.SIGINT, "--with-open"),
+        (signal.SIGTERM, "--no-open"),
+        (signal.SIGHUP, "--no-open"),
+    ],
+)
 def test_an_interrupted_run_disarms_the_robot_first_and_keeps_its_log(
-    ccr_host: CcrHost, number: signal.Signals
+    ccr_host: CcrHost, number: signal.Signals, beside: str
 ) -> None:
-    process = ccr_host.start(
-        "track", "8shape", *PAPERS, *IN_REAL_TIME, "--realtime", "--rate", "5", "--out", "kept"
-    )
+    words = ("track", "8shape", *PAPERS, *IN_REAL_TIME, "--realtime", "--rate", "5", beside)
+    process = ccr_host.start(*words, "--out", "kept")
     folder = ccr_host.folder / "kept"
     wait_until_following(folder, process)
     process.send_signal(number)

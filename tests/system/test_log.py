@@ -1,5 +1,6 @@
 """The log of a run from the user's point of view: after a kill, replayed, exported."""
 
+import shutil
 import signal
 import time
 from dataclasses import replace
@@ -14,7 +15,14 @@ from ccr_host.link.messages import Fault, SetTarget, State
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import LogMessage, RunRecording
 from tests.system.board_tap import BoardTap
-from tests.system.conftest import PAPERS, PATIENCE_S, CcrHost, logged, wait_until_following
+from tests.system.conftest import (
+    PAPERS,
+    PATIENCE_S,
+    CcrHost,
+    logged,
+    wait_until_following,
+    write_short_path,
+)
 from tests.system.test_emulate import served_uri
 from tests.unit.record.replay.rewrite import rewritten
 
@@ -58,10 +66,18 @@ def test_a_killed_host_leaves_its_log_and_a_robot_that_comes_to_rest(ccr_host: C
     assert "never closed" in replayed.out
 
 
-@pytest.fixture
-def run_folder(ccr_host: CcrHost, short_path: str) -> Path:
-    assert ccr_host("track", short_path, *PAPERS, "--no-open", "--out", "kept").status == 0
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    ccr_host = CcrHost(tmp_path_factory.mktemp("recorded"))
+    path = write_short_path(ccr_host.folder)
+    assert ccr_host("track", path, *PAPERS, "--no-open", "--out", "kept").status == 0
     return ccr_host.folder / "kept"
+
+
+@pytest.fixture
+def run_folder(ccr_host: CcrHost, recorded: Path) -> Path:
+    """Copy of a run in the folder "kept"."""
+    return Path(shutil.copytree(recorded, ccr_host.folder / "kept"))
 
 
 def test_replay_says_that_all_is_equal_or_where_it_is_not(
