@@ -123,6 +123,8 @@ DEFAULT_LATENCY_US = 40_000
 
 _RETRY_US = 1_000_000
 _RESYNCHRONISE_US = 1_000_000
+_NOTHING_NEW_US = 3_000_000
+"""Time of good replies without a new frame, after which the camera is started again."""
 _COUNTER_SLACK = 2 * COUNTER_HZ
 """Counts by which a frame number may be ahead of the elapsed time."""
 _BITS_PER_BYTE = 10
@@ -287,6 +289,8 @@ class _FrameMaker:
         self._clock = ExposureClock(self._settings.latency_us)
         self._last_number: int | None = None
         self._last_us = 0
+        self._news_us: int | None = None
+        """When the last new frame arrived, or the first reply."""
         self._odd: tuple[int, int] | None = None
         """First of the numbers that do not follow the last one, and its time of arrival."""
         self._pace = PollPace()
@@ -299,6 +303,7 @@ class _FrameMaker:
         self.system_status = reply.system_status
         number = reply.frame
         if not number or not self._is_next(number, source.arrived_us):
+            self._require_news(reply, source.arrived_us)
             return self._pace.pause_after_nothing_us(source.arrived_us)
         seen_us = source.arrived_us - self._wire_us(source.length)
         exposed_us = self._clock.see(number, seen_us)
@@ -312,12 +317,25 @@ class _FrameMaker:
             )
         )
         self._count(number)
-        self._last_us = source.arrived_us
+        self._last_us = self._news_us = source.arrived_us
         step = self._pace.frame_step
         if step is None:
             return POLL_AGAIN_US
         next_us = self._clock.available_us(number + step)
         return self._pace.pause_after_frame_us(source.arrived_us, seen_us, next_us)
+
+    def _require_news(self, reply: TxReply, now_us: int) -> None:
+        """Raise a TrackerError if the camera has answered for seconds without a new frame."""
+        if self._news_us is None:
+            self._news_us = now_us
+        if now_us - self._news_us > _NOTHING_NEW_US:
+            has_number = reply.frame is not None
+            why = "their numbers do not count up" if has_number else "it has forgotten its tools"
+            raise TrackerError(
+                f"the camera answers, but shows no new frames for {_NOTHING_NEW_US / 1e6:g} s: "
+                f"{why}",
+                "it is started again; if that happens often, power it off and on",
+            )
 
     def _is_next(self, number: int, now_us: int) -> bool:
         """Whether a number is that of a new frame.

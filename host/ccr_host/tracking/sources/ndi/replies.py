@@ -60,6 +60,7 @@ def decode_reply(line: bytes) -> str:
         DamagedReplyError: too short, not text, or its CRC does not fit.
         CommandRefusedError: a correct reply that says `ERRORnn`.
     """
+    line = line.lstrip(b"\n")
     data, crc = line[:-_CRC_DIGITS], line[-_CRC_DIGITS:]
     if not data or not _CRC_FORM.fullmatch(crc):
         raise DamagedReplyError("no check sum", line)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
@@ -58,6 +59,11 @@ _FRESH_FRAMES = "80"
 """Argument of TSTART: count frames from 0."""
 _WARNING_RESERVED_BITS = "WARNING05"
 """PINIT found reserved bits set in the .rom; the tool works."""
+
+_HANDLE = re.compile("[0-9A-F]{2}")
+_HANDLES = re.compile("[0-9A-F]{2}([0-9A-F]{5})*")
+"""Their number, then handle and status of each."""
+_SHOWN_CHARACTERS = 24
 
 Talk = Generator[Step, Reply | None, Reply]
 ReplySink = Callable[[TxReply, Reply], int]
@@ -199,16 +205,18 @@ def _hasten(log: SessionLog) -> Generator[Step, Reply | None, None]:
 
 def _free_all_handles() -> Generator[Step, Reply | None, None]:
     """Free all port handles, including those of an earlier program, which would fill the table."""
-    reply = yield from _talk("PHSR", "00")
-    for at in range(2, len(reply.text), 5):
-        yield from _order("PHF", reply.text[at : at + 2])
+    handles = (yield from _talk("PHSR", "00")).text
+    if not _HANDLES.fullmatch(handles):
+        raise _odd_answer(handles, "PHSR")
+    for at in range(2, len(handles), 5):
+        yield from _order("PHF", handles[at : at + 2])
 
 
 def _load(tool: Tool) -> Generator[Step, Reply | None, int]:
     """Upload, initialise and enable a passive tool; return its port handle."""
     handle = (yield from _talk("PHRQ", "*********1****")).text
-    if len(handle) != 2:  # noqa: PLR2004 - two hexadecimal digits
-        raise DamagedReplyError("port handle")
+    if not _HANDLE.fullmatch(handle):
+        raise _odd_answer(handle, "PHRQ")
     for address, block in rom_blocks(tool.rom):
         yield from _order("PVWR", f"{handle}{address:04X}{block.hex().upper()}")
     outcome = yield from _talk("PINIT", handle)
@@ -227,9 +235,11 @@ def _poll_for_ever(log: SessionLog, on_reply: ReplySink) -> Script:
     silent = damaged = 0
     while True:
         yield Say(command)
+        text = ""
         try:
             reply = yield from _hear(timeout_us)
-            parsed = parse_tx(reply.text)
+            text = reply.text
+            parsed = parse_tx(text)
         except NoReplyError:
             silent += 1
             if silent == _ATTEMPTS:
@@ -239,6 +249,8 @@ def _poll_for_ever(log: SessionLog, on_reply: ReplySink) -> Script:
             damaged += 1
             log.damaged_replies += 1
             if damaged == _DAMAGED_IN_A_ROW:
+                if text:
+                    raise _odd_answer(text, "TX") from None
                 raise
         else:
             silent = damaged = 0
@@ -251,20 +263,30 @@ def _talk(name: str, arguments: str = "") -> Talk:
     for _ in range(_ATTEMPTS - 1):
         yield Say(command)
         try:
-            return (yield from _hear(_TIMEOUT_US))
+            return _unless_reset((yield from _hear(_TIMEOUT_US)))
         except (DamagedReplyError, NoReplyError, CommandRefusedError) as error:
             _pass_on_unless_noise(error)
     yield Say(command)
-    return (yield from _hear(_TIMEOUT_US))
+    return _unless_reset((yield from _hear(_TIMEOUT_US)))
+
+
+def _unless_reset(reply: Reply) -> Reply:
+    """A reply, unless it says that the camera was reset meanwhile."""
+    if reply.text == _RESET:
+        raise CommandRefusedError(NOT_INITIALISED)
+    return reply
+
+
+def _odd_answer(text: str, command: str) -> TrackerError:
+    shown = text[:_SHOWN_CHARACTERS]
+    return TrackerError(f"the camera answered {shown!r} to {command}", "power it off and on")
 
 
 def _order(name: str, arguments: str = "") -> Generator[Step, Reply | None, None]:
     """Make a request whose reply must be OKAY."""
     answer = (yield from _talk(name, arguments)).text
-    if answer == _RESET:
-        raise CommandRefusedError(NOT_INITIALISED)
     if answer != _DONE:
-        raise TrackerError(f"the camera answered {answer!r} to {name}", "power it off and on")
+        raise _odd_answer(answer, name)
 
 
 def _pass_on_unless_noise(error: TrackerError) -> None:
