@@ -98,9 +98,12 @@ def _checked(answer: object, shape: tuple[int, ...]) -> Array:
     """A copy of an answer as an array.
 
     Raises:
-        ValueError: wrong shape, or not finite.
+        TypeError, ValueError: no real numbers, wrong shape, or not finite.
     """
-    array = np.array(answer, dtype=np.float64)
+    given = np.asarray(answer)
+    if given.dtype.kind == "c":
+        raise TypeError("complex numbers, where real ones are needed")
+    array = given.astype(np.float64)
     if array.shape != shape:
         raise ValueError(f"the answer has the shape {array.shape} instead of {shape}")
     if not np.isfinite(array).all():
