@@ -207,6 +207,7 @@ class ConstantCurvature:
 
     def __init__(self, geometry: Robot) -> None:
         self._robot = geometry
+        self._chains: dict[int, Chain] = {}
         segments = geometry.chain
         self._freedom = freedom_of(segments)
         self.segment_of_freedom = np.nonzero(self._freedom.any(axis=2))[1]
@@ -222,8 +223,10 @@ class ConstantCurvature:
         stiffness of the first segment."""
 
     def chain(self, order: int = MOST_DERIVATIVES) -> Chain:
-        """The constants for ``jets``."""
-        return chain_of(self._robot, order)
+        """The constants for ``jets``; kept, as comparing robots takes longer than a pose."""
+        if order not in self._chains:
+            self._chains[order] = chain_of(self._robot, order)
+        return self._chains[order]
 
     @cached_property
     def _until_marker(self) -> list[Chain]:

@@ -46,8 +46,8 @@ _REST_BENDING_RAD = math.radians(120.0)
 """More than the paper's paths need, as a robot may have been left in such a pose."""
 _LEADING = 2
 """Segments over which such a bending does not lead back to the base."""
-_MOST_POSES, _FINEST = 14_641, 60
-"""Poses of a grid, and steps of 2 deg to either side."""
+_MOST_POSES, _FINEST = 14_641, 30
+"""Poses of a grid, and steps of 4 deg to either side."""
 _REVERSED = 0.34
 """Sine by which M3 is beyond the base: more than even such a bending makes."""
 _JUMP_RATIO = 0.3
