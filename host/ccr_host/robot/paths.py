@@ -22,7 +22,7 @@ from ccr_host.robot.path_file import SampledPath, read_path_file
 from ccr_host.robot.reference import MAX_SAMPLES, Reference
 from ccr_host.robot.workspace import Surface
 
-__all__ = ["MAX_SAMPLES", "PAPER_PATHS", "Reference", "load_path", "path_names"]
+__all__ = ["MAX_SAMPLES", "PAPER_PATHS", "Reference", "load_path", "path_names", "sample_path"]
 
 FloatArray = NDArray[np.float64]
 
@@ -128,7 +128,7 @@ def path_names() -> list[str]:
 
 
 def load_path(name_or_file: str, rate_hz: float, surface: Surface) -> Reference:
-    """Sample a built-in path, or a file, at the control rate.
+    """Sample a path and project it onto what a robot reaches.
 
     Args:
         name_or_file: one of ``path_names()`` or a file, see `path_file`.
@@ -138,6 +138,22 @@ def load_path(name_or_file: str, rate_hz: float, surface: Surface) -> Reference:
     Raises:
         ConfigError: unknown name, unusable file, or a rate that gives no sensible path.
     """
+    path = sample_path(name_or_file, rate_hz, surface.length_mm)
+    name = name_or_file if name_or_file in _SHAPES else _title(Path(name_or_file))
+    return _reference(name, rate_hz, path, surface)
+
+
+def sample_path(name_or_file: str, rate_hz: float, length_mm: float) -> SampledPath:
+    """Sample a built-in path, or a file, at the control rate.
+
+    Args:
+        name_or_file: see `load_path`.
+        rate_hz: control rate.
+        length_mm: length of the robot, to which paths in space are scaled.
+
+    Raises:
+        ConfigError: see `load_path`.
+    """
     if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
         raise ConfigError(
             f"rate {rate_hz:g} Hz: outside {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}",
@@ -146,14 +162,11 @@ def load_path(name_or_file: str, rate_hz: float, surface: Surface) -> Reference:
     if name_or_file in _SHAPES:
         shape = _SHAPES[name_or_file]
         time_s = _clock(name_or_file, shape.duration_s * rate_hz, rate_hz)
-        line = SampledPath(time_s, *shape.line_mm(time_s, surface.length_mm))
-        return _reference(name_or_file, rate_hz, line, surface)
+        return SampledPath(time_s, *shape.line_mm(time_s, length_mm))
     rows = read_path_file(_existing_file(name_or_file))
     duration_s = float(rows.time_s[-1]) - float(rows.time_s[0])
     # A file includes both ends, so the last row is a sample too.
-    time_s = _clock(name_or_file, duration_s * rate_hz + 1.0, rate_hz)
-    name = _title(Path(name_or_file))
-    return _reference(name, rate_hz, rows.resampled(time_s), surface)
+    return rows.resampled(_clock(name_or_file, duration_s * rate_hz + 1.0, rate_hz))
 
 
 def _title(file: Path) -> str:

@@ -34,8 +34,8 @@ _STAGES = 16
 """Parts of the way of a target; a step of one can be followed by Newton's steps."""
 _STAGE_STEPS, _STAGE_RAD = 6, 1e-2
 _CELL = 1 / 32
-"""Size of a cell over the robot's length: half a stage of a target as far away as the robot is long.
-A path at 20 Hz passes some hundred cells with 1600 points."""
+"""Size of a cell over the robot's length: half a stage of a target one length away. A path of 1600
+points passes some hundred cells."""
 _LAST_STEPS, _LAST_RAD = 100, 1e-12
 _LONGEST_STEP_RAD = 0.3
 _HALVINGS = 30

@@ -154,7 +154,7 @@ Row = dict[str, Any]
 
 _NO_FIGURES = (
     "path", "controller", "surface", "planned_steps", "device", "tracker", "laps", "open", "faults",
-    "skipped_steps", "board_holds", "board_relaxes", "clamped_commands",
+    "skipped_steps", "board_holds", "board_relaxes", "clamped_commands", "jumped_pictures",
 )  # fmt: skip
 """Keys of the JSON summary left out: given otherwise, the same for all runs, or real-time only."""
 

@@ -15,7 +15,7 @@ from ccr_host.control.registry import make_controller
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.user_file import lines_of, read_text
 from ccr_host.description import schema
-from ccr_host.run.execute import reference_of
+from ccr_host.robot.paths import sample_path
 from ccr_host.run.options import RunOptions
 from ccr_host.sim.robot.plant import TWIN
 from ccr_host.sim.robot.scene import make_plant
@@ -95,13 +95,13 @@ class SweepPlan:
             make_controller(name, base)
         if self.plant != TWIN:
             make_plant(self.plant, base)
+        length_mm = sum(segment.length_mm for segment in base.robot.chain)
+        durations_s = {}
         for path in self.paths:
             for rate_hz in {rate_hz for rate_hz, _ in drives}:
-                reference_of(self._plain_run(path, rate_hz))
-        durations_s = {
-            path: float(reference_of(self._plain_run(path, _DURATION_RATE_HZ)).time_s[-1])
-            for path in self.paths
-        }
+                sample_path(path, rate_hz, length_mm)
+            sampled = sample_path(path, _DURATION_RATE_HZ, length_mm)
+            durations_s[path] = float(sampled.time_s[-1])
         return [self._job(index, tuple(drives), base, durations_s) for index in indices]
 
     def as_json(self) -> dict[str, Any]:
@@ -113,9 +113,6 @@ class SweepPlan:
             "twins": None if self.twins is None else list(self.twins),
             "plant": self.plant,
         }
-
-    def _plain_run(self, path: str, rate_hz: float) -> RunOptions:
-        return RunOptions(path=path, robot=self.robot, overrides=self.overrides, rate_hz=rate_hz)
 
     def _job(
         self,
