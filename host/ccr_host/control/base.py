@@ -14,6 +14,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.core.plugins import real_array
 from ccr_host.robot.reference import Reference
 
 FloatArray = NDArray[np.float64]
@@ -152,10 +153,7 @@ def checked(answer: object, motors: int) -> Command:
 
 def _finite(name: str, numbers: object) -> FloatArray:
     try:
-        given = np.asarray(numbers)
-        if given.dtype.kind == "c":
-            raise TypeError("numpy would drop the imaginary parts")
-        array = given.astype(np.float64)
+        array = real_array(numbers)
     except (TypeError, ValueError):
         raise ValueError(f"{name} = {numbers!r} instead of numbers") from None
     if not np.isfinite(array).all():

@@ -216,7 +216,8 @@ def require_motion_so_far(
         return
     _require_rests(rests, 1)
     is_led = np.ptp(rests.q_rad, axis=0) > _BEYOND_SLACK_RAD
-    _require_moves(rests, description, _STILL_MM * (is_led & ~alone_rad[done:].any(axis=0)))
+    is_done = is_led & ~alone_rad[done:].any(axis=0)
+    _require_moves(rests, description, np.where(is_done, _STILL_MM, 0.0))
 
 
 def _require_rests(rests: Rests, fewest: int) -> None:

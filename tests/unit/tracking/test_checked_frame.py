@@ -20,3 +20,12 @@ def test_what_is_nowhere_counts_as_not_seen(nowhere: float) -> None:
     assert list(frame.tools) == ["M1"]
     np.testing.assert_array_equal(frame.points_mm, [there])
     assert frame.out_of_volume.tolist() == [False]
+
+
+@pytest.mark.parametrize("where", ["points", "position", "quaternion"])
+def test_complex_numbers_are_refused(where: str) -> None:
+    numbers = {"points": np.ones((1, 3)), "position": np.ones(3), "quaternion": UNTURNED}
+    numbers[where] = numbers[where] * 1j
+    tools = {"M1": Pose(numbers["position"], numbers["quaternion"])}
+    with pytest.raises(TypeError, match="complex numbers, where real ones are needed"):
+        checked_frame(MarkerFrame(5, 1, numbers["points"], np.array([False]), tools))

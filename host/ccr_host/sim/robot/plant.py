@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.core.plugins import Guard
+from ccr_host.core.plugins import Guard, real_array
 
 Array = NDArray[np.float64]
 
@@ -100,10 +100,7 @@ def _checked(answer: object, shape: tuple[int, ...]) -> Array:
     Raises:
         TypeError, ValueError: no real numbers, wrong shape, or not finite.
     """
-    given = np.asarray(answer)
-    if given.dtype.kind == "c":
-        raise TypeError("complex numbers, where real ones are needed")
-    array = given.astype(np.float64)
+    array = real_array(answer)
     if array.shape != shape:
         raise ValueError(f"the answer has the shape {array.shape} instead of {shape}")
     if not np.isfinite(array).all():
