@@ -14,7 +14,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.core.plugins import real_array
 from ccr_host.robot.reference import Reference
 
 FloatArray = NDArray[np.float64]
@@ -153,7 +152,7 @@ def checked(answer: object, motors: int) -> Command:
 
 def _finite(name: str, numbers: object) -> FloatArray:
     try:
-        array = real_array(numbers)
+        array = np.asarray(numbers).astype(np.float64, casting="same_kind")
     except (TypeError, ValueError):
         raise ValueError(f"{name} = {numbers!r} instead of numbers") from None
     if not np.isfinite(array).all():

@@ -19,9 +19,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ccr_host.core.errors import CodeError, ConfigError, blaming
 from ccr_host.core.user_file import read_bytes
 
@@ -46,18 +43,6 @@ def import_optional(module: str, extra: str, what_for: str) -> ModuleType:
             f"{what_for}: the package {module} is not installed",
             f'pip install "ccr-host[{extra}]"',
         ) from None
-
-
-def real_array(numbers: object) -> NDArray[np.float64]:
-    """What a plug-in has answered as an array, a copy.
-
-    Raises:
-        ValueError, TypeError: no numbers, or complex ones, whose imaginary parts numpy would drop.
-    """
-    given = np.asarray(numbers)
-    if given.dtype.kind == "c":
-        raise TypeError("complex numbers, where real ones are needed")
-    return given.astype(np.float64)
 
 
 class Given(str):

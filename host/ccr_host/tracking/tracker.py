@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ccr_host.core.clock import Clock
 from ccr_host.core.errors import TrackerError
-from ccr_host.core.plugins import real_array
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -94,7 +93,7 @@ def checked_frame(frame: object) -> MarkerFrame:
     """
     if not isinstance(frame, MarkerFrame):
         raise ValueError(f"{type(frame).__name__} instead of a MarkerFrame")
-    points_mm = real_array(frame.points_mm)
+    points_mm = _real(frame.points_mm)
     out_of_volume = np.asarray(frame.out_of_volume, dtype=np.bool_)
     if points_mm.shape != (out_of_volume.size, 3) or out_of_volume.ndim != 1:
         shapes = f"{points_mm.shape} and {out_of_volume.shape}"
@@ -114,9 +113,14 @@ def checked_frame(frame: object) -> MarkerFrame:
     )
 
 
+def _real(numbers: object) -> FloatArray:
+    """Unlike numpy's conversion, refuses complex numbers."""
+    return np.asarray(numbers).astype(np.float64, casting="same_kind")
+
+
 def _checked_pose(name: str, pose: Pose) -> Pose:
-    position_mm = real_array(pose.position_mm)
-    quaternion = real_array(pose.quaternion)
+    position_mm = _real(pose.position_mm)
+    quaternion = _real(pose.quaternion)
     if (position_mm.shape, quaternion.shape) != ((3,), (4,)):
         shapes = f"{position_mm.shape} and {quaternion.shape}"
         raise ValueError(f"{name}: position_mm and quaternion of shapes {shapes}")

@@ -125,7 +125,7 @@ def mine(method, deed):
         ("tip_mm", failing(KeyError("x")), "Mine.tip_mm has failed: KeyError"),
         ("tip_mm", lambda: [0, 0], "Mine.tip_mm has failed: ValueError"),
         ("markers_mm", lambda: None, "Mine.markers_mm has failed"),
-        ("tip_mm", lambda: np.zeros(3, complex), "complex numbers, where real ones"),
+        ("tip_mm", lambda: np.zeros(3, complex), "Cannot cast array data"),
         ("markers_mm", lambda: np.zeros((2, 3)), r"\(2, 3\) instead of \(3, 3\)"),
         ("markers_mm", lambda: np.full((3, 3), np.nan), "not finite"),
     ],

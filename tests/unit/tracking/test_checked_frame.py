@@ -27,5 +27,5 @@ def test_complex_numbers_are_refused(where: str) -> None:
     numbers = {"points": np.ones((1, 3)), "position": np.ones(3), "quaternion": UNTURNED}
     numbers[where] = numbers[where] * 1j
     tools = {"M1": Pose(numbers["position"], numbers["quaternion"])}
-    with pytest.raises(TypeError, match="complex numbers, where real ones are needed"):
+    with pytest.raises(TypeError, match=r"Cannot cast .* from dtype.'complex128'"):
         checked_frame(MarkerFrame(5, 1, numbers["points"], np.array([False]), tools))

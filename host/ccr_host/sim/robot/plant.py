@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.core.plugins import Guard, real_array
+from ccr_host.core.plugins import Guard
 
 Array = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ def _checked(answer: object, shape: tuple[int, ...]) -> Array:
     Raises:
         TypeError, ValueError: no real numbers, wrong shape, or not finite.
     """
-    array = real_array(answer)
+    array = np.asarray(answer).astype(np.float64, casting="same_kind")
     if array.shape != shape:
         raise ValueError(f"the answer has the shape {array.shape} instead of {shape}")
     if not np.isfinite(array).all():
