@@ -49,7 +49,7 @@ SIMULATED = {
     r"^track": "track --no-open",
     r"^track(?!.*polaris_faults)": "track --unchecked",
     r"^compare(?!.*--unchecked)": "compare --unchecked",
-    r"--controller adaptive": "",
+    r"--controller adaptive": "--controller adaptive --set control.solver=compiled",
     r"--seed 1 --rate 1": "",
     r"--rate 20 +--view": "--view",
     r"(short.csv) --rate 20$": r"\1",
@@ -63,8 +63,8 @@ SIMULATED = {
 }
 """What stands for hardware, real time, minutes of work and addresses that may be taken; `mpc`, on
 spatial robots `pid-ik`, for the default controller, which approaches its path for half a minute of
-simulated time. Another controller that is named comes later and counts. What another line shows too
-is left out, so that both are one."""
+simulated time. A controller that is named comes later and counts. What another line shows too is
+left out, so that both are one."""
 TOLD_ELSEWHERE = {
     r"flash": "tests/firmware flashes a simulated UNO",
     r"tcp://127\.0\.0\.1:5025": "tests/system/test_emulate.py",
@@ -244,7 +244,7 @@ def python_samples() -> list[tuple[str, str]]:
     ]
 
 
-def test_every_python_sample_runs_as_it_stands(tmp_path: Path) -> None:
+def test_every_python_sample_runs_on_a_short_path(tmp_path: Path) -> None:
     built = tmp_path / ".pio" / "build" / "uno" / "firmware.elf"
     built.parent.mkdir(parents=True)
     shutil.copy(firmware_elf(), built)

@@ -25,7 +25,7 @@ Predict = Callable[[Array], Array]
 _MODEL_MM = 2.0
 """What the model leaves unexplained anyway; differences below it tell nothing."""
 _PRICE = 4.0
-"""Of an unknown, in units of minus twice the log likelihood."""
+"""What each unknown adds to minus twice the log likelihood."""
 _EXPLAINED, _BETTER = 0.3, 0.6
 """Shares of the deviation, RMS, that the likely cause, or a possible one, may leave."""
 _MOVED_RAD = math.radians(5.0)

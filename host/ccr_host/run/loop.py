@@ -65,7 +65,7 @@ def follow_path(
     on_step: Progress,
     operator: Operator | None = None,
     *,
-    markers: MarkerCheck | None = None,
+    markers: MarkerCheck | None,
     motion: RobotCheck | None = None,
 ) -> list[StepRecord]:
     """Arm the robot, approach the first point, follow the path, disarm.

@@ -54,11 +54,12 @@ _JUMP_RATIO = 0.3
 """Ratio of the distances to each other's last positions to those to their own, for a jump."""
 _JUMP_MM = 20.0
 _DRIFT_MM_S = 100.0
-"""Only motors that swing move a marker further than `_JUMP_MM`, and at this speed, and back."""
+"""Speed of a marker. One that goes faster than `_JUMP_MM` and this allow, and comes back, is a
+phantom, unless the motors swing."""
 _WATCHED, _MOST_JUMPS = 40, 9
 """Pictures among which jumps to and fro are counted, and how many of them end the run."""
 _BASE_MM, _BASE_US = 8.0, 3_000_000
-"""M1 was moved if it is this far from its place, beyond the camera's noise, for so long."""
+"""M1 has been moved if for this time it is further than this, and the noise, from its place."""
 _NEAR_MM = 0.25 * _JUMP_MM
 """Change of every coordinate with which no marker has jumped."""
 _SAMPLES = 3

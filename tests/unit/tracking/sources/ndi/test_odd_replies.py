@@ -39,7 +39,7 @@ def only(command: str, answer: str):
 
 @pytest.mark.parametrize("command", ["PHSR", "PHRQ", "PVWR", "PENA", "TSTART", "TX"])
 @pytest.mark.parametrize("answer", ["BUSY", "WARNING", "okay"])
-def test_an_answer_that_is_none_is_shown_with_its_command(bench, command, answer):
+def test_an_unexpected_reply_is_shown_with_its_command(bench, command, answer):
     run = bench()
     alter(run, only(command, answer))
     run.run_ms(3000)
