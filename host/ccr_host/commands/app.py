@@ -17,6 +17,7 @@ from ccr_host.commands.flash import flash
 from ccr_host.commands.identify import identify
 from ccr_host.commands.jog import jog
 from ccr_host.commands.monitor import monitor
+from ccr_host.commands.options import with_rig_options
 from ccr_host.commands.record import record
 from ccr_host.commands.register import register
 from ccr_host.commands.replay import replay
@@ -49,7 +50,7 @@ _WORDING = (
 )
 """Wording of pydantic, and ours."""
 for command in _COMMANDS:
-    app.command()(command)
+    app.command()(with_rig_options(command))
 
 
 def _print_version(wanted: bool) -> None:

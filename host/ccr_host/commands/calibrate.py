@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ccr_host.commands.options import (
-    DeviceOption,
-    KeepInOption,
-    PlantOption,
-    RealtimeOption,
-    RobotOption,
-    SeedOption,
-    SetOption,
-    TrackerOption,
-    console,
-    require_named_tracker,
-)
+from ccr_host.commands.options import KeepInOption, console, require_named_tracker
 from ccr_host.run.options import RigOptions
 
 if TYPE_CHECKING:
@@ -30,13 +20,7 @@ if TYPE_CHECKING:
 
 def calibrate(
     context: typer.Context,
-    robot: RobotOption = None,
-    device: DeviceOption = "emulator:",
-    tracker: TrackerOption = "twin:",
-    plant: PlantOption = "twin",
-    seed: SeedOption = 1,
-    overrides: SetOption = None,
-    realtime: RealtimeOption = False,
+    rig: RigOptions,
     out: KeepInOption = None,
     by_eye: Annotated[
         bool,
@@ -98,46 +82,39 @@ def calibrate(
     change = EquipmentChange(board_name, emergency_stop, supply_divider, supply_min)
     if by_eye and identify:
         raise ConfigError("--identify needs the tracker", "omit --by-eye")
-    options = RigOptions(
-        robot=robot,
-        device=device,
-        tracker=tracker,
-        plant=plant,
-        seed=seed,
-        overrides=tuple(overrides or ()),
-        realtime=realtime or by_eye,
-    )
     if not change.is_empty:
         if by_eye or identify or out:
             raise ConfigError(
                 "--board-name, --emergency-stop and --supply-... are saved only in the board",
                 "omit --by-eye, --identify and --out",
             )
-        console().print(f"the board is now: {set_equipment(options, change)}; saved in its EEPROM")
+        console().print(f"the board is now: {set_equipment(rig, change)}; saved in its EEPROM")
         return
-    file = file_for_calibration(robot, out)
-    description = options.description()
+    file = file_for_calibration(rig.robot, out)
+    description = rig.description()
     if not by_eye:
-        require_named_tracker(context, options)
+        require_named_tracker(context, rig)
     screen = console()
     found = None
     in_camera_frame = not (by_eye or identify)
-    with open_rig(options, description, Observers(), in_camera_frame=in_camera_frame) as rig:
+    if by_eye:
+        rig = replace(rig, realtime=True)
+    with open_rig(rig, description, Observers(), in_camera_frame=in_camera_frame) as opened:
         if identify:
-            section = _identify(screen, rig, description)
-            keep_in(file, {IDENTIFIED: section}, robot)
+            section = _identify(screen, opened, description)
+            keep_in(file, {IDENTIFIED: section}, rig.robot)
             screen.print(f"saved in {file}, as section {IDENTIFIED}")
             return
         if by_eye:
-            blind = sees_simulated_robot(options)
-            servo = move_by_eye(screen, rig, description, simulated_tip=blind)
+            blind = sees_simulated_robot(rig)
+            servo = move_by_eye(screen, opened, description, simulated_tip=blind)
         else:
-            found = survey_by_tracker(screen, rig, description)
+            found = survey_by_tracker(screen, opened, description)
             servo = corrected(description.servo, found)
         if servo is None:
             screen.print("nothing changed")
             return
-        keep_calibration(rig.client, description, servo, file, robot, found)
+        keep_calibration(opened.client, description, servo, file, rig.robot, found)
     for key, value in calibrated_section(servo).items():
         screen.print(f"{key} = {value}")
     screen.print(f"saved in {file} and in the board's EEPROM")

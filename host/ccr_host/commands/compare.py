@@ -7,17 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ccr_host.commands.options import (
-    DeviceOption,
     JsonOption,
     OutOption,
-    PlantOption,
     RateOption,
-    RealtimeOption,
-    RobotOption,
-    SeedOption,
-    SetOption,
     SurfaceOption,
-    TrackerOption,
     UncheckedOption,
     complete_controllers,
     complete_paths,
@@ -27,7 +20,7 @@ from ccr_host.commands.options import (
     tell_kept,
 )
 from ccr_host.core.errors import CcrError
-from ccr_host.run.options import RunOptions
+from ccr_host.run.options import RigOptions, RunOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,6 +30,7 @@ if TYPE_CHECKING:
 
 
 def compare(
+    rig: RigOptions,
     controller: Annotated[
         list[str] | None,
         typer.Option(
@@ -59,15 +53,8 @@ def compare(
             autocompletion=complete_paths,
         ),
     ] = None,
-    robot: RobotOption = None,
-    device: DeviceOption = "emulator:",
-    tracker: TrackerOption = "twin:",
-    plant: PlantOption = "twin",
     rate: RateOption = 1.0,
     surface: SurfaceOption = "model",
-    seed: SeedOption = 1,
-    overrides: SetOption = None,
-    realtime: RealtimeOption = False,
     unchecked: UncheckedOption = False,
     out: OutOption = None,
     as_json: JsonOption = False,
@@ -89,16 +76,10 @@ def compare(
     names = list(dict.fromkeys([*chosen, *baseline_names()] if baselines else chosen))
     runs = [
         RunOptions(
+            **vars(rig),
             path=one_path,
             controller=name,
-            robot=robot,
-            overrides=tuple(overrides or ()),
-            device=device,
-            tracker=tracker,
-            plant=plant,
             rate_hz=rate,
-            seed=seed,
-            realtime=realtime,
             checks="none" if unchecked else "motion",
             surface=surface,
         )

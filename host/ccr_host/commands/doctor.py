@@ -8,16 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ccr_host.commands.options import (
-    DeviceOption,
-    JsonOption,
-    RobotOption,
-    SeedOption,
-    SetOption,
-    TrackerOption,
-    console,
-    print_json,
-)
+from ccr_host.commands.options import JsonOption, Without, console, print_json
 from ccr_host.run.options import RigOptions
 
 if TYPE_CHECKING:
@@ -29,11 +20,7 @@ _COLOURS = {"good": "green", "warning": "yellow", "failure": "bold red"}
 
 
 def doctor(
-    robot: RobotOption = None,
-    device: DeviceOption = "emulator:",
-    tracker: TrackerOption = "twin:",
-    seed: SeedOption = 1,
-    overrides: SetOption = None,
+    rig: Annotated[RigOptions, Without("plant", "realtime")],
     blink: Annotated[
         bool, typer.Option("--blink", help="Blink the board's LED, to find it among others.")
     ] = False,
@@ -46,14 +33,7 @@ def doctor(
     from ccr_host.tools.checks import exit_status
     from ccr_host.tools.doctor import examine
 
-    options = RigOptions(
-        robot=robot,
-        device=device,
-        tracker=tracker,
-        seed=seed,
-        overrides=tuple(overrides or ()),
-    )
-    findings = list(printed(examine(options, Path(), blink=blink), console(on_stderr=as_json)))
+    findings = list(printed(examine(rig, Path(), blink=blink), console(on_stderr=as_json)))
     if as_json:
         print_json({"findings": [finding.as_summary() for finding in findings]})
     if status := exit_status(findings):

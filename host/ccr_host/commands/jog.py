@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -11,15 +12,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from ccr_host.commands.options import (
-    DeviceOption,
-    PlantOption,
-    RobotOption,
-    SeedOption,
-    SetOption,
-    TrackerOption,
-    console,
-)
+from ccr_host.commands.options import Without, console
 from ccr_host.robot.reference import PATH_AXES
 from ccr_host.run.options import RigOptions
 
@@ -111,14 +104,7 @@ def _keys(help_lines: Iterable[tuple[str, str]]) -> Table:
     return table
 
 
-def jog(
-    robot: RobotOption = None,
-    device: DeviceOption = "emulator:",
-    tracker: TrackerOption = "twin:",
-    plant: PlantOption = "twin",
-    seed: SeedOption = 1,
-    overrides: SetOption = None,
-) -> None:
+def jog(rig: Annotated[RigOptions, Without("realtime")]) -> None:
     """Move the motors with the arrow keys. Shows the live state and has a stop key.
 
     Example: ccr-host jog --device serial:/dev/ttyACM0
@@ -130,20 +116,12 @@ def jog(
     from ccr_host.tools.jog import jog as move_by_hand
     from ccr_host.tools.keyboard import Keyboard
 
-    options = RigOptions(
-        robot=robot,
-        device=device,
-        tracker=tracker,
-        plant=plant,
-        seed=seed,
-        overrides=tuple(overrides or ()),
-        realtime=True,
-    )
+    options = replace(rig, realtime=True)
     description = options.description()
     screen = console()
     with (
         Keyboard() as keyboard,
-        open_rig(options, description, Observers()) as rig,
+        open_rig(options, description, Observers()) as opened,
         Live(console=screen, auto_refresh=False) as live,
     ):
 
@@ -151,5 +129,5 @@ def jog(
             panel = jog_panel(view, simulated_tip=sees_simulated_robot(options))
             live.update(panel, refresh=True)
 
-        move_by_hand(rig, description, keyboard.pressed, show)
+        move_by_hand(opened, description, keyboard.pressed, show)
     screen.print("disarmed: no pulses to the servos")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import sys
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -183,6 +186,56 @@ KeepInOption = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the summary alone, as JSON, on standard output.")
 ]
+
+_OF_RIG: dict[str, Any] = {
+    "robot": RobotOption,
+    "device": DeviceOption,
+    "tracker": TrackerOption,
+    "plant": PlantOption,
+    "seed": SeedOption,
+    "overrides": SetOption,
+    "realtime": RealtimeOption,
+}
+"""The option of each field of RigOptions."""
+
+
+class Without:
+    """In ``rig: Annotated[RigOptions, Without(...)]``: what a command has no option for.
+
+    Args:
+        names: names of the fields; they keep their defaults.
+    """
+
+    def __init__(self, *names: str) -> None:
+        self.names = names
+
+
+def with_rig_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command as typer needs it: with options in place of the RigOptions called ``rig``."""
+    signature = inspect.signature(command, eval_str=True)
+    if (rig := signature.parameters.get("rig")) is None:
+        return command
+    notes = getattr(rig.annotation, "__metadata__", ())
+    left_out = {name for note in notes for name in note.names}
+    options = [
+        rig.replace(name=name, annotation=option, default=getattr(RigOptions, name))
+        for name, option in _OF_RIG.items()
+        if name not in left_out
+    ]
+    parameters: list[inspect.Parameter] = []
+    for own in signature.parameters.values():
+        parameters += options if own is rig else [own]
+    parameters = [each.replace(kind=each.KEYWORD_ONLY) for each in parameters]
+
+    @wraps(command)
+    def called(**words: object) -> None:
+        given: dict[str, Any] = {option.name: words.pop(option.name) for option in options}
+        given["overrides"] = tuple(given["overrides"] or ())
+        command(rig=RigOptions(**given), **words)
+
+    called.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    called.__annotations__ = {each.name: each.annotation for each in parameters}
+    return called
 
 
 def print_notes(runs: Sequence[RunOptions]) -> None:

@@ -7,19 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.options import (
-    DeviceOption,
-    JsonOption,
-    PlantOption,
-    RealtimeOption,
-    RobotOption,
-    SeedOption,
-    SetOption,
-    TrackerOption,
-    console,
-    print_json,
-    require_named_tracker,
-)
+from ccr_host.commands.options import JsonOption, console, print_json, require_named_tracker
 from ccr_host.run.options import RigOptions
 
 _RESTS = 24
@@ -27,6 +15,7 @@ _RESTS = 24
 
 def record(
     context: typer.Context,
+    rig: RigOptions,
     file: Annotated[
         Path, typer.Argument(metavar="OUT.csv", help="New table of motor angles and tips.")
     ],
@@ -42,13 +31,6 @@ def record(
         int,
         typer.Option(metavar="N", min=1, max=10_000, help="Rests of random, and of multisine."),
     ] = _RESTS,
-    robot: RobotOption = None,
-    device: DeviceOption = "emulator:",
-    tracker: TrackerOption = "twin:",
-    plant: PlantOption = "twin",
-    seed: SeedOption = 1,
-    overrides: SetOption = None,
-    realtime: RealtimeOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Measure the robot at rest in many poses, for identify. An interruption keeps what there is.
@@ -63,26 +45,17 @@ def record(
     from ccr_host.run.open_rig import open_rig
     from ccr_host.tools.record import new_table, record_rests, stops_of
 
-    options = RigOptions(
-        robot=robot,
-        device=device,
-        tracker=tracker,
-        plant=plant,
-        seed=seed,
-        overrides=tuple(overrides or ()),
-        realtime=realtime,
-    )
-    require_named_tracker(context, options)
-    description = options.description()
-    stops = stops_of(description, pattern or (), rests, seed)
+    require_named_tracker(context, rig)
+    description = rig.description()
+    stops = stops_of(description, pattern or (), rests, rig.seed)
     screen = console(on_stderr=as_json)
     with new_table(file, description.robot) as table:
         try:
             with (
                 terminal.steps_progress(console(on_stderr=True), "poses") as on_pose,
-                open_rig(options, description, Observers()) as rig,
+                open_rig(rig, description, Observers()) as opened,
             ):
-                record_rests(rig, description, stops, table, on_pose)
+                record_rests(opened, description, stops, table, on_pose)
         finally:
             if table.rests:
                 done = f"{table.rests} rests in {len(stops.q_rad)} poses"
@@ -94,8 +67,8 @@ def record(
                 "robot": description.name,
                 "rests": table.rests,
                 "poses": dict(Counter(stops.pattern)),
-                "device": device,
-                "tracker": tracker,
-                "seed": seed,
+                "device": rig.device,
+                "tracker": rig.tracker,
+                "seed": rig.seed,
             }
         )

@@ -5,15 +5,8 @@ from __future__ import annotations
 import typer
 
 from ccr_host.commands.options import (
-    DeviceOption,
     JsonOption,
     KeepInOption,
-    PlantOption,
-    RealtimeOption,
-    RobotOption,
-    SeedOption,
-    SetOption,
-    TrackerOption,
     console,
     print_json,
     require_named_tracker,
@@ -23,13 +16,7 @@ from ccr_host.run.options import RigOptions
 
 def register(
     context: typer.Context,
-    robot: RobotOption = None,
-    device: DeviceOption = "emulator:",
-    tracker: TrackerOption = "twin:",
-    plant: PlantOption = "twin",
-    seed: SeedOption = 1,
-    overrides: SetOption = None,
-    realtime: RealtimeOption = False,
+    rig: RigOptions,
     out: KeepInOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -48,24 +35,15 @@ def register(
     from ccr_host.run.open_rig import open_rig
     from ccr_host.tools.survey import REGISTRATION, registration_section, sections_of, survey
 
-    options = RigOptions(
-        robot=robot,
-        device=device,
-        tracker=tracker,
-        plant=plant,
-        seed=seed,
-        overrides=tuple(overrides or ()),
-        realtime=realtime,
-    )
-    require_named_tracker(context, options)
-    description = options.description()
-    file = file_to_keep_in(robot, out)
+    require_named_tracker(context, rig)
+    description = rig.description()
+    file = file_to_keep_in(rig.robot, out)
     screen = console(on_stderr=as_json)
     with (
         terminal.steps_progress(console(on_stderr=True), "poses") as on_pose,
-        open_rig(options, description, Observers(), in_camera_frame=True) as rig,
+        open_rig(rig, description, Observers(), in_camera_frame=True) as opened,
     ):
-        found = survey(rig, description, on_pose)
+        found = survey(opened, description, on_pose)
     today = datetime.date.today()
     section = registration_section(found, description, today)
     kept = {REGISTRATION: section}
@@ -75,7 +53,7 @@ def register(
     if file is None:
         screen.print("not saved: give your robot description, or --out FILE")
     else:
-        keep_in(file, kept, robot)
+        keep_in(file, kept, rig.robot)
         screen.print(f"saved in {file}, as section {' and '.join(kept)}")
     if as_json:
         print_json(
@@ -88,9 +66,9 @@ def register(
                     for half_mm in found.hysteresis_mm
                 ],
                 "reversed_motors": list(found.reversed_motors),
-                "device": device,
-                "tracker": tracker,
-                "seed": seed,
+                "device": rig.device,
+                "tracker": rig.tracker,
+                "seed": rig.seed,
                 "kept_in": None if file is None else str(file),
             }
         )

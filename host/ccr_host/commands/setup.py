@@ -4,23 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ccr_host.commands.options import (
-    DeviceOption,
-    KeepInOption,
-    RealtimeOption,
-    RobotOption,
-    SeedOption,
-    SetOption,
-    TrackerOption,
-    console,
-    require_named_tracker,
-)
+from ccr_host.commands.options import KeepInOption, Without, console, require_named_tracker
 from ccr_host.run.options import RigOptions
 
 if TYPE_CHECKING:
@@ -36,12 +26,7 @@ _FIRST_PATH_DEG = 15.0
 
 def setup(
     context: typer.Context,
-    robot: RobotOption = None,
-    device: DeviceOption = "emulator:",
-    tracker: TrackerOption = "twin:",
-    seed: SeedOption = 1,
-    overrides: SetOption = None,
-    realtime: RealtimeOption = False,
+    rig: Annotated[RigOptions, Without("plant")],
     out: KeepInOption = None,
     yes: Annotated[
         bool, typer.Option("--yes", help="Do all steps that need no user, without asking.")
@@ -61,18 +46,11 @@ def setup(
 
     if not yes and not (sys.stdin and sys.stdin.isatty()):
         raise ConfigError("standard input is not a terminal", "use a terminal, or give --yes")
-    file = file_for_calibration(robot, out)
-    options = RigOptions(
-        robot=str(file),
-        device=device,
-        tracker=tracker,
-        seed=seed,
-        overrides=tuple(overrides or ()),
-        realtime=realtime,
-    )
+    file = file_for_calibration(rig.robot, out)
+    options = replace(rig, robot=str(file))
     require_named_tracker(context, options)
     screen = console()
-    if begin_description(file, robot):
+    if begin_description(file, rig.robot):
         screen.print(f"created {file}: enter the dimensions of your robot there")
     guide = _Guide(screen, options, file, asks=not yes)
     guide.check()
@@ -207,17 +185,7 @@ class _Guide:
         path = self.file.with_name(f"{self.file.stem}-first-path.csv")
         rows = np.column_stack([time_s, tips_mm[:, 0], tips_mm[:, 2]])
         np.savetxt(path, rows, "%.3f", ",", header="t_s,y_mm,z_mm", comments="")
-        options = self.options
-        track(
-            str(path),
-            robot=options.robot,
-            device=options.device,
-            tracker=options.tracker,
-            seed=options.seed,
-            overrides=list(options.overrides),
-            realtime=options.realtime,
-            with_open=False,
-        )
+        track(str(path), self.options, with_open=False)
 
     def _title(self, text: str) -> None:
         self.screen.rule(text, align="left")

@@ -9,19 +9,12 @@ import typer
 
 from ccr_host.commands.options import (
     ControllerOption,
-    DeviceOption,
     JsonOption,
     OutOption,
     PathArgument,
-    PlantOption,
     PublishOption,
     RateOption,
-    RealtimeOption,
-    RobotOption,
-    SeedOption,
-    SetOption,
     SurfaceOption,
-    TrackerOption,
     UncheckedOption,
     console,
     print_json,
@@ -29,7 +22,7 @@ from ccr_host.commands.options import (
     tell_kept,
 )
 from ccr_host.commands.view import ViewOption
-from ccr_host.run.options import RunOptions
+from ccr_host.run.options import RigOptions, RunOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -42,16 +35,10 @@ if TYPE_CHECKING:
 
 def track(
     path: PathArgument,
+    rig: RigOptions,
     controller: ControllerOption = None,
-    robot: RobotOption = None,
-    device: DeviceOption = "emulator:",
-    tracker: TrackerOption = "twin:",
-    plant: PlantOption = "twin",
     rate: RateOption = 1.0,
     surface: SurfaceOption = "model",
-    seed: SeedOption = 1,
-    overrides: SetOption = None,
-    realtime: RealtimeOption = False,
     unchecked: UncheckedOption = False,
     laps: Annotated[
         int,
@@ -86,16 +73,10 @@ def track(
     controller = controller or DEFAULT_CONTROLLER
     with ExitStack() as stack:
         options = RunOptions(
+            **vars(rig),
             path=path,
             controller=controller,
-            robot=robot,
-            overrides=tuple(overrides or ()),
-            device=device,
-            tracker=tracker,
-            plant=plant,
             rate_hz=rate,
-            seed=seed,
-            realtime=realtime,
             laps=laps,
             checks="none" if unchecked else "motion",
             surface=surface,

@@ -1,9 +1,14 @@
 """Words that are no command line are answered in our words, with the help that says more."""
 
+import inspect
+from typing import Annotated
+
 import pytest
 
 from ccr_host.commands.app import run
+from ccr_host.commands.options import Without, with_rig_options
 from ccr_host.core.errors import ConfigError
+from ccr_host.run.options import RigOptions
 
 
 @pytest.mark.parametrize(
@@ -30,3 +35,17 @@ def test_a_usage_error_names_the_cause_and_the_help_of_its_command(
     assert cause in refused.value.cause
     assert refused.value.cure.startswith(cure)
     assert "Input should" not in refused.value.cause
+
+
+def test_a_command_has_an_option_for_each_field_of_its_rig_but_those_it_leaves_out() -> None:
+    taken: list[RigOptions] = []
+
+    def command(rig: Annotated[RigOptions, Without("plant")], path: str = "star") -> None:
+        taken.append(rig)
+
+    spelled_out = with_rig_options(command)
+    words = {"robot", "device", "tracker", "seed", "overrides", "realtime"}
+    assert set(inspect.signature(spelled_out).parameters) == {*words, "path"}
+    given = {name: value for name, value in vars(RigOptions(seed=7)).items() if name in words}
+    spelled_out(**given | {"overrides": ["twin.slack_mm=1"]}, path="star")
+    assert taken == [RigOptions(seed=7, overrides=("twin.slack_mm=1",))]
