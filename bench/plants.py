@@ -41,8 +41,7 @@ from ccr_host.robot.paths import PAPER_PATHS
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.rest_motion import visit
-from ccr_host.tools.hysteresis import home_of
-from ccr_host.tools.measured import Measured
+from ccr_host.tools.measured import Measured, home_of
 from ccr_host.tools.record import stops_of
 from ccr_host.tools.sweep.job import Row
 from ccr_host.tools.sweep.plan import SweepPlan, TwinJob

@@ -22,10 +22,10 @@ from rich.console import Console
 from rich.table import Table
 
 from ccr_host.core.clock import RealClock, VirtualClock
-from ccr_host.core.crc import crc16_arc
+from ccr_host.core.wire import crc16_arc
 from ccr_host.description.simulation import Tracker
-from ccr_host.sim.polaris.camera import make_polaris
 from ccr_host.sim.polaris.faults import BitOrder
+from ccr_host.sim.polaris.line import make_polaris
 from ccr_host.sim.polaris.sensor import Exposer, StrayList, ToolLine, format_tx
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.server import BoardServer

@@ -15,16 +15,14 @@ import ccr_host.tools.gym
 from ccr_host.commands.jog import jog_panel
 from ccr_host.core.errors import DeviceError
 from ccr_host.core.plugins import Given
-from ccr_host.record.export import Format, export, finish_log
+from ccr_host.record.export import Format, export, finish_log, write_mat
 from ccr_host.record.folder import ResultFolder
 from ccr_host.record.keep import execute_logged, keep_result
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording, play_run
-from ccr_host.record.mat import write_mat
 from ccr_host.record.replay import replay
 from ccr_host.record.report import write_report
-from ccr_host.record.ros_bag import write_bag
-from ccr_host.record.urdf import urdf_of
+from ccr_host.record.ros_bag import urdf_of, write_bag
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions, RunOptions

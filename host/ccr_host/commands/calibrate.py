@@ -145,7 +145,7 @@ def move_by_eye(
 def survey_by_tracker(screen: Console, rig: Rig, description: Description) -> Survey:
     """Make the tour on a terminal, and print its results."""
     from ccr_host.commands import terminal
-    from ccr_host.commands.tracker_screen import registration_table
+    from ccr_host.commands.register import registration_table
     from ccr_host.tools.calibrate import calibration_table
     from ccr_host.tools.survey import survey
 

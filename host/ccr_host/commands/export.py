@@ -33,11 +33,10 @@ def export(
     Example: ccr-host export runs/20260101-120000-ellipse-adaptive --format parquet
     """
     from ccr_host.core.user_file import is_folder
-    from ccr_host.record.export import Format, finish_log
+    from ccr_host.record.export import Format, finish_log, write_mat
     from ccr_host.record.export import export as export_tables
     from ccr_host.record.folder import ResultFolder
     from ccr_host.record.log.reader import RunRecording
-    from ccr_host.record.mat import write_mat
     from ccr_host.record.ros_bag import write_bag
 
     if form not in (*Format, *_WHOLE):

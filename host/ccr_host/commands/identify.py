@@ -19,9 +19,8 @@ from ccr_host.commands.options import (
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ccr_host.tools.hysteresis import Home, Sweep
     from ccr_host.tools.identify import Identification
-    from ccr_host.tools.measured import Measured
+    from ccr_host.tools.measured import Home, Measured, Sweep
 
 
 def identify(
@@ -62,9 +61,8 @@ def identify(
     from ccr_host.core.errors import ConfigError
     from ccr_host.description.file import file_to_keep_in, keep_in
     from ccr_host.description.schema import load
-    from ccr_host.tools.hysteresis import home_of, sweeps_of
     from ccr_host.tools.identify import identify as identify_robot
-    from ccr_host.tools.measured import read_measured
+    from ccr_host.tools.measured import home_of, read_measured, sweeps_of
 
     try:
         unwanted = re.compile(leave_out) if leave_out else None

@@ -7,7 +7,12 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
 
 from ccr_host.commands.options import (
     JsonOption,
@@ -19,9 +24,10 @@ from ccr_host.commands.options import (
     print_json,
 )
 from ccr_host.core.standard_streams import is_output_lost
+from ccr_host.robot.reference import PATH_AXES
 
 if TYPE_CHECKING:
-    from ccr_host.tools.monitor import Monitor, MonitorView
+    from ccr_host.tools.monitor import LinkView, Monitor, MonitorView
 
 _REFRESH_US = 200_000
 _LINE_US = 1_000_000
@@ -102,10 +108,67 @@ def _snapshots(opened: Monitor, duration_s: float | None, period_us: int) -> Ite
 def _show(opened: Monitor, duration_s: float | None) -> MonitorView | None:
     from rich.live import Live
 
-    from ccr_host.commands.tracker_screen import monitor_panel
-
     last: MonitorView | None = None
     with Live(console=console(), auto_refresh=False) as live, suppress(KeyboardInterrupt):
         for last in _snapshots(opened, duration_s, _REFRESH_US):
             live.update(monitor_panel(last), refresh=True)
     return last
+
+
+def monitor_panel(view: MonitorView) -> RenderableType:
+    """Markers, figures, warnings and link."""
+    parts: list[RenderableType] = [_markers(view), Text(), *_figures(view)]
+    parts += [Text(f"! {warning}", style="bold red") for warning in view.health.warnings]
+    if view.trouble:
+        parts.append(Text(f"! {view.trouble}", style="bold red"))
+    if view.link is not None:
+        parts.append(_link(view.link))
+    title = Text(f"{view.tracker}, {view.seconds:.0f} s")
+    return Panel(Group(*parts), title=title, title_align="left")
+
+
+def _markers(view: MonitorView) -> Table:
+    frame = "robot frame" if view.registered else "camera frame: not registered"
+    order = list(PATH_AXES.values()) if view.registered else [0, 1, 2]
+    table = Table(title=f"mm, {frame}", title_justify="left")
+    for heading in ("", "x", "y", "z", "length"):
+        table.add_column(heading, justify="right")
+    if view.sample is None:
+        table.add_row("no sample yet", "", "", "", "")
+        return table
+    markers_mm = view.sample.markers_mm
+    for number, place in enumerate(markers_mm, 1):
+        lost = bool(np.isnan(place).any())
+        table.add_row(
+            f"M{number}", *(["-"] * 3 if lost else [f"{v:.2f}" for v in place[order]]), ""
+        )
+    tip = view.sample.tip_mm
+    numbers = [f"{v:.2f}" for v in (*tip[order], np.linalg.norm(tip))]
+    table.add_row(f"f = M{len(markers_mm)} - M1", *numbers)
+    return table
+
+
+def _figures(view: MonitorView) -> Iterator[Text]:
+    health = view.health
+    yield Text(
+        f"camera: {health.state}; {health.frames} frames, {health.lost_frames} lost in transit, "
+        f"{health.damaged_replies} damaged replies, {health.reconnections} reconnections"
+    )
+    age = "-" if view.age_ms is None else f"{view.age_ms:.0f}"
+    arrival = "-" if view.arrival_age_ms is None else f"{view.arrival_age_ms:.0f}"
+    yield Text(
+        f"samples: {view.samples}, {view.rate_hz:.1f} Hz, age {age} ms (on arrival {arrival} ms), "
+        f"{view.frames_without_tip} frames without a certain tip"
+    )
+    yield Text(f"this program: {100 * view.cpu_share:.1f} % of a core")
+    if health.last_error:
+        yield Text(f"last error: {health.last_error}")
+
+
+def _link(link: LinkView) -> Text:
+    supply = "" if link.supply_v is None else f", servo supply {link.supply_v:g} V"
+    age = "-" if link.report_age_ms is None else f"{link.report_age_ms:.0f}"
+    return Text(
+        f"board on {link.device}: {link.state}, fault {link.fault}{supply}; report {age} ms old, "
+        f"{link.crc_errors} CRC errors, {link.retries} retries"
+    )

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
 import typer
+from rich.table import Table
 
 from ccr_host.commands.options import (
     JsonOption,
@@ -12,6 +17,9 @@ from ccr_host.commands.options import (
     require_named_tracker,
 )
 from ccr_host.run.options import RigOptions
+
+if TYPE_CHECKING:
+    from ccr_host.tools.survey_fit import Survey
 
 
 def register(
@@ -29,7 +37,6 @@ def register(
     import math
 
     from ccr_host.commands import terminal
-    from ccr_host.commands.tracker_screen import registration_table
     from ccr_host.description.file import file_to_keep_in, keep_in
     from ccr_host.run.observer import Observers
     from ccr_host.run.open_rig import open_rig
@@ -72,3 +79,25 @@ def register(
                 "kept_in": None if file is None else str(file),
             }
         )
+
+
+def registration_table(found: Survey) -> Table:
+    """The camera's orientation and its uncertainty."""
+    table = Table(title="registration", title_justify="left", show_header=False)
+    turned, uncertain = found.camera_to_robot_deg, found.uncertainty_deg
+    table.add_row("camera to robot, rotation vector (deg)", _numbers(turned, 2))
+    table.add_row("uncertainty about x, y, z (deg)", _numbers(uncertain, 2))
+    table.add_row("residual (mm)", f"{found.residual_mm:.2f}")
+    motors = ", ".join(str(motor + 1) for motor in range(len(found.direction)))
+    tip = f"M{len(found.lengths_mm) + 1}"
+    hysteresis = _numbers(found.hysteresis_mm, 2)
+    table.add_row(f"hysteresis of {tip} by motor {motors} (+- mm)", hysteresis)
+    table.add_row("segments as measured (mm)", _numbers(found.lengths_mm, 1))
+    if found.reversed_motors:
+        motors = " and ".join(map(str, found.reversed_motors))
+        table.add_row("reversed", f"motor {motors}; ccr-host calibrate corrects this")
+    return table
+
+
+def _numbers(values: Sequence[float] | np.ndarray[tuple[int], np.dtype[np.float64]], n: int) -> str:
+    return ", ".join(f"{float(value):.{n}f}" for value in values)

@@ -8,7 +8,7 @@ from math import floor, isqrt
 from typing import Final
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.core.units import CDEG_PER_DEG, deg_to_cdeg
+from ccr_host.core.wire import CDEG_PER_DEG, deg_to_cdeg
 from ccr_host.description.schema import Description
 from ccr_host.link.device_errors import TooFewAxesError
 from ccr_host.link.messages import (

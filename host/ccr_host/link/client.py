@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ccr_host.core.clock import NEVER_US, Clock
 from ccr_host.core.errors import DeviceError
 from ccr_host.core.stop_signals import interruptible_again
-from ccr_host.core.units import cdeg_to_rad
+from ccr_host.core.wire import cdeg_to_rad
 from ccr_host.link import messages as m
 from ccr_host.link.board import STATE_POLL_US, Board, TelemetryObserver
 from ccr_host.link.board_config import BoardConfig

@@ -7,7 +7,7 @@ from enum import Enum
 
 from cobs import cobs
 
-from ccr_host.core.crc import crc16_x25
+from ccr_host.core.wire import crc16_x25
 from ccr_host.link.messages import FRAME_DELIMITER, FRAME_OVERHEAD, MAX_AXES, MAX_PAYLOAD
 
 _DELIMITER = bytes([FRAME_DELIMITER])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import DeviceError
-from ccr_host.core.units import cdeg_to_rad, rad_to_cdeg
+from ccr_host.core.wire import cdeg_to_rad, rad_to_cdeg
 from ccr_host.link import messages as m
 from ccr_host.link.board_config import BoardConfig
 from ccr_host.link.device_errors import BoardFaultError, BoardStoppedError, LinkLossError

@@ -1,4 +1,4 @@
-"""Writes the tables of a log into files that other programs read."""
+"""Writes the tables of a log into files that other programs read: one a table, or one MAT file."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+import scipy
+from numpy.typing import NDArray
 from pydantic_core import to_json
 
 from ccr_host.core.errors import ConfigError
@@ -18,7 +21,7 @@ from ccr_host.core.user_file import replacing
 from ccr_host.record.log.files import LOG_PREFIX, LogFiles, log_files
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.record.log.sinks import DirectSink
-from ccr_host.record.log.tables import Row, Table, rows, tables_of
+from ccr_host.record.log.tables import Row, Table, arrays, rows, tables_of
 
 
 def finish_log(recording: RunRecording, folder: Path) -> int:
@@ -173,3 +176,40 @@ class _ParquetFile:
     def _write(self) -> None:
         self._writer.write_table(self._arrow.Table.from_pylist(self._rows, schema=self._schema))
         self._rows = []
+
+
+MAT_FILE = "run.mat"
+
+
+def write_mat(recording: RunRecording, folder: Path) -> dict[str, int]:
+    """Write ``run.mat``: one struct a table, one column vector a field, texts as cells.
+
+    Args:
+        recording: of a run.
+        folder: exists.
+
+    Returns:
+        The number of rows by table.
+
+    Raises:
+        ConfigError: the file cannot be written, or the log cannot be read.
+    """
+    structs = {
+        table.name: {name: _column(column) for name, column in arrays(recording, table).items()}
+        for table in tables_of(recording.description.robot)
+    }
+    try:
+        with replacing(folder / MAT_FILE) as draft, draft.open("wb") as file:
+            scipy.io.savemat(
+                file, structs, long_field_names=True, do_compression=True, oned_as="column"
+            )
+    except OSError as error:
+        raise ConfigError(
+            f"--out {folder}: {error.strerror}", "name a folder that can be written"
+        ) from None
+    return {name: len(next(iter(columns.values()))) for name, columns in structs.items()}
+
+
+def _column(column: NDArray[Any]) -> NDArray[Any]:
+    """Texts as an array of objects, which becomes a cell array."""
+    return column.astype(np.object_) if column.dtype.kind == "U" else column

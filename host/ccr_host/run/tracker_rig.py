@@ -15,8 +15,7 @@ from ccr_host.core.clock import NEVER_US, Clock
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.plugins import Guard, make_plugin
 from ccr_host.description.schema import Description
-from ccr_host.sim.polaris.camera import change_faults, faults_of, make_polaris
-from ccr_host.sim.polaris.line import PolarisLine
+from ccr_host.sim.polaris.line import PolarisLine, change_faults, faults_of, make_polaris
 from ccr_host.sim.robot.plant import TWIN
 from ccr_host.sim.robot.scene import ExposedCamera, TwinScene, make_plant
 from ccr_host.tracking.markers.marker_tracker import BelievedAngles, MarkerTracker

@@ -18,7 +18,7 @@ from ccr_host.description.schema import Description
 from ccr_host.robot.reference import Reference
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult
-from ccr_host.sim.robot.nearest_rest import nearest_rests
+from ccr_host.sim.robot.equilibrium import nearest_rests
 from ccr_host.sim.robot.plant import TWIN
 
 Array = NDArray[np.float64]

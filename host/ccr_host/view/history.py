@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.base import Command, Observation, Phase
-from ccr_host.core.units import cdeg_to_rad
+from ccr_host.core.wire import cdeg_to_rad
 from ccr_host.link.framing import Frame, FrameDecoder
 from ccr_host.link.messages import (
     MESSAGES,

@@ -11,7 +11,7 @@ from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.core.user_file import read_bytes
 from ccr_host.description import schema
 from ccr_host.record.log.reader import RunRecording
-from ccr_host.robot.path_file import read_path_file
+from ccr_host.robot.paths import read_path_file
 from ccr_host.sim.board.eeprom import EepromFile
 from ccr_host.sim.simavr.flash_image import read_flash_image
 from ccr_host.tools.sweep.plan import read_twins

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.core.units import cdeg_to_rad, rad_to_cdeg
+from ccr_host.core.wire import cdeg_to_rad, rad_to_cdeg
 from ccr_host.description.schema import load
 from ccr_host.link import messages as m
 from ccr_host.link.board_config import board_config

@@ -8,7 +8,7 @@ from crccheck.crc import CrcX25
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.core.crc import crc16_x25
+from ccr_host.core.wire import crc16_x25
 from ccr_host.link.framing import Frame, FrameDecoder, FramingError, encode_frame
 from ccr_host.link.messages import FRAME_OVERHEAD, MAX_AXES, MAX_PAYLOAD
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccr_host.tools.hysteresis import home_of, sweeps_of
-from ccr_host.tools.measured import Measured
+from ccr_host.tools.measured import Measured, home_of, sweeps_of
 
 STAIRS = np.concatenate([np.linspace(0, 4, 17), np.linspace(4, 0, 17)[1:]])
 

@@ -12,9 +12,8 @@ import pytest
 
 from ccr_host.description.schema import Segment, Tendon
 from ccr_host.tools.chain_fit import ChainModel, fit_chain
-from ccr_host.tools.hysteresis import home_of, sweeps_of
 from ccr_host.tools.identify import Residual
-from ccr_host.tools.measured import Measured, read_measured
+from ccr_host.tools.measured import Measured, home_of, read_measured, sweeps_of
 from tests.measured import measured
 
 pytestmark = pytest.mark.long

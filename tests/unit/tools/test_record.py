@@ -17,9 +17,8 @@ from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.observer import Observers, RunObserver
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
-from ccr_host.tools.hysteresis import home_of, sweeps_of
 from ccr_host.tools.identify import identify
-from ccr_host.tools.measured import FEWEST_ROWS, Measured, read_measured
+from ccr_host.tools.measured import FEWEST_ROWS, Measured, home_of, read_measured, sweeps_of
 from ccr_host.tools.record import PATTERNS, Stops, new_table, record_rests, stops_of
 
 SLACK_MM = (0.9, 1.4, 0.9, 1.4)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from ccr_host.core.units import bytes_in, wire_time_us
+from ccr_host.core.wire import bytes_in, wire_time_us
 from ccr_host.link.framing import FrameDecoder, FramingError, encode_frame
 from ccr_host.link.messages import (
     BAUD,

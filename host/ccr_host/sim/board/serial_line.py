@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccr_host.core.errors import DeviceError
-from ccr_host.core.units import wire_time_us
+from ccr_host.core.wire import wire_time_us
 from ccr_host.link.messages import BAUD, FRAME_DELIMITER, ResetCause
 from ccr_host.sim.board.board import UnoEmulator
 

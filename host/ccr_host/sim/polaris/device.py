@@ -9,7 +9,7 @@ from enum import Enum, IntEnum
 
 import numpy as np
 
-from ccr_host.core.crc import crc16_arc
+from ccr_host.core.wire import crc16_arc
 from ccr_host.sim.polaris.faults import is_within
 from ccr_host.sim.polaris.sensor import (
     SUPPORTED_MODE,

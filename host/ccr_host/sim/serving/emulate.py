@@ -13,7 +13,7 @@ from ccr_host.description.schema import Description
 from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.eeprom import EepromFile
 from ccr_host.sim.board.serial_line import SerialLine
-from ccr_host.sim.polaris.camera import faults_of, make_polaris
+from ccr_host.sim.polaris.line import faults_of, make_polaris
 from ccr_host.sim.robot.scene import CoSimulation, TwinScene, make_plant
 from ccr_host.sim.serving.ports import DEFAULT_HOST, PtyPort, TcpPort
 from ccr_host.sim.serving.server import BoardServer, Station, WorldLine

@@ -11,11 +11,10 @@ import scipy
 
 from ccr_host.description.schema import Robot
 from ccr_host.link.messages import SetTarget
-from ccr_host.record.export import Format, export
+from ccr_host.record.export import Format, export, write_mat
 from ccr_host.record.log import topics
 from ccr_host.record.log.tables import arrays, dictionary, tables_of
-from ccr_host.record.mat import write_mat
-from ccr_host.robot.path_file import read_path_file
+from ccr_host.robot.paths import read_path_file
 
 TABLES = tables_of(Robot())
 COUNTED = {table.name: table.topics for table in TABLES}

@@ -11,8 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from ccr_host.description import schema
 from ccr_host.record.log import topics
-from ccr_host.record.ros_bag import write_bag
-from ccr_host.record.urdf import urdf_of
+from ccr_host.record.ros_bag import urdf_of, write_bag
 
 TYPES = {
     "/robot_description": "std_msgs/msg/String",

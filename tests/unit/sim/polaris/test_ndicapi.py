@@ -6,7 +6,7 @@ import pytest
 
 from ccr_host.core.clock import RealClock
 from ccr_host.description.simulation import Tracker
-from ccr_host.sim.polaris.camera import make_polaris
+from ccr_host.sim.polaris.line import make_polaris
 from ccr_host.sim.polaris.sensor import Exposer, Placement
 from ccr_host.sim.serving.ports import PtyPort, TcpPort
 from ccr_host.sim.serving.server import BackgroundServer, BoardServer

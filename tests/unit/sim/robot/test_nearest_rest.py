@@ -5,8 +5,7 @@ import pytest
 
 from ccr_host.description.schema import load
 from ccr_host.description.simulation import Twin
-from ccr_host.sim.robot.equilibrium import Equilibrium
-from ccr_host.sim.robot.nearest_rest import NearestRest, nearest_rests
+from ccr_host.sim.robot.equilibrium import Equilibrium, NearestRest, nearest_rests
 
 LIMIT_RAD = np.radians([60.0, 60.0])
 

@@ -16,8 +16,8 @@ from enum import Enum, IntFlag
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccr_host.core.crc import crc16_arc
 from ccr_host.core.errors import TrackerError
+from ccr_host.core.wire import crc16_arc
 from ccr_host.tracking.sources.ndi.device_errors import meaning_of
 from ccr_host.tracking.tracker import BoolArray, FloatArray, Pose
 

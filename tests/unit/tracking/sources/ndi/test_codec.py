@@ -5,8 +5,8 @@ from crccheck.crc import Crc16Arc
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.core.crc import crc16_arc
 from ccr_host.core.errors import TrackerError
+from ccr_host.core.wire import crc16_arc
 from ccr_host.tracking.sources.ndi.device_errors import meaning_of
 from ccr_host.tracking.sources.ndi.replies import (
     LONGEST_REPLY_BYTES,

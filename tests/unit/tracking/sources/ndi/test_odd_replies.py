@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from ccr_host.core.crc import crc16_arc
+from ccr_host.core.wire import crc16_arc
 
 FRAME = re.compile(r"([0-9A-F]{8})\n")
 """The frame number of a tool in a reply to TX."""

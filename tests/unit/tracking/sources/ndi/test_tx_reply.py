@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccr_host.core.crc import crc16_arc
 from ccr_host.core.errors import TrackerError
+from ccr_host.core.wire import crc16_arc
 from ccr_host.tracking.sources.ndi.replies import (
     DamagedReplyError,
     PortStatus,
