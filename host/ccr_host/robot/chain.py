@@ -21,7 +21,9 @@ The paper's robot, (1)-(12), is two planar segments that bend along y and along 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import accumulate
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -224,68 +226,87 @@ def bend_of(bend_rad: ArrayLike, order: Literal[0, 1] = 1) -> Bend:
     return Bend(end[..., 0, :], end[..., 1:, :], turn[..., 0, :, :], turn[..., 1:, :, :])
 
 
-class Weights(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Weights:
     """Which points of a chain are added up, and how often each."""
 
     at_end: FloatArray
-    """Weight of the end of each segment, (S,)."""
+    """Weight of the end of each segment, (..., S)."""
     along: FloatArray
-    """Weight spread evenly along each segment, (S,)."""
+    """Weight spread evenly along each segment, (..., S)."""
     tip_offset_mm: FloatArray
-    """Added in the frame of the last disk, (3,)."""
+    """Added in the frame of the last disk, (..., 3)."""
 
+    @cached_property
+    def shares(self) -> tuple[FloatArray, FloatArray]:
+        """Weight of each segment's end, of all that it carries, and of its middle, (..., S, 1).
 
-def tip_weights(segments: int, tip_offset_mm: ArrayLike = (0.0, 0.0, 0.0)) -> Weights:
-    """Weights with which the sum of points is the tip."""
-    at_end = np.zeros(segments)
-    at_end[-1] = 1.0
-    return Weights(at_end, np.zeros(segments), np.asarray(tip_offset_mm, dtype=np.float64))
+        Weight along a segment acts at the mean of its points, by Simpson's rule.
+        """
+        carried = np.cumsum((self.at_end + self.along)[..., ::-1], axis=-1)[..., ::-1]
+        return (carried - 5.0 / 6.0 * self.along)[..., None], (self.along / 3.0)[..., None]
 
 
 def point_mm(
-    lengths_mm: ArrayLike,
-    bend_rad: ArrayLike,
-    weights: Weights,
-    shorter_mm: ArrayLike = 0.0,
-    order: Literal[0, 1] = 1,
+    lengths_mm: FloatArray, bend_rad: FloatArray, weights: Weights, shorter_mm: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Weighted sum of points of a chain in the frame of its base, and its derivatives.
+    """Weighted sum of points of chains in the frame of their base, and its derivatives.
 
-    With ``tip_weights`` it is the tip; with weights in N it is what gravity's energy depends on. A
-    weight along a segment acts at the mean of its points, by Simpson's rule.
+    It is the tip for a weight of 1 at the last end alone; with weights in N it is what gravity's
+    energy depends on.
 
     Args:
-        lengths_mm: length of each segment, (S,).
+        lengths_mm: length of each segment, (..., S).
         bend_rad: bending vectors, (..., S, 2), each in the frame in which its segment begins.
         weights: the points.
-        shorter_mm: by how much a bending of 1 rad shortens each segment, (S,), growing with its
+        shorter_mm: by how much a bending of 1 rad shortens each segment, (..., S), growing with its
             square.
-        order: 0 if the derivatives are not needed.
 
     Returns:
-        The sum, (..., 3), and its derivatives, (..., S, 2, 3) or (..., S, 0, 3).
+        The sum, (..., 3), and its derivatives, (..., S, 2, 3).
     """
-    bends = np.asarray(bend_rad, dtype=np.float64)
-    along = np.asarray(weights.along)[:, None]
-    carried = np.cumsum((weights.at_end + weights.along)[::-1])[::-1, None] - along
-    whole = bend_of(bends, order)
-    unit = (carried + along / 6.0) * whole.end
-    unit_by = (carried + along / 6.0)[:, None] * whole.end_by
-    if along.any():
-        half = bend_of(0.5 * bends, order)
-        unit += along / 3.0 * half.end
-        unit_by += along[:, None] / 6.0 * half.end_by
-    shorter = np.broadcast_to(shorter_mm, np.shape(lengths_mm))[:, None]
-    lengths = np.asarray(lengths_mm)[:, None] - shorter * (bends**2).sum(axis=-1, keepdims=True)
-    sums = lengths * unit
-    shortening = 2.0 * (shorter * bends)[..., : 2 * order, None]
-    by = lengths[..., None] * unit_by - shortening * unit[..., None, :]
-    beyond: FloatArray = np.broadcast_to(weights.tip_offset_mm, (*bends.shape[:-2], 3))
-    for number in reversed(range(bends.shape[-2])):
-        turn, later = whole.turn[..., number, :, :], by[..., number + 1 :, :, :]
-        later[:] = later @ np.swapaxes(turn, -1, -2)[..., None, :, :]
-        by[..., number, :, :] += np.einsum(
-            "...dij,...j->...di", whole.turn_by[..., number, :, :, :], beyond
-        )
-        beyond = sums[..., number, :] + np.einsum("...ij,...j->...i", turn, beyond)
-    return beyond, by
+    at_end, at_middle = weights.shares
+    end, end_by, turn, turn_by = bend_of(np.multiply.outer((1.0, 0.5), bend_rad))
+    unit = at_end * end[0] + at_middle * end[1]
+    unit_by = at_end[..., None] * end_by[0] + 0.5 * at_middle[..., None] * end_by[1]
+    lengths, shortening = _shortened(lengths_mm, bend_rad, shorter_mm)
+    sums = (lengths * unit)[..., None]
+    by = lengths[..., None] * unit_by - shortening[..., None] * unit[..., None, :]
+    turns = [turn[0, ..., number, :, :] for number in range(sums.shape[-3])]
+    beyond = np.broadcast_to(weights.tip_offset_mm[..., None], (*sums.shape[:-3], 3, 1))
+    carried = []
+    for number in reversed(range(len(turns))):
+        carried.append(beyond)
+        beyond = sums[..., number, :, :] + turns[number] @ beyond
+    by += (turn_by[0] @ np.stack(carried[::-1], axis=-3)[..., None, :, :])[..., 0]
+    if len(turns) > 1:
+        frames = np.stack(list(accumulate(turns[:-1], np.matmul)), axis=-3)
+        by[..., 1:, :, :] = by[..., 1:, :, :] @ np.swapaxes(frames, -1, -2)
+    return beyond[..., 0], by
+
+
+def ends_mm(
+    lengths_mm: FloatArray, bend_rad: FloatArray, shorter_mm: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Place, (..., 3, 1), and turn, (..., 3, 3), of the disk that ends each segment.
+
+    The arguments are those of ``point_mm``.
+    """
+    whole = bend_of(bend_rad, order=0)
+    ways = (_shortened(lengths_mm, bend_rad, shorter_mm)[0] * whole.end)[..., None]
+    place, turn = ways[..., 0, :, :], whole.turn[..., 0, :, :]
+    ends = [(place, turn)]
+    for number in range(1, ways.shape[-3]):
+        place = place + turn @ ways[..., number, :, :]
+        turn = turn @ whole.turn[..., number, :, :]
+        ends.append((place, turn))
+    return ends
+
+
+def _shortened(
+    lengths_mm: FloatArray, bend_rad: FloatArray, shorter_mm: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Lengths of bent segments, (..., S, 1), and what bending takes off them, (..., S, 2)."""
+    shortening = shorter_mm[..., None] * bend_rad
+    lengths = lengths_mm[..., None] - (shortening * bend_rad).sum(axis=-1, keepdims=True)
+    return lengths, 2.0 * shortening

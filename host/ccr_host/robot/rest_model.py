@@ -20,7 +20,7 @@ from ccr_host.description.schema import Segment
 from ccr_host.robot.arc import SHORTER_BY_SAG
 from ccr_host.robot.chain import Weights
 from ccr_host.robot.kinematics import freedom_of
-from ccr_host.robot.tendon_rest import TendonRobot, pulled_mm
+from ccr_host.robot.tendon_rest import TendonRobot, pulled_mm, steps_from_here
 
 FloatArray = NDArray[np.float64]
 
@@ -28,8 +28,8 @@ _MARKERS_MM, _GLUE_MM, _PLACE_MM = 0.7, 0.5, 5.0
 """Deviation of all markers from their described place, of each from that of the tip, and of the
 origin of other measurements."""
 _PROBE_RAD, _PROBE = 1e-6, 1e-5
-_PLACING, _PULLING = ("turn", "base", "glue"), ("dead_travel", "slack", "angle", "log_compliance")
-"""What changes no moment, and what changes no place at the same bending, nor any weight."""
+_PULLING = ("dead_travel", "slack", "angle", "log_compliance")
+"""What changes no place at the same bending, nor any weight."""
 _WEIGHT = 0.4
 """Deviation of the weight times the robot's length, over the stiffness of segment 1."""
 
@@ -80,6 +80,37 @@ class Slopes(NamedTuple):
     """Of the degrees of freedom by moments, (N, D, D)."""
 
 
+@dataclass(frozen=True, eq=False)
+class MarkedRobot(TendonRobot):
+    """A robot, or several, and where its markers are."""
+
+    ends: tuple[int, ...]
+    """As in ``Markers``."""
+    places_mm: FloatArray
+    """Each marker seen from the backbone, in the frame of its disk, (..., ends, 3)."""
+    turn: FloatArray
+    """From the robot's frame to that of the measurement, (..., 3, 3)."""
+    origin_mm: FloatArray
+    """Place of the base in the frame of the measurement, (..., 3)."""
+
+    def seen_mm(self, y: FloatArray) -> FloatArray:
+        """Markers relative to that at the base, (..., D) -> (..., ends, 3), at rest."""
+        disks, seen = self.ends_mm(y), []
+        for number, end in enumerate(self.ends):
+            place, turn = disks[end]
+            seen.append((place + turn @ self.places_mm[..., number, :, None])[..., 0])
+        robot_mm = np.stack(seen, axis=-2) - self.places_mm[..., -1:, :]
+        seen_mm: FloatArray = robot_mm @ np.swapaxes(self.turn, -1, -2)
+        return seen_mm + self.origin_mm[..., None, :]
+
+    def seen_by(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``seen_mm`` of one robot and its derivatives, (..., ends, 3, D)."""
+        near = self.seen_mm(y[..., None, :] + steps_from_here(y.shape[-1], _PROBE_RAD))
+        here_mm = near[..., :1, :, :]
+        by_y = np.moveaxis((near[..., 1:, :, :] - here_mm) / _PROBE_RAD, -3, -1)
+        return here_mm[..., 0, :, :], by_y
+
+
 class RestModel:
     """The robots that a description may mean, in the frame of their base until that is placed.
 
@@ -116,97 +147,93 @@ class RestModel:
         self._mean = np.array([u.mean for u in self.unknowns])
         self.deviation = np.array([u.deviation for u in self.unknowns])
         self._groups = _groups(self.unknowns)
+        self._lower = np.tri(len(segments))
+        self._pulls = np.array([u.kind in _PULLING for u in self.unknowns])
         self.frame = np.eye(3), np.zeros(3)
         """Rotation and place of the base in the frame of the measurement, before ``turn``."""
 
     def values(self, score: FloatArray) -> FloatArray:
-        """Parameters of scores, (parameter - mean) / deviation of the prior, both (P,)."""
+        """Parameters of scores, (parameter - mean) / deviation of the prior, both (..., P)."""
         values: FloatArray = self._mean + self.deviation * score
         dead = self._groups["dead_travel"]
-        values[dead] = np.abs(values[dead])
+        values[..., dead] = np.abs(values[..., dead])
         return values
 
     def group(self, score: FloatArray, name: str) -> FloatArray:
-        """The parameters whose names begin with this one, in order."""
-        values: FloatArray = self.values(score)[self._groups[name]]
+        """The parameters whose names begin with this one, in order, (..., number)."""
+        values: FloatArray = self.values(score)[..., self._groups[name]]
         return values
 
-    def robot(self, score: FloatArray) -> TendonRobot:
-        """The robot that the parameters stand for."""
-        radius_mm = self.group(score, "tendon_radius")
-        angle_rad = self._angle_rad + self.group(score, "angle")
+    def robot(self, score: FloatArray) -> MarkedRobot:
+        """The robot that the parameters stand for, or several robots, (..., P)."""
+        values = self.values(score)
+        of = {name: values[..., numbers] for name, numbers in self._groups.items()}
+        radius_mm, lengths_mm, sag = of["tendon_radius"], of["length"], of["sag"]
+        angle_rad = self._angle_rad + of["angle"]
         towards = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
-        at_mm = self._passes * radius_mm
-        lengths_mm = self.group(score, "length")
-        compliance = np.exp(self.group(score, "log_compliance"))[self.segment_of]
-        own_mm = radius_mm[self.segment_of]
-        sag = self.group(score, "sag")
-        at_end = np.zeros(len(self._segments))
-        at_end[-1] = self.group(score, "tip_share").sum()
-        hung_mm = at_end[-1] * self._places_mm(score)[-1]
-        return TendonRobot(
+        at_mm = self._passes * radius_mm[..., None, :]
+        own_mm = radius_mm[..., self.segment_of]
+        at_end = np.zeros_like(lengths_mm)
+        at_end[..., -1] = of["tip_share"].sum(axis=-1)
+        places_mm = self._markers.offset_mm + of["marker"][..., None, :]
+        places_mm = np.repeat(places_mm, len(self._markers.ends), axis=-2)
+        glue_mm = of["glue"]
+        places_mm[..., :-1, :] += glue_mm.reshape(*glue_mm.shape[:-1], -1, 3)
+        stiffness = np.ones_like(lengths_mm)
+        stiffness[..., 1:] = np.exp(of["log_stiffness"])
+        softening = (radius_mm * sag)[..., None, :] / radius_mm[..., None]
+        return MarkedRobot(
             lengths_mm=lengths_mm,
             freedom=self.freedom,
-            stiffness=np.exp(np.append(0.0, self.group(score, "log_stiffness"))),
-            lever_mm=at_mm[..., None] * towards[:, None],
-            sag_mm=at_mm * sag,
+            stiffness=stiffness,
+            lever_mm=at_mm[..., None] * towards[..., None, :],
+            sag_mm=at_mm * sag[..., None, :],
             shorter_mm=SHORTER_BY_SAG * radius_mm * sag,
-            softening=np.tril(2.0 * np.outer(1.0 / radius_mm, radius_mm * sag)),
-            slack_mm=self.group(score, "slack"),
-            tendon_stiffness_mm2=1.0 / (compliance * own_mm**2),
-            load_mm=self.group(score, "weight"),
-            weights=Weights(at_end, lengths_mm / lengths_mm.sum(), hung_mm),
+            softening=2.0 * self._lower * softening,
+            slack_mm=of["slack"],
+            tendon_stiffness_mm2=np.exp(-of["log_compliance"])[..., self.segment_of] / own_mm**2,
+            load_mm=of["weight"],
+            weights=Weights(
+                at_end,
+                lengths_mm / lengths_mm.sum(axis=-1, keepdims=True),
+                at_end[..., -1:] * places_mm[..., -1, :],
+            ),
+            ends=self._markers.ends,
+            places_mm=places_mm,
+            turn=self._turn(of["turn"]),
+            origin_mm=self.frame[1] + of["base"],
         )
 
     def half_dead_mm(self, score: FloatArray) -> FloatArray:
-        """Half the dead travel of each tendon, (T,)."""
-        half: FloatArray = 0.5 * self.group(score, "dead_travel")[self.segment_of]
+        """Half the dead travel of each tendon, (..., T)."""
+        half: FloatArray = 0.5 * self.group(score, "dead_travel")[..., self.segment_of]
         return half
 
     def travel_mm(
         self, score: FloatArray, start_mm: FloatArray, wound_mm: FloatArray
     ) -> FloatArray:
-        """Pull of each tendon behind its dead travel, (N, T): the play operator over all rows.
+        """Pull of each tendon behind its dead travel, (N, ..., T): the play operator over all rows.
 
         Args:
-            score: of the robot, (P,).
+            score: of the robot, or of several, (..., P).
             start_mm: pull of each before the first row, (T,).
             wound_mm: what the motors have wound up at each row, (N, T).
         """
-        half_mm, behind = self.half_dead_mm(score), start_mm
-        rows: FloatArray = np.empty_like(wound_mm)
-        for number, wound in enumerate(wound_mm):
-            rows[number] = behind = pulled_mm(behind, wound, half_mm)
-        return rows
+        half_mm, behind, rows = self.half_dead_mm(score), start_mm, []
+        for wound in wound_mm:
+            behind = pulled_mm(behind, wound, half_mm)
+            rows.append(behind)
+        return np.array(rows)
 
     @property
     def nothing(self) -> FloatArray:
         """Scores of the description itself, (P,)."""
         return np.zeros(len(self.unknowns))
 
-    def seen_mm(self, score: FloatArray, robot: TendonRobot, y: FloatArray) -> FloatArray:
-        """Markers in the frame of the measurement at rest, (..., D) -> (..., ends, 3)."""
-        moved_mm = self.frame[1] + self.group(score, "base")
-        seen: FloatArray = self.ends_mm(score, robot, y) @ self.turn(score).T + moved_mm
-        return seen
-
-    def ends_mm(self, score: FloatArray, robot: TendonRobot, y: FloatArray) -> FloatArray:
-        """Markers relative to that at the base, (..., D) -> (..., ends, 3)."""
-        halves_rad, places_mm = robot.halves_rad(y), self._places_mm(score)
-        ends = zip(self._markers.ends, places_mm, strict=True)
-        return np.stack([robot.end_mm(halves_rad, *end) - places_mm[-1] for end in ends], axis=-2)
-
-    def seen_by(
-        self, score: FloatArray, robot: TendonRobot, y: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """``seen_mm`` and its derivatives, (N, ends, 3, D)."""
-        steps = np.concatenate([np.zeros((1, y.shape[-1])), _PROBE_RAD * np.eye(y.shape[-1])])
-        here_mm, *near_mm = np.moveaxis(self.seen_mm(score, robot, y[:, None] + steps), 1, 0)
-        return here_mm, (np.stack(near_mm, axis=-1) - here_mm[..., None]) / _PROBE_RAD
-
     def slopes(
         self,
         score: FloatArray,
+        robot: MarkedRobot,
         y: FloatArray,
         travel_of: Callable[[FloatArray], FloatArray],
         numbers: Sequence[int] | None = None,
@@ -215,48 +242,36 @@ class RestModel:
 
         Args:
             score: of the robot.
+            robot: the robot itself.
             y: its degrees of freedom at rest, (N, D).
-            travel_of: pull of each tendon there by the scores, (N, T).
+            travel_of: pull of each tendon there by scores, (..., P) -> (N, ..., T).
             numbers: those of the scores by which derivatives are taken; by default all.
         """
-        robot, travel_mm = self.robot(score), travel_of(score)
-        here_mm, by_freedom = self.seen_by(score, robot, y)
-        weightless = replace(robot, load_mm=np.zeros(3)).moments(y, travel_mm)
-        moments = robot.moments(y, travel_mm)
-        numbers = range(len(score)) if numbers is None else numbers
-        more, moved = np.zeros((*y.shape, len(numbers))), np.zeros((*here_mm.shape, len(numbers)))
-        for column, number in enumerate(numbers):
-            kind = self.unknowns[number].kind
-            near = score.copy()
-            near[number] += _PROBE
-            other = self.robot(near)
-            if kind in _PULLING:
-                led_mm = travel_of(near) if kind == "dead_travel" else travel_mm
-                other = replace(other, load_mm=np.zeros(3))
-                more[..., column] = other.moments(y, led_mm) - weightless
-                continue
-            if kind not in _PLACING:
-                more[..., column] = other.moments(y, travel_mm) - moments
-            moved[..., column] = self.seen_mm(near, other, y) - here_mm
-        compliance = robot.compliance(y, travel_mm)
+        chosen = np.arange(len(score)) if numbers is None else np.array(numbers)
+        compliance = robot.compliance(y, travel_of(score))
+        here_mm, by_freedom = robot.seen_by(y)
+        more, moved = np.zeros((*y.shape, len(chosen))), np.zeros((*here_mm.shape, len(chosen)))
+        pulls = self._pulls[chosen]
+        for own in (pulls, ~pulls):
+            near = score + _PROBE * np.eye(len(score) + 1, len(score))[[-1, *chosen[own]]]
+            others = self.robot(near)
+            if own is pulls:
+                others = replace(others, load_mm=np.zeros(3))
+            else:
+                seen_mm = others.seen_mm(y[:, None])
+                moved[..., own] = np.moveaxis(seen_mm[:, 1:] - seen_mm[:, :1], 1, -1)
+            moments = others.moments(y[:, None], travel_of(near))
+            more[..., own] = np.moveaxis(moments[:, 1:] - moments[:, :1], 1, -1)
         yielding = -compliance @ more / _PROBE
         markers = moved / _PROBE + by_freedom @ yielding[:, None]
         return Slopes(markers, yielding, by_freedom, compliance)
 
-    def _places_mm(self, score: FloatArray) -> FloatArray:
-        """Each marker seen from the backbone, in the frame of its disk, (ends, 3)."""
-        places_mm = np.tile(self._markers.offset_mm, (len(self._markers.ends), 1))
-        places_mm += self.group(score, "marker")
-        places_mm[:-1] += self.group(score, "glue").reshape(-1, 3)
-        return places_mm
-
-    def turn(self, score: FloatArray) -> FloatArray:
-        """The turn from the robot's frame to that of the measurement, (3, 3)."""
-        vector = self.group(score, "turn")
-        if not len(vector):
+    def _turn(self, vector: FloatArray) -> FloatArray:
+        """The turn from the robot's frame to that of the measurement, (..., 3, 3)."""
+        if not vector.shape[-1]:
             return self.frame[0]
-        turn: FloatArray = Rotation.from_rotvec(vector).as_matrix() @ self.frame[0]
-        return turn
+        turns = Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix() @ self.frame[0]
+        return np.reshape(turns, (*vector.shape[:-1], 3, 3))
 
 
 def _unknowns(
@@ -300,9 +315,12 @@ def _unknowns(
     ]
 
 
-def _groups(unknowns: list[Unknown]) -> dict[str, NDArray[np.intp]]:
+def _groups(unknowns: list[Unknown]) -> dict[str, slice]:
+    """Where those of each kind stand, which follow each other."""
     names = [unknown.kind for unknown in unknowns]
     return {
-        name: np.array([i for i, own in enumerate(names) if own == name], dtype=np.intp)
+        name: slice(names.index(name), names.index(name) + names.count(name))
+        if name in names
+        else slice(0)
         for name in {*names, "log_stiffness", "tip_share", "turn", "glue"}
     }

@@ -8,9 +8,10 @@ two of a spatial one. In units of the bending stiffness k_1 of segment 1, the en
 
 with n_i the direction of tendon i about the backbone. A tendon of a later segment is lengthened by
 the bending of all earlier ones, too. e is the sag of a bent chain of disks, whose holes come closer
-on both sides, and whose backbone becomes shorter. For tendons that are all taut and no load, rest
-is the linear least-squares solution with tendons and segments weighted by their stiffness; motion
-common to the tendons of a segment is its null space, pretension.
+on both sides, and whose backbone becomes shorter. Each column of B is a unit vector of one segment,
+at right angles to the others, so |b_j|^2 is the sum of its y^2. For tendons that are all taut and
+no load, rest is the linear least-squares solution with tendons and segments weighted by their
+stiffness; motion common to the tendons of a segment is its null space, pretension.
 
 Weight bends a segment most at its base. The halves of segment j bend by (b_j + u_j) / 2 and
 (b_j - u_j) / 2, and u_j is where the energy, to first order, is least at the bending of rest: the
@@ -27,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.robot.arc import LEAST_SOFTENED
-from ccr_host.robot.chain import Weights, point_mm, tip_weights
+from ccr_host.robot.chain import Weights, ends_mm, point_mm
 
 FloatArray = NDArray[np.float64]
 
@@ -42,7 +43,10 @@ _PROBE_RAD = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class TendonRobot:
-    """What rest depends on."""
+    """What rest depends on; of several robots with leading axes, which broadcast with those of y.
+
+    Only ``rest`` takes one robot alone.
+    """
 
     lengths_mm: FloatArray
     """(S,)."""
@@ -69,104 +73,123 @@ class TendonRobot:
     """Shares of that weight."""
 
     @cached_property
+    def _flat_freedom(self) -> FloatArray:
+        """(D, 2 S)."""
+        return self.freedom.reshape(len(self.freedom), -1)
+
+    @cached_property
+    def _own(self) -> FloatArray:
+        """1 for the segment that each degree of freedom bends, (S, D)."""
+        own: FloatArray = (self.freedom**2).sum(axis=-1).T
+        return own
+
+    @cached_property
+    def _straight_levers_mm(self) -> FloatArray:
+        """(..., T, D)."""
+        flat = self.lever_mm.reshape(*self.lever_mm.shape[:-2], -1)
+        levers: FloatArray = flat @ self._flat_freedom.T
+        return levers
+
+    @cached_property
+    def _own_sag_mm(self) -> FloatArray:
+        """(..., T, D)."""
+        return self.sag_mm @ self._own
+
+    @cached_property
+    def _own_stiffness(self) -> FloatArray:
+        """(..., D)."""
+        return self.stiffness @ self._own
+
+    @cached_property
     def _half_lengths_mm(self) -> FloatArray:
-        return np.repeat(0.5 * self.lengths_mm, 2)
+        return np.repeat(0.5 * self.lengths_mm, 2, axis=-1)
 
     @cached_property
     def _half_weights(self) -> Weights:
-        at_end = np.repeat(self.weights.at_end, 2)
-        at_end[::2] = 0.0
-        return Weights(at_end, np.repeat(0.5 * self.weights.along, 2), self.weights.tip_offset_mm)
+        at_end = np.repeat(self.weights.at_end, 2, axis=-1)
+        at_end[..., ::2] = 0.0
+        along = np.repeat(0.5 * self.weights.along, 2, axis=-1)
+        return Weights(at_end, along, self.weights.tip_offset_mm)
 
     @cached_property
     def _half_shorter_mm(self) -> FloatArray:
-        return np.repeat(2.0 * self.shorter_mm, 2)
+        return np.repeat(2.0 * self.shorter_mm, 2, axis=-1)
+
+    @cached_property
+    def _is_loaded(self) -> bool:
+        return bool(self.load_mm.any())
 
     def bend_rad(self, y: FloatArray) -> FloatArray:
         """Bending vectors of degrees of freedom, (..., D) -> (..., S, 2)."""
-        bend: FloatArray = np.tensordot(y, self.freedom, axes=1)
+        bend: FloatArray = (y @ self._flat_freedom).reshape(*y.shape[:-1], -1, 2)
         return bend
 
-    def end_mm(self, halves_rad: FloatArray, end: int, offset_mm: FloatArray) -> FloatArray:
-        """A point in the frame of the disk that ends a segment, (..., 3), from that of the base.
-
-        Args:
-            halves_rad: see ``halves_rad``.
-            end: number of the segment, from 0.
-            offset_mm: the point seen from the backbone, (3,).
-        """
-        until = slice(2 * (end + 1))
-        weights = tip_weights(2 * (end + 1), offset_mm)
-        lengths_mm, shorter_mm = self._half_lengths_mm[until], self._half_shorter_mm[until]
-        return point_mm(lengths_mm, halves_rad[..., until, :], weights, shorter_mm, order=0)[0]
+    def ends_mm(self, y: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """``chain.ends_mm`` of the segments at rest, (..., D)."""
+        return ends_mm(self._half_lengths_mm, self.halves_rad(y), self._half_shorter_mm)[1::2]
 
     def halves_rad(self, y: FloatArray) -> FloatArray:
         """Bending vectors of each half of the segments at rest, (..., D) -> (..., 2 S, 2)."""
         bend = self.bend_rad(y)
         halves: FloatArray = np.repeat(0.5 * bend, 2, axis=-2)
-        if not self.load_mm.any():
+        if not self._is_loaded:
             return halves
         _, by_half = point_mm(
             self._half_lengths_mm, halves, self._half_weights, self._half_shorter_mm
         )
-        load_by = by_half @ self.load_mm
+        load_by = _times(by_half, self.load_mm[..., None, :])
         first, second = load_by[..., 0::2, :], load_by[..., 1::2, :]
-        moments = self.stiffness[:, None] * bend + 0.5 * (first + second)
-        softer = np.linalg.norm(moments, axis=-1) @ self.softening
+        moments = self.stiffness[..., None] * bend + 0.5 * (first + second)
+        sizes = np.sqrt((moments * moments).sum(axis=-1))
+        softer = (sizes[..., None, :] @ self.softening)[..., 0, :]
         stiffness = np.maximum(self.stiffness - softer, LEAST_SOFTENED * self.stiffness)
         uneven = -0.5 * (first - second) / stiffness[..., None]
-        along = np.tensordot(uneven, self.freedom, axes=((-2, -1), (1, 2)))
-        return halves + 0.5 * np.kron(self.bend_rad(along), [[1.0], [-1.0]])
+        along = uneven.reshape(*uneven.shape[:-2], -1) @ self._flat_freedom.T
+        # Of several robots at one y, only the uneven part is that of each.
+        halves = np.broadcast_to(halves, load_by.shape).copy()
+        halves[..., 0::2, :] += 0.5 * self.bend_rad(along)
+        halves[..., 1::2, :] -= 0.5 * self.bend_rad(along)
+        return halves
 
     def stretch_mm(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
         """x, (..., T), at degrees of freedom, (..., D), and tendon travel, (..., T)."""
-        bend = self.bend_rad(y)
-        route = np.tensordot(bend, self.lever_mm, axes=((-2, -1), (1, 2)))
-        route += (bend**2).sum(axis=-1) @ self.sag_mm.T
-        stretch: FloatArray = travel_mm - self.slack_mm - route
-        return stretch
+        route_mm = _times(self._straight_levers_mm, y) + _times(self._own_sag_mm, y * y)
+        return travel_mm - self.slack_mm - route_mm
 
     def levers_mm(self, y: FloatArray) -> FloatArray:
         """Lengthening of each tendon's route by the degrees of freedom, mm/rad, (..., T, D)."""
-        bend = self.bend_rad(y)
-        lever = self.lever_mm + 2.0 * self.sag_mm[..., None] * bend[..., None, :, :]
-        levers: FloatArray = np.tensordot(lever, self.freedom, axes=((-2, -1), (1, 2)))
-        return levers
+        return self._straight_levers_mm + 2.0 * self._own_sag_mm * y[..., None, :]
 
     def energy(self, y: FloatArray, travel_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Energy over k_1, (...), and its gradient, the moments, (..., D), zero at rest."""
-        bend = self.bend_rad(y)
-        taut = np.maximum(self.stretch_mm(y, travel_mm), 0.0)
-        height, by_bend = self._load(bend)
-        energy = (
-            0.5 * (bend**2).sum(axis=-1) @ self.stiffness
-            + 0.5 * taut**2 @ self.tendon_stiffness_mm2
-            + height
-        )
-        pull = taut * self.tendon_stiffness_mm2
-        even = self.stiffness - 2.0 * pull @ self.sag_mm
-        by_bend = by_bend + even[..., None] * bend - np.tensordot(pull, self.lever_mm, axes=1)
-        return energy, np.tensordot(by_bend, self.freedom, axes=((-2, -1), (1, 2)))
+        height, load_by = self._load(y)
+        taut_mm = np.maximum(self.stretch_mm(y, travel_mm), 0.0)
+        pull = self.tendon_stiffness_mm2 * taut_mm
+        bent = self._own_stiffness * y
+        energy = 0.5 * ((bent * y).sum(axis=-1) + (pull * taut_mm).sum(axis=-1)) + height
+        return energy, bent + load_by - (pull[..., None, :] @ self.levers_mm(y))[..., 0, :]
 
     def moments(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
         """Gradient of the energy, (..., D), zero at rest."""
         return self.energy(y, travel_mm)[1]
 
+    def moments_by_travel(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
+        """Derivatives of the moments by the travel of each tendon, (..., D, T)."""
+        taut = (self.stretch_mm(y, travel_mm) > 0.0) * self.tendon_stiffness_mm2
+        by_travel: FloatArray = -np.swapaxes(taut[..., None] * self.levers_mm(y), -1, -2)
+        return by_travel
+
     def stiffness_matrix(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
         """Second derivatives of the energy, (..., D, D); those of the load by differences."""
-        bend = self.bend_rad(y)
-        stretch = self.stretch_mm(y, travel_mm)
-        pull = np.maximum(stretch, 0.0) * self.tendon_stiffness_mm2
-        by_y = self.levers_mm(y)
-        taut = (stretch > 0.0) * self.tendon_stiffness_mm2
-        matrix = np.einsum("...t,...td,...te->...de", taut, by_y, by_y)
-        even = self.stiffness - 2.0 * pull @ self.sag_mm
-        matrix += np.einsum("...s,dsi,esi->...de", even, self.freedom, self.freedom)
-        if self.load_mm.any():
-            steps = np.concatenate([np.zeros_like(self.freedom[:1]), _PROBE_RAD * self.freedom])
-            by_bend = self._load(bend[..., None, :, :] + steps)[1]
-            slope = (by_bend[..., 1:, :, :] - by_bend[..., :1, :, :]) / _PROBE_RAD
-            matrix += np.tensordot(slope, self.freedom, axes=((-2, -1), (1, 2)))
+        pull = np.maximum(self.stretch_mm(y, travel_mm), 0.0) * self.tendon_stiffness_mm2
+        even = self._own_stiffness - 2.0 * (pull[..., None, :] @ self._own_sag_mm)[..., 0, :]
+        matrix = even[..., None] * np.eye(len(self.freedom))
+        matrix -= self.moments_by_travel(y, travel_mm) @ self.levers_mm(y)
+        if self._is_loaded:
+            load_by = self._load(y[..., None, :] + steps_from_here(len(self.freedom), _PROBE_RAD))[
+                1
+            ]
+            matrix += (load_by[..., 1:, :] - load_by[..., :1, :]) / _PROBE_RAD
         stiffness: FloatArray = matrix
         return stiffness
 
@@ -213,12 +236,26 @@ class TendonRobot:
                 break
         return y
 
-    def _load(self, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Its energy over k_1, (...), and the derivatives by the bending, (..., S, 2)."""
-        if not self.load_mm.any():
-            return np.zeros(bend.shape[:-2]), np.zeros_like(bend)
+    def _load(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Its energy over k_1, (...), and the derivatives, (..., D)."""
+        if not self._is_loaded:
+            return np.zeros(y.shape[:-1]), np.zeros_like(y)
+        bend = self.bend_rad(y)
         place_mm, by_bend = point_mm(self.lengths_mm, bend, self.weights, self.shorter_mm)
-        return place_mm @ self.load_mm, by_bend @ self.load_mm
+        load_by = _times(by_bend, self.load_mm[..., None, :])
+        load_by = load_by.reshape(*load_by.shape[:-2], -1) @ self._flat_freedom.T
+        return (place_mm * self.load_mm).sum(axis=-1), load_by
+
+
+def steps_from_here(count: int, step: float) -> FloatArray:
+    """None, then one along each of some coordinates, (count + 1, count)."""
+    return np.eye(count + 1, count, -1) * step
+
+
+def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """Matrices times vectors, (..., m, n), (..., n) -> (..., m)."""
+    product: FloatArray = (matrix @ vector[..., None])[..., 0]
+    return product
 
 
 def pulled_mm(travel_mm: FloatArray, wound_mm: FloatArray, half_dead_mm: FloatArray) -> FloatArray:

@@ -60,7 +60,7 @@ class ChainModel(RestModel):
         self, score: FloatArray, rows: NDArray[np.intp], start: FloatArray | None = None
     ) -> FloatArray:
         """Markers of some rows in the frame of the measurement, (n, ends, 3)."""
-        return self.seen_mm(score, self.robot(score), self.rest(score, rows, start))
+        return self.robot(score).seen_mm(self.rest(score, rows, start))
 
     def bend_rad(self, score: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
         """Bending vectors of some rows, (n, S, 2)."""
@@ -74,7 +74,7 @@ class ChainModel(RestModel):
 
     def slope(self, score: FloatArray, rows: NDArray[np.intp], y: FloatArray) -> FloatArray:
         """Derivatives of the markers at rest, y, by the scores, (n, ends, 3, P)."""
-        return self.slopes(score, y, partial(self._travel_mm, rows)).markers
+        return self.slopes(score, self.robot(score), y, partial(self._travel_mm, rows)).markers
 
     def _travel_mm(self, rows: NDArray[np.intp], score: FloatArray) -> FloatArray:
         return self.travel_mm(score, self._wound_mm[0], self._wound_mm)[rows]

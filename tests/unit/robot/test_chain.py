@@ -8,7 +8,7 @@ import scipy
 from scipy.integrate import trapezoid
 
 from ccr_host.description.schema import Robot
-from ccr_host.robot.chain import PAPER_FRAME, Weights, bend_of, point_mm, tip_weights
+from ccr_host.robot.chain import PAPER_FRAME, Weights, bend_of, ends_mm, point_mm
 from ccr_host.robot.kinematics import ConstantCurvature
 
 ROBOTS = 250
@@ -20,6 +20,12 @@ def random_chain(segments: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     size = random.choice([0.0, 1e-9, 1e-4, 0.02, 1.0, 4.0], (ROBOTS, segments, 1))
     bends = size * random.standard_normal((ROBOTS, segments, 2))
     return random.uniform(5, 300, segments), bends, random.uniform(-20, 20, 3)
+
+
+def tip_mm(lengths: np.ndarray, bends: np.ndarray, offset: np.ndarray) -> tuple[np.ndarray, ...]:
+    at_tip = np.arange(1, len(lengths) + 1) == len(lengths)
+    weights = Weights(1.0 * at_tip, 0.0 * at_tip, offset)
+    return point_mm(lengths, bends, weights, np.zeros(len(lengths)))
 
 
 def by_transforms(lengths: np.ndarray, bends: np.ndarray, offset: np.ndarray) -> np.ndarray:
@@ -37,8 +43,10 @@ def by_transforms(lengths: np.ndarray, bends: np.ndarray, offset: np.ndarray) ->
 @pytest.mark.parametrize("segments", [1, 2, 3, 4])
 def test_tip_of_random_robots_is_that_of_homogeneous_transforms(segments):
     lengths, bends, offset = random_chain(segments)
-    tip, _ = point_mm(lengths, bends, tip_weights(segments, offset))
-    assert tip == pytest.approx(by_transforms(lengths, bends, offset), abs=1e-10 * lengths.sum())
+    expected = pytest.approx(by_transforms(lengths, bends, offset), abs=1e-10 * lengths.sum())
+    assert tip_mm(lengths, bends, offset)[0] == expected
+    place, turn = ends_mm(lengths, bends, np.zeros(segments))[-1]
+    assert (place + turn @ offset[:, None])[..., 0] == expected
 
 
 @pytest.mark.parametrize("segments", [1, 2, 3, 4])
@@ -67,7 +75,7 @@ def test_for_the_papers_robot_tip_and_jacobian_are_those_of_its_equations_to_rou
     bends = np.zeros((len(q), 2, 2))
     bends[:, 0, 1], bends[:, 1, 0] = theta.T
     offset = np.array([0.0, robot.marker_offset_mm, 0.0])
-    tip, by = point_mm(robot.segment_lengths_mm, bends, tip_weights(2, offset))
+    tip, by = tip_mm(np.array(robot.segment_lengths_mm), bends, offset)
     assert (tip - offset) @ PAPER_FRAME.T == pytest.approx(paper.tip_mm(q), abs=1e-11)
     gain = robot.pulley_radius_mm / robot.tendon_radius_mm
     by_motors = gain * np.stack([by[:, 0, 1], by[:, 1, 0]], axis=1) @ PAPER_FRAME.T
@@ -89,5 +97,7 @@ def test_points_along_a_segment_are_added_up_at_their_mean():
     mean = trapezoid(first, shares, axis=0)
     mean_2 = first[-1] + bend_of(bends[0]).turn @ trapezoid(second, shares, axis=0)
     nowhere = np.zeros(2)
-    found, _ = point_mm(lengths, bends, Weights(nowhere, np.array([2.0, 3.0]), np.zeros(3)))
+    found, _ = point_mm(
+        lengths, bends, Weights(nowhere, np.array([2.0, 3.0]), np.zeros(3)), nowhere
+    )
     assert found == pytest.approx(2.0 * mean + 3.0 * mean_2, rel=2e-4)

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ccr_host.description.schema import Robot, Segment, Tendon
-from ccr_host.robot.chain import PAPER_FRAME, Weights, point_mm, tip_weights
+from ccr_host.robot.chain import PAPER_FRAME, Weights, point_mm
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.tendon_rest import TendonRobot
 from ccr_host.tools.chain_fit import ChainModel
@@ -129,7 +129,8 @@ def test_the_papers_robot_is_one_description_of_it():
             score[number] = -unknown.mean / unknown.deviation
     bend = model.bend_rad(score, np.arange(len(q)))
     offset = np.array([0.0, paper.marker_offset_mm, 0.0])
-    tip, _ = point_mm(paper.segment_lengths_mm, bend, tip_weights(2, offset))
+    at_tip = Weights(np.array([0.0, 1.0]), np.zeros(2), offset)
+    tip, _ = point_mm(np.array(paper.segment_lengths_mm), bend, at_tip, np.zeros(2))
     expected = ConstantCurvature(paper).tip_mm(q)
     assert (tip - offset) @ PAPER_FRAME.T == pytest.approx(expected, abs=0.02)
 
@@ -172,8 +173,8 @@ def test_a_bent_chain_that_sags_is_shorter_as_one_of_hinges_is():
         end = end + frame @ half
         frame = frame @ Rotation.from_rotvec([-piece[1], piece[0], 0.0]).as_matrix()
         end = end + frame @ half
-    halves = robot.halves_rad(bend[None])
-    assert robot.end_mm(halves, 0, np.zeros(3))[0] == pytest.approx(end, abs=0.03)
+    place, _ = robot.ends_mm(bend)[0]
+    assert place[:, 0] == pytest.approx(end, abs=0.03)
 
 
 def test_weight_to_one_side_bends_the_robot_that_way():

@@ -27,8 +27,7 @@ from ccr_host.control.adaptive.parameter_space import (
 )
 from ccr_host.description.schema import Description
 from ccr_host.robot.chain import PAPER_FRAME
-from ccr_host.robot.rest_model import Markers, RestModel
-from ccr_host.robot.tendon_rest import TendonRobot
+from ccr_host.robot.rest_model import MarkedRobot, Markers, RestModel
 
 FloatArray = NDArray[np.float64]
 
@@ -66,7 +65,7 @@ class ChainParameters:
 
     score: FloatArray
     """Of ``RestModel``, zeros in the slack, (P,)."""
-    rest: TendonRobot
+    rest: MarkedRobot
     half_dead_mm: FloatArray
     """Half the travel that each tendon loses after a reversal, (T,)."""
     turn: FloatArray = field(default_factory=partial(np.eye, 3))

@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 
 from ccr_host.control.adaptive.chain_space import ChainParameters, ChainSpace
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
-from ccr_host.control.adaptive.static_model import PROBE, Hold, PathPlan, Sensitivity, StaticModel
+from ccr_host.control.adaptive.static_model import Hold, PathPlan, Sensitivity, StaticModel
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
@@ -85,10 +85,11 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         travel_mm = self._winding_mm @ setpoint_rad
         return ChainPose(setpoint_rad, travel_mm, p.rest.rest(travel_mm[None])[0])
 
-    def moved(self, p: ChainParameters, pose: ChainPose, setpoint_rad: FloatArray) -> ChainPose:
-        ahead = self.turned(p, pose, setpoint_rad)
-        theta_rad = p.rest.rest(ahead.travel_mm[None], pose.theta_rad[None], _REST_RAD)[0]
-        return ahead._replace(theta_rad=theta_rad)
+    def moved(self, p: ChainParameters, pose: ChainPose, *setpoints_rad: FloatArray) -> ChainPose:
+        for setpoint_rad in setpoints_rad:
+            pose = self.turned(p, pose, setpoint_rad)
+        theta_rad = p.rest.rest(pose.travel_mm[None], pose.theta_rad[None], _REST_RAD)[0]
+        return pose._replace(theta_rad=theta_rad)
 
     def turned(self, p: ChainParameters, pose: ChainPose, setpoint_rad: FloatArray) -> ChainPose:
         travel_mm = pulled_mm(pose.travel_mm, self._winding_mm @ setpoint_rad, p.half_dead_mm)
@@ -104,7 +105,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         return pose._replace(theta_rad=theta_rad)
 
     def tip_mm(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
-        tip: FloatArray = p.turn @ self._model.seen_mm(p.score, p.rest, theta_rad)[-1]
+        tip: FloatArray = p.turn @ p.rest.seen_mm(theta_rad)[-1]
         return tip
 
     def turned_back_mm(self, p: ChainParameters, seen_mm: FloatArray) -> FloatArray:
@@ -115,11 +116,11 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         """Those of robots near by are first-order changes of this robot's."""
         travel_of = partial(self._travel_mm, rests)
         theta_rad = p.rest.rest(travel_of(p.score))
-        here_mm = self._model.seen_mm(p.score, p.rest, theta_rad)
+        here_mm = p.rest.seen_mm(theta_rad)
         if p.near is None:
             predicted_mm: FloatArray = here_mm @ p.turn.T
             return predicted_mm
-        slopes = self._model.slopes(p.score, theta_rad, travel_of)
+        slopes = self._model.slopes(p.score, p.rest, theta_rad, travel_of)
         more_mm = np.moveaxis(slopes.markers @ p.near.steps.T, -1, 1)
         return (here_mm[:, None] + more_mm) @ np.swapaxes(p.near.turns, 1, 2)
 
@@ -127,6 +128,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         self,
         space: ParameterSpace[ChainParameters],
         score: FloatArray,
+        p: ChainParameters,
         pose: ChainPose,
         rate_rad_s: FloatArray,
     ) -> Sensitivity:
@@ -134,15 +136,13 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
         Those of tendons act by the bending alone, loads bend the segments unevenly, too.
         """
-        p, learnt = space.parameters(score), self._space.learnt
-        theta_rad, travel_mm = pose.theta_rad[None], pose.travel_mm[None]
-        slopes = self._model.slopes(p.score, theta_rad, lambda _: travel_mm, learnt)
-        led_mm = travel_mm + PROBE * self._winding_mm @ rate_rad_s
-        more = p.rest.moments(theta_rad, led_mm) - p.rest.moments(theta_rad, travel_mm)
-        yielding = np.zeros((theta_rad.shape[1], space.count + 1))
+        theta_rad, travel_mm, learnt = pose.theta_rad, pose.travel_mm, self._space.learnt
+        slopes = self._model.slopes(p.score, p.rest, theta_rad[None], lambda _: travel_mm, learnt)
+        more = p.rest.moments_by_travel(theta_rad, travel_mm) @ self._winding_mm @ rate_rad_s
+        yielding = np.zeros((len(theta_rad), space.count + 1))
         tip = np.zeros((3, space.count + 1))
         yielding[:, learnt], tip[:, learnt] = slopes.yielding[0], slopes.markers[0, -1]
-        yielding[:, -1] = -slopes.compliance[0] @ more[0] / PROBE
+        yielding[:, -1] = -slopes.compliance[0] @ more
         tip[:, -1] = slopes.by_freedom[0, -1] @ yielding[:, -1]
         return Sensitivity(tip, yielding)
 
@@ -155,8 +155,9 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         change_over: tuple[float, ...],
     ) -> Hold:
         """Tendons that need not pull are just taut if a motor winds them alone."""
-        tendons, held = self._tendons(p, theta_rad, sides, change_over)
-        shafts_rad = self._shafts_rad(p, theta_rad, tendons)
+        balance = _Balance(p.rest, theta_rad)
+        tendons, held = self._tendons(balance, sides, change_over)
+        shafts_rad = self._shafts_rad(balance, tendons)
         setpoints = []
         for motor, tendon in enumerate(tendons):
             wound_mm, half_mm = self._winding_mm[tendon, motor], p.half_dead_mm[tendon]
@@ -169,11 +170,10 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
     def unhindered_rad(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
         free = (0.0,) * self._winding_mm.shape[1]
-        rows = [
-            self._shafts_rad(p, row, self._tendons(p, row, free, free)[0])
-            for row in theta_rad.reshape(-1, theta_rad.shape[-1])
-        ]
-        setpoints: FloatArray = np.array(rows).reshape(*theta_rad.shape[:-1], len(free))
+        rows = theta_rad.reshape(-1, theta_rad.shape[-1])
+        balances = [_Balance(p.rest, row) for row in rows]
+        shafts = [self._shafts_rad(each, self._tendons(each, free, free)[0]) for each in balances]
+        setpoints: FloatArray = np.array(shafts).reshape(*theta_rad.shape[:-1], len(free))
         return setpoints
 
     def nearest(
@@ -232,7 +232,8 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         theta = start_rad
         damping = np.diag(np.full(theta.shape[1], _DAMPING_MM2 + _RETURN_MM2))
         for _ in range(steps):
-            tip_mm, by_theta = self._tip_by(p, theta)
+            seen_mm, by_seen = p.rest.seen_by(theta)
+            tip_mm, by_theta = seen_mm[:, -1], by_seen[:, -1]
             transposed = np.swapaxes(by_theta, 1, 2)
             slope = (transposed @ (tip_mm - target_mm)[:, :, None])[:, :, 0]
             slope += _RETURN_MM2 * (theta - planned_rad)
@@ -240,27 +241,17 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
             theta = theta - np.clip(step, -_LONGEST_STEP_RAD, _LONGEST_STEP_RAD)
         return theta
 
-    def _tip_by(self, p: ChainParameters, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tips, (N, 3), and their derivatives, (N, 3, D)."""
-        seen_mm, by_theta = self._model.seen_by(p.score, p.rest, theta_rad)
-        return seen_mm[:, -1], by_theta[:, -1]
-
     def _travel_mm(self, rests: Rests, score: FloatArray) -> FloatArray:
         """Pull of each tendon at rests, (N, T)."""
         start_mm, wound_mm = (q @ self._winding_mm.T for q in (rests.start_rad, rests.q_rad))
         return self._model.travel_mm(score, start_mm, wound_mm)
 
     def _tendons(
-        self,
-        p: ChainParameters,
-        theta_rad: FloatArray,
-        sides: tuple[float, ...],
-        change_over: tuple[float, ...],
+        self, balance: _Balance, sides: tuple[float, ...], change_over: tuple[float, ...]
     ) -> tuple[list[int], tuple[float, ...]]:
         """The tendon by which each motor holds a pose, and on which side: 1 or -1."""
         every = np.arange(len(self._winding_mm))
-        tension = _tensions(p.rest, theta_rad, every)
-        pull = tension * np.abs(p.rest.lever_mm).max(axis=(1, 2))
+        pull = balance.tensions(every) * np.abs(balance.rest.lever_mm).max(axis=(1, 2))
         tendons, held = [], []
         for wound, side, most in zip(self._winding_mm.T, sides, change_over, strict=True):
             first, second = np.flatnonzero(wound > 0.0), np.flatnonzero(wound < 0.0)
@@ -275,21 +266,18 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
             held.append(1.0 if is_first else -1.0)
         return tendons, tuple(held)
 
-    def _shafts_rad(
-        self, p: ChainParameters, theta_rad: FloatArray, tendons: list[int]
-    ) -> FloatArray:
+    def _shafts_rad(self, balance: _Balance, tendons: list[int]) -> FloatArray:
         """Shaft angles that hold a pose, (n,); tendons that need not pull are just taut.
 
         By the tendon with which each motor holds it, then corrected for others that are taut, too,
         as those of a pretensioned pair are.
         """
-        rest, winding_mm = p.rest, self._winding_mm
-        taken_mm = -rest.stretch_mm(theta_rad, np.zeros(len(winding_mm)))
-        tension = _tensions(rest, theta_rad, np.array(tendons))
-        needed_mm = taken_mm[tendons] + tension / rest.tendon_stiffness_mm2[tendons]
+        winding_mm, taken_mm = self._winding_mm, balance.taken_mm
+        stiffness_mm2 = balance.rest.tendon_stiffness_mm2
+        tension = balance.tensions(np.array(tendons))
+        needed_mm = taken_mm[tendons] + tension / stiffness_mm2[tendons]
         shafts_rad: FloatArray = needed_mm / winding_mm[tendons, range(len(tendons))]
-        levers_mm = rest.levers_mm(theta_rad)
-        moments = rest.moments(theta_rad, winding_mm @ shafts_rad)
+        moments = balance.moments(winding_mm @ shafts_rad)
         share = 1.0
         for _ in range(_CORRECTIONS):
             if np.abs(moments).max() < _HELD or share < _LEAST_SHARE:
@@ -297,10 +285,10 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
             taut = winding_mm @ shafts_rad - taken_mm > _LEAST_DEAD_MM
             idle = ~(taut[:, None] & (winding_mm != 0.0)).any(axis=0)
             # Of a motor that pulls no tendon, either side is taken to be taut, whichever it needs.
-            pulls = (taut[:, None] | idle) * winding_mm * rest.tendon_stiffness_mm2[:, None]
-            step_rad = np.linalg.lstsq(levers_mm.T @ pulls, moments, _SLACK_RANK)[0]
+            pulls = (taut[:, None] | idle) * winding_mm * stiffness_mm2[:, None]
+            step_rad = np.linalg.lstsq(balance.levers_mm.T @ pulls, moments, _SLACK_RANK)[0]
             there_rad = self._taken_up(shafts_rad, step_rad * idle, taken_mm) + share * step_rad
-            there = rest.moments(theta_rad, winding_mm @ there_rad)
+            there = balance.moments(winding_mm @ there_rad)
             if np.abs(there).max() < np.abs(moments).max():
                 shafts_rad, moments, share = there_rad, there, 1.0
             else:
@@ -321,12 +309,27 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         return found
 
 
-def _tensions(rest: TendonRobot, theta_rad: FloatArray, tendons: NDArray[np.intp]) -> FloatArray:
-    """Least tensions of some tendons that hold a pose, over k_1, 1/mm; 0 or more."""
-    load = rest.moments(theta_rad, np.full(len(rest.slack_mm), _SLACKENED_MM))
-    by_theta = rest.levers_mm(theta_rad)[tendons]
-    system = np.vstack([by_theta.T, math.sqrt(_EVENNESS) * np.eye(len(tendons))])
-    tension: FloatArray = nnls(
-        system, np.append(load, np.zeros(len(tendons))), maxiter=_MOST_PIVOTS
-    )[0]
-    return tension
+class _Balance:
+    """The moments of one robot, ``rest``, at a pose, (D,), over its tendons."""
+
+    def __init__(self, rest: TendonRobot, theta_rad: FloatArray) -> None:
+        self.rest = rest
+        nothing = np.zeros(len(rest.slack_mm))
+        self.taken_mm = -rest.stretch_mm(theta_rad, nothing)
+        """Travel at which each tendon is just taut, (T,)."""
+        self.levers_mm = rest.levers_mm(theta_rad)
+        """(T, D)."""
+        self._free = rest.moments(theta_rad, nothing + _SLACKENED_MM)
+
+    def moments(self, travel_mm: FloatArray) -> FloatArray:
+        """Those left with the tendons pulled so far, (T,) -> (D,)."""
+        taut_mm = np.maximum(travel_mm - self.taken_mm, 0.0)
+        left: FloatArray = self._free - (self.rest.tendon_stiffness_mm2 * taut_mm) @ self.levers_mm
+        return left
+
+    def tensions(self, tendons: NDArray[np.intp]) -> FloatArray:
+        """Least tensions of some tendons that hold the pose, over k_1, 1/mm; 0 or more."""
+        system = np.vstack([self.levers_mm[tendons].T, math.sqrt(_EVENNESS) * np.eye(len(tendons))])
+        wanted = np.append(self._free, np.zeros(len(tendons)))
+        tensions: FloatArray = nnls(system, wanted, maxiter=_MOST_PIVOTS)[0]
+        return tensions

@@ -79,8 +79,10 @@ class CompiledModel(PlainModel):
     def __init__(self) -> None:
         self._entries = _ready_entries()
 
-    def moved(self, p: Parameters, pose: Pose, setpoint_rad: FloatArray) -> Pose:
-        flat = self._entries.moved(np.array(p), _packed(pose), np.array(setpoint_rad))
+    def moved(self, p: Parameters, pose: Pose, *setpoints_rad: FloatArray) -> Pose:
+        flat = _packed(pose)
+        for setpoint_rad in setpoints_rad:
+            flat = self._entries.moved(np.array(p), flat, np.array(setpoint_rad))
         q_1, q_2, lag_1, lag_2, *anchors, theta_1, theta_2 = flat.tolist()
         return Pose(q_1, q_2, lag_1, lag_2, tuple(anchors), theta_1, theta_2)
 
@@ -88,6 +90,7 @@ class CompiledModel(PlainModel):
         self,
         space: ParameterSpace[Parameters],
         score: FloatArray,
+        p: Parameters,
         pose: Pose,
         rate_rad_s: FloatArray,
     ) -> Sensitivity:

@@ -141,11 +141,19 @@ class Estimator(Generic[P, S]):
         self._covariance[np.diag_indices(self._states)] += diagonal
         self._since_believed_s += duration_s
 
-    def correct(self, pose: S, rate_rad_s: FloatArray, jolt_rad: float, seen_mm: FloatArray) -> S:
+    def correct(
+        self,
+        pose: S,
+        modelled_mm: FloatArray,
+        rate_rad_s: FloatArray,
+        jolt_rad: float,
+        seen_mm: FloatArray,
+    ) -> S:
         """Correct the estimate by a measurement.
 
         Args:
             pose: the model's pose when it was taken.
+            modelled_mm: the model's tip there, (3,).
             rate_rad_s: rate of the setpoints at that time, (n,).
             jolt_rad: recent jump of the setpoints.
             seen_mm: measured tip, (3,).
@@ -154,15 +162,13 @@ class Estimator(Generic[P, S]):
             The pose of the corrected model.
         """
         tuning = self._tuning
-        by = self._model.sensitivity(self._space, self._state[: self._count], pose, rate_rad_s)
+        score, before = self._state[: self._count].copy(), self.parameters
+        by = self._model.sensitivity(self._space, score, before, pose, rate_rad_s)
         jacobian = np.zeros((3, self._states))
         jacobian[:, : self._count] = by.tip[:, : self._count]
         jacobian[:, self._count] = -tuning.delay_deviation_s * by.tip[:, self._count]
         jacobian[:, self._offset] = np.eye(3)
-        expected_mm = (
-            self._model.tip_mm(self.parameters, pose.theta_rad) + self._state[self._offset]
-        )
-        innovation = seen_mm - expected_mm
+        innovation = seen_mm - (modelled_mm + self._state[self._offset])
         cross = self._covariance @ jacobian.T
         noise_mm = self._noise_mm(jolt_rad)
         innovation_covariance = jacobian @ cross + noise_mm**2 * np.eye(3)
@@ -174,7 +180,6 @@ class Estimator(Generic[P, S]):
         self._covariance -= gain @ cross.T
         # Rounding makes it asymmetric, which the filter equations would amplify.
         self._covariance = 0.5 * (self._covariance + self._covariance.T)
-        score, before = self._state[: self._count].copy(), self.parameters
         self._state += change
         self._state[: self._count] = self._space.bounded(self._state[: self._count])
         self._state[self._count] = np.clip(self._state[self._count], -2.0, 2.0)

@@ -22,7 +22,7 @@ from ccr_host.control.adaptive.identification import (
 )
 from ccr_host.control.adaptive.lap_memory import LapMemory
 from ccr_host.control.adaptive.model import make_static_model
-from ccr_host.control.adaptive.static_model import PathPlan, PoseFollower, Resting
+from ccr_host.control.adaptive.static_model import PathPlan, PoseFollower
 from ccr_host.control.shell import Law, Measurement, PathView, Plan, Stage, smooth_moves
 from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
@@ -162,11 +162,13 @@ class AdaptiveLaw(Law):
         follower = self._following(time_s)
         pose = follower.advance_to(estimator.parameters, time_s)
         rate_rad_s, jolt_rad = self.history.rate_at(time_s), self.history.jolt_at(time_s)
-        remembered_mm = self._remember(measurement, pose, jolt_rad)
-        seen_mm = measurement.tip_mm - remembered_mm
-        follower.pose = estimator.correct(pose, rate_rad_s, jolt_rad, seen_mm)
+        modelled_mm = self._model.tip_mm(estimator.parameters, pose.theta_rad)
+        seen_mm = measurement.tip_mm - self._remember(measurement, modelled_mm, jolt_rad)
+        follower.pose = estimator.correct(pose, modelled_mm, rate_rad_s, jolt_rad, seen_mm)
 
-    def _remember(self, measurement: Measurement, pose: Resting, jolt_rad: float) -> FloatArray:
+    def _remember(
+        self, measurement: Measurement, modelled_mm: FloatArray, jolt_rad: float
+    ) -> FloatArray:
         """Note the unexplained offset for the next lap; return that of the last laps, (3,)."""
         index = measurement.clock_index
         if index is None:
@@ -175,7 +177,6 @@ class AdaptiveLaw(Law):
         gained_mm = memory.turn(index)
         if gained_mm is not None:
             estimator.hand_over(gained_mm)
-        modelled_mm = self._model.tip_mm(estimator.parameters, pose.theta_rad)
         memory.note(index, measurement.tip_mm - modelled_mm, estimator.trust(jolt_rad))
         return memory.at(index)
 

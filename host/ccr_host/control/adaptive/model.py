@@ -31,8 +31,10 @@ class PlainModel(StaticModel[Parameters, Pose]):
     def first_pose(self, p: Parameters, setpoint_rad: FloatArray) -> Pose:
         return motion.first_pose(p, *setpoint_rad.tolist())
 
-    def moved(self, p: Parameters, pose: Pose, setpoint_rad: FloatArray) -> Pose:
-        return motion.moved(p, pose, *setpoint_rad.tolist())
+    def moved(self, p: Parameters, pose: Pose, *setpoints_rad: FloatArray) -> Pose:
+        for setpoint_rad in setpoints_rad:
+            pose = motion.moved(p, pose, *setpoint_rad.tolist())
+        return pose
 
     def turned(self, p: Parameters, pose: Pose, setpoint_rad: FloatArray) -> Pose:
         if p.friction_1 > 0.0:
@@ -57,10 +59,11 @@ class PlainModel(StaticModel[Parameters, Pose]):
         self,
         space: ParameterSpace[Parameters],
         score: FloatArray,
+        p: Parameters,
         pose: Pose,
         rate_rad_s: FloatArray,
     ) -> Sensitivity:
-        here = motion.slopes_of(space.parameters(score), pose)
+        here = motion.slopes_of(p, pose)
         travel_1, travel_2 = np.zeros((2, space.count + 1))
         travel_1[-1], travel_2[-1] = PROBE * rate_rad_s
         near = space.perturbed(score, PROBE)

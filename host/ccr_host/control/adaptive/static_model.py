@@ -73,8 +73,8 @@ class StaticModel(ABC, Generic[P, S]):
         """The pose at setpoints, (n,), without a history of motion."""
 
     @abstractmethod
-    def moved(self, p: P, pose: S, setpoint_rad: FloatArray) -> S:
-        """The pose after a straight motion of the setpoints to new ones, (n,)."""
+    def moved(self, p: P, pose: S, *setpoints_rad: FloatArray) -> S:
+        """The pose after straight motions of the setpoints, to each of these in turn, (n,)."""
 
     @abstractmethod
     def turned(self, p: P, pose: S, setpoint_rad: FloatArray) -> S:
@@ -98,13 +98,14 @@ class StaticModel(ABC, Generic[P, S]):
 
     @abstractmethod
     def sensitivity(
-        self, space: ParameterSpace[P], score: FloatArray, pose: S, rate_rad_s: FloatArray
+        self, space: ParameterSpace[P], score: FloatArray, p: P, pose: S, rate_rad_s: FloatArray
     ) -> Sensitivity:
         """Derivatives of the tip and the bending angles at rest in parameters and setpoints.
 
         Args:
             space: of the parameters.
             score: scores of the parameters, (COUNT,).
+            p: the parameters themselves.
             pose: pose at rest.
             rate_rad_s: rate of the setpoints, (n,), for the last column, a speed.
         """
@@ -175,8 +176,8 @@ class PoseFollower(Generic[P, S]):
     def advance_to(self, p: P, time_s: float) -> S:
         """The pose at a time, or the present one if that is later."""
         if time_s > self._time_s:
-            for setpoint_rad in self._history.corners(self._time_s, time_s):
-                self.pose = self._model.moved(p, self.pose, setpoint_rad)
+            corners_rad = self._history.corners(self._time_s, time_s)
+            self.pose = self._model.moved(p, self.pose, *corners_rad)
             self._time_s = time_s
         return self.pose
 

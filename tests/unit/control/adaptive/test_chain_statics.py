@@ -77,8 +77,9 @@ def test_no_tendon_of_a_motor_of_its_own_pulls_more_than_the_pose_needs(robot):
 def test_sensitivity_is_the_slope_of_the_tip_at_rest(robot):
     model, space = model_of(schema.load(robot))
     score, q_rad = believable(space, 1), np.full(space.winding_mm.shape[1], 0.4)
-    pose = model.first_pose(space.parameters(score), q_rad)
-    found = model.sensitivity(space, score, pose, np.ones_like(q_rad))
+    p = space.parameters(score)
+    pose = model.first_pose(p, q_rad)
+    found = model.sensitivity(space, score, p, pose, np.ones_like(q_rad))
 
     def tip_mm(score: np.ndarray, q_rad: np.ndarray) -> np.ndarray:
         p = space.parameters(score)

@@ -128,7 +128,7 @@ def test_sensitivity_is_the_derivative_of_the_rest_pose():
     p = SCALING.parameters(score)
     pose = _resting_exactly(p, moved(p, first_pose(p, 0.0, 0.0), 0.25, -0.6))
     rate = np.array([0.3, -0.2])
-    found = PLAIN.sensitivity(SCALING, score, pose, rate)
+    found = PLAIN.sensitivity(SCALING, score, p, pose, rate)
     for index, step in enumerate(3e-3 * np.eye(COUNT)):
         near = [SCALING.parameters(score + sign * step) for sign in (1.0, -1.0)]
         above, below = (tip_mm(q, *_resting(q, pose).theta_rad) for q in near)
@@ -149,12 +149,17 @@ def _estimator_at_rest():
     return estimator, first_pose(estimator.parameters, *HERE)
 
 
+def _corrected(estimator, pose, seen, jolt_rad=0.0):
+    modelled = tip_mm(estimator.parameters, *pose.theta_rad)
+    return estimator.correct(pose, modelled, STILL, jolt_rad, seen)
+
+
 def test_a_sudden_offset_is_found_within_two_seconds_and_the_filter_stays_sound():
     estimator, pose = _estimator_at_rest()
     seen = tip_mm(estimator.parameters, *pose.theta_rad) + SHIFT_MM
     for _ in range(40):
         estimator.elapse(0.05)
-        pose = estimator.correct(pose, STILL, 0.0, seen)
+        pose = _corrected(estimator, pose, seen)
     expected = tip_mm(estimator.parameters, *pose.theta_rad) + estimator.offset_mm
     assert expected == pytest.approx(seen, abs=0.3)
 
@@ -164,14 +169,14 @@ def test_a_payload_hung_on_later_is_found_as_a_load_within_two_seconds():
     true = estimator.parameters
     for _ in range(60):
         estimator.elapse(0.05)
-        pose = estimator.correct(pose, STILL, 0.0, tip_mm(true, *first_pose(true, *HERE).theta_rad))
+        pose = _corrected(estimator, pose, tip_mm(true, *first_pose(true, *HERE).theta_rad))
     loaded = true._replace(tip_per_mm=true.tip_per_mm + 0.0025)
     seen = first_pose(loaded, *HERE)
     for setpoint in HERE + 0.1 * np.linspace(0.0, 1.0, 41)[1:, None]:
         estimator.elapse(0.05)
         seen = moved(loaded, seen, *setpoint)
         pose = moved(estimator.parameters, pose, *setpoint)
-        pose = estimator.correct(pose, STILL, 0.0, tip_mm(loaded, *seen.theta_rad))
+        pose = _corrected(estimator, pose, tip_mm(loaded, *seen.theta_rad))
     assert estimator.parameters.tip_per_mm - true.tip_per_mm > 0.0012
 
 
@@ -184,7 +189,7 @@ def test_the_zeros_of_servos_that_warm_up_are_followed():
         estimator.elapse(0.2)
         seen = moved(warm, seen, *setpoint)
         pose = moved(estimator.parameters, pose, *setpoint)
-        pose = estimator.correct(pose, STILL, 0.0, tip_mm(warm, *seen.theta_rad))
+        pose = _corrected(estimator, pose, tip_mm(warm, *seen.theta_rad))
     found = estimator.parameters
     assert (found.zero_1_rad, found.zero_2_rad) == pytest.approx(drift_rad, rel=0.5)
 
@@ -195,7 +200,7 @@ def test_a_swing_after_a_jump_of_the_servos_teaches_next_to_nothing():
     seen = tip_mm(estimator.parameters, *pose.theta_rad) + np.array([0.0, 5.0, 20.0])
     for _ in range(4):
         estimator.elapse(0.05)
-        pose = estimator.correct(pose, STILL, 0.3, seen)
+        pose = _corrected(estimator, pose, seen, jolt_rad=0.3)
     assert np.array(estimator.parameters) == pytest.approx(before, rel=0.1, abs=1e-3)
 
 
@@ -205,7 +210,7 @@ def test_five_hundred_noisy_corrections_leave_the_filter_bounded():
     seen = tip_mm(estimator.parameters, *pose.theta_rad)
     for _ in range(500):
         estimator.elapse(0.05)
-        pose = estimator.correct(pose, STILL, 0.0, seen + 0.2 * rng.standard_normal(3))
+        pose = _corrected(estimator, pose, seen + 0.2 * rng.standard_normal(3))
     assert np.abs(estimator.offset_mm).max() < 1.0
 
 
@@ -216,7 +221,7 @@ def test_commands_follow_the_estimate_slowly_enough_for_a_resonant_structure():
     for number in range(90):
         estimator.elapse(0.05)
         swing = np.array([0.0, 0.0, np.sin(2.0 * np.pi * number / 3.0)])
-        pose = estimator.correct(pose, STILL, 0.0, seen + swing)
+        pose = _corrected(estimator, pose, seen + swing)
         offsets.append(estimator.offset_mm[2])
     assert np.ptp(offsets[60:]) < 0.2
 
