@@ -56,9 +56,8 @@ STUMPFF = np.stack(
 
 
 def planar_functions(theta_rad: FloatArray) -> FloatArray:
-    """Cosines of each node's share of the bending, then sines, (N, D) -> (N, D, 2 * nodes)."""
-    rows, columns = theta_rad.shape
-    shares = theta_rad.reshape(rows, columns, 1) * NODES
+    """Cosines of each node's share of the bending, then sines, (N, D) -> (D, N, 2 * nodes)."""
+    shares = theta_rad.T[:, :, None] * NODES
     return np.concatenate((np.cos(shares), np.sin(shares)), axis=2)
 
 

@@ -51,6 +51,7 @@ class Chain(NamedTuple):
     """y of the motor angles, transposed, (n, D)."""
     is_planar: NDArray[np.bool_]
     """Which segments are, (S,)."""
+    has_planar: bool
     first: IntArray
     """Number of each segment's first coordinate, (S,)."""
     shapes: Sequence[FloatArray]
@@ -134,7 +135,8 @@ def chain_of(robot: Robot, order: int, start: int = 0, end: int | None = None) -
     before = len(freedom_of(robot.chain[:start]))
     bending = np.ascontiguousarray(bending_of_motors(robot)[before:][: sum(sizes)].T)
     is_planar = np.array([segment.bends == "plane" for segment in segments])
-    return Chain(bending, is_planar, first, tuple(shapes[::-1]), tuple(kept[::-1]))
+    has_planar = bool(is_planar.any())
+    return Chain(bending, is_planar, has_planar, first, tuple(shapes[::-1]), tuple(kept[::-1]))
 
 
 Derivative = tuple[int, ...]
@@ -178,7 +180,7 @@ def jets(chain: Chain, y_rad: FloatArray) -> FloatArray:
     In the order of ``jet_index``: the value, the first derivatives, and so on, mm/rad^order.
     """
     poses = len(y_rad)
-    waves = planar_functions(y_rad) if chain.is_planar.any() else np.empty((poses, 0, 0))
+    waves = planar_functions(y_rad) if chain.has_planar else np.empty((0, poses, 0))
     number = len(chain.shapes) - 1
     columns = _functions(chain, y_rad, waves, number) @ chain.shapes[number]
     point = columns.reshape(poses, -1, 4 if number > 0 else 3)
@@ -194,7 +196,8 @@ def _functions(chain: Chain, y_rad: FloatArray, waves: FloatArray, number: int) 
     """Functions of the bending of one segment, (N, functions)."""
     first = chain.first[number]
     if chain.is_planar[number]:
-        return np.ascontiguousarray(waves[:, first])
+        own: FloatArray = waves[first]
+        return own
     return spatial_functions(y_rad[:, first : first + 2], len(chain.shapes[number]))
 
 
@@ -275,15 +278,15 @@ class ConstantCurvature:
 
     def second_order(self, q_rad: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Tip, Jacobian and Hessian at once, see there."""
-        by_motors = self._by_motors @ self._jets(q_rad, 2)
+        derivatives = self.by_motors @ self._jets(q_rad, 2)
         n = self.motors
-        square = by_motors[..., n + 1 :, :].reshape(*by_motors.shape[:-2], n, n, 3)
-        slopes = np.swapaxes(by_motors[..., 1 : n + 1, :], -1, -2)
-        return by_motors[..., 0, :], slopes, np.moveaxis(square, -1, -3)
+        square = derivatives[..., n + 1 :, :].reshape(*derivatives.shape[:-2], n, n, 3)
+        slopes = np.swapaxes(derivatives[..., 1 : n + 1, :], -1, -2)
+        return derivatives[..., 0, :], slopes, np.moveaxis(square, -1, -3)
 
     @cached_property
-    def _by_motors(self) -> FloatArray:
-        """The value and its first and second derivatives by the motor angles, over the jets."""
+    def by_motors(self) -> FloatArray:
+        """Value, first and second derivatives by the motor angles over the jets, (1 + n + n^2, K)."""
         freedoms, turned = len(self._bending), self._bending.T
         own = np.eye(len(jet_index(freedoms, 2)))
         square = np.kron(turned, turned) @ own[derivative_index(freedoms, 2)]

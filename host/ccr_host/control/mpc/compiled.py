@@ -30,12 +30,12 @@ _plan_step: Callable[..., StepResult] = plan.plan_step
 
 def _planar_functions(theta_rad: FloatArray) -> FloatArray:
     rows, columns = theta_rad.shape
-    waves = np.empty((rows, columns, 2 * len(NODES)))
+    waves = np.empty((columns, rows, 2 * len(NODES)))
     for n in range(rows):
         for i in range(columns):
             for k in range(len(NODES)):
                 angle = theta_rad[n, i] * NODES[k]
-                waves[n, i, k], waves[n, i, len(NODES) + k] = math.cos(angle), math.sin(angle)
+                waves[i, n, k], waves[i, n, len(NODES) + k] = math.cos(angle), math.sin(angle)
     return waves
 
 
@@ -181,14 +181,15 @@ def _packed(settings: Settings) -> tuple[FloatArray, IntArray]:
     numbers: list[ArrayLike] = [[bounds.step_rad, *constants.weights]]
     numbers += bounds.lower_rad, bounds.upper_rad
     numbers += robot.bending, constants.effect, constants.bend
-    numbers += constants.transition, constants.linear, *robot.shapes
+    numbers += constants.sizes, constants.square, constants.transition, constants.linear
+    numbers += robot.shapes
     counts = [*robot.bending.shape, len(robot.first), constants.by_model]
     sizes: list[ArrayLike] = [counts]
     for is_planar, first, shape, kept in zip(
         robot.is_planar, robot.first, robot.shapes, robot.kept, strict=True
     ):
         sizes.append([is_planar, first, *shape.shape, len(kept)])
-    sizes += ([len(constants.further)], constants.second, constants.further, *robot.kept)
+    sizes += ([len(constants.further)], constants.further, *robot.kept)
     flat = [np.ravel(array) for array in numbers]
     return np.concatenate(flat), np.concatenate(sizes).astype(np.int64)
 
@@ -199,12 +200,13 @@ def _unpacked(numbers: FloatArray, sizes: IntArray) -> Settings:
     table = sizes[4 : 4 + 5 * segments].reshape(segments, 5)
     index = 4 + 5 * segments
     derivatives, index = sizes[index], index + 1
-    second, index = sizes[index : index + freedoms**2], index + freedoms**2
     further, index = sizes[index : index + derivatives], index + derivatives
     lower, upper = numbers[3 : 3 + n], numbers[3 + n : 3 + 2 * n]
     bending, place = _matrix(numbers, 3 + 2 * n, n, freedoms)
     effect, place = _matrix(numbers, place, 2, 2)
     bend, place = _matrix(numbers, place, 4, 2)
+    weighed, place = numbers[place : place + 3 + n], place + 3 + n
+    square, place = _matrix(numbers, place, derivatives // freedoms, n * n)
     transition, place = _matrix(numbers, place, n + 4, 2 * n + 4)
     linear, place = _matrix(numbers, place, 2 * n + 4, 3 + n)
     shapes, kept = [], []
@@ -213,11 +215,12 @@ def _unpacked(numbers: FloatArray, sizes: IntArray) -> Settings:
         shapes.append(shape)
         kept.append(sizes[index : index + length])
         index += length
-    robot = Chain(bending, table[:, 0] != 0, table[:, 1].copy(), shapes, kept)
+    is_planar = table[:, 0] != 0
+    robot = Chain(bending, is_planar, is_planar.any(), table[:, 1].copy(), shapes, kept)
     weights = Weights(numbers[1], numbers[2])
     by_model = sizes[3] != 0
     constants = Constants(
-        weights, by_model, robot, further, second, effect, bend, transition, linear
+        weights, weighed, by_model, robot, further, effect, bend, square, transition, linear
     )
     return Settings(constants, Bounds(lower, upper, numbers[0]))
 

@@ -29,7 +29,6 @@ from ccr_host.robot.kinematics import (
     ConstantCurvature,
     IntArray,
     chosen,
-    derivative_index,
     jet_index,
     jets,
     products,
@@ -52,18 +51,20 @@ class Constants(NamedTuple):
     """
 
     weights: Weights
+    sizes: FloatArray
+    """sqrt(2 Q), three times, and sqrt(2 R), n times: what residuals are over errors and moves."""
     by_model: bool
     """Whether e_k is predicted by f(q_k) instead of (14)'s sum."""
     chain: Chain
     further: IntArray
     """Where the jets have each derivative up to the second order, differentiated once more by each
     coordinate, (D K,)."""
-    second: IntArray
-    """Where the jets have the second derivatives, (D^2,)."""
     effect: FloatArray
     """sqrt(2 Q) times what J and its change along a move count by q_j and by q_(j-1), (2, 2)."""
     bend: FloatArray
     """Likewise what the second derivatives and their change count by both of these, (4, 2)."""
+    square: FloatArray
+    """The second derivatives by the motor angles over a pose's, transposed, (K, n^2)."""
     transition: FloatArray
     """The constant entries of a stage's outcome (dq_j, de_j, 1) over z = (dq_j, dq_(j-1), de_(j-1),
     1), with errors e in shares of sqrt(2 Q), (n + 4, 2n + 4)."""
@@ -73,7 +74,8 @@ class Constants(NamedTuple):
     @classmethod
     def of(cls, robot: Robot, weights: Weights, *, by_model: bool = False) -> Constants:
         """The constants for a described robot."""
-        chain = ConstantCurvature(robot).chain()
+        model = ConstantCurvature(robot)
+        chain = model.chain()
         freedoms = chain.bending.shape[1]
         index = jet_index(freedoms)
         once_more = [
@@ -82,9 +84,10 @@ class Constants(NamedTuple):
             for derivative in jet_index(freedoms, 2)
         ]
         n, size = len(chain.bending), math.sqrt(2.0 * weights.position)
+        sizes = np.repeat([size, math.sqrt(2.0 * weights.effort)], [3, n])
         transition, linear = np.zeros((n + 4, 2 * n + 4)), np.zeros((2 * n + 4, 3 + n))
         transition[:n, :n], transition[n + 3, 2 * n + 3] = np.eye(n), 1.0
-        linear[:n, 3:] = math.sqrt(2.0 * weights.effort) * np.eye(n)
+        linear[:n, 3:] = np.diag(sizes[3:])
         linear[n : 2 * n, 3:] = -linear[:n, 3:]
         effect = [[1.0, 0.0], [0.0, 0.0]] if by_model else [[1.0, 0.0], [-1.0, 1.0]]
         bend = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [-2.0, 1.0]]
@@ -95,12 +98,13 @@ class Constants(NamedTuple):
             linear[2 * n : 2 * n + 3, :3] = np.eye(3)
         return cls(
             weights,
+            sizes,
             by_model,
             chain,
             np.array(once_more, dtype=np.int64),
-            derivative_index(freedoms, 2),
             size * np.array(effect),
             size * np.array(bend),
+            np.ascontiguousarray(model.by_motors[1 + n :].T),
             transition,
             linear,
         )
@@ -155,7 +159,7 @@ class Expansion(NamedTuple):
 def roll_out(problem: Tracking, angles: FloatArray) -> Rollout:
     """Predict the tip for commanded angles, (M, n), and the cost."""
     constants, start_rad, offsets_mm = problem
-    weights, by_model, chain = constants.weights, constants.by_model, constants.chain
+    by_model, chain = constants.by_model, constants.chain
     (steps, n), freedoms = angles.shape, chain.bending.shape[1]
     poses = np.empty((steps + 1, n))
     poses[0], poses[1:] = start_rad, angles
@@ -167,9 +171,7 @@ def roll_out(problem: Tracking, angles: FloatArray) -> Rollout:
     else:
         moved = products(turns, jet[:, 1 : freedoms + 1])
         errors = offsets_mm + accumulated(moved.reshape(steps, 3))
-    residuals = np.empty((steps, 3 + n))
-    residuals[:, :3] = math.sqrt(2.0 * weights.position) * errors
-    residuals[:, 3:] = math.sqrt(2.0 * weights.effort) * moves
+    residuals = constants.sizes * np.concatenate((errors, moves), axis=1)
     return Rollout(angles, moves, turns, jet, errors, residuals, 0.5 * squared(residuals))
 
 
@@ -195,9 +197,7 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
     effects = products(constants.effect, products(bending, slopes).reshape(steps, 2, 3 * n))
     costates = np.ascontiguousarray(costates).reshape(steps, 3, 1)
     pulled = products(model.reshape(steps, 2 * derivatives, 3), costates)
-    square = chosen(pulled.reshape(2 * steps, derivatives, 1), constants.second)
-    square = products(bending, square.reshape(2 * steps, freedoms, freedoms))
-    square = products(square, bending.T).reshape(steps, 2, n * n)
+    square = products(pulled.reshape(steps, 2, derivatives), constants.square)
     curvature = products(constants.bend, square).reshape(steps, 4, n, n)
     return Expansion(constants, residuals, effects.reshape(steps, 2 * n, 3), curvature)
 

@@ -180,7 +180,7 @@ def condensed(expansion: Expansion, blend: float, ridge: float) -> tuple[FloatAr
     constants, residuals, effects, curvature = expansion
     steps, _, n, _ = curvature.shape
     layout = _layout(steps, n)
-    linear = layout.moves * math.sqrt(2.0 * constants.weights.effort)
+    linear = layout.moves * constants.sizes[3]
     linear[layout.effects] = effects.ravel()
     rows = linear[:-1].reshape(steps, 3 + n, steps * n)
     if not constants.by_model:
