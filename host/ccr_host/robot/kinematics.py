@@ -286,7 +286,7 @@ class ConstantCurvature:
 
     @cached_property
     def by_motors(self) -> FloatArray:
-        """Value, first and second derivatives by the motor angles over the jets, (1 + n + n^2, K)."""
+        """Value, first and second derivatives by the motors over the jets, (1 + n + n^2, K)."""
         freedoms, turned = len(self._bending), self._bending.T
         own = np.eye(len(jet_index(freedoms, 2)))
         square = np.kron(turned, turned) @ own[derivative_index(freedoms, 2)]
