@@ -309,10 +309,7 @@ class Robot:
             asked_deg = np.asarray(q_deg, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             asked_deg = np.full(1, np.nan)
-        lower_deg, upper_deg = (
-            np.degrees(self._limits.lower_rad),
-            np.degrees(self._limits.upper_rad),
-        )
+        lower_deg, upper_deg = np.degrees([self._limits.lower_rad, self._limits.upper_rad])
         if asked_deg.shape != lower_deg.shape or not np.isfinite(asked_deg).all():
             raise ConfigError(
                 f"move to {q_deg!r}: not {len(lower_deg)} finite angles",

@@ -353,7 +353,8 @@ def _show(message: LogMessage, observer: RunObserver, solve_us: dict[int, float]
         case topics.RECEIVED.name:
             observer.frame("received", time_us, bytes.fromhex(content["hex"]))
         case topics.SAMPLE.name:
-            observer.tracker_sample(time_us, _sample(content))
+            markers_mm = np.array(content["markers_mm"], dtype=np.float64)  # None becomes NaN
+            observer.tracker_sample(time_us, Sample(content["exposed_us"], markers_mm))
         case topics.CONTROL.name:
             observer.control(time_us, None, _command(content))
         case topics.STEP.name:
@@ -362,11 +363,6 @@ def _show(message: LogMessage, observer: RunObserver, solve_us: dict[int, float]
             observer.phase(time_us, Phase(content["message"]))
         case topics.EVENT.name:
             observer.event(time_us, content["message"])
-
-
-def _sample(content: dict[str, Any]) -> Sample:
-    markers_mm = np.array(content["markers_mm"], dtype=np.float64)  # None becomes NaN
-    return Sample(content["exposed_us"], markers_mm)
 
 
 def _command(content: dict[str, Any]) -> Command:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +35,11 @@ class Column(NamedTuple):
     meaning: str
 
 
-Columns = Mapping[str, Column]
+class Group(NamedTuple):
+    """Columns side by side, and the cells that a message puts into them."""
+
+    columns: Mapping[str, Column]
+    cells: Callable[[LogMessage], Sequence[Cell]]
 
 
 @dataclass(frozen=True)
@@ -42,210 +49,148 @@ class Table:
     name: str
     meaning: str
     topics: tuple[Topic, ...]
-    columns: Columns
-    row: Callable[[LogMessage], Row]
+    groups: tuple[Group, ...]
+
+    @cached_property
+    def columns(self) -> Mapping[str, Column]:
+        """All columns, in their order."""
+        return dict(chain.from_iterable(group.columns.items() for group in self.groups))
+
+    def row(self, message: LogMessage) -> Row:
+        """The row of a message.
+
+        Raises:
+            KeyError, ValueError, TypeError: written by another version.
+        """
+        cells = chain.from_iterable(group.cells(message) for group in self.groups)
+        return dict(zip(self.columns, cells, strict=True))
 
 
-def _vector_columns(name: str, meaning: str) -> dict[str, Column]:
-    return {f"{name}_{axis}_mm": Column(float, f"{meaning}, {axis}") for axis in PATH_AXES}
+def _value(name: str, kind: type, meaning: str) -> Group:
+    return Group({name: Column(kind, meaning)}, lambda message: [message.content[name]])
 
 
-def _vector(name: str, values: Sequence[float] | None) -> Row:
-    return {
-        f"{name}_{axis}_mm": None if values is None else values[component]
-        for axis, component in PATH_AXES.items()
-    }
+def _vector(
+    name: str, meaning: str, position: Callable[[Json], Sequence[float] | None] | None = None
+) -> Group:
+    """A point in mm; of the field of this name by default."""
+    position = position or itemgetter(f"{name}_mm")
+
+    def cells(message: LogMessage) -> Sequence[Cell]:
+        values_mm = position(message.content)
+        components = PATH_AXES.values()
+        return [None if values_mm is None else values_mm[component] for component in components]
+
+    columns = {f"{name}_{axis}_mm": Column(float, f"{meaning}, {axis}") for axis in PATH_AXES}
+    return Group(columns, cells)
 
 
-def _motor_columns(
-    robot: Robot, stem: str, unit: str, kind: type, meaning: str
-) -> dict[str, Column]:
-    motors = range(1, robot.motors + 1)
-    return {f"{stem}_{n}_{unit}": Column(kind, f"{meaning}, motor {n}") for n in motors}
-
-
-def _per_motor(name: str, values: Sequence[float] | None) -> Row:
+def _motors(robot: Robot, name: str, kind: type, meaning: str) -> Group:
     stem, unit = name.rsplit("_", 1)
-    return {f"{stem}_{n}_{unit}": value for n, value in enumerate(values or (), 1)}
+    motors = range(1, robot.motors + 1)
+    columns = {f"{stem}_{n}_{unit}": Column(kind, f"{meaning}, motor {n}") for n in motors}
+    return Group(columns, lambda message: message.content[name] or [None] * len(motors))
 
 
-_TIME = {"time_us": Column(int, "when, on the run's clock")}
-_OUTCOME = {
-    "outcome": Column(str, "of the controller: " + ", ".join(outcome.value for outcome in Outcome)),
-    "detail": Column(str, "why, where it is not `solved`"),
-}
+def _marker(number: int, name: str) -> Group:
+    position = itemgetter(number)
+    meaning = f"marker {name}, empty if lost"
+    return _vector(name.lower(), meaning, lambda content: position(content["markers_mm"]))
 
 
-def _step(message: LogMessage) -> Row:
-    content = message.content
-    return {
-        "time_us": message.time_us,
-        **_plain(content, "step", "time_s", "outcome", "detail", "late"),
-        **_vector("target", content["target_mm"]),
-        **_vector("measured", content["measured_mm"]),
-        **_vector("true", content["true_mm"]),
-        **_per_motor("q_rad", content["q_rad"]),
-        **_plain(content, "error_mm", "measured_age_us", "solve_us"),
-    }
-
-
-def _step_columns(robot: Robot) -> Columns:
-    return {
-        **_TIME,
-        "step": Column(int, "number of the step, from 0"),
-        "time_s": Column(float, "of the step on the path's clock"),
-        **_OUTCOME,
-        "late": Column(bool, "the command missed its deadline; the last one was repeated"),
-        **_vector_columns("target", "desired tip"),
-        **_vector_columns("measured", "measured tip at the end of the step, empty if lost"),
-        **_vector_columns("true", "the simulated robot's tip, empty on a real one"),
-        **_motor_columns(robot, "q", "rad", float, "command"),
-        "error_mm": Column(float, "distance of measured and desired tip"),
-        "measured_age_us": Column(int, "age of the measurement"),
-        "solve_us": Column(float, "computing time of the controller"),
-    }
-
-
-def _command(message: LogMessage) -> Row:
-    content = message.content
-    predicted = content["predicted_mm"]
-    return {
-        "time_us": message.time_us,
-        **_plain(content, "step", "outcome", "detail"),
-        **_vector("tip", content["tip_mm"]),
-        **_plain(content, "tip_age_us"),
-        **_per_motor("accepted_rad", content["accepted_rad"]),
-        **_per_motor("command_rad", content["command_rad"]),
-        **_plain(content, "ramp_s"),
-        "horizon": len(predicted),
-        **_vector("predicted", predicted[0] if predicted else None),
-        **_plain(content, "iterations"),
-    }
-
-
-def _command_columns(robot: Robot) -> Columns:
-    accepted = "command that the board had accepted before"
-    return {
-        **_TIME,
-        "step": Column(int, "for which it was computed, empty while the robot is led to the path"),
-        **_OUTCOME,
-        **_vector_columns("tip", "measured tip as the controller was told, empty if lost"),
-        "tip_age_us": Column(int, "age of that measurement"),
-        **_motor_columns(robot, "accepted", "rad", float, accepted),
-        **_motor_columns(robot, "command", "rad", float, "command"),
-        "ramp_s": Column(float, "time in which the board goes there"),
-        "horizon": Column(int, "steps that were predicted"),
-        **_vector_columns("predicted", "first of the predicted tips, empty without a prediction"),
-        "iterations": Column(int, "of the solver, empty where there is none"),
-    }
-
-
-def _sample(message: LogMessage) -> Row:
-    row: Row = {"time_us": message.time_us, "exposed_us": message.content["exposed_us"]}
-    for number, position_mm in enumerate(message.content["markers_mm"], 1):
-        row |= _vector(f"m{number}", position_mm)
-    return row
-
-
-def _sample_columns(robot: Robot) -> Columns:
-    columns = {**_TIME, "exposed_us": Column(int, "when it was exposed, on the run's clock")}
-    for marker in robot.markers:
-        columns |= _vector_columns(marker.lower(), f"marker {marker}, empty if lost")
-    return columns
-
-
-def _state(message: LogMessage) -> Row:
-    content = message.content
-    row: Row = {"time_us": message.time_us}
-    for name, value in content.items():
-        row |= _per_motor(name, value) if isinstance(value, list) else {name: value}
-    return row
-
-
-def _state_columns(robot: Robot) -> Columns:
-    return {
-        **_TIME,
-        "tick": Column(int, "the board's clock, in ticks of 20 ms"),
-        "state": Column(str, "state of the board"),
-        "fault": Column(str, "latched fault, or none"),
-        "flags": Column(int, "status flags, see the protocol"),
-        "target_sequence": Column(int, "sequence number of the newest target"),
-        "target_age_ms": Column(int, "age of that target"),
-        **_motor_columns(robot, "target", "cdeg", int, "target, 0.01 deg"),
-        **_motor_columns(robot, "setpoint", "cdeg", int, "setpoint on its way there, 0.01 deg"),
-        **_motor_columns(robot, "pulse_half", "us", int, "pulse width in units of 0.5 us"),
-        "link_errors": Column(int, "damaged frames that the board has seen"),
-        "free_stack_bytes": Column(int, "least memory left so far"),
-        "supply_dv": Column(int, "servo supply, 0.1 V; 0 where it is not measured"),
-    }
-
-
-def _frame(message: LogMessage) -> Row:
-    return {
-        "time_us": message.time_us,
-        "direction": "sent" if message.topic == topics.SENT.name else "received",
-        **_plain(message.content, "name", "sequence", "hex"),
-        "message": told_frame(bytes.fromhex(message.content["hex"])),
-    }
-
-
-_FRAME_COLUMNS: Columns = {
-    **_TIME,
-    "direction": Column(str, "sent or received"),
-    "name": Column(str, "of the message"),
-    "sequence": Column(int, "sequence number of the frame"),
-    "hex": Column(str, "bytes on the wire"),
-    "message": Column(str, "the message in words"),
-}
-
-
-def _event(message: LogMessage) -> Row:
-    return {"time_us": message.time_us, "text": message.content["message"]}
-
-
-_EVENT_COLUMNS: Columns = {**_TIME, "text": Column(str, "what happened")}
+_TIME = Group(
+    {"time_us": Column(int, "when, on the run's clock")}, lambda message: [message.time_us]
+)
+_OUTCOME = (
+    _value("outcome", str, "of the controller: " + ", ".join(outcome.value for outcome in Outcome)),
+    _value("detail", str, "why, where it is not `solved`"),
+)
 
 
 def tables_of(robot: Robot) -> tuple[Table, ...]:
     """The tables of a robot's log."""
-    return (
-        Table(
-            "steps",
-            "one row a control step, at its end",
-            (topics.STEP,),
-            _step_columns(robot),
-            _step,
-        ),
-        Table(
-            "commands",
-            "one row a call of the controller",
-            (topics.CONTROL,),
-            _command_columns(robot),
-            _command,
-        ),
-        Table(
-            "samples",
-            "one row a measurement of the tracker",
-            (topics.SAMPLE,),
-            _sample_columns(robot),
-            _sample,
-        ),
-        Table(
-            "states",
-            "one row a report of the board",
-            (topics.STATE,),
-            _state_columns(robot),
-            _state,
-        ),
-        Table(
-            "frames",
-            "one row a frame, both ways",
-            (topics.SENT, topics.RECEIVED),
-            _FRAME_COLUMNS,
-            _frame,
-        ),
-        Table("events", "phases, faults, interruptions", (topics.EVENT,), _EVENT_COLUMNS, _event),
+    steps = (
+        _TIME,
+        _value("step", int, "number of the step, from 0"),
+        _value("time_s", float, "of the step on the path's clock"),
+        *_OUTCOME,
+        _value("late", bool, "the command missed its deadline; the last one was repeated"),
+        _vector("target", "desired tip"),
+        _vector("measured", "measured tip at the end of the step, empty if lost"),
+        _vector("true", "the simulated robot's tip, empty on a real one"),
+        _motors(robot, "q_rad", float, "command"),
+        _value("error_mm", float, "distance of measured and desired tip"),
+        _value("measured_age_us", int, "age of the measurement"),
+        _value("solve_us", float, "computing time of the controller"),
     )
+    commands = (
+        _TIME,
+        _value("step", int, "for which it was computed, empty while the robot is led to the path"),
+        *_OUTCOME,
+        _vector("tip", "measured tip as the controller was told, empty if lost"),
+        _value("tip_age_us", int, "age of that measurement"),
+        _motors(robot, "accepted_rad", float, "command that the board had accepted before"),
+        _motors(robot, "command_rad", float, "command"),
+        _value("ramp_s", float, "time in which the board goes there"),
+        Group(
+            {"horizon": Column(int, "steps that were predicted")},
+            lambda message: [len(message.content["predicted_mm"])],
+        ),
+        _vector(
+            "predicted",
+            "first of the predicted tips, empty without a prediction",
+            lambda content: next(iter(content["predicted_mm"]), None),
+        ),
+        _value("iterations", int, "of the solver, empty where there is none"),
+    )
+    samples = (
+        _TIME,
+        _value("exposed_us", int, "when it was exposed, on the run's clock"),
+        *(_marker(number, name) for number, name in enumerate(robot.markers)),
+    )
+    states = (
+        _TIME,
+        _value("tick", int, "the board's clock, in ticks of 20 ms"),
+        _value("state", str, "state of the board"),
+        _value("fault", str, "latched fault, or none"),
+        _value("flags", int, "status flags, see the protocol"),
+        _value("target_sequence", int, "sequence number of the newest target"),
+        _value("target_age_ms", int, "age of that target"),
+        _motors(robot, "target_cdeg", int, "target, 0.01 deg"),
+        _motors(robot, "setpoint_cdeg", int, "setpoint on its way there, 0.01 deg"),
+        _motors(robot, "pulse_half_us", int, "pulse width in units of 0.5 us"),
+        _value("link_errors", int, "damaged frames that the board has seen"),
+        _value("free_stack_bytes", int, "least memory left so far"),
+        _value("supply_dv", int, "servo supply, 0.1 V; 0 where it is not measured"),
+    )
+    frames = (
+        _TIME,
+        Group({"direction": Column(str, "sent or received")}, _direction),
+        _value("name", str, "of the message"),
+        _value("sequence", int, "sequence number of the frame"),
+        _value("hex", str, "bytes on the wire"),
+        Group({"message": Column(str, "the message in words")}, _in_words),
+    )
+    events = (
+        _TIME,
+        Group({"text": Column(str, "what happened")}, lambda message: [message.content["message"]]),
+    )
+    return (
+        Table("steps", "one row a control step, at its end", (topics.STEP,), steps),
+        Table("commands", "one row a call of the controller", (topics.CONTROL,), commands),
+        Table("samples", "one row a measurement of the tracker", (topics.SAMPLE,), samples),
+        Table("states", "one row a report of the board", (topics.STATE,), states),
+        Table("frames", "one row a frame, both ways", (topics.SENT, topics.RECEIVED), frames),
+        Table("events", "phases, faults, interruptions", (topics.EVENT,), events),
+    )
+
+
+def _direction(message: LogMessage) -> Sequence[Cell]:
+    return ["sent" if message.topic == topics.SENT.name else "received"]
+
+
+def _in_words(message: LogMessage) -> Sequence[Cell]:
+    return [told_frame(bytes.fromhex(message.content["hex"]))]
 
 
 def dictionary() -> str:
@@ -297,7 +242,7 @@ def rows(recording: RunRecording, tables: Sequence[Table]) -> Iterator[tuple[Tab
     for message in recording.messages(*wanted):
         table = by_topic[message.topic]
         try:
-            row = dict.fromkeys(table.columns) | table.row(message)
+            row = table.row(message)
         except (KeyError, ValueError, TypeError):
             raise recording.foreign(f"messages on {message.topic}") from None
         if "solve_us" in row:
@@ -315,10 +260,6 @@ def told_frame(data: bytes) -> str:
         return f"{kind.unpack(frame.payload)} (sequence {frame.sequence})"
     except PayloadError:
         return data.hex(" ")
-
-
-def _plain(content: Json, *names: str) -> Row:
-    return {name: content[name] for name in names}
 
 
 if __name__ == "__main__":

@@ -9,11 +9,8 @@ from ccr_host.link.framing import Frame, FramingError
 from ccr_host.link.messages import (
     BLINK_STEP_TICKS,
     LED_STEP_TICKS,
-    PULSE_CEILING_HALF_US,
-    PULSE_FLOOR_HALF_US,
     SAG_TICKS,
     TICK_US,
-    Calibration,
     ConfigGroups,
     CountersReply,
     EepromStatus,
@@ -31,7 +28,7 @@ from ccr_host.link.messages import (
 from ccr_host.sim.board.config_store import ConfigGroup, ConfigStore, Configuration, SaveStep
 from ccr_host.sim.board.eeprom import Eeprom, FaultLog
 from ccr_host.sim.board.safety import SafetyMachine
-from ccr_host.sim.board.setpoint import Axes, Setpoint, clamped
+from ccr_host.sim.board.setpoint import Axes, Setpoint, clamped, is_saturated, pulse_half_us
 
 _LINK_ERRORS = ("bad_crc", "bad_encoding", "bad_size", "overruns")
 _U16 = 1 << 16
@@ -116,32 +113,6 @@ class Counters:
                 for field in CountersReply.FIELDS
             }
         )
-
-
-_REFERENCE_CDEG = 9000
-
-
-def pulse_half_us(calibration: Calibration, axis: int, angle_cdeg: int) -> int:
-    """Pulse width of one axis, in 0.5 us."""
-    pulse = _unclamped_half_us(calibration, axis, angle_cdeg)
-    pulse = max(pulse, calibration.pulse_min_half_us[axis], PULSE_FLOOR_HALF_US)
-    return min(pulse, calibration.pulse_max_half_us[axis], PULSE_CEILING_HALF_US)
-
-
-def is_saturated(calibration: Calibration, axis: int, angle_cdeg: int) -> bool:
-    """Whether the pulse limits clamp the pulse of this angle."""
-    pulse = _unclamped_half_us(calibration, axis, angle_cdeg)
-    return pulse != pulse_half_us(calibration, axis, angle_cdeg)
-
-
-def _unclamped_half_us(calibration: Calibration, axis: int, angle_cdeg: int) -> int:
-    change = _round_half_away(angle_cdeg * calibration.per_90_deg_half_us[axis], _REFERENCE_CDEG)
-    return calibration.neutral_half_us[axis] + change
-
-
-def _round_half_away(dividend: int, divisor: int) -> int:
-    quotient = (2 * abs(dividend) + divisor) // (2 * divisor)
-    return quotient if dividend >= 0 else -quotient
 
 
 _MS_PER_TICK = TICK_US // 1000
@@ -393,20 +364,18 @@ class BoardCore:
     def _compute_pulses(self, tick: int) -> Axes:
         enabled = self.safety.axes_with_pulses(tick)
         calibration = self.configuration.calibration
-        pulses_half_us = [
+        return tuple(
             pulse_half_us(calibration, axis, angle) if enabled[axis] else 0
             for axis, angle in enumerate(self._setpoint.cdeg)
-        ]
-        return tuple(pulses_half_us)
+        )
 
     def _log_fault(self) -> None:
         fault = self.safety.fault
         if fault is not self._logged_fault and not self.fault_log.is_writing:
             self._logged_fault = fault
-            tick = self.tick_number
-            self.fault_log.begin(
-                FaultRecord(0, fault, self._state_before, self.boot_id, tick, check=0)
-            )
+            now = self.tick_number
+            record = FaultRecord(0, fault, self._state_before, self.boot_id, now, check=0)
+            self.fault_log.begin(record)
         if not self.store.busy:
             self.fault_log.advance()
         self._state_before = self.state

@@ -1,8 +1,10 @@
-"""The commanded angles, with ramp, slew limit and acceleration limit."""
+"""The commanded angles, with ramp, slew limit and acceleration limit, and their pulse widths."""
 
 from __future__ import annotations
 
 from operator import add
+
+from ccr_host.link.messages import PULSE_CEILING_HALF_US, PULSE_FLOOR_HALF_US, Calibration
 
 Axes = tuple[int, ...]
 """One integer for each axis."""
@@ -113,4 +115,30 @@ def _stopping_distance(step: int, acceleration: int) -> int:
 
 def _quotient_toward_zero(dividend: int, divisor: int) -> int:
     quotient = abs(dividend) // divisor
+    return quotient if dividend >= 0 else -quotient
+
+
+_REFERENCE_CDEG = 9000
+
+
+def pulse_half_us(calibration: Calibration, axis: int, angle_cdeg: int) -> int:
+    """Pulse width of one axis, in 0.5 us."""
+    pulse = _unclamped_half_us(calibration, axis, angle_cdeg)
+    pulse = max(pulse, calibration.pulse_min_half_us[axis], PULSE_FLOOR_HALF_US)
+    return min(pulse, calibration.pulse_max_half_us[axis], PULSE_CEILING_HALF_US)
+
+
+def is_saturated(calibration: Calibration, axis: int, angle_cdeg: int) -> bool:
+    """Whether the pulse limits clamp the pulse of this angle."""
+    pulse = _unclamped_half_us(calibration, axis, angle_cdeg)
+    return pulse != pulse_half_us(calibration, axis, angle_cdeg)
+
+
+def _unclamped_half_us(calibration: Calibration, axis: int, angle_cdeg: int) -> int:
+    change = _round_half_away(angle_cdeg * calibration.per_90_deg_half_us[axis], _REFERENCE_CDEG)
+    return calibration.neutral_half_us[axis] + change
+
+
+def _round_half_away(dividend: int, divisor: int) -> int:
+    quotient = (2 * abs(dividend) + divisor) // (2 * divisor)
     return quotient if dividend >= 0 else -quotient
