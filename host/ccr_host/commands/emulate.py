@@ -7,11 +7,13 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.options import PlantOption, RobotOption, SeedOption, SetOption
+from ccr_host.commands.options import Without
 from ccr_host.core.errors import ConfigError
+from ccr_host.run.options import RigOptions
 
 
 def emulate(
+    rig: Annotated[RigOptions, Without("device", "tracker", "realtime")],
     tcp: Annotated[
         str | None,
         typer.Option(metavar="HOST:PORT", help="Serve on TCP; port 0 takes a free one."),
@@ -35,10 +37,6 @@ def emulate(
     polaris_tcp: Annotated[
         str | None, typer.Option(metavar="HOST:PORT", help="The same on TCP.")
     ] = None,
-    robot: RobotOption = None,
-    plant: PlantOption = "twin",
-    overrides: SetOption = None,
-    seed: SeedOption = 1,
     eeprom: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Keep the EEPROM in this file.")
     ] = None,
@@ -53,7 +51,6 @@ def emulate(
 
     Example: ccr-host emulate --tcp 127.0.0.1:5025 --polaris-tcp 127.0.0.1:8765
     """
-    from ccr_host.description import schema
     from ccr_host.sim.serving.emulate import (
         Served,
         ServedBoard,
@@ -69,7 +66,7 @@ def emulate(
         raise ConfigError("--polaris with --polaris-tcp", "give one of them")
     if simavr and with_camera:
         raise ConfigError("a Polaris with --simavr", "omit --simavr: the board is then emulated")
-    description = schema.load(robot, overrides or ())
+    description = rig.description()
     motors = description.robot.motors
     if simavr:
         from ccr_host.sim.simavr.flash_image import board_for, find_firmware
@@ -81,7 +78,7 @@ def emulate(
     else:
         board = ServedBoard(tcp, eeprom, motors, boot_loader_us=boot_ms * 1000)
         if with_camera:
-            camera = ServedCamera(polaris_tcp, description, plant, seed)
+            camera = ServedCamera(polaris_tcp, description, rig.plant, rig.seed)
             served = open_board_with_camera(board, camera)
         else:
             served = open_board(board)
@@ -90,6 +87,6 @@ def emulate(
     if served.tracker_uri is not None:
         typer.echo(f"emulated Polaris on {served.tracker_uri}")
         tracking = f" --tracker {served.tracker_uri}"
-    which = f" --robot {robot}" if robot else ""
+    which = f" --robot {rig.robot}" if rig.robot else ""
     typer.echo(f"try: ccr-host track 8shape{which} --device {served.device_uri}{tracking}")
     served.server.run_until_signal()

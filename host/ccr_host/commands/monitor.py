@@ -16,15 +16,13 @@ from rich.text import Text
 
 from ccr_host.commands.options import (
     JsonOption,
-    RobotOption,
-    SeedOption,
-    SetOption,
-    TrackerOption,
+    Without,
     console,
     print_json,
 )
 from ccr_host.core.standard_streams import is_output_lost
 from ccr_host.robot.reference import PATH_AXES
+from ccr_host.run.options import RigOptions
 
 if TYPE_CHECKING:
     from ccr_host.tools.monitor import LinkView, Monitor, MonitorView
@@ -41,14 +39,11 @@ def _not_nan(seconds: float | None) -> float | None:
 
 
 def monitor(
-    tracker: TrackerOption = "twin:",
+    rig: Annotated[RigOptions, Without("device", "plant", "realtime")],
     device: Annotated[
         str | None,
         typer.Option(metavar="URI", help="Also monitor a board."),
     ] = None,
-    robot: RobotOption = None,
-    overrides: SetOption = None,
-    seed: SeedOption = 1,
     duration: Annotated[
         float | None,
         typer.Option(
@@ -68,13 +63,11 @@ def monitor(
     Example: ccr-host monitor --tracker ndi:/dev/ttyUSB0
     """
     from ccr_host.core.errors import TrackerError
-    from ccr_host.description import schema
     from ccr_host.tools.monitor import open_monitor
 
-    description = schema.load(robot, overrides or ())
     last: MonitorView | None = None
     with (
-        open_monitor(tracker, device, description, seed) as opened,
+        open_monitor(rig.tracker, device, rig.description(), rig.seed) as opened,
         suppress(KeyboardInterrupt),
     ):
         if as_json:
@@ -91,7 +84,7 @@ def monitor(
         print_json(last.summary())
     if last.sample is None:
         raise TrackerError(
-            f"{tracker}: no sample" + (f": {last.trouble}" if last.trouble else ""),
+            f"{rig.tracker}: no sample" + (f": {last.trouble}" if last.trouble else ""),
             "check line of sight, measurement volume and markers",
         )
 

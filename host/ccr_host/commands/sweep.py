@@ -10,16 +10,14 @@ import typer
 from ccr_host.commands.options import (
     JsonOption,
     OutOption,
-    PlantOption,
-    RobotOption,
-    SeedOption,
-    SetOption,
+    Without,
     complete_controllers,
     complete_paths,
     console,
     print_json,
     tell_kept,
 )
+from ccr_host.run.options import RigOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,6 +35,7 @@ _DEFAULT_RUNS = 20
 
 
 def sweep(
+    rig: Annotated[RigOptions, Without("device", "tracker", "realtime")],
     runs: Annotated[
         int | None,
         typer.Option(
@@ -46,7 +45,6 @@ def sweep(
             help=f"Number of twins; {_DEFAULT_RUNS}, or all of --twins.",
         ),
     ] = None,
-    seed: SeedOption = 1,
     controller: Annotated[
         list[str] | None,
         typer.Option(
@@ -88,9 +86,6 @@ def sweep(
         str | None,
         typer.Option(metavar="ADDRESS", help="Use the workers of this dask scheduler."),
     ] = None,
-    robot: RobotOption = None,
-    plant: PlantOption = "twin",
-    overrides: SetOption = None,
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -110,7 +105,9 @@ def sweep(
     count = known if runs is None else runs
     if given is not None and max([count - 1, *(only or ())]) >= len(given):
         raise ConfigError(f"--twins {twins}: has {len(given)} twins", "ask for no more")
-    plan = SweepPlan(seed, tuple(path or PAPER_PATHS), robot, tuple(overrides or ()), given, plant)
+    plan = SweepPlan(
+        rig.seed, tuple(path or PAPER_PATHS), rig.robot, rig.overrides, given, rig.plant
+    )
     names, rates = controller or _DEFAULT_CONTROLLERS, rate or _DEFAULT_RATES_HZ
     drives = [(rate_hz, name) for rate_hz in rates for name in names]
     jobs = plan.jobs(only or range(count), drives)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import Any, NoReturn
@@ -61,16 +61,11 @@ class ReplayResult:
     difference: Difference | None = None
 
 
-def replay(
-    recording: RunRecording,
-    on_step: Callable[[int, int], None] = lambda *_: None,
-    controller: str | None = None,
-) -> ReplayResult:
+def replay(recording: RunRecording, controller: str | None = None) -> ReplayResult:
     """Run controller, control loop and client again; stops at the first difference.
 
     Args:
         recording: of any run, finished or cut short.
-        on_step: told of each step done and of how many there are.
         controller: in place of the recorded one, as where its file was moved.
 
     Raises:
@@ -84,7 +79,7 @@ def replay(
             "a log with gaps cannot be replayed; report and export use what is left",
         )
     name = controller or recording.options.controller
-    return _Replay(recording, on_step, make_controller(name, recording.description)).run()
+    return _Replay(recording, make_controller(name, recording.description)).run()
 
 
 @dataclass
@@ -151,11 +146,9 @@ class _Replay:
     def __init__(
         self,
         recording: RunRecording,
-        on_step: Callable[[int, int], None],
         controller: Controller,
     ) -> None:
         self._recording = recording
-        self._on_step = on_step
         self._controller = controller
         self._feed = _Feed(recording)
         self._tape = TapePlayer(self._feed.take_pieces())
@@ -232,7 +225,6 @@ class _Replay:
 
     def _count_step(self, step: int, steps: int, record: StepRecord) -> None:
         self._result.steps += 1
-        self._on_step(self._result.steps, steps)
 
     def _require_end(self) -> None:
         left = self._feed.next_sent()

@@ -48,18 +48,14 @@ class SerialLine:
 
     Args:
         board: the board at the other end.
-        baud: bit rate towards the board; the board has that of the other direction.
-        noise: transmission errors in both directions.
     """
 
     name = "emulator"
 
-    def __init__(
-        self, board: UnoEmulator, *, baud: int = BAUD, noise: LineNoise | None = None
-    ) -> None:
+    def __init__(self, board: UnoEmulator) -> None:
         self.board = board
-        self.noise = noise
-        self._baud = baud
+        self.noise: LineNoise | None = None
+        """Transmission errors in both directions."""
         self._to_board: deque[tuple[int, bytes]] = deque()
         self._wire_free_us = 0
         self._plugged_in = True
@@ -88,10 +84,10 @@ class SerialLine:
         begin = 0
         while begin < len(data):
             end = _end_of_frame(data, begin)
-            arrival_us = start_us + wire_time_us(end, self._baud) + DISPATCH_LATENCY_US
+            arrival_us = start_us + wire_time_us(end, BAUD) + DISPATCH_LATENCY_US
             self._to_board.append((arrival_us, data[begin:end]))
             begin = end
-        self._wire_free_us = start_us + wire_time_us(len(data), self._baud)
+        self._wire_free_us = start_us + wire_time_us(len(data), BAUD)
 
     def read(self) -> bytes:
         """Return the bytes that have arrived from the board."""

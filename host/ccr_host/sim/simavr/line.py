@@ -53,16 +53,14 @@ class SimavrLine:
     Args:
         board: the board at the other end.
         baud: bit rate of the host; None follows the board, as a boot loader uses another rate.
-        noise: transmission errors in both directions.
     """
 
     name = "simavr"
 
-    def __init__(
-        self, board: SimavrBoard, *, baud: int | None = BAUD, noise: LineNoise | None = None
-    ) -> None:
+    def __init__(self, board: SimavrBoard, *, baud: int | None = BAUD) -> None:
         self.board = board
-        self.noise = noise
+        self.noise: LineNoise | None = None
+        """Transmission errors in both directions."""
         self._baud = baud
         self._plugged_in = True
         self._quiet_since_us = board.now_us
