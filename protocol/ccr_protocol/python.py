@@ -54,6 +54,15 @@ class Request(payload.Request):
     """A message to the board, and how the board treats it."""
 
     ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset(State)
+
+
+class SessionRequest(Request):
+    """A request that the board takes from the host of the open session alone."""
+
+    NEEDS_SESSION = True
+
+    session: int = wire("H", 0, 65535)
+    """The open session."""
 '''
 
 
@@ -160,10 +169,9 @@ def _message_class(message: Message, spec: Spec) -> str:
     if not rules:
         return "\n".join(_class_head(message, "Message", arguments))
     arguments += [f"reply=0x{spec.message_by_name[rules.reply].id:02X}", f'retry="{rules.retry}"']
-    if rules.session:
-        arguments.append("session=True")
+    base = "SessionRequest" if rules.session else "Request"
     states = "".join(_allowed_states(rules.states, spec))
-    return "\n".join(_class_head(message, "Request", arguments, states))
+    return "\n".join(_class_head(message, base, arguments, states))
 
 
 def _class_head(
@@ -179,11 +187,12 @@ def _class_head(
         yield from (f"{head}(", *(f"    {one}," for one in (base, *arguments)), "):")
     yield from _class_docstring(owner.name, owner.prose)
     nested = owner.struct if isinstance(owner, Message) else None
+    fields = owner.fields[1:] if base == "SessionRequest" else owner.fields
     if constant:
         yield from ("", f"    {constant}")
-    if owner.fields or nested:
+    if fields or nested:
         yield ""
-    for field in owner.fields:
+    for field in fields:
         yield f"    {field.name}: {_annotation(field)} = wire({', '.join(_wire(field))})"
         yield from _docstring(field.prose, "    ")
     if nested:

@@ -450,6 +450,15 @@ class Request(payload.Request):
     ALLOWED_STATES: ClassVar[frozenset[State]] = frozenset(State)
 
 
+class SessionRequest(Request):
+    """A request that the board takes from the host of the open session alone."""
+
+    NEEDS_SESSION = True
+
+    session: int = wire("H", 0, 65535)
+    """The open session."""
+
+
 class Hello(Request, name="hello", number=0x01, reply=0x81, retry="repeat"):
     """Asks for the identity of the board.
 
@@ -577,15 +586,11 @@ class CountersReply(Message, name="counters_reply", number=0x85):
     """Saves finished."""
 
 
-class SetTelemetry(
-    Request, name="set_telemetry", number=0x06, reply=0x70, retry="once", session=True
-):
+class SetTelemetry(SessionRequest, name="set_telemetry", number=0x06, reply=0x70, retry="once"):
     """Starts or stops the stream of `telemetry`."""
 
     ALLOWED_STATES = frozenset(State) - {State.BOOT}
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
     period_ticks: int = wire("B", 0, 255, "tick")
     """Ticks per report; 0 stops the stream."""
 
@@ -641,7 +646,7 @@ class LinkLimitsReply(
     """Their bytes in total, as encoded frames; a single request may be longer."""
 
 
-class Arm(Request, name="arm", number=0x10, reply=0x70, retry="once", session=True):
+class Arm(SessionRequest, name="arm", number=0x10, reply=0x70, retry="once"):
     """Enables the servos one after another.
 
     Refused while the configuration is incomplete or being saved.
@@ -649,11 +654,8 @@ class Arm(Request, name="arm", number=0x10, reply=0x70, retry="once", session=Tr
 
     ALLOWED_STATES = frozenset({State.DISARMED})
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
 
-
-class Disarm(Request, name="disarm", number=0x11, reply=0x70, retry="once", session=True):
+class Disarm(SessionRequest, name="disarm", number=0x11, reply=0x70, retry="once"):
     """Moves the robot slowly to rest, then switches off the pulses.
 
     No effect in `disarmed` and `disarming`.
@@ -661,15 +663,12 @@ class Disarm(Request, name="disarm", number=0x11, reply=0x70, retry="once", sess
 
     ALLOWED_STATES = frozenset(State) - {State.BOOT, State.FAULT, State.STOPPED}
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
-
 
 class Stop(Request, name="stop", number=0x12, reply=0x70, retry="repeat"):
     """Emergency stop: switches off the pulses at the next frame. Needs no session."""
 
 
-class ClearFault(Request, name="clear_fault", number=0x13, reply=0x70, retry="once", session=True):
+class ClearFault(SessionRequest, name="clear_fault", number=0x13, reply=0x70, retry="once"):
     """Acknowledges a fault or a stop once the pulses are off.
 
     The board is then disarmed; it never arms by itself.
@@ -677,11 +676,8 @@ class ClearFault(Request, name="clear_fault", number=0x13, reply=0x70, retry="on
 
     ALLOWED_STATES = frozenset({State.FAULT, State.STOPPED})
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
 
-
-class SetTarget(Request, name="set_target", number=0x20, reply=0xA0, retry="never", session=True):
+class SetTarget(SessionRequest, name="set_target", number=0x20, reply=0xA0, retry="never"):
     """New target of all axes, which replaces the previous one.
 
     No other message feeds the link watchdog.
@@ -689,8 +685,6 @@ class SetTarget(Request, name="set_target", number=0x20, reply=0xA0, retry="neve
 
     ALLOWED_STATES = frozenset({State.ACTIVE, State.HOLD, State.RELAXING})
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
     target_cdeg: tuple[int, ...] = wire("h", -18000, 18000, "deg", 0.01, count=AXES)
     """Servo angles; clamped to the angle limits."""
     ramp_ms: int = wire("H", 0, 10000, "ms")
@@ -701,13 +695,12 @@ class SetTarget(Request, name="set_target", number=0x20, reply=0xA0, retry="neve
 
 
 class SetTargetAt(
-    Request,
+    SessionRequest,
     name="set_target_at",
     number=0x21,
     capability=Capabilities.TIMED_TARGETS,
     reply=0x70,
     retry="never",
-    session=True,
 ):
     """The fields of `set_target`, and the tick for which the target waits (TGT-5).
 
@@ -716,8 +709,6 @@ class SetTargetAt(
 
     ALLOWED_STATES = frozenset({State.ACTIVE, State.HOLD, State.RELAXING})
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
     target_cdeg: tuple[int, ...] = wire("h", -18000, 18000, "deg", 0.01, count=AXES)
     """As in `set_target`."""
     ramp_ms: int = wire("H", 0, 10000, "ms")
@@ -751,13 +742,11 @@ class LimitsReply(Message, name="limits_reply", number=0xB0):
     limits: Limits = nested(Limits)
 
 
-class SetLimits(Request, name="set_limits", number=0x31, reply=0x70, retry="once", session=True):
+class SetLimits(SessionRequest, name="set_limits", number=0x31, reply=0x70, retry="once"):
     """Sets the angle limits. The stored setpoint is clamped to them."""
 
     ALLOWED_STATES = frozenset({State.DISARMED, State.FAULT, State.STOPPED})
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
     limits: Limits = nested(Limits)
 
 
@@ -771,13 +760,11 @@ class SlewReply(Message, name="slew_reply", number=0xB2):
     slew: Slew = nested(Slew)
 
 
-class SetSlew(Request, name="set_slew", number=0x33, reply=0x70, retry="once", session=True):
+class SetSlew(SessionRequest, name="set_slew", number=0x33, reply=0x70, retry="once"):
     """Sets the slew limits."""
 
     ALLOWED_STATES = frozenset({State.DISARMED, State.FAULT, State.STOPPED})
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
     slew: Slew = nested(Slew)
 
 
@@ -791,15 +778,11 @@ class WatchdogReply(Message, name="watchdog_reply", number=0xB4):
     watchdog: Watchdog = nested(Watchdog)
 
 
-class SetWatchdog(
-    Request, name="set_watchdog", number=0x35, reply=0x70, retry="once", session=True
-):
+class SetWatchdog(SessionRequest, name="set_watchdog", number=0x35, reply=0x70, retry="once"):
     """Sets the link watchdog."""
 
     ALLOWED_STATES = frozenset({State.DISARMED, State.FAULT, State.STOPPED})
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
     watchdog: Watchdog = nested(Watchdog)
 
 
@@ -813,19 +796,15 @@ class CalibrationReply(Message, name="calibration_reply", number=0xB6):
     calibration: Calibration = nested(Calibration)
 
 
-class SetCalibration(
-    Request, name="set_calibration", number=0x37, reply=0x70, retry="once", session=True
-):
+class SetCalibration(SessionRequest, name="set_calibration", number=0x37, reply=0x70, retry="once"):
     """Sets the pulse calibration."""
 
     ALLOWED_STATES = frozenset({State.DISARMED, State.FAULT, State.STOPPED})
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
     calibration: Calibration = nested(Calibration)
 
 
-class SaveConfig(Request, name="save_config", number=0x38, reply=0x70, retry="once", session=True):
+class SaveConfig(SessionRequest, name="save_config", number=0x38, reply=0x70, retry="once"):
     """Starts to write the configuration in use to the older EEPROM slot, one byte per control tick.
 
     `ack` means that writing has begun; `eeprom_busy` is cleared when it is done. Refused while the
@@ -833,9 +812,6 @@ class SaveConfig(Request, name="save_config", number=0x38, reply=0x70, retry="on
     """
 
     ALLOWED_STATES = frozenset({State.DISARMED, State.FAULT, State.STOPPED})
-
-    session: int = wire("H", 0, 65535)
-    """The open session."""
 
 
 class GetEquipment(Request, name="get_equipment", number=0x3C, reply=0xBC, retry="repeat"):
@@ -848,15 +824,11 @@ class EquipmentReply(Message, name="equipment_reply", number=0xBC):
     equipment: Equipment = nested(Equipment)
 
 
-class SetEquipment(
-    Request, name="set_equipment", number=0x3D, reply=0x70, retry="once", session=True
-):
+class SetEquipment(SessionRequest, name="set_equipment", number=0x3D, reply=0x70, retry="once"):
     """Sets the board's name and what is wired to it."""
 
     ALLOWED_STATES = frozenset({State.DISARMED, State.FAULT, State.STOPPED})
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
     equipment: Equipment = nested(Equipment)
 
 
@@ -871,14 +843,12 @@ class AccelerationReply(Message, name="acceleration_reply", number=0xBE):
 
 
 class SetAcceleration(
-    Request, name="set_acceleration", number=0x3F, reply=0x70, retry="once", session=True
+    SessionRequest, name="set_acceleration", number=0x3F, reply=0x70, retry="once"
 ):
     """Sets the acceleration limits."""
 
     ALLOWED_STATES = frozenset({State.DISARMED, State.FAULT, State.STOPPED})
 
-    session: int = wire("H", 0, 65535)
-    """The open session."""
     acceleration: Acceleration = nested(Acceleration)
 
 

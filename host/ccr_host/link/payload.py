@@ -114,7 +114,7 @@ def nested(kind: type[P]) -> P:
 
 @dataclass_transform(frozen_default=True, field_specifiers=(wire, nested))
 class Payload:
-    """Base of all structs of integers; subclasses with a name become dataclasses."""
+    """Base of all structs of integers; those on the wire have a name."""
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
@@ -136,9 +136,9 @@ class Payload:
 
     def __init_subclass__(cls, *, name: str = "") -> None:
         super().__init_subclass__()
+        dataclass(frozen=True)(cls)
         if not name:
             return
-        dataclass(frozen=True)(cls)
         declared = dataclasses.fields(cls)
         own = [one for one in declared if "field" in one.metadata]
         cls.NAME = name
@@ -286,7 +286,7 @@ class Request(Message):
 
     REPLY_ID: ClassVar[int]
     RETRY: ClassVar[Retry]
-    NEEDS_SESSION: ClassVar[bool]
+    NEEDS_SESSION: ClassVar[bool] = False
 
     def __init_subclass__(
         cls,
@@ -296,12 +296,10 @@ class Request(Message):
         capability: int = 0,
         reply: int = 0,
         retry: Retry = "never",
-        session: bool = False,
     ) -> None:
         super().__init_subclass__(name=name, number=number, capability=capability)
         cls.REPLY_ID = reply
         cls.RETRY = retry
-        cls.NEEDS_SESSION = session
 
 
 def by_id(namespace: Mapping[str, object], base: type[M]) -> Mapping[int, type[M]]:
