@@ -19,6 +19,7 @@ from ccr_host.control.adaptive.identification import RestSurvey, StaticsFit
 from ccr_host.control.adaptive.law import AdaptiveLaw
 from ccr_host.control.adaptive.misfit import (
     MisfitError,
+    is_doubtful,
     is_misfit,
     misfit,
     misfit_of,
@@ -37,8 +38,9 @@ from ccr_host.run.changed_robot import likely_change
 from ccr_host.run.motor_responses import MotorResponses
 from ccr_host.run.options import RunOptions
 
-_REACH_RAD = np.radians(20.0)
-"""Travel of each motor: beyond slack and a wrong zero, and half of what paths need."""
+_REACHES_RAD = np.radians((20.0, 35.0, 50.0))
+"""Travel of each motor: beyond slack and a wrong zero, and half of what paths need; then, of a
+robot that may be the described one or not, more, at which slack differs from scale."""
 _REST_S = 0.8
 _LOOK_PERIOD_US = 250_000
 _UNEXPLAINED_SHARE = 25.0 / 102.0
@@ -87,7 +89,7 @@ class ProbeLaw(Law):
         super().start(path, history)
         self._survey = RestSurvey(np.zeros_like(self._limits.lower_rad))
         self.fit: StaticsFit[Any] | None = None
-        """Fit of the model to the rests; None before all are known."""
+        """The likeliest fit of the model to the rests so far; None before all are known."""
 
     @property
     def rests(self) -> Rests:
@@ -95,16 +97,37 @@ class ProbeLaw(Law):
         return self._survey.rests()
 
     def stages(self) -> Iterator[Stage]:
-        """The moves, then the fit, during which the robot stays where it is."""
+        """Moves, then a fit, during which the robot stays where it is; more moves if in doubt."""
         here_rad = self._survey.start_rad = self.history.at(math.inf)
-        stops_rad = self._limits.clip(here_rad + _REACH_RAD * self._stops)
-        yield Stage(self.name, smooth_moves(here_rad, stops_rad, _REST_S))
-        waiting = Stage(self.name, stops_rad[-1:], is_motion=False)
-        if len(self.rests.count):
-            self.fit = StaticsFit(self._space, self.rests, self._model.predicted_mm)
-            yield waiting
-            while self.fit.improve():
+        for reach_rad in _REACHES_RAD:
+            stops_rad = self._limits.clip(here_rad + reach_rad * self._stops)
+            yield Stage(self.name, smooth_moves(self.history.at(math.inf), stops_rad, _REST_S))
+            if not len(self.rests.count):
+                return
+            waiting = Stage(self.name, stops_rad[-1:], is_motion=False)
+            for _ in self._fitting():
                 yield waiting
+            if not self._is_doubtful():
+                return
+
+    def _fitting(self) -> Iterator[None]:
+        """Fit the rests, one step at a time; start again elsewhere if that may be better."""
+        rests, self.fit = self.rests, None
+        for start in self._space.few_starts():
+            fit = StaticsFit(self._space, rests, self._model.predicted_mm, start)
+            yield
+            while fit.improve():
+                yield
+            if self.fit is None or fit.result().cost < self.fit.result().cost:
+                self.fit = fit
+            if not is_doubtful(self.fit.result(), self._space):
+                return
+
+    def _is_doubtful(self) -> bool:
+        assert self.fit is not None
+        found = self.fit.result()
+        is_certain = is_misfit(found, self.rests, self._space)
+        return is_doubtful(found, self._space) and not is_certain
 
     def observe(self, measurement: Measurement) -> None:
         self._survey.add(self.history, measurement)

@@ -156,7 +156,7 @@ class ChainSpace(ParameterSpace[ChainParameters]):
 
     def of_few_rests(self) -> ChainSpace:
         other = copy.copy(self)
-        other.most_deviations = np.array(_MOST_OF_FEW)
+        other.most_deviations = _MOST_OF_FEW
         other.most_surprise = _SURPRISE_OF_FEW
         pulled, let_out = self.winding_mm > 0.0, self.winding_mm < 0.0
         kinds = [unknown.kind for unknown in self.model.unknowns]

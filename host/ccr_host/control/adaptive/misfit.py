@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import islice, product
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -38,9 +38,14 @@ _MOST_ZERO_RAD = math.radians(5.6)
 _ZERO_DOUBT_RAD = math.radians(1.2)
 """Minimum uncertainty of a zero: if lengths and radii are 10 % off, zeros have errors of up to 1.8
 deg (0.9 RMS of 45 random robots), whatever their deviation."""
-_MOST_LEFT = 0.05
-"""Fraction of the robot's motion that the model may leave unexplained, whatever the camera's noise:
-a robot of cheap parts leaves 0.02, which feedback corrects, one mounted upside down 0.07."""
+_DOUBT_DEVIATIONS = 2.0
+_MOST_LEFT = 0.02
+"""Fraction of the robot's motion that the model may leave unexplained, whatever the camera's noise,
+as feedback corrects it."""
+_TURN_DOUBT_RAD = math.radians(0.5)
+"""Turn of a registered camera that cannot be told from bending planes that are turned."""
+_LEAST_TOLD = 0.02
+"""Fraction of a parameter's prior variance that rests must take for it to be judged."""
 _FREEDOM = 8.0
 """Factor by which a hypothesis widens the prior deviation of its parameters."""
 _START = 0.5
@@ -50,6 +55,8 @@ _FIRST_STEPS = 8
 _FINALISTS = 5
 """All hypotheses make the first steps of their fits, only the best ones the rest. After 5 steps the
 right one was still among the last in one of forty misfits, after 8 it was first."""
+_RIVAL = 2.0 * math.log(100.0)
+"""Minus twice the log odds up to which another cause than the likeliest is named as well."""
 _ALSO = {
     "tendon_radius": "; check servo.pulse_per_90_deg_us and robot.pulley_radius_mm",
     "angle": "; check servo.pulse_per_90_deg_us, and how the camera stands: ccr-host register",
@@ -81,12 +88,20 @@ def is_misfit(
         scaling: the prior of that fit.
         zeros_are_known: whether a zero that is far off makes it implausible.
     """
-    certain = _certain(fit, scaling)
     most_zero_rad = _MOST_ZERO_RAD if zeros_are_known else math.inf
     return (
         (fit.surprise >= scaling.most_surprise and _leaves_much(fit, rests))
-        or bool((certain > scaling.most_deviations).any())
+        or bool((_contradicted(fit, scaling) > scaling.most_deviations).any())
         or bool((_certain_zeros_rad(fit, scaling) > most_zero_rad).any())
+    )
+
+
+def is_doubtful(fit: Fit, space: ParameterSpace[Any]) -> bool:
+    """Whether more rests should decide if the fitted model is that of the robot."""
+    return space.farther_moves_tell and (
+        fit.surprise > 1.0
+        or bool((_contradicted(fit, space) > _DOUBT_DEVIATIONS).any())
+        or bool((np.abs(space.zero_rad @ fit.score) > _MOST_ZERO_RAD).any())
     )
 
 
@@ -104,23 +119,30 @@ def _certain_zeros_rad(fit: Fit, space: ParameterSpace[Any]) -> FloatArray:
     return certain_rad
 
 
-def _certain(fit: Fit, space: ParameterSpace[Any]) -> FloatArray:
-    """Deviations by which parameters are certainly wrong, (COUNT,)."""
-    deviation = np.sqrt(np.diag(fit.covariance))
-    certain: FloatArray = np.maximum(np.abs(fit.score) - deviation, 0.0)
-    certain[space.roles.varying] = 0.0
-    return certain
+def _contradicted(fit: Fit, space: ParameterSpace[Any]) -> FloatArray:
+    """By how many deviations the rests contradict the prior of each parameter, (COUNT,).
+
+    Rests that alone say ``m`` with variance ``v`` leave the score ``s = m / (1 + v)`` and the
+    variance ``c = v / (1 + v)``. Before they were known, ``m`` had the variance ``1 + v``.
+    """
+    told = np.maximum(1.0 - np.diag(fit.covariance), _LEAST_TOLD)
+    variance = 1.0 / told
+    turns = space.roles.turns
+    variance[turns] += (_TURN_DOUBT_RAD / space.deviation[turns]) ** 2
+    contradicted: FloatArray = np.abs(fit.score) / told / np.sqrt(variance)
+    contradicted[space.roles.varying] = 0.0
+    return contradicted
 
 
 def misfit_of(fit: Fit, space: ParameterSpace[Any], *, zeros_are_known: bool = True) -> MisfitError:
     """Name the zero or parameter that is furthest off, without further fits; see `is_misfit`."""
-    certain = _certain(fit, space) / space.most_deviations
-    odd = int(certain.argmax())
+    contradicted = _contradicted(fit, space) / space.most_deviations
+    odd = int(contradicted.argmax())
     zeros = _certain_zeros_rad(fit, space) / _MOST_ZERO_RAD
-    if zeros_are_known and zeros.max() > max(1.0, certain[odd]):
+    if zeros_are_known and zeros.max() > max(1.0, contradicted[odd]):
         found_rad = np.where(zeros > 0.5 * zeros.max(), space.zero_rad @ fit.score, 0.0)
         return not_as_described(f"most likely the zero {zeros_off(found_rad)}", _CALIBRATE)
-    if fit.explains or certain[odd] > 1.0:
+    if fit.explains or contradicted[odd] > 1.0:
         found, described = (space.values(score)[odd] for score in (fit.score, 0.0 * fit.score))
         cause = f"{space.names[odd]} is {found:.3g} where {described:.3g} is described"
         cure = "measure it again, and correct [[robot.segments]]"
@@ -160,8 +182,17 @@ def misfit(
     for trial in finalists:
         trial.fit.finish()
     best = min(finalists, key=_Trial.cost)
+    rivals = (
+        trial
+        for trial in finalists
+        if trial.cost() < best.cost() + _RIVAL
+        and trial.hypothesis.kind != best.hypothesis.kind
+        and trial.hypothesis.cure != _CALIBRATE  # Some zero is off in all robots.
+    )
+    named = [best, *islice(rivals, 1)]
     likely = "most likely" if best.fit.result().explains else "no usual cause explains it; perhaps"
-    return not_as_described(f"{likely} {best.cause()}", best.hypothesis.cure)
+    causes = ", or ".join(trial.cause() for trial in named)
+    return not_as_described(f"{likely} {causes}", "; or ".join(t.hypothesis.cure for t in named))
 
 
 def not_as_described(cause: str, cure: str) -> MisfitError:
@@ -218,6 +249,11 @@ class _Hypothesis:
     """Direction of gravity, if not the described one."""
     freed: tuple[str, ...] = ()
     """The freed fields of `Parameters`."""
+
+    @property
+    def kind(self) -> str:
+        """What two hypotheses have in common that differ in numbers alone."""
+        return self.name.partition("{")[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -134,7 +135,7 @@ _ROLES = Roles(
     varying=[
         Parameters._fields.index(name)
         for name in Parameters._fields[:COUNT]
-        if not name.startswith(("length", "marker", "middle", "gain", "slack", "turn", "zero"))
+        if not name.startswith(("length", "marker_offset", "gain", "slack", "turn", "zero"))
     ],
     turns=TURNS,
 )
@@ -148,6 +149,8 @@ _MOUNTINGS = [
     for x, y, z in np.eye(3).tolist()
     for sign in (1.0, -1.0)
 ]
+_FEW_START_RAD = math.radians(3.0)
+"""Zeros from which the fit to few rests may start."""
 _SAME_DIRECTION = 0.9
 """Cosine of the angle within which a mounting is the described one."""
 _USUAL_TURN_DEG = 0.5
@@ -166,12 +169,10 @@ _USUALLY_SMALL = (
 )
 _ZERO_FREEDOM = 3.0
 """Factor by which zeros may be further off than assumed where there are few rests."""
-_GAINS, _MOST_GAIN = ("gain_1", "gain_ratio"), 1.5
-"""Few rests let friction and compliance take the rest of another scale of a servo, with which a
-gain is certainly 2.0 deviations off; of random robots that match it is up to 1.0."""
+_SURPRISE_OF_FEW = 2.5
+"""Limit for few rests, as the first moves change what creeps and rubs."""
 _NARROW = 0.05
-"""Factor of their deviations for a robot without such faults, and where a few small moves show
-whether a robot is the described one: with all of their freedom most robots would be."""
+"""Factor of their deviations for a robot without such faults."""
 _FREE_ZERO_RAD = 0.8
 """Range of the zeros: the horn of a servo fits on its spline every 14.4 deg."""
 
@@ -311,6 +312,13 @@ class Scaling(ParameterSpace[Parameters]):
         scores[..., ZEROS[1]] = _ZEROS_2_RAD / self.deviation[ZEROS[1]]
         return scores
 
+    def few_starts(self) -> FloatArray:
+        """The prior, then zeros of both signs."""
+        scores = np.zeros((5, COUNT))
+        scores[1:, ZEROS] = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) * _FEW_START_RAD
+        scores[:, ZEROS] /= self.deviation[ZEROS]
+        return scores
+
     def mountings(self) -> Mapping[Gravity, Scaling]:
         """Under gravity along each axis of the frame of (10), but for the described direction."""
         up = self._known[:3]
@@ -359,9 +367,9 @@ class Scaling(ParameterSpace[Parameters]):
         return other
 
     def of_few_rests(self) -> Scaling:
-        other = self.strict().freed(ZEROS, _ZERO_FREEDOM)
-        other.most_deviations = self.most_deviations.repeat(COUNT)
-        other.most_deviations[[Parameters._fields.index(name) for name in _GAINS]] = _MOST_GAIN
+        other = self.freed(ZEROS, _ZERO_FREEDOM)
+        other.most_surprise = _SURPRISE_OF_FEW
+        other.farther_moves_tell = True
         return other
 
     def freed(self, indices: Sequence[int], factor: float) -> Scaling:
