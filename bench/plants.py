@@ -31,9 +31,9 @@ import numpy as np
 
 from bench.limits import KnowingFeedforward
 from ccr_host.control.registry import baseline_names, controller_names
+from ccr_host.core import __version__
 from ccr_host.core.errors import CcrError
 from ccr_host.core.user_file import replacing
-from ccr_host.core.version import __version__
 from ccr_host.description.schema import Description
 from ccr_host.description.source import shipped_descriptions
 from ccr_host.record.folder import ResultFolder

@@ -24,9 +24,8 @@ from rich.table import Table
 from ccr_host.core.clock import RealClock, VirtualClock
 from ccr_host.core.wire import crc16_arc
 from ccr_host.description.simulation import Tracker
-from ccr_host.sim.polaris.faults import BitOrder
 from ccr_host.sim.polaris.line import make_polaris
-from ccr_host.sim.polaris.sensor import Exposer, StrayList, ToolLine, format_tx
+from ccr_host.sim.polaris.sensor import BitOrder, Exposer, StrayList, ToolLine, format_tx
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tracking.sources.ndi.driver import NdiTracker

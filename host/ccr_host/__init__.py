@@ -18,7 +18,7 @@ from ccr_host.core.errors import CcrError, CodeError, ConfigError, DeviceError, 
 
 if TYPE_CHECKING:
     from ccr_host.control.base import Command, Controller, Observation, Outcome
-    from ccr_host.core.version import __version__
+    from ccr_host.core import __version__
     from ccr_host.description.schema import Description
     from ccr_host.run.observer import RunObserver
     from ccr_host.sim.robot.plant import Plant
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ccr_host.tracking.tracker import MarkerFrame, Pose, RawTracker, TrackerHealth
 
 _HOME = {
-    "core.version": ("__version__",),
+    "core": ("__version__",),
     "control.base": ("Command", "Controller", "Observation", "Outcome"),
     "description.schema": ("Description",),
     "run.observer": ("RunObserver",),

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from ccr_host.control import base
-from ccr_host.core.version import __version__
+from ccr_host.core import __version__
 from ccr_host.description import schema
 from ccr_host.link.device_errors import BoardFaultError
 from ccr_host.link.messages import Fault

@@ -4,7 +4,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from ccr_host.core.version import __version__
+from ccr_host.core import __version__
 
 ROOT = Path(__file__).parents[2]
 

@@ -27,8 +27,8 @@ from ccr_host.commands.sweep import sweep
 from ccr_host.commands.track import track
 from ccr_host.commands.view import view, with_default_address
 from ccr_host.commands.workspace import workspace
+from ccr_host.core import __version__
 from ccr_host.core.errors import ConfigError
-from ccr_host.core.version import __version__
 
 app = typer.Typer(
     name="ccr-host",

@@ -66,8 +66,8 @@ def compare(
     from ccr_host.commands import terminal
     from ccr_host.control.registry import baseline_names, controller_names
     from ccr_host.core.stop_signals import signals_deferred
+    from ccr_host.record.comparisons import PAPER_RESULTS
     from ccr_host.record.folder import ResultFolder
-    from ccr_host.record.paper_results import PAPER_RESULTS
     from ccr_host.run.campaign import execute_all
     from ccr_host.run.execute import reference_of
     from ccr_host.run.summary import RunResult
@@ -126,9 +126,9 @@ def compare(
 
 def _keep(folder: ResultFolder, results: Sequence[RunResult]) -> dict[str, Any]:
     """Write compare.json and the figure; return the content of the former."""
+    from ccr_host.record.comparisons import PAPER_RESULTS
     from ccr_host.record.figure import PlottedRun, write_comparison_figure
     from ccr_host.record.folder import FIGURES
-    from ccr_host.record.paper_results import PAPER_RESULTS
     from ccr_host.run.summary import summarise
     from ccr_host.run.twin_floor import floor_of_run_mm
 

@@ -21,8 +21,7 @@ from rich.progress import (
 from rich.table import Table
 
 from ccr_host.control.base import Phase
-from ccr_host.record.measured_and_true import why_measured_differs
-from ccr_host.record.paper_results import paper_mean_mm
+from ccr_host.record.comparisons import paper_mean_mm, why_measured_differs
 from ccr_host.run.observer import RunObserver, StepRecord
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import ratio_to_twin_floor

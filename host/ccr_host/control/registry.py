@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 
 from ccr_host.control.adaptive.law import AdaptiveLaw
 from ccr_host.control.base import Controller
+from ccr_host.control.baselines import Broyden, KalmanJacobian, OffsetFreeMpc, PidIk
 from ccr_host.control.mpc.controller import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
 from ccr_host.control.shell import Law, Shell
@@ -19,13 +19,12 @@ _MAKERS: dict[str, Callable[[Description], Controller]] = {
     AdaptiveLaw.name: lambda description: Shell(description, AdaptiveLaw(description)),
 }
 
-_BASELINES = {
-    "pid-ik": "pid_ik:PidIk",
-    "broyden": "jacobian_feedback:Broyden",
-    "kalman-jacobian": "jacobian_feedback:KalmanJacobian",
-    "mpc-offset": "mpc_offset:OffsetFreeMpc",
+_BASELINES: dict[str, Callable[[Description], Law]] = {
+    PidIk.name: PidIk,
+    Broyden.name: Broyden,
+    KalmanJacobian.name: KalmanJacobian,
+    OffsetFreeMpc.name: OffsetFreeMpc,
 }
-"""Module and law in ``control.baselines``; loaded only when one is requested."""
 
 
 DEFAULT_CONTROLLER = AdaptiveLaw.name
@@ -66,17 +65,10 @@ def make_controller(name: str, description: Description) -> Controller:
         CodeError: the plug-in cannot be constructed.
     """
     if name in _BASELINES:
-        return _load_baseline(name)(description)
+        return Shell(description, _BASELINES[name](description))
     if name in _MAKERS:
         return _MAKERS[name](description)
     if not is_plugin("controller", name):
         raise unknown_plugin("controller", name, [*_MAKERS, *_BASELINES])
     made: Controller = make_plugin("controller", name, ("start", "step"), description)
     return made
-
-
-def _load_baseline(name: str) -> Callable[[Description], Controller]:
-    module, _, maker = _BASELINES[name].partition(":")
-    loaded = importlib.import_module(f"ccr_host.control.baselines.{module}")
-    law: Callable[[Description], Law] = getattr(loaded, maker)
-    return lambda description: Shell(description, law(description))

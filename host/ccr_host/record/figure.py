@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccr_host.control.open_loop import OpenLoop
+from ccr_host.record.comparisons import paper_mean_mm
 from ccr_host.record.figure_style import (
     BESIDE_THE_TRUTH,
     DESIRED,
@@ -21,7 +22,6 @@ from ccr_host.record.figure_style import (
     plain,
     save_figure,
 )
-from ccr_host.record.paper_results import paper_mean_mm
 from ccr_host.robot.reference import PATH_AXES, Reference
 from ccr_host.robot.workspace import Workspace
 from ccr_host.run.observer import StepRecord, Vector, measured_errors_mm, true_errors_mm

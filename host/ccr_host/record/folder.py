@@ -11,9 +11,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
+from ccr_host.core import __version__
 from ccr_host.core.errors import ConfigError, why
 from ccr_host.core.user_file import is_there, printable, replacing
-from ccr_host.core.version import __version__
 from ccr_host.link import messages
 
 METRICS_FILE = "run.json"

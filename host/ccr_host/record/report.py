@@ -14,12 +14,12 @@ from jinja2 import Environment, PackageLoader, Undefined
 from ccr_host.control.base import Phase
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.user_file import read_text, replacing
+from ccr_host.record.comparisons import why_measured_differs
 from ccr_host.record.figure import PlottedRun, run_figure, shade_lost_spans
 from ccr_host.record.figure_style import LIMIT, MOTORS, svg_element
 from ccr_host.record.folder import METRICS_FILE
 from ccr_host.record.log.reader import RunRecording, play_run
 from ccr_host.record.log.topics import NUMBER, OBJECT, TEXT, array, nullable, record, validator
-from ccr_host.record.measured_and_true import why_measured_differs
 from ccr_host.run.observer import (
     RunObserver,
     RunSetup,

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ccr_host.control.base import Outcome
-from ccr_host.record.measured_and_true import why_measured_differs
+from ccr_host.record.comparisons import why_measured_differs
 from ccr_host.run.observer import StepRecord
 
 RNG = np.random.default_rng(1)

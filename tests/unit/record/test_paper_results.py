@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ccr_host.record.paper_results import paper_mean_mm
+from ccr_host.record.comparisons import paper_mean_mm
 from ccr_host.run.options import RunOptions
 
 PAPERS = RunOptions(path="8shape", controller="mpc", robot="paper")

@@ -6,10 +6,10 @@ import pytest
 from ccr_host.core.errors import CodeError, ConfigError
 from ccr_host.core.plugins import Given
 from ccr_host.link.messages import State
+from ccr_host.record.comparisons import paper_mean_mm
 from ccr_host.record.keep import execute_logged
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
-from ccr_host.record.paper_results import paper_mean_mm
 from ccr_host.record.replay import replay
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.run.options import RunOptions

@@ -14,7 +14,7 @@ from ccr_host.run.observer import RunSetup
 from ccr_host.run.options import RunOptions
 from ccr_host.tracking.tracker import Sample
 from ccr_host.view.history import Moment, RunHistory
-from ccr_host.view.status import legend_html, status_html
+from ccr_host.view.page import legend_html, status_html
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from mcap.writer import IndexType, Writer
 from pydantic_core import to_json
 
-from ccr_host.core.version import __version__
+from ccr_host.core import __version__
 from ccr_host.record.log.topics import Topic
 
 LOG_PREFIX = "log"

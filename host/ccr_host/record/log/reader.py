@@ -14,9 +14,9 @@ from mcap.records import Channel, Message, Metadata
 from pydantic import TypeAdapter, ValidationError
 
 from ccr_host.control.base import Command, Outcome, Phase
+from ccr_host.core import __version__
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.user_file import is_folder, is_there, read_bytes
-from ccr_host.core.version import __version__
 from ccr_host.description.schema import Description
 from ccr_host.record.log import topics
 from ccr_host.record.log.files import (

@@ -10,7 +10,6 @@ from enum import Enum, IntEnum
 import numpy as np
 
 from ccr_host.core.wire import crc16_arc
-from ccr_host.sim.polaris.faults import is_within
 from ccr_host.sim.polaris.sensor import (
     SUPPORTED_MODE,
     TRANSFORMS,
@@ -20,6 +19,7 @@ from ccr_host.sim.polaris.sensor import (
     ToolLine,
     format_tx,
     is_in_volume,
+    is_within,
 )
 
 

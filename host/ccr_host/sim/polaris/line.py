@@ -19,8 +19,7 @@ from ccr_host.core.wire import bytes_in, crc16_arc, wire_time_us
 from ccr_host.description import simulation
 from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.device import RESET_BAUD, Answer, PolarisDevice
-from ccr_host.sim.polaris.faults import NO_FAULTS, PolarisFaults, Span, is_within
-from ccr_host.sim.polaris.sensor import PositionSensor
+from ccr_host.sim.polaris.sensor import NO_FAULTS, PolarisFaults, PositionSensor, Span, is_within
 
 PROCESSING_US = 1000
 """Time from the last byte of a command to the first of its reply (assumed)."""

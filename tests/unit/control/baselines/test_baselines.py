@@ -1,8 +1,5 @@
 """What every peer keeps to, whatever it sees."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -135,16 +132,3 @@ def test_names_make_controllers_of_that_name_and_are_no_default():
     assert not set(PEERS) & set(controller_names())
     with pytest.raises(ConfigError, match="kalman-jacobian"):
         make_controller("pid", DESCRIPTION)
-
-
-@pytest.mark.long
-def test_baselines_are_loaded_only_when_asked_for():
-    code = (
-        "import sys, ccr_host.control.registry as r;"
-        "from ccr_host.description.schema import Description;"
-        "assert not [m for m in sys.modules if 'baselines' in m];"
-        "r.make_controller('broyden', Description());"
-        "assert 'ccr_host.control.baselines.jacobian_feedback' in sys.modules;"
-        "assert 'ccr_host.control.baselines.pid_ik' not in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)

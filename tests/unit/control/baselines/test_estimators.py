@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.control.baselines.jacobian_feedback import (
+from ccr_host.control.baselines import (
     BroydenEstimator,
     KalmanEstimator,
     damped_inverse,

@@ -15,7 +15,7 @@ from ccr_host.record.recorded_tracker import ReplayTracker
 from ccr_host.record.replay import replay
 from ccr_host.record.report import write_report
 from ccr_host.view.history import RunHistory
-from ccr_host.view.status import status_html
+from ccr_host.view.page import status_html
 from tests.unit.record.replay.rewrite import rewritten
 
 ODD = (

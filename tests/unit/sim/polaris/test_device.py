@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.device import Mode, PolarisDevice
-from ccr_host.sim.polaris.faults import PolarisFaults
-from ccr_host.sim.polaris.sensor import Exposer, Placement, PositionSensor
+from ccr_host.sim.polaris.sensor import Exposer, Placement, PolarisFaults, PositionSensor
 from ccr_host.tracking.sources.ndi.replies import ToolState, encode_command, parse_tx
 from ccr_host.tracking.sources.ndi.rom import (
     DUMMY_MARKERS_MM,

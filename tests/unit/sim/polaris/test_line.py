@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ccr_host.description.simulation import Tracker
-from ccr_host.sim.polaris.faults import PolarisFaults
 from ccr_host.sim.polaris.line import PROCESSING_US, RESET_US, make_polaris
+from ccr_host.sim.polaris.sensor import PolarisFaults
 
 
 @pytest.fixture

@@ -5,8 +5,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ccr_host.description.simulation import Tracker, Twin
-from ccr_host.sim.polaris.faults import BitOrder, PolarisFaults
-from ccr_host.sim.polaris.sensor import Placement, PositionSensor, StrayList, format_tx
+from ccr_host.sim.polaris.sensor import (
+    BitOrder,
+    Placement,
+    PolarisFaults,
+    PositionSensor,
+    StrayList,
+    format_tx,
+)
 from ccr_host.sim.robot.robot import TwinRobot
 from ccr_host.sim.robot.scene import TwinScene
 from ccr_host.tracking.sources.ndi.replies import VICRA

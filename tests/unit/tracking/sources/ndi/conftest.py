@@ -10,9 +10,8 @@ import pytest
 
 from ccr_host.core.clock import VirtualClock
 from ccr_host.description.simulation import Tracker
-from ccr_host.sim.polaris.faults import NO_FAULTS, PolarisFaults
 from ccr_host.sim.polaris.line import PolarisLine, make_polaris
-from ccr_host.sim.polaris.sensor import Exposer
+from ccr_host.sim.polaris.sensor import NO_FAULTS, Exposer, PolarisFaults
 from ccr_host.tracking.sources.ndi.driver import NdiSettings, NdiTracker
 from ccr_host.tracking.tracker import MarkerFrame
 

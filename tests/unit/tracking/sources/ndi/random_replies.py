@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccr_host.sim.polaris.faults import BitOrder
-from ccr_host.sim.polaris.sensor import StrayList, ToolLine, format_tx
+from ccr_host.sim.polaris.sensor import BitOrder, StrayList, ToolLine, format_tx
 
 MODE = 0x1801
 

@@ -6,8 +6,7 @@ import pytest
 from ccr_host.core.clock import VirtualClock
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.sim.polaris.device import Mode
-from ccr_host.sim.polaris.faults import BitOrder, PolarisFaults
-from ccr_host.sim.polaris.sensor import Placement
+from ccr_host.sim.polaris.sensor import BitOrder, Placement, PolarisFaults
 from ccr_host.tracking.sources.ndi.driver import NdiSettings, NdiTracker
 from ccr_host.tracking.sources.ndi.port import tcp_opener
 from ccr_host.tracking.sources.ndi.replies import encode_command

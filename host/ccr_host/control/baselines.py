@@ -1,4 +1,12 @@
-"""Visual servoing on an estimated Jacobian; the robot's model is only its first guess."""
+"""Controllers from the literature, for comparison: laws of one `Shell`.
+
+`PidIk` is a PID on the tip's error, through the inverse kinematics of constant curvature.
+`Broyden` and `KalmanJacobian` servo on an estimated Jacobian; the robot's model is only its first
+guess. `OffsetFreeMpc` minimises the paper's cost on the model plus an estimated output disturbance:
+the disturbance model of dynamic matrix control, with a Kalman filter for its size (Pannocchia and
+Rawlings, AIChE J. 49(2), 2003). Measurements are compared with the model or the path at the
+setpoint in effect when they were taken, so servo and camera delays are not mistaken for errors.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +16,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.control.mpc import sqp
+from ccr_host.control.mpc.problem import Constants, Tracking, Weights
 from ccr_host.control.shell import NOTHING_MM, Law, Measurement, PathView, Plan, believable
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -21,6 +31,67 @@ def damped_inverse(jacobian: FloatArray, damping: float) -> FloatArray:
     """(J'J + damping^2 I)^-1 J', (n, 3) of a (3, n) Jacobian; finite for any damping above 0."""
     gram = jacobian.T @ jacobian + damping**2 * np.eye(jacobian.shape[1])
     return np.asarray(np.linalg.solve(gram, jacobian.T))
+
+
+@dataclass(frozen=True)
+class PidTuning:
+    """Gains for the error in motor angles; docs/control-baselines.md tells how they were found."""
+
+    proportional: float = 0.1
+    integral_time_s: float = 0.05
+    """An error seen for T is corrected by the share T / (T + this): 0.95 at 1 Hz, 0.5 at 20 Hz."""
+    derivative_s: float = 0.01
+    derivative_filter_s: float = 0.1
+    damping_mm: float = 15.0
+    """Damping of J's inverse, mm/rad; its singular values are about 100 away from the folds."""
+
+
+class PidIk(Law):
+    """Inverse kinematics of the path, plus PID on the error that J's damped inverse turns into q.
+
+    The error refers to the setpoint in effect when the picture was taken, so delays cause no error
+    while the path advances.
+    """
+
+    name = "pid-ik"
+
+    def __init__(self, description: Description) -> None:
+        self._model = ConstantCurvature(description.robot)
+        self._limits = MotorLimits.of(description.servo)
+        self._tuning = PidTuning()
+
+    def start(self, path: PathView, history: SetpointHistory) -> None:
+        super().start(path, history)
+        self._error_rad: FloatArray | None = None
+        self._rate_rad_s = np.zeros(self._model.motors)
+        self.integral_rad = np.zeros(self._model.motors)
+
+    def observe(self, measurement: Measurement) -> None:
+        """Integrate and differentiate the error over the time between measurements."""
+        if measurement.index is None:
+            return
+        tuning, elapsed_s = self._tuning, measurement.elapsed_s
+        error_mm = believable(self.path.target_mm(measurement.index) - measurement.tip_mm)
+        jacobian = self._model.jacobian_mm_rad(self.path.reachable_rad(measurement.index))
+        error_rad = damped_inverse(jacobian, tuning.damping_mm) @ error_mm
+        if self._error_rad is not None:
+            rate_rad_s = (error_rad - self._error_rad) / elapsed_s
+            share = elapsed_s / (elapsed_s + tuning.derivative_filter_s)
+            self._rate_rad_s = self._rate_rad_s + share * (rate_rad_s - self._rate_rad_s)
+        self._error_rad = error_rad
+        gain = elapsed_s / (elapsed_s + tuning.integral_time_s)
+        self.integral_rad = self.integral_rad + gain * error_rad
+
+    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
+        """Plan feedforward plus PID; the integral is reduced by what the motor limits cut off."""
+        tuning = self._tuning
+        reachable_rad = self.path.reachable_rad(index)
+        wanted_rad = reachable_rad + self.integral_rad + tuning.derivative_s * self._rate_rad_s
+        if self._error_rad is not None:
+            wanted_rad = wanted_rad + tuning.proportional * self._error_rad
+        q_rad = self._limits.clip(wanted_rad)
+        self.integral_rad = self.integral_rad + (q_rad - wanted_rad)
+        return Plan(q_rad, self._model.tip_mm(reachable_rad)[None])
 
 
 class JacobianEstimator(Protocol):
@@ -38,7 +109,7 @@ class JacobianEstimator(Protocol):
 
 
 @dataclass(frozen=True)
-class Tuning:
+class FeedbackTuning:
     """Tuning common to both estimators; docs/control-baselines.md describes how it was found."""
 
     integral_time_s: float = 0.06
@@ -60,7 +131,7 @@ class JacobianFeedback(Law):
         self._model = ConstantCurvature(description.robot)
         self._limits = MotorLimits.of(description.servo)
         self._estimator = estimator
-        self._tuning = Tuning()
+        self._tuning = FeedbackTuning()
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
         """Begin a path with the model's J at the first point."""
@@ -188,3 +259,65 @@ class KalmanJacobian(JacobianFeedback):
 
     def __init__(self, description: Description) -> None:
         super().__init__(description, KalmanEstimator())
+
+
+@dataclass(frozen=True)
+class OffsetTuning:
+    """Tuning of the disturbance's filter; docs/control-baselines.md describes how it was found."""
+
+    noise_mm: float = 0.3
+    """Standard deviation of a measured coordinate, including unmodelled motion."""
+    drift_mm: float = 1.0
+    """Drift of a coordinate of the disturbance, per square root of a second."""
+    first_deviation_mm: float = 20.0
+    """Standard deviation of the disturbance before the first measurement."""
+
+
+class OffsetFreeMpc(Law):
+    """min over q_1..q_M of Q sum |f(q_k) + d - f_k|^2 + R sum |q_k - q_(k-1)|^2."""
+
+    name = "mpc-offset"
+
+    def __init__(self, description: Description) -> None:
+        control = description.control
+        weights = Weights(control.position_weight, control.effort_weight)
+        self._constants = Constants.of(description.robot, weights, by_model=True)
+        self._model = ConstantCurvature(description.robot)
+        limits = MotorLimits.of(description.servo)
+        self._bounds = sqp.Bounds.of(limits, control.step_bound_rad)
+        self._live_steps = control.horizon - 1
+        self._tuning = OffsetTuning()
+
+    def start(self, path: PathView, history: SetpointHistory) -> None:
+        super().start(path, history)
+        self.disturbance_mm = np.zeros(3)
+        self._variance_mm2 = self._tuning.first_deviation_mm**2
+        self._ahead = np.arange(self._live_steps, dtype=np.float64)
+        self._reachable_rad = self._reachable_from(0.0)
+        self._plan_rad = self._reachable_rad
+
+    def observe(self, measurement: Measurement) -> None:
+        """Make a step of the disturbance's Kalman filter, which is the same for each coordinate."""
+        tuning = self._tuning
+        expected_mm = self._model.tip_mm(measurement.setpoint_rad) + self.disturbance_mm
+        self._variance_mm2 += tuning.drift_mm**2 * measurement.elapsed_s
+        gain = self._variance_mm2 / (self._variance_mm2 + tuning.noise_mm**2)
+        innovation_mm = believable(measurement.tip_mm - expected_mm)
+        self.disturbance_mm = self.disturbance_mm + gain * innovation_mm
+        self._variance_mm2 *= 1.0 - gain
+
+    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
+        """Plan the horizon, starting from the last plan shifted along the reachable path."""
+        targets_mm = np.array([self.path.target_mm(index + k) for k in self._ahead])
+        before_rad, self._reachable_rad = self._reachable_rad, self._reachable_from(index)
+        guess_rad = self._plan_rad + self._reachable_rad - before_rad
+        offsets_mm = self.disturbance_mm - targets_mm
+        problem = Tracking(self._constants, commanded_rad, offsets_mm)
+        guess = sqp.feasible(self._bounds, commanded_rad, guess_rad)
+        angles = sqp.solve(problem, self._bounds, guess).rollout.angles
+        self._plan_rad = sqp.feasible(self._bounds, commanded_rad, angles)
+        predicted_mm = self._model.tip_mm(self._plan_rad) + self.disturbance_mm
+        return Plan(self._plan_rad[0], predicted_mm)
+
+    def _reachable_from(self, index: float) -> FloatArray:
+        return np.array([self.path.reachable_rad(index + k) for k in self._ahead])

@@ -1,1 +1,0 @@
-"""Controllers from the literature, for comparison; each module is loaded by name."""
