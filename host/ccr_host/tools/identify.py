@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.control.adaptive.identification import StaticsFit, fits_to, likeliest
+from ccr_host.control.adaptive.identification import StaticsFit, identification_of
 from ccr_host.control.adaptive.misfit import misfit
 from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.parameters import COUNT, PUSHES, Parameters, Scaling
@@ -172,10 +172,10 @@ def _identify_two_motors(
         return Rests.of_vectors(q_rad[0], q_rad[rows], markers_mm, np.ones(len(rows)))
 
     def fitted(rows: Rows) -> StaticsFit[Parameters]:
-        fits = fits_to(Scaling.of(description), rests_at(rows), predict)
-        if fits is None:
+        found = identification_of(Scaling.of(description), rests_at(rows), predict)
+        if found is None:
             raise misfit(rests_at(rows[:: -(-len(rows) // _RESTS_FOR_CAUSE)]), description)
-        return likeliest(fits)
+        return found.finish()
 
     fit, everything = fitted(train), np.arange(len(q_rad))
     model_mm = predict(fit.scaling.parameters(fit.result().score), rests_at(everything))[:, 1]

@@ -19,8 +19,7 @@ from tomlkit.items import Array
 from ccr_host.control.adaptive.identification import (
     Fit,
     digest_of,
-    fits_to,
-    likeliest,
+    identification_of,
 )
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.core.errors import ConfigError, TrackerError
@@ -149,13 +148,13 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
         TrackerError: the rests do not fit the described robot at all.
     """
     model, space = make_static_model(description)
-    fits = fits_to(space, rests.ends(), model.predicted_mm)
-    if fits is None:
+    found = identification_of(space, rests.ends(), model.predicted_mm)
+    if found is None:
         raise TrackerError(
             f"the {len(rests.count)} rests measured do not fit the described robot",
             "check the markers with ccr-host monitor, and segment lengths and pulleys in [robot]",
         )
-    return likeliest(fits).result()
+    return found.finish().result()
 
 
 def registration_section(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic
 
@@ -246,22 +246,63 @@ class RestSurvey:
         )
 
 
-def fits_to(
+class Identification(Generic[P]):
+    """The fits to rests under all priors, one step at a time; the likeliest one counts.
+
+    A camera that was never registered may have been aligned. That is believed where the evidence
+    for it is strong. It comes from all three axes: about y and z the rests tell the camera's turn
+    to a tenth of a degree, about x hardly from a servo's zero.
+
+    Args:
+        scaling: the widest prior of the parameters.
+        rests: the measurements.
+        predict: predicts them.
+    """
+
+    def __init__(self, scaling: ParameterSpace[P], rests: Rests, predict: Predict[P]) -> None:
+        self._predict = predict
+        self._fits = [StaticsFit(prior, rests, predict) for prior in scaling.priors()]
+        self._is_aligned_tried = False
+
+    @property
+    def fit(self) -> StaticsFit[P]:
+        """The likeliest fit so far."""
+        return max(self._fits, key=lambda fit: fit.result().evidence - fit.scaling.doubt)
+
+    def improve(self) -> bool:
+        """Make a step unless all fits are done; return whether another one may be worthwhile."""
+        if any(fit.improve() for fit in self._fits):
+            return True
+        if self._is_aligned_tried:
+            return False
+        self._is_aligned_tried = True
+        best = self.fit
+        prior = best.scaling.aligned()
+        if prior is None:
+            return False
+        score = best.result().score.copy()
+        score[prior.roles.turns] = 0.0
+        self._fits.append(StaticsFit(prior, best.rests, self._predict, score))
+        return True
+
+    def finish(self) -> StaticsFit[P]:
+        """Make all remaining steps and return the likeliest fit."""
+        while self.improve():
+            pass
+        return self.fit
+
+
+def identification_of(
     scaling: ParameterSpace[P], rests: Rests, predict: Predict[P]
-) -> list[StaticsFit[P]] | None:
-    """Prepare the fits to rests under each prior; None if rests are too few, or implausible."""
+) -> Identification[P] | None:
+    """Prepare the fits to rests; None if rests are too few, or implausible."""
     if len(rests.q_rad) < _FEWEST_RESTS:
         return None
     prior = scaling.parameters(np.zeros(scaling.count))
     off_mm = np.linalg.norm(rests.tip_mm - predict(prior, rests)[:, 1], axis=1)
     if not np.median(off_mm) < scaling.believable_mm:
         return None
-    return [StaticsFit(prior, rests, predict) for prior in scaling.priors()]
-
-
-def likeliest(fits: Iterable[StaticsFit[P]]) -> StaticsFit[P]:
-    """The fit with the largest evidence, once all are finished."""
-    return max(fits, key=lambda fit: fit.finish().evidence)
+    return Identification(scaling, rests, predict)
 
 
 def digest_of(description: Description) -> str:

@@ -16,9 +16,8 @@ from ccr_host.control.adaptive.identification import (
     SETTLED_AFTER_S,
     RestSurvey,
     StaticsFit,
-    fits_to,
+    identification_of,
     identified_rests,
-    likeliest,
 )
 from ccr_host.control.adaptive.lap_memory import LapMemory
 from ccr_host.control.adaptive.model import make_static_model
@@ -96,21 +95,20 @@ class AdaptiveLaw(Law):
     def stages(self) -> Iterator[Stage]:
         """Tour the rests unless they are known, fit the model, move to the first point."""
         here_rad = self.history.at(math.inf)
-        fits, predict = None, self._model.predicted_mm
+        found, predict = None, self._model.predicted_mm
         if self._identified is not None:
-            fits = fits_to(self._space, self._identified, predict)
-        if fits is None:
+            found = identification_of(self._space, self._identified, predict)
+        if found is None:
             self._survey.start_rad = here_rad
             stops_rad = self._model.tour_rad(self._estimator.parameters, self._limits)
             yield Stage("exploring the robot", smooth_moves(here_rad, stops_rad, _TOUR_REST_S))
-            fits, here_rad = fits_to(self._space, self.rests, predict), stops_rad[-1]
+            found, here_rad = identification_of(self._space, self.rests, predict), stops_rad[-1]
             yield Stage("identifying the robot", here_rad[None], is_motion=False)
-        for fit in fits or ():
-            while fit.improve():
-                yield Stage("identifying the robot", here_rad[None], is_motion=False)
+        while found is not None and found.improve():
+            yield Stage("identifying the robot", here_rad[None], is_motion=False)
         self._is_surveying = False
-        if fits is not None:
-            self.fit = likeliest(fits)
+        if found is not None:
+            self.fit = found.fit
             self._estimator = Estimator(self._model, self.fit.scaling, self.fit.result(), Tuning())
         self._plan = self._plan_path()
         self._follower = None

@@ -96,6 +96,9 @@ class ParameterSpace(ABC, Generic[P]):
     farther_moves_tell = False
     """Whether the model is good enough for farther moves to decide where few rests do not."""
 
+    doubt = 0.0
+    """Twice the logarithm of the odds against this prior, before any measurement."""
+
     inflation = 2.0
     """Factor of the variances that rests leave, as errors of the model are alike in neighbouring
     ones (bench/results.md)."""
@@ -179,6 +182,10 @@ class ParameterSpace(ABC, Generic[P]):
     def priors(self) -> Sequence[Self]:
         """The priors under which a robot is fitted; the most likely fit counts."""
         return (self,)
+
+    def aligned(self) -> Self | None:
+        """The prior of a camera that is aligned with the robot; None if more is known of it."""
+        return None
 
     def deviation_mm(self, count: FloatArray) -> FloatArray:
         """Standard deviation of a coordinate of rests that were measured ``count`` times, (N,)."""

@@ -156,6 +156,11 @@ _SAME_DIRECTION = 0.9
 _USUAL_TURN_DEG = 0.5
 """Standard deviation of a registration that does not state it."""
 _LEAST_TURN_DEG = 0.1
+_ALIGNED = 0.1
+"""Factor of the turn's deviation for an aligned camera: 0.3 deg, as a registration states."""
+_STRONG_EVIDENCE = 6.0
+"""Twice the logarithm of odds of 20 to 1, from which evidence is called strong (Kass and Raftery,
+Bayes factors, J. Am. Stat. Assoc. 90, 1995)."""
 _USUALLY_SMALL = (
     "plane_1_rad",
     "plane_2_rad",
@@ -270,6 +275,7 @@ class Scaling(ParameterSpace[Parameters]):
         prior = prior_of(robot)
         up = -np.array(robot.gravity_direction)
         self._known = np.append(up, robot.tendon_radius_mm)
+        self._is_turn_known = turn_deviation_rad is not None
         if turn_deviation_rad is not None:
             prior.deviation[TURNS] = turn_deviation_rad
         if zero_deviation_rad is not None:
@@ -355,6 +361,14 @@ class Scaling(ParameterSpace[Parameters]):
         not accept.
         """
         return self, self.narrow()
+
+    def aligned(self) -> Scaling | None:
+        """For a camera that was never registered, but stands as the description has it."""
+        if self._is_turn_known:
+            return None
+        other = self.freed(TURNS, _ALIGNED)
+        other.doubt = _STRONG_EVIDENCE
+        return other
 
     def narrow(self) -> Scaling:
         """For a robot without the faults of cheap parts."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccr_host.control.adaptive.arithmetic import FloatArray, split
-from ccr_host.control.adaptive.identification import fits_to, identified_rests, likeliest
+from ccr_host.control.adaptive.identification import identification_of, identified_rests
 from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.motion import first_pose
 from ccr_host.control.adaptive.parameters import Scaling
@@ -47,10 +47,10 @@ class IdentifiedSurface:
         if rests is None:
             raise ConfigError("--surface robot needs the rests of section identified", _CURE)
         self._model = make_model(description.control)
-        fits = fits_to(Scaling.of(description), rests, self._model.predicted_mm)
-        if fits is None:
+        found = identification_of(Scaling.of(description), rests, self._model.predicted_mm)
+        if found is None:
             raise ConfigError("the rests in section identified do not fit [robot]", _CURE)
-        fit = likeliest(fits)
+        fit = found.finish()
         self._p = fit.scaling.parameters(fit.result().score)
         self._limits = MotorLimits.of(description.servo)
         self._described = Workspace(ConstantCurvature(description.robot), self._limits)

@@ -9,7 +9,7 @@ import pytest
 
 from ccr_host.control.adaptive.chain_space import ChainSpace
 from ccr_host.control.adaptive.chain_statics import ChainStatics
-from ccr_host.control.adaptive.identification import fits_to, likeliest
+from ccr_host.control.adaptive.identification import identification_of
 from ccr_host.control.adaptive.model import PLAIN
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.description import schema
@@ -115,9 +115,9 @@ def test_a_tour_of_another_robot_is_fitted_to_the_noise(robot, true_score):
     exact_mm = model.predicted_mm(truth, rests)
     seen_mm = exact_mm + np.random.default_rng(1).normal(scale=0.1, size=exact_mm.shape)
     rests = Rests.of_vectors(rests.start_rad, stops_rad, seen_mm, rests.count)
-    fits = fits_to(space, rests, model.predicted_mm)
+    fits = identification_of(space, rests, model.predicted_mm)
     assert fits is not None
-    found = likeliest(fits).result()
+    found = fits.finish().result()
     off_mm = model.predicted_mm(space.parameters(found.score), rests) - exact_mm
     assert found.explains
     assert np.linalg.norm(off_mm, axis=-1).mean() < 0.25

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from ccr_host.control.adaptive.estimator import Estimator, Tuning
-from ccr_host.control.adaptive.identification import StaticsFit, fits_to, likeliest
+from ccr_host.control.adaptive.identification import StaticsFit, identification_of
 from ccr_host.control.adaptive.model import PLAIN
 from ccr_host.control.adaptive.motion import first_pose, moved, predicted_mm
-from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
+from ccr_host.control.adaptive.parameters import COUNT, TURNS, Parameters, Scaling
 from ccr_host.control.adaptive.static_model import PoseFollower
 from ccr_host.control.adaptive.statics import (
     routes_of,
@@ -91,11 +91,36 @@ def test_a_wild_rest_does_not_spoil_the_fit(compiled):
 def test_the_prior_of_cheap_robots_is_taken_only_for_robots_with_their_faults(
     compiled, fault, is_narrow
 ):
-    fits = fits_to(SCALING, _tour_of(PRIOR._replace(**fault), 0.3), compiled.predicted_mm)
-    assert fits is not None
-    for fit in fits:
-        fit.finish()
-    assert (likeliest(fits) is fits[1]) == is_narrow
+    rests = _tour_of(PRIOR._replace(**fault), 0.3)
+    found = identification_of(SCALING, rests, compiled.predicted_mm)
+    assert found is not None
+    taper = Parameters._fields.index("taper_1")
+    deviation = found.finish().scaling.deviation[taper]
+    assert (deviation < SCALING.deviation[taper]) == is_narrow
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("faults", [{}, {"taper_1": 0.3, "zero_1_rad": 0.05}])
+@pytest.mark.parametrize(
+    ("turn_deg", "is_aligned"),
+    [((0.0, 0.0, 0.0), True), ((3.0, 0.0, 0.0), False), ((-1.0, 1.5, 1.0), False)],
+)
+def test_a_camera_is_taken_for_aligned_where_all_axes_together_strongly_suggest_it(
+    compiled, faults, turn_deg, is_aligned
+):
+    turn = dict(zip(("turn_x_rad", "turn_y_rad", "turn_z_rad"), np.radians(turn_deg), strict=True))
+    rests = _tour_of(PRIOR._replace(**turn, **faults), 0.3)
+    found = identification_of(SCALING, rests, compiled.predicted_mm)
+    assert found is not None
+    fit = found.finish()
+    assert (fit.scaling.doubt > 0.0) == is_aligned
+    turn_off = fit.scaling.values(fit.result().score)[TURNS] - np.radians(turn_deg)
+    assert np.degrees(np.abs(turn_off)).max() < (0.1 if is_aligned else 1.5)
+
+
+def test_only_a_camera_that_was_never_registered_may_turn_out_to_be_aligned():
+    assert Scaling(Robot(), np.radians(0.3)).aligned() is None
+    assert np.all(SCALING.aligned().deviation[TURNS] < np.radians(0.5))
 
 
 @pytest.mark.long
