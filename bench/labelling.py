@@ -168,16 +168,16 @@ def judge(
         start_ns = perf_counter_ns()
         found = labeller.label(number * FRAME_US, points, motion.q_rad[number])
         score.times_us.append((perf_counter_ns() - start_ns) / 1000.0)
-        _count_labels(found.markers_mm, in_camera[number], points, identity, score)
+        _count_labels(found, in_camera[number], points, identity, score)
         score.frames += 1
         score.visible += int(2 in identity)
         since_tip += 1
-        if found.tip_mm is not None:
+        tip_mm = found[2] - found[0]
+        if np.isfinite(tip_mm).all():
             since_tip = 0
             score.tips += 1
-            error_mm = float(
-                np.linalg.norm(found.tip_mm - in_camera[number, 2] + in_camera[number, 0])
-            )
+            true_mm = in_camera[number, 2] - in_camera[number, 0]
+            error_mm = float(np.linalg.norm(tip_mm - true_mm))
             score.false_tips += error_mm > FALSE_MM
             score.worst_mm = max(score.worst_mm, error_mm)
         score.fresh += since_tip < FRESH_FRAMES

@@ -185,24 +185,21 @@ class BroydenEstimator:
     As in uncalibrated visual servoing (Jagersand, Fuentes, Nelson, ICRA 1997); the least change of
     J that explains a motion, as Yip and Camarillo estimate it (IEEE T-RO 30(4), 2014), is Broyden's
     update as long as no constraint is active.
-
-    Args:
-        rate: 1 fits the newest secant, a lower rate averages several.
-        regularisation_rad: turns well below this change J little.
     """
 
-    jacobian_mm_rad: FloatArray
+    _RATE = 0.5
+    """1 fits the newest secant, a lower rate averages several."""
+    _REGULARISATION_RAD = 0.03
+    """Turns well below this change J little."""
 
-    def __init__(self, rate: float = 0.5, regularisation_rad: float = 0.03) -> None:
-        self._rate = rate
-        self._regularisation_rad = regularisation_rad
+    jacobian_mm_rad: FloatArray
 
     def start(self, guess_mm_rad: FloatArray) -> None:
         self.jacobian_mm_rad = guess_mm_rad
 
     def correct(self, turn_rad: FloatArray, move_mm: FloatArray) -> None:
         residual_mm = move_mm - self.jacobian_mm_rad @ turn_rad
-        weight = self._rate / (turn_rad @ turn_rad + self._regularisation_rad**2)
+        weight = self._RATE / (turn_rad @ turn_rad + self._REGULARISATION_RAD**2)
         self.jacobian_mm_rad = self.jacobian_mm_rad + weight * np.outer(residual_mm, turn_rad)
 
 
@@ -212,31 +209,26 @@ class KalmanEstimator:
     As in model-free control of continuum robots (Li, Kang, Branson, Dai, IEEE/ASME T-Mech 23(1),
     2018): the entries follow random walks, each motion dx = J dq + noise measures them. The
     rows of J share one covariance, (n, n): their regressors and noises are the same.
-
-    Args:
-        deviation_mm_rad: standard deviation of the first guess.
-        walk_mm_rad: random walk of an entry per square root of a radian turned.
-        noise_mm: noise of a measured motion, including nonlinearity.
     """
+
+    _DEVIATION_MM_RAD = 40.0
+    """Standard deviation of the first guess."""
+    _WALK_MM_RAD = 15.0
+    """Random walk of an entry per square root of a radian turned."""
+    _NOISE_MM = 1.5
+    """Noise of a measured motion, including nonlinearity."""
 
     jacobian_mm_rad: FloatArray
 
-    def __init__(
-        self, deviation_mm_rad: float = 40.0, walk_mm_rad: float = 15.0, noise_mm: float = 1.5
-    ) -> None:
-        self._deviation_mm_rad = deviation_mm_rad
-        self._walk_mm_rad = walk_mm_rad
-        self._noise_mm = noise_mm
-
     def start(self, guess_mm_rad: FloatArray) -> None:
         self.jacobian_mm_rad = guess_mm_rad
-        self._covariance = self._deviation_mm_rad**2 * np.eye(guess_mm_rad.shape[1])
+        self._covariance = self._DEVIATION_MM_RAD**2 * np.eye(guess_mm_rad.shape[1])
 
     def correct(self, turn_rad: FloatArray, move_mm: FloatArray) -> None:
         turned_rad = float(np.linalg.norm(turn_rad))
-        walk = self._walk_mm_rad**2 * turned_rad * np.eye(len(turn_rad))
+        walk = self._WALK_MM_RAD**2 * turned_rad * np.eye(len(turn_rad))
         covariance = self._covariance + walk
-        variance_mm2 = turn_rad @ covariance @ turn_rad + self._noise_mm**2
+        variance_mm2 = turn_rad @ covariance @ turn_rad + self._NOISE_MM**2
         gain = covariance @ turn_rad / variance_mm2
         innovation_mm = move_mm - self.jacobian_mm_rad @ turn_rad
         self.jacobian_mm_rad = self.jacobian_mm_rad + np.outer(innovation_mm, gain)

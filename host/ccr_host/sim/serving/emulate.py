@@ -16,7 +16,7 @@ from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.polaris.line import faults_of, make_polaris
 from ccr_host.sim.robot.scene import CoSimulation, TwinScene, make_plant
 from ccr_host.sim.serving.ports import DEFAULT_HOST, PtyPort, TcpPort
-from ccr_host.sim.serving.server import BoardServer, Station, WorldLine
+from ccr_host.sim.serving.server import BoardServer, Station
 
 
 @dataclass(frozen=True)
@@ -88,10 +88,11 @@ def open_board_with_camera(board: ServedBoard, camera: ServedCamera) -> Served:
     board_port = _port(board.tcp_address, "--tcp")
     camera_port = _port(camera.tcp_address, "--polaris-tcp")
     server = BoardServer(
-        WorldLine(line, CoSimulation(line, scene)),
+        line,
         board_port,
         RealClock(),
         boot_loader_us=board.boot_loader_us,
+        world=CoSimulation(line, scene),
         beside=[Station(polaris, camera_port)],
     )
     return Served(server, server.uri, _tracker_uri(camera_port))

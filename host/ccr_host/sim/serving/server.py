@@ -15,41 +15,6 @@ from typing import Protocol, Self
 
 from ccr_host.core.clock import Clock, Steppable
 
-
-class WorldLine:
-    """A line to a board that advances the whole simulated world along with the board.
-
-    Args:
-        line: the line to the board.
-        world: advances board, servos, robot and camera in the order of their events.
-    """
-
-    def __init__(self, line: Line, world: Steppable) -> None:
-        self._line = line
-        self._world = world
-
-    def advance_to(self, time_us: int) -> None:
-        """Advance the world to `time_us`."""
-        self._world.advance_to(time_us)
-
-    @property
-    def next_event_us(self) -> int:
-        """Time of the next event if the host sends nothing."""
-        return self._line.next_event_us
-
-    def write(self, data: bytes) -> None:
-        """Start to transmit bytes now."""
-        self._line.write(data)
-
-    def read(self) -> bytes:
-        """Return the bytes that have arrived from the board."""
-        return self._line.read()
-
-    def open_port(self, boot_loader_us: int = 0) -> None:
-        """Reset the board, as an UNO is reset when its port is opened."""
-        self._line.open_port(boot_loader_us)
-
-
 BOOT_LOADER_US = 1_000_000
 """Time for which the UNO's boot loader waits for an upload after a reset (optiboot's time-out)."""
 
@@ -113,11 +78,15 @@ class Station:
         line: line to the emulated device.
         port: port for the client.
         boot_loader_us: time for which the device does not listen after its port was opened.
+        world: advances the line and all that moves with it; None for the line alone.
     """
 
-    def __init__(self, line: Line, port: Port, *, boot_loader_us: int = 0) -> None:
+    def __init__(
+        self, line: Line, port: Port, *, boot_loader_us: int = 0, world: Steppable | None = None
+    ) -> None:
         self.line = line
         self.port = port
+        self.advance_to = (world or line).advance_to
         self._boot_loader_us = boot_loader_us
 
     def opened(self) -> None:
@@ -142,6 +111,7 @@ class BoardServer:
         port: port for the client.
         clock: real-time clock.
         boot_loader_us: time for which the board does not listen after its port was opened.
+        world: advances board, servos, robot and camera together; None for the board alone.
         on_advance: called after each advance, e.g. to advance a twin.
         beside: further devices, advanced after the board.
     """
@@ -153,10 +123,12 @@ class BoardServer:
         clock: Clock,
         *,
         boot_loader_us: int = BOOT_LOADER_US,
+        world: Steppable | None = None,
         on_advance: AdvanceObserver | None = None,
         beside: Sequence[Station] = (),
     ) -> None:
-        self._stations = (Station(line, port, boot_loader_us=boot_loader_us), *beside)
+        board = Station(line, port, boot_loader_us=boot_loader_us, world=world)
+        self._stations = (board, *beside)
         self._clock = clock
         self._on_advance = on_advance
         self._stopping = False
@@ -206,7 +178,7 @@ class BoardServer:
     def _advance_lines(self) -> int:
         now_us = self._clock.now_us()
         for station in self._stations:
-            station.line.advance_to(now_us)
+            station.advance_to(now_us)
         return now_us
 
     def _wait(self, selector: selectors.BaseSelector) -> None:

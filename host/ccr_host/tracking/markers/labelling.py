@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,24 +63,6 @@ _PHANTOM_MARGIN = 3.0
 """Safety factor of the number of phantoms, as a mistake is worse than a lost frame."""
 
 
-@dataclass(frozen=True, eq=False)
-class Labelled:
-    """The certain markers of an exposure."""
-
-    exposed_us: int
-    markers_mm: Array
-    """(S + 1, 3): M1, M2 and so on in the camera's frame, one per row; NaN if lost. M1 is the mean
-    of its latest sightings."""
-    base_age_us: int
-    """Time since M1 itself was seen."""
-
-    @property
-    def tip_mm(self) -> Array | None:
-        """(3,): last marker - M1 in the camera's frame; None unless both are certain."""
-        tip: Array = self.markers_mm[-1] - self.markers_mm[0]
-        return None if np.isnan(tip[0]) else tip
-
-
 class Labeller:
     """Labels the points of successive frames.
 
@@ -103,13 +85,17 @@ class Labeller:
         self._phantoms = _PHANTOMS_AT_START
         self._clean_frames = 0
 
-    def label(self, exposed_us: int, points_mm: ArrayLike, q_rad: ArrayLike) -> Labelled:
+    def label(self, exposed_us: int, points_mm: ArrayLike, q_rad: ArrayLike) -> Array:
         """Label the next frame.
 
         Args:
             exposed_us: time of exposure, later than that of the previous frame.
             points_mm: (n, 3), in the camera's frame, in any order.
             q_rad: (n,), believed motor angles at the exposure.
+
+        Returns:
+            The certain markers in the camera's frame, M1, M2 and so on, (S + 1, 3); NaN if lost. M1
+            is the mean of its latest sightings.
 
         Raises:
             ValueError: the time is not later.
@@ -168,12 +154,11 @@ class Labeller:
             grown.extend(jumps(parent, scene))
         return grown
 
-    def _verdict(self, scene: Scene) -> Labelled:
-        markers = np.full((self._markers, 3), np.nan)
+    def _verdict(self, scene: Scene) -> Array:
+        markers: Array = np.full((self._markers, 3), np.nan)
         if not self._hypotheses:
-            return Labelled(scene.time_us, markers, 0)
+            return markers
         best = self._hypotheses[0]
-        base_age_us = scene.time_us - best.base.seen_us
         if best.complete_frames >= _PROVEN_FRAMES and self._is_certain(
             _same_base(best, self._hypotheses)
         ):
@@ -184,7 +169,7 @@ class Labeller:
                 harmless = best.harm_mm[marker - 1] <= HARMLESS_MM / min(1.0, scene.phantoms)
                 if point != MISSING and harmless and self._is_certain(agreeing):
                     markers[marker] = scene.points_mm[point]
-        return Labelled(scene.time_us, markers, base_age_us)
+        return markers
 
     def _is_certain(self, agreeing: list[bool]) -> bool:
         """Whether hypotheses that disagree are negligible, and also that none is true."""

@@ -142,5 +142,4 @@ class MarkerTracker:
             return np.array([named[m].position_mm if m in named else unseen for m in markers])
         points_mm = frame.points_mm[~frame.out_of_volume]
         believed_rad = self._beliefs.at(frame.exposed_us * 1e-6)
-        found = self._labeller.label(frame.exposed_us, points_mm, believed_rad)
-        return found.markers_mm
+        return self._labeller.label(frame.exposed_us, points_mm, believed_rad)

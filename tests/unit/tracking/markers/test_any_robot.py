@@ -69,8 +69,8 @@ def test_markers_are_told_apart_or_lost_but_never_confused(seed, segments, regis
         if not is_clear:
             points = np.vstack([points, true_mm.mean(axis=0) + rng.uniform(-100, 100, (2, 3))])
         found = labeller.label(frame * FRAME_US, rng.permutation(points), q_rad[frame])
-        known = np.isfinite(found.markers_mm[:, 0])
-        off_mm = np.linalg.norm(found.markers_mm - true_mm, axis=1)
+        known = np.isfinite(found[:, 0])
+        off_mm = np.linalg.norm(found - true_mm, axis=1)
         assert (off_mm[known] < 2.0).all()
         if frame == CLEAR - 1 and registered:
             assert known.all()
