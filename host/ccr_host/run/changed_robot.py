@@ -138,7 +138,7 @@ def _of_camera(expected_mm: Array, seen_mm: Array) -> Iterator[_Explained]:
     )
     scale = float((seen_mm[known] * expected_mm[known]).sum() / (expected_mm[known] ** 2).sum())
     yield _Explained(
-        f"distances are seen {scale:.2g} times as long as before",
+        f"distances are seen {scale:.3g} times as long as before",
         "check the camera's calibration and the unit of its lengths",
         seen_mm - scale * expected_mm,
         1,

@@ -1,11 +1,13 @@
 """A robot that is not the one described is noticed after a few small moves, or along the path."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.misfit import MisfitError
 from ccr_host.description import schema
@@ -130,6 +132,57 @@ def test_a_servo_that_stops_in_mid_run_is_named(path: str) -> None:
     assert result.records
     assert witness.last is not None
     assert witness.last.state is State.DISARMED
+
+
+def turned_mm(robot: TwinRobot, markers_mm: np.ndarray) -> np.ndarray:
+    turn = Rotation.from_rotvec([10, 0, 0], degrees=True).as_matrix()
+    return markers_mm[0] + (markers_mm - markers_mm[0]) @ turn.T
+
+
+def slid_mm(robot: TwinRobot, markers_mm: np.ndarray) -> np.ndarray:
+    along_mm = np.diff(robot.backbone_mm()[-2:], axis=0)[0]
+    markers_mm[-1] -= 10.0 * along_mm / np.linalg.norm(along_mm)
+    return markers_mm
+
+
+@pytest.mark.parametrize(
+    ("seen_mm", "told"),
+    [
+        (turned_mm, "most likely the camera has been turned by"),
+        (lambda _, markers_mm: 0.9 * markers_mm, "most likely distances are seen 0."),
+        (slid_mm, "most likely the last marker has shifted on the robot by"),
+    ],
+)
+def test_what_no_bending_explains_ends_the_run_though_the_tip_is_near(
+    seen_mm: Callable[[TwinRobot, np.ndarray], np.ndarray], told: str
+) -> None:
+    as_is, begun = TwinRobot.markers_mm, []
+
+    def seen(robot: TwinRobot) -> np.ndarray:
+        return seen_mm(robot, as_is(robot)) if begun else as_is(robot)
+
+    with (
+        patch.object(TwinRobot, "markers_mm", seen),
+        patch.object(TwinRobot, "start_path_clock", lambda robot, time_us: begun.append(time_us)),
+    ):
+        result, _ = checked("8shape")
+    assert told in str(result.failure)
+    assert len(result.records) < 10
+
+
+def test_a_servo_of_the_second_segment_that_slips_by_a_tooth_is_named() -> None:
+    as_sent, begun = TwinRobot.set_pulses_half_us, []
+
+    def slipping(robot: TwinRobot, pulses_half_us: tuple[int, int]) -> None:
+        as_sent(robot, (pulses_half_us[0], pulses_half_us[1] + 320 * len(begun)))
+
+    with (
+        patch.object(TwinRobot, "set_pulses_half_us", slipping),
+        patch.object(TwinRobot, "start_path_clock", lambda robot, time_us: begun.append(time_us)),
+    ):
+        result, _ = checked("8shape")
+    assert "most likely motor 2 or its horn has slipped, by 1" in str(result.failure)
+    assert len(result.records) < 30
 
 
 def test_who_wants_it_unchecked_gets_it(path: str) -> None:

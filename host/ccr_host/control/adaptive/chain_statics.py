@@ -108,6 +108,10 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         tip: FloatArray = p.turn @ p.rest.seen_mm(theta_rad)[-1]
         return tip
 
+    def markers_mm(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
+        markers: FloatArray = p.rest.seen_mm(theta_rad) @ p.turn.T
+        return markers
+
     def turned_back_mm(self, p: ChainParameters, seen_mm: FloatArray) -> FloatArray:
         back: FloatArray = p.turn.T @ seen_mm
         return back

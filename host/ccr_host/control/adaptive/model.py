@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ccr_host.control.adaptive import motion, path_plan, tip
-from ccr_host.control.adaptive.arithmetic import FloatArray
+from ccr_host.control.adaptive.arithmetic import FloatArray, stacked
 from ccr_host.control.adaptive.chain_space import ChainSpace
 from ccr_host.control.adaptive.chain_statics import ChainStatics
 from ccr_host.control.adaptive.motion import Pose
@@ -48,6 +48,10 @@ class PlainModel(StaticModel[Parameters, Pose]):
 
     def tip_mm(self, p: Parameters, theta_rad: FloatArray) -> FloatArray:
         return tip.tip_mm(p, *theta_rad.tolist())
+
+    def markers_mm(self, p: Parameters, theta_rad: FloatArray) -> FloatArray:
+        middle, end = tip.markers_of(p, *theta_rad.T)
+        return np.stack([stacked(*middle), stacked(*end)], axis=-2)
 
     def turned_back_mm(self, p: Parameters, seen_mm: FloatArray) -> FloatArray:
         return tip.turned_back_mm(p, seen_mm)

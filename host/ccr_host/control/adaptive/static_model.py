@@ -26,6 +26,10 @@ PROBE = 1e-5
 """Perturbation of scores and setpoints, for derivatives."""
 
 
+_LOOKS_AT_POSE, _FARTHEST_RAD = 3, 0.5
+"""Iterations by which a pose that is seen is found, and the farthest change of an angle in each."""
+
+
 class Sensitivity(NamedTuple):
     """``tip`` (3, COUNT + 1), ``theta_rad`` (D, COUNT + 1): a column for each score, then time."""
 
@@ -87,6 +91,33 @@ class StaticModel(ABC, Generic[P, S]):
     @abstractmethod
     def tip_mm(self, p: P, theta_rad: FloatArray) -> FloatArray:
         """Tip in the camera's frame at bending angles, (D,) -> (3,)."""
+
+    @abstractmethod
+    def markers_mm(self, p: P, theta_rad: FloatArray) -> FloatArray:
+        """M2 and the tip in the camera's frame, (K, 2, 3), at bending angles, (K, D)."""
+
+    def seen_pose(
+        self, p: P, theta_rad: FloatArray, seen_mm: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The pose that markers show, whatever the motors and loads.
+
+        Args:
+            p: parameters of the robot.
+            theta_rad: bending angles near by, (D,).
+            seen_mm: M2, NaN if not seen, and the tip in the camera's frame, (2, 3).
+
+        Returns:
+            Bending angles that bring the markers nearest to where they are, (D,), and what then is
+            left between them, (2, 3), NaN if not seen. No bending explains that.
+        """
+        seen = np.isfinite(seen_mm)
+        steps = PROBE * np.eye(len(theta_rad) + 1, len(theta_rad))
+        for _ in range(_LOOKS_AT_POSE):
+            near_mm = self.markers_mm(p, theta_rad + steps)[:, seen]
+            slopes = (near_mm[:-1] - near_mm[-1]).T / PROBE
+            change_rad, *_ = np.linalg.lstsq(slopes, seen_mm[seen] - near_mm[-1], rcond=1e-3)
+            theta_rad = theta_rad + np.clip(change_rad, -_FARTHEST_RAD, _FARTHEST_RAD)
+        return theta_rad, seen_mm - self.markers_mm(p, theta_rad[None])[0]
 
     @abstractmethod
     def turned_back_mm(self, p: P, seen_mm: FloatArray) -> FloatArray:

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.chain_space import ChainSpace
 from ccr_host.control.adaptive.chain_statics import ChainStatics
 from ccr_host.control.adaptive.identification import identification_of
-from ccr_host.control.adaptive.model import PLAIN
+from ccr_host.control.adaptive.model import PLAIN, make_static_model
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.description import schema
 from ccr_host.description.schema import Description, Robot
@@ -46,6 +47,26 @@ def test_setpoints_that_hold_a_pose_lead_there_through_slack_and_stretch(robot, 
         theta_rad = some_bending(space, 10 * seed + number)
         pose = model.first_pose(p, model.unhindered_rad(p, theta_rad))
         assert pose.theta_rad == pytest.approx(theta_rad, abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("robot", [None, "single", "two-spatial"])
+def test_a_pose_is_seen_whatever_bends_it_and_a_turned_camera_is_left(robot, seed):
+    model, space = make_static_model(schema.load(robot))
+    rng = np.random.default_rng(seed)
+    p = space.parameters(space.bounded(0.5 * rng.standard_normal(space.count)))
+    freedom = 2 if robot is None else len(space.model.freedom)
+    theta_rad = rng.uniform(0.4, 1.2, freedom)
+    seen_mm = model.markers_mm(p, theta_rad[None])[0]
+    assert model.tip_mm(p, theta_rad) == pytest.approx(seen_mm[-1])
+    near_rad = theta_rad + rng.uniform(-0.2, 0.2, freedom)
+    found_rad, left_mm = model.seen_pose(p, near_rad, seen_mm)
+    assert found_rad == pytest.approx(theta_rad, abs=0.02)
+    assert np.abs(left_mm).max() < 0.1
+    turned_mm = seen_mm @ Rotation.from_rotvec([0, 0, 10], degrees=True).as_matrix().T
+    assert np.linalg.norm(model.seen_pose(p, theta_rad, turned_mm)[1]) > 1.0
+    without = np.stack([np.full(3, np.nan), seen_mm[1]])
+    assert np.isnan(model.seen_pose(p, near_rad, without)[1]).any(axis=1).tolist() == [True, False]
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
