@@ -110,12 +110,8 @@ class _PathRun:
         self._check = motion
         self._settle_s = description.control.settle_s
         self._period_us = round(reference.period_s * 1e6)
-        self._validity_ms = int(
-            np.clip(
-                description.link.target_validity_periods * reference.period_s * 1e3,
-                *_VALIDITY_LIMITS_MS,
-            )
-        )
+        validity_ms = description.link.target_validity_periods * reference.period_s * 1e3
+        self._validity_ms = int(np.clip(validity_ms, *_VALIDITY_LIMITS_MS))
         self._feed_us = self._validity_ms * 1000 // 2
         self._records: list[StepRecord] = []
         self._start_us = self._sent_us = 0

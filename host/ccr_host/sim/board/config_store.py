@@ -60,26 +60,13 @@ class Configuration:
 
     def with_group(self, group: ConfigGroup) -> Configuration:
         """Copy of the configuration with one group replaced."""
-        match group:
-            case Limits():
-                changed = replace(self, limits=group)
-            case Slew():
-                changed = replace(self, slew=group)
-            case Watchdog():
-                changed = replace(self, watchdog=group)
-            case Calibration():
-                changed = replace(self, calibration=group)
-            case Equipment():
-                changed = replace(self, equipment=group)
-            case Acceleration():
-                return replace(self, acceleration=group)
-        return replace(changed, missing=self.missing & ~ConfigGroups[group.NAME.upper()])
+        groups: dict[str, Any] = {group.NAME: group}
+        found = ConfigGroups.__members__.get(group.NAME.upper(), ConfigGroups(0))
+        return replace(self, missing=self.missing & ~found, **groups)
 
     def pack(self) -> bytes:
         """All groups, in their order in the EEPROM."""
-        robots = (self.limits, self.slew, self.watchdog, self.calibration)
-        groups = (*robots, self.equipment, self.acceleration)
-        return b"".join(group.pack() for group in groups)
+        return b"".join(getattr(self, kind.NAME).pack() for kind in _GROUPS)
 
     @classmethod
     def unpack(cls, data: bytes, axes: int) -> Self | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import singledispatchmethod
+from typing import Any
 
 from ccr_host.link import messages as m
 from ccr_host.link.framing import Frame, encode_frame
@@ -20,15 +21,13 @@ CAPABILITIES = m.Capabilities.EEPROM | m.Capabilities.HARDWARE_PULSES | m.Capabi
 
 _TICK_FIELD = 4
 """Index of the field `tick` of `set_target_at`."""
-_CONFIG_GROUP_REQUESTS = (
-    m.SetLimits,
-    m.SetSlew,
-    m.SetWatchdog,
-    m.SetCalibration,
-    m.SetEquipment,
-    m.SetAcceleration,
+_GetGroup = (
+    m.GetLimits | m.GetSlew | m.GetWatchdog | m.GetCalibration | m.GetEquipment | m.GetAcceleration
 )
-_NEEDS_CONFIGURATION = (m.Arm, m.SaveConfig)
+_SetGroup = (
+    m.SetLimits | m.SetSlew | m.SetWatchdog | m.SetCalibration | m.SetEquipment | m.SetAcceleration
+)
+_NeedsConfiguration = m.Arm | m.SaveConfig
 
 
 class Refusal(Exception):  # noqa: N818 - an answer, not an error
@@ -117,9 +116,9 @@ class Dispatcher:
             raise Refusal(m.NackCode.OUT_OF_RANGE, _TICK_FIELD)
         if isinstance(request, m.OpenSession) and request.spec_hash != self._spec_hash:
             raise Refusal(m.NackCode.SPEC_MISMATCH)
-        if isinstance(request, _NEEDS_CONFIGURATION) and core.configuration.missing:
+        if isinstance(request, _NeedsConfiguration) and core.configuration.missing:
             raise Refusal(m.NackCode.NOT_CONFIGURED, core.configuration.missing)
-        if core.store.busy and isinstance(request, _NEEDS_CONFIGURATION + _CONFIG_GROUP_REQUESTS):
+        if core.store.busy and isinstance(request, _NeedsConfiguration | _SetGroup):
             raise Refusal(m.NackCode.BUSY)
         if isinstance(request, m.ClearFault) and any(core.pulses_half_us):
             raise Refusal(m.NackCode.BUSY)
@@ -220,57 +219,14 @@ class Dispatcher:
         return self._ack(request)
 
     @_execute.register
-    def _(self, request: m.GetLimits) -> m.Message:
-        return m.LimitsReply(self._core.configuration.limits)
+    def _(self, request: _GetGroup) -> m.Message:
+        kind: Any = m.MESSAGES[request.REPLY_ID]
+        reply: m.Message = kind(getattr(self._core.configuration, _group_of(kind)))
+        return reply
 
     @_execute.register
-    def _(self, request: m.SetLimits) -> m.Message:
-        self._core.set_group(request.limits)
-        return self._ack(request)
-
-    @_execute.register
-    def _(self, request: m.GetSlew) -> m.Message:
-        return m.SlewReply(self._core.configuration.slew)
-
-    @_execute.register
-    def _(self, request: m.SetSlew) -> m.Message:
-        self._core.set_group(request.slew)
-        return self._ack(request)
-
-    @_execute.register
-    def _(self, request: m.GetWatchdog) -> m.Message:
-        return m.WatchdogReply(self._core.configuration.watchdog)
-
-    @_execute.register
-    def _(self, request: m.SetWatchdog) -> m.Message:
-        self._core.set_group(request.watchdog)
-        return self._ack(request)
-
-    @_execute.register
-    def _(self, request: m.GetCalibration) -> m.Message:
-        return m.CalibrationReply(self._core.configuration.calibration)
-
-    @_execute.register
-    def _(self, request: m.SetCalibration) -> m.Message:
-        self._core.set_group(request.calibration)
-        return self._ack(request)
-
-    @_execute.register
-    def _(self, request: m.GetEquipment) -> m.Message:
-        return m.EquipmentReply(self._core.configuration.equipment)
-
-    @_execute.register
-    def _(self, request: m.SetEquipment) -> m.Message:
-        self._core.set_group(request.equipment)
-        return self._ack(request)
-
-    @_execute.register
-    def _(self, request: m.GetAcceleration) -> m.Message:
-        return m.AccelerationReply(self._core.configuration.acceleration)
-
-    @_execute.register
-    def _(self, request: m.SetAcceleration) -> m.Message:
-        self._core.set_group(request.acceleration)
+    def _(self, request: _SetGroup) -> m.Message:
+        self._core.set_group(getattr(request, _group_of(type(request))))
         return self._ack(request)
 
     @_execute.register
@@ -281,3 +237,9 @@ class Dispatcher:
 
 def _encode(reply: m.Message, sequence: int) -> bytes:
     return encode_frame(reply.ID, sequence, reply.pack())
+
+
+def _group_of(kind: type[m.Message]) -> str:
+    """Name of the configuration group that a message carries."""
+    assert kind.NESTED is not None
+    return kind.NESTED[0]
