@@ -134,7 +134,7 @@ def load_path(name_or_file: str, rate_hz: float, surface: Surface) -> Reference:
     """Sample a path and project it onto what a robot reaches.
 
     Args:
-        name_or_file: one of ``path_names()`` or a file, see `path_file`.
+        name_or_file: one of ``path_names()`` or a file, see `read_path_file`.
         rate_hz: control rate.
         surface: what the robot reaches.
 
