@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from ccr_host.core.errors import CcrError, CodeError
-from ccr_host.core.standard_streams import keep_streams_writable, lost_output, warn
+from ccr_host.core.standard_streams import keep_streams_writable, lost_output, output, warn
 from ccr_host.core.stop_signals import stop_signals_interrupt
 from ccr_host.core.user_file import keep_elsewhere
 
@@ -37,7 +37,7 @@ def main() -> NoReturn:
         if message:
             warn(message)
             sys.stderr.write(error.traceback if isinstance(error, CodeError) else "")
-    sys.stdout.flush()
+    output().flush()
     if why := lost_output():
         warn(f"standard output is incomplete: {why}")
     sys.exit(status)

@@ -16,6 +16,7 @@ class Mine:
     def __init__(self, description): pass
     def start(self, reference): return Command(np.zeros(2), np.zeros((0, 3)), Outcome.SOLVED)
     def step(self, observation):
+        print('a debug print')
         if observation.step == 3:
             {deed}
         return Command(np.zeros(2), np.zeros((0, 3)), Outcome.SOLVED)

@@ -15,6 +15,7 @@ from ccr_host.commands.options import (
     complete_controllers,
     complete_paths,
     console,
+    console_beside,
     print_json,
     print_notes,
     tell_kept,
@@ -89,7 +90,7 @@ def compare(
     print_notes(runs)
     for run in runs:
         reference_of(run)  # rejects bad options before the first run starts
-    screen = console(on_stderr=as_json)
+    screen = console_beside(as_json=as_json)
     results: dict[int, RunResult] = {}
     failures: list[Exception | KeyboardInterrupt] = []
     with ResultFolder(out, "compare") as folder:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ccr_host.commands.options import JsonOption, Without, console, print_json
+from ccr_host.commands.options import JsonOption, Without, console_beside, print_json
 from ccr_host.run.options import RigOptions
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def doctor(
     from ccr_host.tools.checks import exit_status
     from ccr_host.tools.doctor import examine
 
-    findings = list(printed(examine(rig, Path(), blink=blink), console(on_stderr=as_json)))
+    findings = list(printed(examine(rig, Path(), blink=blink), console_beside(as_json=as_json)))
     if as_json:
         print_json({"findings": [finding.as_summary() for finding in findings]})
     if status := exit_status(findings):

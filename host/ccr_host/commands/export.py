@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.options import JsonOption, OutOption, console, print_json
+from ccr_host.commands.options import JsonOption, OutOption, console_beside, print_json
 from ccr_host.commands.replay import RunArgument
 from ccr_host.core.errors import ConfigError
 
@@ -56,7 +56,7 @@ def export(
             case _:
                 written = export_tables(recording, Format(form), folder.path)
                 counts = {str(path): count for path, count in written}
-    screen = console(on_stderr=as_json)
+    screen = console_beside(as_json=as_json)
     for what, count in counts.items():
         screen.print(f"{what}: {count} {_WHOLE.get(form, 'rows')}")
     if form in ("mat", "rosbag2"):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.options import JsonOption, console, print_json
+from ccr_host.commands.options import JsonOption, console_beside, print_json
 from ccr_host.sim.simavr.flash_image import BoardName
 
 
@@ -32,7 +32,7 @@ def flash(
     from ccr_host.tools.flash import flash_board
 
     report = flash_board(port, firmware, board)
-    screen = console(on_stderr=as_json)
+    screen = console_beside(as_json=as_json)
     screen.print(
         f"{report.port}: firmware {report.firmware_version} answers, "
         f"boot {report.identity.boot_id}, EEPROM {report.identity.eeprom_status.name.lower()}",

@@ -12,7 +12,7 @@ from ccr_host.commands.options import (
     KeepInOption,
     RobotOption,
     SetOption,
-    console,
+    console_beside,
     print_json,
 )
 
@@ -84,7 +84,7 @@ def identify(
         one_plane=one_plane,
     )
     sweeps, home = sweeps_of(measured), home_of(measured)
-    screen = console(on_stderr=as_json)
+    screen = console_beside(as_json=as_json)
     screen.print(_residuals(found))
     for line in _facts(measured, sweeps, home):
         screen.print(line, soft_wrap=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import sys
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -14,7 +13,7 @@ import typer
 from rich.console import Console
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.core.standard_streams import warn
+from ccr_host.core.standard_streams import keep_output_for_summary, output, warn
 from ccr_host.core.user_file import printable
 from ccr_host.run.options import RigOptions, RunOptions, SurfaceName
 
@@ -79,6 +78,16 @@ def console(*, on_stderr: bool = False) -> Console:
     return made
 
 
+def console_beside(*, as_json: bool) -> Console:
+    """Console of a command whose summary alone, if it is asked for, is on standard output.
+
+    What plug-ins print goes to standard error then.
+    """
+    if as_json:
+        keep_output_for_summary()
+    return console(on_stderr=as_json)
+
+
 def tell_kept(screen: Console, folder: ResultFolder, *further_troubles: str) -> None:
     """Print where the results are, and what is missing in one line on standard error."""
     if folder.kept:
@@ -91,8 +100,8 @@ def tell_kept(screen: Console, folder: ResultFolder, *further_troubles: str) -> 
 
 def print_json(content: dict[str, Any]) -> None:
     """Print one object on one line of standard output."""
-    sys.stdout.write(json.dumps(content) + "\n")
-    sys.stdout.flush()
+    output().write(json.dumps(content) + "\n")
+    output().flush()
 
 
 PathArgument = Annotated[

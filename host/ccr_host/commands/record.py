@@ -7,7 +7,13 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.options import JsonOption, console, print_json, require_named_tracker
+from ccr_host.commands.options import (
+    JsonOption,
+    console,
+    console_beside,
+    print_json,
+    require_named_tracker,
+)
 from ccr_host.run.options import RigOptions
 
 _RESTS = 24
@@ -48,7 +54,7 @@ def record(
     require_named_tracker(context, rig)
     description = rig.description()
     stops = stops_of(description, pattern or (), rests, rig.seed)
-    screen = console(on_stderr=as_json)
+    screen = console_beside(as_json=as_json)
     with new_table(file, description.robot) as table:
         try:
             with (

@@ -13,6 +13,7 @@ from ccr_host.commands.options import (
     JsonOption,
     KeepInOption,
     console,
+    console_beside,
     print_json,
     require_named_tracker,
 )
@@ -45,7 +46,7 @@ def register(
     require_named_tracker(context, rig)
     description = rig.description()
     file = file_to_keep_in(rig.robot, out)
-    screen = console(on_stderr=as_json)
+    screen = console_beside(as_json=as_json)
     with (
         terminal.steps_progress(console(on_stderr=True), "poses") as on_pose,
         open_rig(rig, description, Observers(), in_camera_frame=True) as opened,

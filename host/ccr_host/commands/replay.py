@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ccr_host.commands.options import JsonOption, complete_controllers, console, print_json
+from ccr_host.commands.options import JsonOption, complete_controllers, console_beside, print_json
 from ccr_host.core.errors import CcrError
 
 RunArgument = Annotated[
@@ -39,7 +39,7 @@ def replay(
     from ccr_host.record.log.reader import RunRecording
     from ccr_host.record.replay import replay as replay_run
 
-    screen = console(on_stderr=as_json)
+    screen = console_beside(as_json=as_json)
     recording = RunRecording(run)
     written_by, ours = recording.setup["versions"], versions()
     changed = {key: old for key, old in written_by.items() if ours.get(key) != old}

@@ -14,6 +14,7 @@ from ccr_host.commands.options import (
     complete_controllers,
     complete_paths,
     console,
+    console_beside,
     print_json,
     tell_kept,
 )
@@ -111,7 +112,7 @@ def sweep(
     names, rates = controller or _DEFAULT_CONTROLLERS, rate or _DEFAULT_RATES_HZ
     drives = [(rate_hz, name) for rate_hz in rates for name in names]
     jobs = plan.jobs(only or range(count), drives)
-    screen = console(on_stderr=as_json)
+    screen = console_beside(as_json=as_json)
     if only:
         rows = _run_here(jobs)
         for row in rows:

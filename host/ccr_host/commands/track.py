@@ -17,6 +17,7 @@ from ccr_host.commands.options import (
     SurfaceOption,
     UncheckedOption,
     console,
+    console_beside,
     print_json,
     print_notes,
     tell_kept,
@@ -84,7 +85,7 @@ def track(
         print_notes([options])
         reference = reference_of(options)
         folder = stack.enter_context(ResultFolder(out, f"{reference.name}-{controller}"))
-        screen = console(on_stderr=as_json)
+        screen = console_beside(as_json=as_json)
         page = None
         if view is not None:
             from ccr_host.view.live import live_page, parse_view_address

@@ -13,7 +13,7 @@ from ccr_host.commands.options import (
     RateOption,
     RobotOption,
     SetOption,
-    console,
+    console_beside,
     print_json,
     tell_kept,
 )
@@ -58,7 +58,7 @@ def workspace(
     options = RunOptions(path=path, robot=robot, rate_hz=rate, overrides=tuple(overrides or ()))
     reference = reference_of(options)
     reach = reach_of(reference)
-    screen = console(on_stderr=as_json)
+    screen = console_beside(as_json=as_json)
     with ResultFolder(out, f"{reference.name}-workspace") as folder:
         folder.keep_json("workspace.json", reach)
         reachable = workspace_of(options)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _STANDARD_STREAMS = 3
 _LONGEST_MESSAGE = 2000
+_output: TextIO | None = None
 
 
 def keep_streams_writable() -> None:
@@ -29,6 +30,18 @@ def keep_streams_writable() -> None:
         sys.stdin = io.TextIOWrapper(io.BufferedReader(io.FileIO(0, closefd=False)))
     sys.stdout = _lasting(sys.stdout, 1)
     sys.stderr = _lasting(sys.stderr, 2)
+
+
+def keep_output_for_summary() -> None:
+    """From now on send what is printed, by plug-ins too, to standard error, but for `output`."""
+    global _output
+    if sys.stdout is not sys.stderr:
+        _output, sys.stdout = sys.stdout, sys.stderr
+
+
+def output() -> TextIO:
+    """Standard output, whether or not it is kept for the summary."""
+    return _output if _output is not None and sys.stdout is sys.stderr else sys.stdout
 
 
 def lost_output() -> str:
@@ -48,7 +61,7 @@ def warn(text: str) -> None:
 
 
 def _output_error() -> OSError | None:
-    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    raw = getattr(getattr(output(), "buffer", None), "raw", None)
     return raw.error if isinstance(raw, _LastingFile) else None
 
 

@@ -16,6 +16,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Self
 
 from ccr_host.core.errors import CcrError, full_text
+from ccr_host.core.standard_streams import keep_output_for_summary
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.open_rig import is_simulated
 from ccr_host.run.options import RunOptions
@@ -135,6 +136,7 @@ class _Worker:
 def _work(connection: Connection) -> None:
     # Ctrl-C reaches the whole process group; the parent decides what becomes of its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    keep_output_for_summary()
     while True:
         try:
             work, options = connection.recv()

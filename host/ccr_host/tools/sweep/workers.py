@@ -13,6 +13,7 @@ from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 from distributed.core import rpc
 
 from ccr_host.core.errors import CcrError, ConfigError, why
+from ccr_host.core.standard_streams import keep_output_for_summary
 from ccr_host.record.folder import FIGURES, ResultFolder
 from ccr_host.tools.sweep.job import Row, run_job
 from ccr_host.tools.sweep.plan import TwinJob
@@ -142,7 +143,7 @@ def run_jobs(client: Client, jobs: Sequence[TwinJob]) -> Iterator[tuple[TwinJob,
         CcrError: the workers cannot run the jobs.
     """
     job_of: dict[Future, TwinJob] = {
-        client.submit(run_job, job, key=f"twin-{job.index}", pure=False, priority=-job.index): job
+        client.submit(_run_job, job, key=f"twin-{job.index}", pure=False, priority=-job.index): job
         for job in jobs
     }
     try:
@@ -151,6 +152,11 @@ def run_jobs(client: Client, jobs: Sequence[TwinJob]) -> Iterator[tuple[TwinJob,
             yield job, _rows(future, job)
     finally:
         client.cancel(list(job_of))
+
+
+def _run_job(job: TwinJob) -> list[Row]:
+    keep_output_for_summary()
+    return run_job(job)
 
 
 def _rows(future: Future, job: TwinJob) -> list[Row] | None:

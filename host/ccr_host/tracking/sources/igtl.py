@@ -37,6 +37,9 @@ a few milliseconds apart."""
 
 _MOST_AHEAD_S = 0.3
 """Time by which a message may be faster than the fastest one so far: a step of the clock."""
+_CLOCK_SET_S, _CLOCK_RATE = 0.3, 0.3
+"""Stamps of another time that have gone on for this long, at the pace of the host's clock but for
+this share, are those of a clock that was set."""
 _ROTATION_TOLERANCE = 0.01
 _STATUS_KEYS = "transformstatus", "toolstatus", "status"
 _VALID_KEYS = "transformvalid", "toolvalid", "valid"
@@ -275,6 +278,8 @@ class _Stamps:
         self._least_s = math.inf
         """Least time of arrival minus stamp."""
         self._may_restart = False
+        self._jumped: tuple[float, float] | None = None
+        """Stamp and time of arrival of the first of the messages that have jumped in a row."""
         self.has_restarted = False
         """Whether the newest message showed that the server's clock was reset."""
 
@@ -286,13 +291,18 @@ class _Stamps:
         """Whether a message is new, and its stamp plausible.
 
         A stamp is not older than the newest by more than a frame, nor ahead of its time: one such
-        stamp would make all following exposures seem old.
+        stamp would make all following exposures seem old. Once others follow it at their pace, the
+        server's clock has been set.
         """
         key, delay_s = (device, stamp_s), time_us * 1e-6 - stamp_s
         goes_back = stamp_s < self._newest_s - SAME_EXPOSURE_S
         is_ahead = delay_s < self._least_s - _MOST_AHEAD_S and math.isfinite(self._least_s)
         jumps = goes_back or is_ahead
-        if key in self._seen or (jumps and not self._may_restart):
+        if key in self._seen:
+            return False
+        if not jumps:
+            self._jumped = None
+        elif not self._may_restart and not self._was_set(stamp_s, time_us * 1e-6):
             return False
         self.has_restarted = jumps
         self._may_restart = False
@@ -302,6 +312,14 @@ class _Stamps:
         if len(self._seen) > _STAMPS_REMEMBERED:
             del self._seen[next(iter(self._seen))]
         return True
+
+    def _was_set(self, stamp_s: float, time_s: float) -> bool:
+        """Whether the server's clock was set some time ago: messages go on from there."""
+        first_stamp_s, first_s = self._jumped = self._jumped or (stamp_s, time_s)
+        passed_s, told_s = time_s - first_s, stamp_s - first_stamp_s
+        if abs(told_s - passed_s) > _CLOCK_SET_S:
+            self._jumped = stamp_s, time_s
+        return passed_s >= _CLOCK_SET_S and abs(told_s - passed_s) <= _CLOCK_RATE * passed_s
 
 
 def _status(message: Message) -> str | None:

@@ -220,13 +220,14 @@ def test_one_stamp_ahead_of_its_time_does_not_make_the_following_seem_old(ahead_
     assert rig.tracker.health.frames == 99
 
 
-@pytest.mark.parametrize("step_s", [-3600.0, -1.0, 1.0, 3600.0])
-def test_a_servers_clock_that_is_set_is_believed_after_some_seconds(step_s):
+@pytest.mark.parametrize("step_s", [-3600.0, -1.01, -0.51, 1.0, 3600.0])
+def test_a_servers_clock_that_is_set_costs_half_a_second(step_s):
     rig = Rig(latency_us=60_000)
-    for step in range(200):
+    for step in range(100):
         frame = rig.send(*all_three(1e9 + 0.05 * step + (step_s if step >= 50 else 0.0)))
-    assert rig.tracker.health.reconnections == (step_s != -1.0)
-    assert rig.clock.now_us() - frame.exposed_us < 200_000
+        if not 50 <= step < 60:
+            assert rig.clock.now_us() - frame.exposed_us < 200_000
+    assert rig.tracker.health.reconnections == 0
 
 
 @pytest.mark.parametrize("order", [(1, 2, 3), (3, 1, 2)])
