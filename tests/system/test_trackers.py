@@ -85,7 +85,7 @@ def test_registered_in_the_users_own_file_a_turned_camera_is_as_good_as_an_align
     corrected = tracked(ccr_host, "8shape", tracker, *turned)
     as_described = aligned("8shape", tracker, "mpc")
     for error in ("mean_error_mm", "true_mean_error_mm"):
-        assert corrected[error] == pytest.approx(as_described[error], rel=0.05)
+        assert corrected[error] < 1.05 * as_described[error]
 
 
 def test_register_refuses_a_robot_that_does_not_move_and_writes_nothing(ccr_host: CcrHost) -> None:
