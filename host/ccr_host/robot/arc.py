@@ -72,14 +72,15 @@ def _arcs_at(theta_rad: ArrayLike) -> Arc:
 
 
 def doubled(half: Arc) -> Arc:
-    """The unit arc at twice the angle, up to E'': E(2 h) = E(h) (1 + exp(i h)) / 2."""
+    """The unit arc at twice the angle: E(2 h) = E(h) (1 + exp(i h)) / 2."""
     turn = half.turn
-    e0, e1, e2 = half.derivatives[:3]
+    e0, e1, e2, e3 = half.derivatives
     whole, turned = 1.0 + turn, 1j * turn
     derivatives = (
         0.5 * (e0 * whole),
         0.25 * (e1 * whole + e0 * turned),
         0.125 * (e2 * whole + 2.0 * e1 * turned - e0 * turn),
+        0.0625 * (e3 * whole + 3.0 * (e2 * turned - e1 * turn) - e0 * turned),
     )
     return Arc(derivatives, turn * turn)
 

@@ -26,6 +26,7 @@ from ccr_host.control.adaptive import (
     path_plan,
     statics,
     tip,
+    uneven,
 )
 from ccr_host.control.adaptive.arithmetic import FloatArray
 from ccr_host.control.adaptive.model import PlainModel
@@ -44,6 +45,7 @@ _SOURCES: tuple[ModuleType, ...] = (
     arc,
     arithmetic,
     parameters,
+    uneven,
     give_way,
     tip,
     loads,

@@ -12,6 +12,7 @@ from ccr_host.control.adaptive.parameters import (
     Parameters,
     up_in_sagittal_plane,
 )
+from ccr_host.control.adaptive.uneven import hung_of, lifts_of, uneven_of
 from ccr_host.robot.arc import Number, arc_at, doubled
 
 
@@ -32,7 +33,8 @@ def loads_of(p: Parameters, theta_1: Number, theta_2: Number) -> Forces:
     with u of ``up_in_sagittal_plane``; a push lowers the energy in the same way.
 
     A segment's weight acts at the mean of its points, by Simpson's rule (2 E(t/2) + E(t)) / 6.
-    The push acts on the last disk.
+    The push acts on the last disk. That segments yield to the weight by bending unevenly lowers the
+    energy.
     """
     weight_1 = SEGMENT_1_SHARE * p.body_per_mm * p.length_1_mm
     weight_2 = SEGMENT_2_SHARE * p.body_per_mm * p.length_2_mm
@@ -57,21 +59,38 @@ def loads_of(p: Parameters, theta_1: Number, theta_2: Number) -> Forces:
     pushing, push_1, push_2 = pushed * arc_2[0].real, push * p.length_1_mm, push_x * p.length_2_mm
     height_1 = (weight_1 * (half_1[1] + arc_1[1]) / 6.0 + carried * arc_1[1]) * up + 1j * turning
     height_11 = (weight_1 * (0.5 * half_1[2] + arc_1[2]) / 6.0 + carried * arc_1[2]) * up - turning
+    (hung_1, hung_2), lifts = (
+        hung_of(p),
+        lifts_of(p, up, raised, uneven_of(arc_1), uneven_of(arc_2)),
+    )
+    yields_1, yields_2 = -3.0 * hung_1 * hung_1, -3.0 * hung_2 * hung_2 / p.stiffness_ratio
+    lift_1, lift_11, lift_111, lift_2, lift_21, lift_22, lift_211, lift_212, lift_222 = lifts
     harder_1, harder_2 = p.stiffening * theta_1 * theta_1, p.stiffening * theta_2 * theta_2
     return Forces(
-        theta_1 * (1.0 + harder_1) + (height_1 - push_1 * arc_1[1] - 1j * pushing).imag,
+        theta_1 * (1.0 + harder_1)
+        + (height_1 - push_1 * arc_1[1] - 1j * pushing).imag
+        + yields_1 * lift_1 * lift_11
+        + yields_2 * lift_2 * lift_21,
         p.stiffness_ratio * theta_2 * (1.0 + harder_2)
         + along_2 * raised.imag
         + p.up_x * aside_2
         - push_2 * arc_2[1].imag
-        - pushed.imag * arc_2[1].real,
-        1.0 + 3.0 * harder_1 + (height_11 - push_1 * arc_1[2] + pushing).imag,
-        along_2 * raised.real - pushed.real * arc_2[1].real,
+        - pushed.imag * arc_2[1].real
+        + yields_2 * lift_2 * lift_22,
+        1.0
+        + 3.0 * harder_1
+        + (height_11 - push_1 * arc_1[2] + pushing).imag
+        + yields_1 * (lift_11 * lift_11 + lift_1 * lift_111)
+        + yields_2 * (lift_21 * lift_21 + lift_2 * lift_211),
+        along_2 * raised.real
+        - pushed.real * arc_2[1].real
+        + yields_2 * (lift_21 * lift_22 + lift_2 * lift_212),
         p.stiffness_ratio * (1.0 + 3.0 * harder_2)
         + along_22 * raised.imag
         + p.up_x * aside_22
         - push_2 * arc_2[2].imag
-        - pushed.imag * arc_2[2].real,
+        - pushed.imag * arc_2[2].real
+        + yields_2 * (lift_22 * lift_22 + lift_2 * lift_222),
     )
 
 

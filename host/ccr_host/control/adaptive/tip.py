@@ -13,17 +13,14 @@ import numpy as np
 from ccr_host.control.adaptive.arithmetic import (
     FloatArray,
     Three,
+    Two,
     positive,
     sign,
     stacked,
 )
 from ccr_host.control.adaptive.give_way import Beyond, given_way
-from ccr_host.control.adaptive.parameters import (
-    SEGMENT_1_SHARE,
-    SEGMENT_2_SHARE,
-    Parameters,
-    up_in_sagittal_plane,
-)
+from ccr_host.control.adaptive.parameters import Parameters, up_in_sagittal_plane
+from ccr_host.control.adaptive.uneven import Lifts, hung_of, lifts_of, uneven_of
 from ccr_host.robot.arc import LEAST_SOFTENED, SHORTER_BY_SAG, Number, arc_at
 
 
@@ -99,9 +96,14 @@ def _cross(a: Three, b: Three) -> Three:
 def tip_of(p: Parameters, theta_1: Number, theta_2: Number) -> Tip:
     """The tip at bending angles."""
     arc_1, turn = arc_at(theta_1)
-    arc_2, turn_2 = arc_at(theta_2)
-    arc_2 = _tapered(arc_2, theta_2, p.taper_2)
-    pulls = _pulls_of(p, theta_1, theta_2, turn * up_in_sagittal_plane(p))
+    even_2, turn_2 = arc_at(theta_2)
+    up, uneven_1, uneven_2 = up_in_sagittal_plane(p), uneven_of(arc_1), uneven_of(even_2)
+    raised, arc_2 = turn * up, _tapered(even_2, theta_2, p.taper_2)
+    hung = hung_of(p)
+    lifts = lifts_of(p, up, raised, uneven_1, uneven_2)
+    pulls = _pulls_of(p, theta_1, theta_2, raised, hung)
+    yields_1 = -3.0 * hung[0] * p.length_1_mm
+    yields_2 = -3.0 * hung[1] * p.length_2_mm / p.stiffness_ratio
     pull_1_slope = sign(pulls.pull_1) * pulls.pull_1_slope
     pull_2_slope = sign(pulls.pull_2) * pulls.pull_2_slope
     short_1 = SHORTER_BY_SAG * p.tendon_radius_mm * p.sag_1
@@ -125,26 +127,32 @@ def tip_of(p: Parameters, theta_1: Number, theta_2: Number) -> Tip:
     tilt_1, tilt_2 = -p.plane_1_rad, p.plane_1_rad - p.plane_2_rad
     turning = (end_2.real + 1j * (p.marker_offset_mm + tilt_2 * aside)) * turn
     turning_2 = (end_2_slope.real + 1j * tilt_2 * aside_2) * turn
-    bulge, bulge_1, bulge_2 = _bulge_mm(p, pulls, theta_1, arc_1)
+    bulge, bulge_1, bulge_2 = _bulge_mm(p, pulls, theta_1, yields_1, lifts, uneven_1)
     arc_1 = _tapered(arc_1, theta_1, p.taper_1)
     end_1 = reach_1 * arc_1[0] + bulge - p.marker_along_mm - 1j * p.marker_offset_mm
     end_1_slope = reach_1 * arc_1[1] + reach_1_slope * arc_1[0] + bulge_1
+    end_12_slope = bulge_2 - pressed_1 * pull_2_slope * arc_1[0]
     glued = p.marker_along_mm + p.middle_along_mm + 1j * (p.marker_offset_mm + p.middle_up_mm)
     middle = glued * turn
     # Segment 1 gives way to its side.
     beyond = Beyond(turning / turn, turning_2 / turn, aside, aside_2, glued)
     way = given_way(p, theta_1, pulls.pull_2, pulls.pull_2_slope, beyond)
-    across, across_2 = aside - p.marker_aside_mm + way.across, aside_2 + way.across_2
+    # Segment 2 bends unevenly.
+    bulge, bulge_1 = yields_2 * lifts.lift_2 * uneven_2[0], yields_2 * lifts.lift_21 * uneven_2[0]
+    bulge_2 = yields_2 * (lifts.lift_22 * uneven_2[0] + lifts.lift_2 * uneven_2[1])
+    across = aside - p.marker_aside_mm + way.across + bulge.imag
+    across_1, across_2 = way.across_1 + bulge_1.imag, aside_2 + way.across_2 + bulge_2.imag
+    turning, turning_2 = turning + bulge.real * turn, turning_2 + bulge_2.real * turn
     sagittal = end_1 + turning + way.sagittal
-    sagittal_1 = end_1_slope + 1j * turning + way.sagittal_1
-    sagittal_2 = turning_2 - pressed_1 * pull_2_slope * arc_1[0] + bulge_2 + way.sagittal_2
+    sagittal_1 = end_1_slope + 1j * turning + bulge_1.real * turn + way.sagittal_1
+    sagittal_2 = turning_2 + end_12_slope + way.sagittal_2
     middle_across = p.middle_aside_mm + way.middle_across
     return Tip(
         across - tilt_1 * sagittal.imag,
-        way.across_1 - tilt_1 * sagittal_1.imag,
+        across_1 - tilt_1 * sagittal_1.imag,
         across_2 - tilt_1 * sagittal_2.imag,
         sagittal + 1j * tilt_1 * across,
-        sagittal_1 + 1j * tilt_1 * way.across_1,
+        sagittal_1 + 1j * tilt_1 * across_1,
         sagittal_2 + 1j * tilt_1 * across_2,
         middle_across - tilt_1 * (end_1 + middle).imag,
         end_1 + middle,
@@ -156,7 +164,7 @@ def _tapered(arc: tuple[Number, ...], theta: Number, taper: Number) -> tuple[Num
 
     The bending angle theta (u - taper (u - u^2) / 2) at the share u of the length.
     """
-    uneven, uneven_slope = arc[1] + 1j * arc[2], arc[2] + 1j * arc[3]
+    uneven, uneven_slope, _ = uneven_of(arc)
     return (
         arc[0] - 0.5 * taper * theta * uneven,
         arc[1] - 0.5 * taper * (uneven + theta * uneven_slope),
@@ -172,48 +180,36 @@ class _Pulls(NamedTuple):
     pull_2: Number
     pull_2_slope: Number
     """By theta_2."""
-    load: Number
-    """Weight that bends segment 1 unevenly, times its length."""
 
 
-def _pulls_of(p: Parameters, theta_1: Number, theta_2: Number, raised: Number) -> _Pulls:
-    load = ((1.0 - 0.5 * SEGMENT_1_SHARE) * p.body_per_mm + p.tip_per_mm) * p.length_1_mm
-    beyond = (0.5 * SEGMENT_2_SHARE * p.body_per_mm + p.tip_per_mm) * p.length_2_mm
-    weight = 0.5 * load + beyond
+def _pulls_of(p: Parameters, theta_1: Number, theta_2: Number, raised: Number, hung: Two) -> _Pulls:
+    weight = 0.5 * hung[0] + hung[1]
     return _Pulls(
         theta_1 * (1.0 + p.stiffening * theta_1 * theta_1) + weight * raised.real,
         1.0 + 3.0 * p.stiffening * theta_1 * theta_1 - weight * raised.imag,
         p.stiffness_ratio * theta_2 * (1.0 + p.stiffening * theta_2 * theta_2)
-        + 0.5 * beyond * p.up_x,
+        + 0.5 * hung[1] * p.up_x,
         p.stiffness_ratio * (1.0 + 3.0 * p.stiffening * theta_2 * theta_2),
-        load,
     )
 
 
 def _bulge_mm(
-    p: Parameters, pulls: _Pulls, theta_1: Number, arc_1: tuple[Number, ...]
-) -> tuple[Number, Number, Number]:
+    p: Parameters, pulls: _Pulls, theta_1: Number, yields_1: Number, lifts: Lifts, uneven_1: Three
+) -> Three:
     """Uneven bending of segment 1 by gravity, strongest at the base, with slopes in both angles.
 
-    Bending angle gamma (u - u^2) at the share u of the length moves the segment's end by
-    gamma L_1 D with D = E' + i E''; its energy is gamma^2 / 6 and the load's gamma load Im(D u),
-    with u of ``up_in_sagittal_plane``.
     Taut tendons soften it, as they soften any bending of a chain with sag, and a segment that
     stiffens as it bends resists it more.
     """
-    up = up_in_sagittal_plane(p)
     hardened = 3.0 * p.stiffening * theta_1
     softer = 2.0 * p.sag_1 * (abs(pulls.pull_1) + abs(pulls.pull_2))
     margin = 1.0 - LEAST_SOFTENED + hardened * theta_1 - softer
     softened = LEAST_SOFTENED + positive(margin)
     by_margin = (margin > 0.0) / softened
     softening = 2.0 * p.sag_1 * by_margin
-    reach = arc_1[1] + 1j * arc_1[2]
-    reach_slope = arc_1[2] + 1j * arc_1[3]
-    amplitude = -3.0 * pulls.load * p.length_1_mm / softened
-    lift = (reach * up).imag
-    bulge = amplitude * lift * reach
-    slope = amplitude * ((reach_slope * up).imag * reach + lift * reach_slope)
+    amplitude = yields_1 / softened
+    bulge = amplitude * lifts.lift_1 * uneven_1[0]
+    slope = amplitude * (lifts.lift_11 * uneven_1[0] + lifts.lift_1 * uneven_1[1])
     return (
         bulge,
         slope
