@@ -242,7 +242,7 @@ def with_rig_options(command: Callable[..., None]) -> Callable[..., None]:
         given["overrides"] = tuple(given["overrides"] or ())
         command(rig=RigOptions(**given), **words)
 
-    called.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    vars(called)["__signature__"] = signature.replace(parameters=parameters)
     called.__annotations__ = {each.name: each.annotation for each in parameters}
     return called
 

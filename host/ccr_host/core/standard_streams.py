@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _STANDARD_STREAMS = 3
 _LONGEST_MESSAGE = 2000
 _output: TextIO | None = None
+"""Where `sys.stdout` was, of which a process has one; None while it is there."""
 
 
 def keep_streams_writable() -> None:
