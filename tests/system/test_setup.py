@@ -32,10 +32,18 @@ def test_a_new_robot_is_set_up_and_finished_steps_are_not_repeated(
     tmp_path: Path, ends: tuple[str, ...]
 ) -> None:
     words = ("setup", "--robot", "mine.toml", *ends, *OVERRIDES)
+    stopped = DrivenTerminal(tmp_path, *words)
+    stopped.wait_for("measure camera and servos .Enter starts")
+    stopped.press("\r")
+    assert "motor 1 and 2" in stopped.wait_for("measuring again")
+    stopped.press("\x03")
+    stopped.end()
+    assert stopped.status == 130
+
     first = DrivenTerminal(tmp_path, *words)
     first.wait_for("measure camera and servos .Enter starts")
     first.press("\r")
-    assert "motor 1 and 2" in first.wait_for("measuring again")
+    assert "measuring again" not in first.wait_for("as described")
     first.wait_for("saved in mine.toml: camera and rests")
     first.wait_for("Enter starts")
     first.press("\r")
@@ -54,6 +62,19 @@ def test_a_new_robot_is_set_up_and_finished_steps_are_not_repeated(
 
     followed = CcrHost(tmp_path)(*EIGHT, timeout_s=600)
     assert followed.summary["true_mean_error_mm"] < 0.8
+
+
+def test_rests_that_no_longer_fit_the_description_are_measured_again(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(
+        f"[identified]\nstart_rad = [0, 0]\nsetpoint_rad = {[[0, 0]] * 10}\n"
+        f"tip_mm = {[[0, 0, 100]] * 10}\ncount = {[1] * 10}\nvalid_for = '0123456789abcdef'\n"
+    )
+    words = ("setup", "--robot", "mine.toml", "--tracker", "twin:")
+    terminal = DrivenTerminal(tmp_path, *words)
+    terminal.wait_for("measure camera and servos .Enter starts")
+    terminal.press("\x03")
+    terminal.end()
+    assert terminal.status == 130
 
 
 @pytest.mark.long

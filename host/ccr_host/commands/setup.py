@@ -53,7 +53,7 @@ def setup(
     if begin_description(file, rig.robot):
         screen.print(f"created {file}: enter the dimensions of your robot there")
     guide = _Guide(screen, options, file, asks=not yes)
-    guide.check()
+    guide.check(before_survey=True)
     guide.move_servos_by_eye()
     guide.survey()
     guide.check()
@@ -82,8 +82,11 @@ class _Guide:
     file: Path
     asks: bool
 
-    def check(self) -> None:
-        """Check board, firmware and camera, as ``doctor`` does; nothing moves."""
+    def check(self, *, before_survey: bool = False) -> None:
+        """Check board, firmware and camera, as ``doctor`` does; nothing moves.
+
+        Rests that no longer fit the description are no obstacle before they are measured again.
+        """
         from ccr_host.commands.doctor import printed
         from ccr_host.link.transport import DeviceKind, parse_device_uri
         from ccr_host.tools.checks import Severity, exit_status
@@ -102,7 +105,11 @@ class _Guide:
 
             flash(port=device.address)
             findings = [*printed(examine(self.options, Path()), self.screen)]
-        if status := exit_status(findings):
+        if status := exit_status(
+            finding
+            for finding in findings
+            if not (before_survey and finding.subject == "identification")
+        ):
             self.screen.print("correct what failed, then start again: setup continues here")
             raise typer.Exit(status)
 
@@ -154,7 +161,11 @@ class _Guide:
                 found = survey_by_tracker(self.screen, rig, description)
                 fits = found.servos_are_as_described
                 servo = description.servo if fits else corrected(description.servo, found)
-                keep_calibration(rig.client, description, servo, self.file, str(self.file), found)
+                # Without rests in the file, a setup that is stopped here still verifies the servos.
+                measured = found if fits else None
+                keep_calibration(
+                    rig.client, description, servo, self.file, str(self.file), measured
+                )
             if fits:
                 self.screen.print(f"saved in {self.file}: camera and rests")
                 return
