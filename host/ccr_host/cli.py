@@ -10,7 +10,7 @@ import traceback
 from importlib import import_module
 from typing import NoReturn
 
-from ccr_host.core.errors import CcrError, CodeError
+from ccr_host.core.errors import CcrError, CodeError, why
 from ccr_host.core.standard_streams import keep_streams_writable, lost_output, output, warn
 from ccr_host.core.stop_signals import stop_signals_interrupt
 from ccr_host.core.user_file import keep_elsewhere
@@ -72,4 +72,4 @@ def _kept_traceback(error: BaseException) -> str:
     try:
         return str(keep_elsewhere(text, ".txt"))
     except OSError as failure:
-        return f"what you did (the traceback could not be written: {failure.strerror})"
+        return f"what you did (the traceback could not be written: {why(failure)})"

@@ -8,6 +8,7 @@ from tests.system.conftest import CcrHost
 from tests.system.test_sweep import NARROW
 
 MINE = """
+import os
 import numpy as np
 from ccr_host.control.base import Command, Outcome
 from ccr_host.sim.robot.robot import TwinRobot
@@ -17,6 +18,7 @@ class Mine:
     def start(self, reference): return Command(np.zeros(2), np.zeros((0, 3)), Outcome.SOLVED)
     def step(self, observation):
         print('a debug print')
+        os.write(1, b'what a C library prints\\n')
         if observation.step == 3:
             {deed}
         return Command(np.zeros(2), np.zeros((0, 3)), Outcome.SOLVED)
@@ -53,6 +55,8 @@ def test_it_is_reported_in_one_line_then_its_traceback_and_log_and_figure_are_sa
     assert "the robot is disarmed" in line
     assert trace.strip().endswith(last)
     assert trace.startswith("Traceback") == bool(last)
+    assert "a debug print" in ended.err
+    assert "what a C library prints" in ended.err
     summary = ended.summary
     assert summary["steps"] == 3
     assert told in summary["faults"][0]

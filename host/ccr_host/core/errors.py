@@ -5,6 +5,7 @@ Each carries a cause and a cure and decides the exit status of ``ccr-host``.
 
 from __future__ import annotations
 
+import errno
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -112,7 +113,8 @@ def why(error: Exception) -> str:
     if isinstance(error, CcrError):
         return error.cause
     if isinstance(error, OSError) and error.strerror:
-        return error.strerror
+        limit = " (see the limit of ulimit -f)" if error.errno == errno.EFBIG else ""
+        return error.strerror + limit
     return full_text(error)
 
 

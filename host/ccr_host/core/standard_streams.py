@@ -8,6 +8,7 @@ import select
 import sys
 from typing import TYPE_CHECKING, TextIO
 
+from ccr_host.core.errors import why
 from ccr_host.core.user_file import printable
 
 if TYPE_CHECKING:
@@ -34,10 +35,19 @@ def keep_streams_writable() -> None:
 
 
 def keep_output_for_summary() -> None:
-    """From now on send what is printed, by plug-ins too, to standard error, but for `output`."""
+    """From now on send what is printed, by plug-ins too, to standard error, but for `output`.
+
+    Their C libraries, and processes started later, write to file descriptor 1 itself.
+    """
     global _output
-    if sys.stdout is not sys.stderr:
-        _output, sys.stdout = sys.stdout, sys.stderr
+    if sys.stdout is sys.stderr:
+        return
+    summary = sys.stdout
+    if isinstance(getattr(getattr(summary, "buffer", None), "raw", None), _LastingFile):
+        summary.flush()
+        summary = _lasting(summary, os.dup(1))
+        os.dup2(2, 1)
+    _output, sys.stdout = summary, sys.stderr
 
 
 def output() -> TextIO:
@@ -48,7 +58,7 @@ def output() -> TextIO:
 def lost_output() -> str:
     """Why standard output was not written; empty if it was, or if the reader of a pipe exited."""
     error = _output_error()
-    return "" if error is None or isinstance(error, BrokenPipeError) else str(error.strerror)
+    return "" if error is None or isinstance(error, BrokenPipeError) else why(error)
 
 
 def is_output_lost() -> bool:
@@ -87,7 +97,7 @@ def _lasting(stream: TextIO | None, descriptor: int) -> io.TextIOWrapper:
         buffer,
         encoding="utf-8" if stream is None else stream.encoding,
         errors="backslashreplace",
-        line_buffering=descriptor > 1 or buffer.isatty(),
+        line_buffering=stream is sys.stderr or buffer.isatty(),
     )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from ccr_host.core.errors import ConfigError
+from ccr_host.core.errors import ConfigError, why
 from ccr_host.core.user_file import keep_elsewhere, replacing
 from ccr_host.description import schema
 from ccr_host.description.source import own_file, text_and_encoding_of
@@ -111,7 +111,7 @@ def _write(file: Path, content: bytes) -> None:
             draft.write_bytes(content)
     except OSError as error:
         raise ConfigError(
-            f"robot description {file}: {error.strerror}", "name a TOML file that can be written"
+            f"robot description {file}: {why(error)}", "name a TOML file that can be written"
         ) from None
 
 

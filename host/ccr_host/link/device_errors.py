@@ -119,12 +119,21 @@ class BoardSilentError(DeviceError):
         port: its URI.
         request: that was not answered.
         heard_before: whether the board has ever said anything on this connection.
+        foreign: bytes that arrived instead, which no board sends.
     """
 
-    def __init__(self, port: str, request: str, *, heard_before: bool = False) -> None:
+    def __init__(
+        self, port: str, request: str, *, heard_before: bool = False, foreign: bytes = b""
+    ) -> None:
         if heard_before:
             super().__init__(
                 f"{port}: the board has fallen silent, no answer to {request}", _CHECK_LINK
+            )
+        elif foreign:
+            super().__init__(
+                f"{port}: what answers there is not a board of ours (it sent {foreign!r})",
+                "check host and port, as another server may be there; flash a board with "
+                "ccr-host flash",
             )
         else:
             super().__init__(

@@ -41,6 +41,9 @@ _ENCODING_BYTES = FRAME_OVERHEAD + 2
 _U8 = 1 << 8
 _U16 = 1 << 16
 
+_FOREIGN_BYTES = 30
+"""How much of what another server sends is shown to the user."""
+
 assert ATTEMPTS * ANSWER_TIMEOUT_US < RETRY_WINDOW_TICKS * TICK_US, "a late retry would run twice"
 
 FrameObserver = Callable[[str, int, bytes], None]
@@ -192,6 +195,9 @@ class Exchange:
         self._on_message = on_message
         self._on_frame = on_frame
         self._decoder = FrameDecoder()
+        self._heard_board = False
+        self._foreign = b""
+        """The first bytes that arrived before any message of the board."""
         self._next_sequence = 0
         self._awaited: _Awaited | None = None
         self._polled_us = clock.now_us()
@@ -277,12 +283,18 @@ class Exchange:
                     return _accepted(request, answer.message)
         finally:
             self._awaited = None
-        heard_before = self._counts.received > 0
-        raise BoardSilentError(self._transport.name, request.NAME, heard_before=heard_before)
+        raise BoardSilentError(
+            self._transport.name,
+            request.NAME,
+            heard_before=self._heard_board,
+            foreign=self._foreign,
+        )
 
     def poll(self, now_us: int) -> None:
         """Process what has arrived."""
         data = self._transport.read()
+        if not self._heard_board:
+            self._foreign = (self._foreign + data)[:_FOREIGN_BYTES]
         for item in self._decoder.feed(data) if data else ():
             if isinstance(item, FramingError):
                 self._counts.framing_errors[item] += 1
@@ -323,6 +335,7 @@ class Exchange:
         if message is None:
             self._counts.unusable += 1
             return
+        self._heard_board |= not isinstance(message, Request)  # an echo is not an answer
         if not isinstance(message, Telemetry):
             self._outstanding.pop(frame.sequence, None)
         received = Received(message, frame.sequence, now_us)

@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 from pydantic_core import to_json
 
-from ccr_host.core.errors import ConfigError
+from ccr_host.core.errors import ConfigError, why
 from ccr_host.core.plugins import import_optional
 from ccr_host.core.user_file import replacing
 from ccr_host.record.log.files import LOG_PREFIX, LogFiles, log_files
@@ -105,7 +105,7 @@ def export(recording: RunRecording, form: Format, folder: Path) -> Sequence[tupl
                 counts[table.name] += 1
     except OSError as error:
         raise ConfigError(
-            f"--out {folder}: {error.strerror}", "name a folder that can be written"
+            f"--out {folder}: {why(error)}", "name a folder that can be written"
         ) from None
     return [(folder / f"{name}.{form}", count) for name, count in counts.items()]
 
@@ -205,7 +205,7 @@ def write_mat(recording: RunRecording, folder: Path) -> dict[str, int]:
             )
     except OSError as error:
         raise ConfigError(
-            f"--out {folder}: {error.strerror}", "name a folder that can be written"
+            f"--out {folder}: {why(error)}", "name a folder that can be written"
         ) from None
     return {name: len(next(iter(columns.values()))) for name, columns in structs.items()}
 

@@ -12,7 +12,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, Undefined
 
 from ccr_host.control.base import Phase
-from ccr_host.core.errors import ConfigError
+from ccr_host.core.errors import ConfigError, why
 from ccr_host.core.user_file import read_text, replacing
 from ccr_host.record.comparisons import why_measured_differs
 from ccr_host.record.figure import PlottedRun, run_figure, shade_lost_spans
@@ -208,7 +208,7 @@ def write_report(folders: Sequence[Path], file: Path) -> list[RecordedRun]:
             draft.write_text(page, encoding="utf-8", errors="backslashreplace")
     except OSError as error:
         raise ConfigError(
-            f"report {file}: {error.strerror}", "name a file that can be written"
+            f"report {file}: {why(error)}", "name a file that can be written"
         ) from None
     return runs
 

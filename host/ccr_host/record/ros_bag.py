@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from ccr_host.core.errors import ConfigError
+from ccr_host.core.errors import ConfigError, why
 from ccr_host.core.plugins import import_optional
 from ccr_host.core.user_file import replacing
 from ccr_host.description.schema import Description
@@ -104,7 +104,7 @@ def write_bag(recording: RunRecording, folder: Path) -> dict[str, int]:
             draft.write_text(_metadata(counts, types, last_us * 1000), encoding="utf-8")
     except OSError as error:
         raise ConfigError(
-            f"--out {folder}: {error.strerror}", "name a folder that can be written"
+            f"--out {folder}: {why(error)}", "name a folder that can be written"
         ) from None
     return dict(counts)
 

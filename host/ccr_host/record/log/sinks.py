@@ -9,6 +9,7 @@ from typing import Protocol
 
 from pydantic_core import to_json
 
+from ccr_host.core.errors import why
 from ccr_host.core.stop_signals import signals_deferred
 from ccr_host.record.log import visuals
 from ccr_host.record.log.files import Chunk, LogFiles, Packed
@@ -186,5 +187,5 @@ class BackgroundSink:
 
 def _trouble(error: OSError | None, lost: int) -> str:
     if error is not None:
-        return f"the log is incomplete: {error.strerror}, {lost} messages lost"
+        return f"the log is incomplete: {why(error)}, {lost} messages lost"
     return f"the log lacks {lost} messages: the disk was too slow" if lost else ""

@@ -95,7 +95,7 @@ def test_a_full_disk_ends_the_log_but_not_the_run_and_the_loss_is_counted(
         for second in range(QUEUE_CHUNKS):
             note(sink, second)
         sink.close()
-    assert "File too large" in sink.trouble
+    assert "File too large (see the limit of ulimit -f)" in sink.trouble
     told = []
     if beyond_head > 0:
         recording = RunRecording(tmp_path)
