@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import tomlkit
 
+from ccr_host.control.adaptive.model import tour_bending_rad
 from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
-from ccr_host.control.adaptive.tour import tour_bending_rad
 from ccr_host.core.clock import VirtualClock
 from ccr_host.description import schema
 from ccr_host.description.schema import Description

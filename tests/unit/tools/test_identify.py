@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 import pytest
 
+from ccr_host.control.adaptive.model import tour_bending_rad
 from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
-from ccr_host.control.adaptive.tour import tour_bending_rad
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import file as description_file
 from ccr_host.description import schema

@@ -15,7 +15,6 @@ from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.parameters import Parameters, Scaling
 from ccr_host.control.adaptive.static_model import PROBE, Hold, PathPlan, Sensitivity, StaticModel
 from ccr_host.control.adaptive.statics import hold_of, unhindered_setpoints_for
-from ccr_host.control.adaptive.tour import tour_stops_rad
 from ccr_host.core.plugins import import_optional
 from ccr_host.description.schema import Control, Description
 from ccr_host.robot.reference import Reference
@@ -23,6 +22,21 @@ from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 
 _REFINEMENTS = 4
+_ROWS_RAD = np.radians((0.0, 50.0, 100.0, -100.0, -50.0))
+_COLUMNS_RAD = np.radians((-110.0, -40.0, 40.0, 110.0))
+
+
+def tour_bending_rad() -> FloatArray:
+    """Bending angles at which all parameters are observable, (N, 2), in an order of short moves.
+
+    They cover the workspace: only large bends distinguish the camera's rotation from the robot's
+    sag.
+    """
+    stops: list[tuple[float, float]] = []
+    for number, row in enumerate(_ROWS_RAD):
+        columns = _COLUMNS_RAD if number % 2 == 0 else _COLUMNS_RAD[::-1]
+        stops.extend((row, column) for column in columns)
+    return np.array(stops)
 
 
 class PlainModel(StaticModel[Parameters, Pose]):
@@ -112,7 +126,7 @@ class PlainModel(StaticModel[Parameters, Pose]):
         return path_plan.plan_path(p, limits, targets_mm, knots, np.zeros(2), self.polished)
 
     def tour_rad(self, p: Parameters, limits: MotorLimits) -> FloatArray:
-        return tour_stops_rad(p, limits)
+        return limits.clip(unhindered_setpoints_for(p, tour_bending_rad()))
 
 
 PLAIN = PlainModel()

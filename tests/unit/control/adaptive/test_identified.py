@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from ccr_host.control.adaptive.identification import identified_rests
+from ccr_host.control.adaptive.model import tour_bending_rad
 from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
-from ccr_host.control.adaptive.tour import tour_bending_rad
 from ccr_host.control.base import Observation
 from ccr_host.control.registry import make_controller
 from ccr_host.core.errors import ConfigError, TrackerError

@@ -5,7 +5,7 @@ import pytest
 
 from ccr_host.control.adaptive.estimator import Estimator, Tuning
 from ccr_host.control.adaptive.identification import StaticsFit, identification_of
-from ccr_host.control.adaptive.model import PLAIN
+from ccr_host.control.adaptive.model import PLAIN, tour_bending_rad
 from ccr_host.control.adaptive.motion import first_pose, moved, predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, TURNS, Parameters, Scaling
 from ccr_host.control.adaptive.static_model import PoseFollower
@@ -16,7 +16,6 @@ from ccr_host.control.adaptive.statics import (
     unhindered_setpoints_for,
 )
 from ccr_host.control.adaptive.tip import tip_mm
-from ccr_host.control.adaptive.tour import tour_bending_rad
 from ccr_host.control.shell import smooth_moves
 from ccr_host.description.schema import Robot
 from ccr_host.robot.rests import Rests

@@ -8,7 +8,6 @@ import pytest
 from ccr_host.control.adaptive.compiled import CompiledModel
 from ccr_host.control.adaptive.identification import StaticsFit
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
-from ccr_host.control.adaptive.tour import tour_stops_rad
 from ccr_host.description import schema
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
@@ -36,7 +35,7 @@ def test_the_model_explains_the_twin_whichever_way_gravity_pulls(
 ) -> None:
     description = schema.load(None, [_gravity(direction)])
     scaling, equilibrium = Scaling.of(description), Equilibrium(description.twin)
-    stops_rad = tour_stops_rad(
+    stops_rad = compiled.tour_rad(
         scaling.parameters(np.zeros(COUNT)), MotorLimits.of(description.servo)
     )
     vectors_mm = np.full((len(stops_rad), 2, 3), np.nan)

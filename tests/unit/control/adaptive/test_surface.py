@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from ccr_host.control.adaptive.model import tour_bending_rad
 from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.surface import IdentifiedSurface
-from ccr_host.control.adaptive.tour import tour_bending_rad
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema
 from ccr_host.description.schema import Description, Identified

@@ -6,10 +6,10 @@ import pytest
 from ccr_host.control.adaptive.compiled import CompiledModel
 from ccr_host.control.adaptive.identification import StaticsFit
 from ccr_host.control.adaptive.misfit import zeros_off
+from ccr_host.control.adaptive.model import tour_bending_rad
 from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Parameters, Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for, zeros_rad
-from ccr_host.control.adaptive.tour import tour_bending_rad
 from ccr_host.description import schema
 from ccr_host.robot.rests import Rests
 from ccr_host.run.execute import execute_quietly
