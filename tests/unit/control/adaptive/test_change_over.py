@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from ccr_host.control.adaptive.change_over import ChangeOver
+from ccr_host.control.adaptive.law import ChangeOver
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.control.adaptive.statics import hold_of, routes_of
 from ccr_host.description.schema import Robot
