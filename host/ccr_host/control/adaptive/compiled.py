@@ -19,14 +19,12 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from ccr_host.control import jit
 from ccr_host.control.adaptive import (
     arithmetic,
-    give_way,
     loads,
     motion,
     parameters,
     path_plan,
     statics,
     tip,
-    uneven,
 )
 from ccr_host.control.adaptive.arithmetic import FloatArray
 from ccr_host.control.adaptive.model import PlainModel
@@ -45,8 +43,6 @@ _SOURCES: tuple[ModuleType, ...] = (
     arc,
     arithmetic,
     parameters,
-    uneven,
-    give_way,
     tip,
     loads,
     statics,

@@ -18,9 +18,8 @@ from ccr_host.control.adaptive.arithmetic import (
     sign,
     stacked,
 )
-from ccr_host.control.adaptive.give_way import Beyond, given_way
+from ccr_host.control.adaptive.loads import Beyond, Lifts, given_way, hung_of, lifts_of, uneven_of
 from ccr_host.control.adaptive.parameters import Parameters, up_in_sagittal_plane
-from ccr_host.control.adaptive.uneven import Lifts, hung_of, lifts_of, uneven_of
 from ccr_host.robot.arc import LEAST_SOFTENED, SHORTER_BY_SAG, Number, arc_at
 
 
