@@ -33,7 +33,7 @@ from ccr_host.record.log.run_log import open_run_log
 from ccr_host.run.execute import execute
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.options import RunOptions
-from ccr_host.run.tape import Tape, Token
+from ccr_host.run.recording import Tape, Token
 
 Call = tuple[int, str, tuple[Any, ...]]
 """Time, us, method of the observer, arguments."""

@@ -9,14 +9,14 @@ from typing import NoReturn, TypeVar
 
 from ccr_host.core.clock import Steppable
 from ccr_host.core.errors import CcrError, DeviceError, TrackerError
-from ccr_host.run.rig import RunTracker
-from ccr_host.run.tape import (
+from ccr_host.run.recording import (
     TOKENS_WITH_ERROR,
     TOKENS_WITH_TIME,
     TapeError,
     TapePiece,
     Token,
 )
+from ccr_host.run.rig import RunTracker
 from ccr_host.tracking.tracker import Sample
 
 T = TypeVar("T")

@@ -21,7 +21,7 @@ from ccr_host.tracking.tracker import MarkerFrame, Sample
 
 if TYPE_CHECKING:
     from ccr_host.run.options import RunOptions
-    from ccr_host.run.tape import TapePiece
+    from ccr_host.run.recording import TapePiece
 
 Vector = NDArray[np.float64]
 

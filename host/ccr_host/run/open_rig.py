@@ -31,10 +31,10 @@ from ccr_host.run.recording import (
     HostClock,
     RecordedTracker,
     RecordedTransport,
+    Tape,
     recorded_frames,
 )
 from ccr_host.run.rig import Rig
-from ccr_host.run.tape import Tape
 from ccr_host.run.tracker_rig import TrackerRig
 from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.serial_line import SerialLine

@@ -16,7 +16,7 @@ from ccr_host.link.client import Client
 from ccr_host.tracking.tracker import Sample
 
 if TYPE_CHECKING:
-    from ccr_host.run.tape import Tape
+    from ccr_host.run.recording import Tape
 
 
 MOST_ARRIVED = 1024

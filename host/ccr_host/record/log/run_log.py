@@ -27,7 +27,7 @@ from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits, Workspace
 from ccr_host.run.observer import RunObserver, RunSetup, StepRecord
-from ccr_host.run.tape import TapePiece
+from ccr_host.run.recording import TapePiece
 from ccr_host.tracking.tracker import MarkerFrame, Sample
 
 
