@@ -29,8 +29,8 @@ from ccr_host.sim.board.eeprom import EepromImage
 from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.serving.ports import TcpPort
 from ccr_host.sim.serving.server import BackgroundServer, BoardServer
-from ccr_host.tools.board_checks import check_board
 from ccr_host.tools.checks import Severity
+from ccr_host.tools.doctor import check_board
 from ccr_host.tools.equipment import (
     EquipmentChange,
     change_equipment,
