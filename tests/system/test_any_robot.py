@@ -27,8 +27,7 @@ from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions, RunOptions
 from ccr_host.run.summary import summarise
-from ccr_host.tools.jog import JogView, jog
-from ccr_host.tools.keyboard import LEFT, UP
+from ccr_host.tools.jog import LEFT, UP, JogView, jog
 from ccr_host.view.history import RunHistory
 from ccr_host.view.live import ViewAddress, open_door
 from ccr_host.view.page import Page

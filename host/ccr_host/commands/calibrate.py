@@ -128,8 +128,7 @@ def move_by_eye(
 
     from ccr_host.commands.jog import jog_panel
     from ccr_host.tools.calibrate import calibrate_by_eye
-    from ccr_host.tools.jog import JogView
-    from ccr_host.tools.keyboard import Keyboard
+    from ccr_host.tools.jog import JogView, Keyboard
 
     with Keyboard() as keyboard, Live(console=screen, auto_refresh=False) as live:
 

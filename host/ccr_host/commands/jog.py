@@ -113,8 +113,8 @@ def jog(rig: Annotated[RigOptions, Without("realtime")]) -> None:
 
     from ccr_host.run.observer import Observers
     from ccr_host.run.open_rig import open_rig, sees_simulated_robot
+    from ccr_host.tools.jog import Keyboard
     from ccr_host.tools.jog import jog as move_by_hand
-    from ccr_host.tools.keyboard import Keyboard
 
     options = replace(rig, realtime=True)
     description = options.description()

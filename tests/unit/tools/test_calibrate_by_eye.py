@@ -11,8 +11,7 @@ from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
 from ccr_host.tools.calibrate import calibrate_by_eye
-from ccr_host.tools.jog import JogView
-from ccr_host.tools.keyboard import DOWN, LEFT, RIGHT, UP
+from ccr_host.tools.jog import DOWN, LEFT, RIGHT, UP, JogView
 
 pytestmark = pytest.mark.long
 

@@ -9,8 +9,19 @@ from hypothesis import strategies as st
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Servo
 from ccr_host.robot.workspace import MotorLimits
-from ccr_host.tools.jog import STEPS_DEG, JogTarget, KeyAction, action_of
-from ccr_host.tools.keyboard import DOWN, ESCAPE, LEFT, RIGHT, UP, Keyboard, split_keys
+from ccr_host.tools.jog import (
+    DOWN,
+    ESCAPE,
+    LEFT,
+    RIGHT,
+    STEPS_DEG,
+    UP,
+    JogTarget,
+    KeyAction,
+    Keyboard,
+    action_of,
+    split_keys,
+)
 
 LIMITS = MotorLimits.of(Servo(angle_min_deg=(-30.0, -5.0), angle_max_deg=(20.0, 40.0)))
 MOVES = {UP: (1, 0), DOWN: (-1, 0), RIGHT: (0, 1), LEFT: (0, -1)}
