@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ccr_host.control.adaptive.arithmetic import FloatArray
-from ccr_host.control.adaptive.estimator import Estimator, Tuning
+from ccr_host.control.adaptive.estimator import Estimator, LapMemory, Tuning
 from ccr_host.control.adaptive.identification import (
     SETTLED_AFTER_S,
     RestSurvey,
@@ -18,7 +18,6 @@ from ccr_host.control.adaptive.identification import (
     identification_of,
     identified_rests,
 )
-from ccr_host.control.adaptive.lap_memory import LapMemory
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.static_model import Hold, PathPlan, PoseFollower
 from ccr_host.control.adaptive.statics import LEAST_CHANGE_OVER

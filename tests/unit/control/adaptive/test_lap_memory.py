@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from ccr_host.control.adaptive.estimator import Estimator, Tuning
-from ccr_host.control.adaptive.lap_memory import LapMemory
+from ccr_host.control.adaptive.estimator import Estimator, LapMemory, Tuning
 from ccr_host.control.adaptive.model import PLAIN
 from ccr_host.control.adaptive.parameters import Scaling
 from ccr_host.description.schema import Robot
