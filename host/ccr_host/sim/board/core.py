@@ -25,8 +25,14 @@ from ccr_host.link.messages import (
     StateReport,
     StatusFlags,
 )
-from ccr_host.sim.board.config_store import ConfigGroup, ConfigStore, Configuration, SaveStep
-from ccr_host.sim.board.eeprom import Eeprom, FaultLog
+from ccr_host.sim.board.eeprom import (
+    ConfigGroup,
+    ConfigStore,
+    Configuration,
+    Eeprom,
+    FaultLog,
+    SaveStep,
+)
 from ccr_host.sim.board.safety import SafetyMachine
 from ccr_host.sim.board.setpoint import Axes, Setpoint, clamped, is_saturated, pulse_half_us
 
