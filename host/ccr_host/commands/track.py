@@ -129,7 +129,7 @@ def track(
 
 def _show(result: RunResult, summary: Mapping[str, Any], screen: Console) -> None:
     from ccr_host.commands import terminal
-    from ccr_host.run.operator import OperatorStop
+    from ccr_host.run.rig import OperatorStop
 
     if result.records:
         screen.print(terminal.run_table(summary, result.options))

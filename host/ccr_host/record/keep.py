@@ -17,8 +17,8 @@ from ccr_host.run.execute import execute
 from ccr_host.run.loop import Progress
 from ccr_host.run.observer import Observers, RunObserver
 from ccr_host.run.open_rig import is_simulated
-from ccr_host.run.operator import Operator
 from ccr_host.run.options import RunOptions
+from ccr_host.run.rig import Operator
 from ccr_host.run.summary import TIMING_KEYS, RunResult, summarise
 from ccr_host.run.twin_floor import floor_of_run_mm
 

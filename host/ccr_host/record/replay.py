@@ -33,9 +33,8 @@ from ccr_host.record.playing import (
 from ccr_host.run.loop import follow_path
 from ccr_host.run.observer import Observers, StepRecord
 from ccr_host.run.open_rig import is_simulated, meet_board
-from ccr_host.run.operator import stopping_at_once
 from ccr_host.run.recording import Tape, TapeError, TapePiece, Token
-from ccr_host.run.rig import Rig
+from ccr_host.run.rig import Rig, stopping_at_once
 from ccr_host.run.robot_check import motion_check
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample

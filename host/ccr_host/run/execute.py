@@ -17,10 +17,9 @@ from ccr_host.robot.workspace import MotorLimits, Surface, Workspace
 from ccr_host.run.loop import Progress, follow_path
 from ccr_host.run.observer import Observers, RunObserver, RunSetup, StepRecord
 from ccr_host.run.open_rig import open_rig
-from ccr_host.run.operator import NoOperator, Operator, stopping_at_once
 from ccr_host.run.options import RunOptions
 from ccr_host.run.recording import RecordedOperator
-from ccr_host.run.rig import Rig
+from ccr_host.run.rig import NoOperator, Operator, Rig, stopping_at_once
 from ccr_host.run.robot_check import motion_check
 from ccr_host.run.summary import RunResult
 from ccr_host.tracking.markers.check import MarkerCheck

@@ -31,8 +31,7 @@ from ccr_host.link.device_errors import LinkLossError
 from ccr_host.robot.reference import Reference
 from ccr_host.run.marker_watch import MarkerWatch
 from ccr_host.run.observer import RunObserver, StepRecord, Vector
-from ccr_host.run.operator import NoOperator, Operator
-from ccr_host.run.rig import Rig
+from ccr_host.run.rig import NoOperator, Operator, Rig
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample
 

@@ -19,8 +19,7 @@ from ccr_host.core.clock import Clock, ForeseesArrivals, Parts, Steppable
 from ccr_host.core.errors import CcrError, DeviceError
 from ccr_host.link.exchange import FrameObserver, Transport
 from ccr_host.run.observer import RunObserver
-from ccr_host.run.operator import Operator
-from ccr_host.run.rig import RunTracker
+from ccr_host.run.rig import Operator, RunTracker
 from ccr_host.tracking.tracker import MarkerFrame, Tracker
 
 _PIECE_US = 100_000

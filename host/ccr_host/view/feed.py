@@ -142,7 +142,7 @@ class SharedButtons:
 
 
 class PageOperator:
-    """The person before the page, as the run's :class:`~ccr_host.run.operator.Operator`.
+    """The person before the page, as the run's :class:`~ccr_host.run.rig.Operator`.
 
     Args:
         buttons: of the page.

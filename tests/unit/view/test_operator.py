@@ -12,8 +12,8 @@ from ccr_host.link.framing import FrameDecoder
 from ccr_host.link.messages import MESSAGES, Disarm, Message, SetTarget, State, StateReport, Stop
 from ccr_host.run.execute import execute
 from ccr_host.run.observer import RunObserver, StepRecord
-from ccr_host.run.operator import OperatorStop
 from ccr_host.run.options import RunOptions
+from ccr_host.run.rig import OperatorStop
 from ccr_host.run.summary import RunResult
 
 
