@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.sim.robot.servo import ServoModel, ServoProperties
+from ccr_host.sim.robot.robot import ServoModel, ServoProperties
 
 RATE_RAD_S = math.radians(300)
 
