@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
@@ -88,29 +89,23 @@ def _of_motors(
             led_rad[:, motor] = changed_rad
             return seen_mm - predict(led_rad)
 
-        def stands(at_rad: float, own_rad: Array = own_rad) -> Array:
-            return np.full_like(own_rad, at_rad)
-
-        def off(by_rad: float, own_rad: Array = own_rad) -> Array:
-            return own_rad + by_rad
-
-        def at_most(limit_rad: float, own_rad: Array = own_rad) -> Array:
-            return np.minimum(own_rad, limit_rad)
-
-        def at_least(limit_rad: float, own_rad: Array = own_rad) -> Array:
-            return np.maximum(own_rad, limit_rad)
-
         name = f"motor {motor + 1}"
         yield _Explained(f"{name} turns the other way than before", _SERVO, acting(-own_rad), 0)
         for change, least_rad, most_rad, cause in (
-            (stands, lower_rad, upper_rad, "no longer turns, or turns in vain: it acts as if at"),
-            (off, -span_rad / 2.0, span_rad / 2.0, "or its horn has slipped, by"),
-            (at_most, own_rad.min(), own_rad.max(), "or its tendon no longer pulls beyond"),
-            (at_least, own_rad.min(), own_rad.max(), "or its tendon no longer pulls below"),
+            (
+                np.full_like,
+                lower_rad,
+                upper_rad,
+                "no longer turns, or turns in vain: it acts as if at",
+            ),
+            (np.add, -span_rad / 2.0, span_rad / 2.0, "or its horn has slipped, by"),
+            (np.minimum, own_rad.min(), own_rad.max(), "or its tendon no longer pulls beyond"),
+            (np.maximum, own_rad.min(), own_rad.max(), "or its tendon no longer pulls below"),
         ):
+            changed = partial(change, own_rad)
 
-            def left(unknown: float, change: Callable[[float], Array] = change) -> float:
-                return _rms(acting(change(unknown)))
+            def left(unknown: float, changed: Callable[[float], Array] = changed) -> float:
+                return _rms(acting(changed(unknown)))
 
             best = scipy.optimize.brute(
                 left, ((least_rad, most_rad),), Ns=9, finish=None, full_output=False
@@ -121,7 +116,7 @@ def _of_motors(
                 left, bounds=bounds, method="bounded", options={"maxiter": 12}
             )
             told = f"{name} {cause} {math.degrees(fit.x):.0f} deg"
-            yield _Explained(told, _SERVO, acting(change(float(fit.x))), 1)
+            yield _Explained(told, _SERVO, acting(changed(float(fit.x))), 1)
 
 
 def _of_camera(expected_mm: Array, seen_mm: Array) -> Iterator[_Explained]:
