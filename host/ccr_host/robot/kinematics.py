@@ -272,12 +272,8 @@ class ConstantCurvature:
         by_y = self._jets(q_rad, 1)[..., 1:, :]
         return np.swapaxes(by_y, -1, -2) @ self._bending
 
-    def hessian_mm_rad2(self, q_rad: ArrayLike) -> FloatArray:
-        """d2f/dq dq; ``q_rad`` (..., n) -> (..., 3, n, n)."""
-        return self.second_order(q_rad)[2]
-
     def second_order(self, q_rad: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Tip, Jacobian and Hessian at once, see there."""
+        """Tip in mm, (..., 3), and its derivatives by motors, (..., 3, n) and (..., 3, n, n)."""
         derivatives = self.by_motors @ self._jets(q_rad, 2)
         n = self.motors
         square = derivatives[..., n + 1 :, :].reshape(*derivatives.shape[:-2], n, n, 3)

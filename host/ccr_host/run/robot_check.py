@@ -177,18 +177,14 @@ class RobotCheck:
         self._fit: StaticsFit[Any] | None = None
         """The fit that the description does not explain."""
         self._responses: MotorResponses | None = None
-        self._told = "the markers were seen at too few rests: the robot's motion is not checked"
+        self.told = "the markers were seen at too few rests: the robot's motion is not checked"
+        """The result of the rests before the path, for the log."""
         self._pose: Resting | None = None
         self._looked_us = 0
         self._odd_us = 0.0
         """Time for which the poses have been unexplained, less a share of that for which not."""
         self._seen: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_KEPT)
         """Motor angles, (n,), M2 and the tip, (2, 3), of the last looks that were unexplained."""
-
-    @property
-    def told(self) -> str:
-        """The result of the rests before the path, for the log."""
-        return self._told
 
     def judge_probe(self) -> Rests | None:
         """The rests of the probe if the description does not explain them, else None."""
@@ -279,7 +275,7 @@ class RobotCheck:
             return rests
         found = fit.result()
         self._model, self._pose = fit.scaling.parameters(found.score), None
-        self._told = f"the robot was seen at {len(rests.count)} rests; {found.residual}"
+        self.told = f"the robot was seen at {len(rests.count)} rests; {found.residual}"
         if not is_misfit(found, rests, fit.scaling):
             return None
         self._fit = fit

@@ -70,7 +70,6 @@ class Estimator(Generic[P, S]):
         model: computes the derivatives.
         space: prior of the parameters.
         fit: result of the identification; None starts from the prior.
-        tuning: assumptions of the filter.
     """
 
     def __init__(
@@ -78,11 +77,10 @@ class Estimator(Generic[P, S]):
         model: StaticModel[P, S],
         space: ParameterSpace[P],
         fit: Fit | None,
-        tuning: Tuning,
     ) -> None:
         self._model = model
         self._space = space
-        self._tuning = tuning
+        self._tuning = tuning = Tuning()
         count, roles = space.count, space.roles
         self._count, self._loads = count, roles.loads
         self._states = count + 4

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ccr_host.control.adaptive.arithmetic import FloatArray
-from ccr_host.control.adaptive.estimator import Estimator, LapMemory, Tuning
+from ccr_host.control.adaptive.estimator import Estimator, LapMemory
 from ccr_host.control.adaptive.identification import (
     SETTLED_AFTER_S,
     RestSurvey,
@@ -129,7 +129,7 @@ class AdaptiveLaw(Law):
         """The fit that the path was planned with; None if the rests were not suitable."""
         self._survey = RestSurvey(np.zeros(self._motors))
         self._is_surveying = True
-        self._estimator = Estimator(self._model, self._space, None, Tuning())
+        self._estimator = Estimator(self._model, self._space, None)
         self._memory = LapMemory(path.reference.lap_steps, path.period_s)
         self._follower: PoseFollower[Any, Any] | None = None
         self._newest_s: float | None = None
@@ -155,7 +155,7 @@ class AdaptiveLaw(Law):
         self._is_surveying = False
         if found is not None:
             self.fit = found.fit
-            self._estimator = Estimator(self._model, self.fit.scaling, self.fit.result(), Tuning())
+            self._estimator = Estimator(self._model, self.fit.scaling, self.fit.result())
         self._plan = self._plan_path()
         self._follower = None
         yield from super().stages()

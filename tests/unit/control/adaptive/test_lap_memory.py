@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ccr_host.control.adaptive.estimator import Estimator, LapMemory, Tuning
+from ccr_host.control.adaptive.estimator import Estimator, LapMemory
 from ccr_host.control.adaptive.model import PLAIN
 from ccr_host.control.adaptive.parameters import Scaling
 from ccr_host.description.schema import Robot
@@ -82,7 +82,7 @@ def test_steps_without_measurements_keep_what_was_learnt():
 
 
 def test_handing_over_to_the_memory_leaves_the_command_as_it_was():
-    estimator = Estimator(PLAIN, Scaling(Robot()), None, Tuning())
+    estimator = Estimator(PLAIN, Scaling(Robot()), None)
     memory = LapMemory(STEPS, 1.0)
     _lap(memory, 0, _slow(PHASE))
     index = float(STEPS) + 0.4

@@ -3,7 +3,7 @@ import functools
 import numpy as np
 import pytest
 
-from ccr_host.control.adaptive.estimator import Estimator, Tuning
+from ccr_host.control.adaptive.estimator import Estimator
 from ccr_host.control.adaptive.identification import StaticsFit, identification_of
 from ccr_host.control.adaptive.model import PLAIN, tour_bending_rad
 from ccr_host.control.adaptive.motion import first_pose, moved, predicted_mm
@@ -169,7 +169,7 @@ def _fit_to_the_prior():
 
 
 def _estimator_at_rest():
-    estimator = Estimator(PLAIN, SCALING, _fit_to_the_prior(), Tuning())
+    estimator = Estimator(PLAIN, SCALING, _fit_to_the_prior())
     return estimator, first_pose(estimator.parameters, *HERE)
 
 
