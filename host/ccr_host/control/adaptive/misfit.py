@@ -27,6 +27,7 @@ from ccr_host.control.adaptive.parameters import (
     FloatArray,
     Parameters,
     Scaling,
+    numbers_of,
 )
 from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.core.errors import CcrError
@@ -354,7 +355,7 @@ def _hypotheses_before_setup(description: Description) -> Iterator[_Hypothesis]:
 def _trials(
     hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, predict: Predict[Parameters]
 ) -> Iterator[_Trial]:
-    freed = [Parameters._fields.index(name) for name in hypothesis.freed]
+    freed = numbers_of(*hypothesis.freed)
     under = scaling.freed(freed, _FREEDOM)
     if hypothesis.gravity is not None:
         under = under.mounted(hypothesis.gravity)

@@ -117,24 +117,25 @@ class Parameters(NamedTuple):
 FIELDS = len(Parameters._fields)
 COUNT = Parameters._fields.index("up_x")
 """Number of the uncertain ones, which come first."""
-TURNS = [Parameters._fields.index(f"turn_{axis}_rad") for axis in "xyz"]
-ZEROS = [Parameters._fields.index(f"zero_{motor}_rad") for motor in (1, 2)]
 
 
-def _numbers(*names: str) -> list[int]:
+def numbers_of(*names: str) -> list[int]:
+    """Places of parameters among the scores."""
     return [Parameters._fields.index(name) for name in names]
 
 
-PUSHES = _numbers("push_x_per_mm", "push_y_per_mm")
+TURNS = numbers_of("turn_x_rad", "turn_y_rad", "turn_z_rad")
+ZEROS = numbers_of("zero_1_rad", "zero_2_rad")
+PUSHES = numbers_of("push_x_per_mm", "push_y_per_mm")
 _ROLES = Roles(
-    drifting=_numbers("compliance_1", "compliance_2", "slack_1_rad", "slack_2_rad", "tip_per_mm"),
-    hindrances=_numbers("backlash_rad", "friction_1"),
+    drifting=numbers_of("compliance_1", "compliance_2", "slack_1_rad", "slack_2_rad", "tip_per_mm"),
+    hindrances=numbers_of("backlash_rad", "friction_1"),
     warming=ZEROS,
-    loads=[*_numbers("tip_per_mm"), *PUSHES],
+    loads=[*numbers_of("tip_per_mm"), *PUSHES],
     pushes=PUSHES,
     varying=[
-        Parameters._fields.index(name)
-        for name in Parameters._fields[:COUNT]
+        number
+        for number, name in enumerate(Parameters._fields[:COUNT])
         if not name.startswith(("length", "marker_offset", "gain", "slack", "turn", "zero"))
     ],
     turns=TURNS,
@@ -162,15 +163,8 @@ _STRONG_EVIDENCE = 6.0
 """Twice the logarithm of odds of 20 to 1, from which evidence is called strong (Kass and Raftery,
 Bayes factors, J. Am. Stat. Assoc. 90, 1995)."""
 _USUALLY_SMALL = (
-    "plane_1_rad",
-    "plane_2_rad",
-    "taper_1",
-    "taper_2",
-    "stiffening",
-    "sideways",
-    "twisting",
-    "marker_along_mm",
-    "marker_aside_mm",
+    *("plane_1_rad", "plane_2_rad", "taper_1", "taper_2", "stiffening"),
+    *("sideways", "twisting", "marker_along_mm", "marker_aside_mm"),
 )
 _ZERO_FREEDOM = 3.0
 """Factor by which zeros may be further off than assumed where there are few rests."""
@@ -372,7 +366,7 @@ class Scaling(ParameterSpace[Parameters]):
 
     def narrow(self) -> Scaling:
         """For a robot without the faults of cheap parts."""
-        return self.freed([Parameters._fields.index(name) for name in _USUALLY_SMALL], _NARROW)
+        return self.freed(numbers_of(*_USUALLY_SMALL), _NARROW)
 
     def strict(self) -> Scaling:
         """For a robot that is the described one, but for what every robot leaves open."""
