@@ -33,7 +33,7 @@ from ccr_host.record.log.run_log import open_run_log
 from ccr_host.run.execute import execute
 from ccr_host.run.observer import RunObserver
 from ccr_host.run.options import RunOptions
-from ccr_host.run.recording import Tape, Token
+from ccr_host.run.recording import TOKENS_WITH_TIME, Tape
 
 Call = tuple[int, str, tuple[Any, ...]]
 """Time, us, method of the observer, arguments."""
@@ -41,7 +41,6 @@ Call = tuple[int, str, tuple[Any, ...]]
 FAST_HZ = 1000.0
 SLOW_HZ = 20.0
 DAY_S = 86_400
-_TIMED = (Token.READ, Token.TURN, Token.SAMPLE)
 _CHUNK_INDEX_BYTES = 81
 _REPEATS = 3
 _BUDGET_US = 50
@@ -131,7 +130,7 @@ def tape_us(calls: list[Call], steps: int) -> float:
     for piece in pieces:
         times_us = iter(piece.times_us)
         for token in piece.tokens:
-            if token in _TIMED:
+            if token in TOKENS_WITH_TIME:
                 tape.at(token, next(times_us))
             else:
                 tape.note(token)
