@@ -28,6 +28,7 @@ from ccr_host.control.adaptive.misfit import (
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.static_model import Resting
 from ccr_host.control.base import Controller
+from ccr_host.control.registry import rate_note
 from ccr_host.control.shell import Law, Measurement, PathView, Shell, Stage, smooth_moves
 from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.reference import Reference
@@ -152,12 +153,18 @@ class RobotCheck:
         description: of the robot.
         controller: the paper's robot needs no probe if it begins with a tour of rests.
         reference: the path.
+        rate_note: what else may lead the robot off its model, see ``registry.rate_note``; or "".
     """
 
     def __init__(
-        self, description: Description, controller: Controller, reference: Reference
+        self,
+        description: Description,
+        controller: Controller,
+        reference: Reference,
+        rate_note: str,
     ) -> None:
         self._description = description
+        self._rate_note = rate_note
         robot = description.robot
         law = controller.law if isinstance(controller, Shell) else None
         self._adaptive = law if isinstance(law, AdaptiveLaw) else None
@@ -244,7 +251,10 @@ class RobotCheck:
     def cause_of(self, odd: Rests) -> MisfitError:
         """Find what is most likely wrong; takes seconds, so make the robot safe first."""
         found = self._cause_of(odd)
-        return MisfitError(found.cause, f"{found.cure}; --unchecked goes on all the same")
+        cure = found.cure
+        if self._seen and self._rate_note:
+            cure += f"; or it is the controller: {self._rate_note}"
+        return MisfitError(found.cause, f"{cure}; --unchecked goes on all the same")
 
     def _cause_of(self, odd: Rests) -> MisfitError:
         if self._seen:
@@ -288,4 +298,5 @@ def motion_check(
     """The check of the motion, None if the run does not ask for it."""
     if options.effective_checks != "motion":
         return None
-    return RobotCheck(description, controller, reference)
+    note = rate_note(options.controller, options.rate_hz)
+    return RobotCheck(description, controller, reference, note)

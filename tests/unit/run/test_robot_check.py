@@ -185,6 +185,13 @@ def test_a_servo_of_the_second_segment_that_slips_by_a_tooth_is_named() -> None:
     assert len(result.records) < 30
 
 
+def test_a_controller_at_a_rate_that_it_was_not_made_for_is_named_beside_the_cause() -> None:
+    overrides = (ZEROS.format(1530, 1480), "control.solver=compiled")
+    options = RunOptions("8shape", "mpc", overrides=overrides, rate_hz=20.0, checks="motion")
+    result = execute(options, Witness(), lambda *_: None)
+    assert "or it is the controller: mpc leaves out the delays" in str(result.failure)
+
+
 def test_who_wants_it_unchecked_gets_it(path: str) -> None:
     reversed_motor = ("twin.servo_us_per_90_deg=[-1000,1000]",)
     options = RunOptions(path=path, controller="mpc", overrides=reversed_motor, checks="markers")
