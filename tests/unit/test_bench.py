@@ -1,4 +1,4 @@
-"""The programs of bench/ are run seldom; what they use of the host must still be there."""
+"""The programs of bench/ are rarely run, and what they use of the host must still be there."""
 
 import importlib
 from pathlib import Path

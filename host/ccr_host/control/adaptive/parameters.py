@@ -163,9 +163,9 @@ _STRONG_EVIDENCE = 6.0
 """Twice the logarithm of odds of 20 to 1, from which evidence is called strong (Kass and Raftery,
 Bayes factors, J. Am. Stat. Assoc. 90, 1995)."""
 _USUALLY_SMALL = (
-    *("plane_1_rad", "plane_2_rad", "taper_1", "taper_2", "stiffening"),
-    *("sideways", "twisting", "marker_along_mm", "marker_aside_mm"),
-)
+    "plane_1_rad", "plane_2_rad", "taper_1", "taper_2", "stiffening", "sideways", "twisting",
+    "marker_along_mm", "marker_aside_mm",
+)  # fmt: skip
 _ZERO_FREEDOM = 3.0
 """Factor by which zeros may be further off than assumed where there are few rests."""
 _SURPRISE_OF_FEW = 2.5

@@ -9,7 +9,7 @@ from enum import Enum, auto
 from pathlib import Path
 from typing import Any, Final, Protocol, Self
 
-from ccr_host.core.errors import ConfigError
+from ccr_host.core.errors import ConfigError, why
 from ccr_host.core.user_file import replacing
 from ccr_host.link.messages import (
     EEPROM_BOOT_COUNTER,
@@ -139,9 +139,8 @@ class EepromFile:
                     draft.write_bytes(bytes([ERASED]) * EEPROM_SIZE)
             self._file = path.open("r+b", buffering=0)
         except (OSError, ValueError) as error:
-            why = error.strerror if isinstance(error, OSError) else error
             raise ConfigError(
-                f"EEPROM file {path}: {why}", "give a file that can be written"
+                f"EEPROM file {path}: {why(error)}", "give a file that can be written"
             ) from None
         if path.stat().st_size != EEPROM_SIZE:
             self._file.close()
@@ -170,9 +169,8 @@ NEVER_SET: Final = (
 """Groups that are missing on a new board."""
 
 _GROUPS: Final[tuple[type[ConfigGroup], ...]] = (
-    *(Limits, Slew, Watchdog, Calibration),
-    *(Equipment, Acceleration),
-)
+    Limits, Slew, Watchdog, Calibration, Equipment, Acceleration,
+)  # fmt: skip
 """In their order in the EEPROM."""
 
 
