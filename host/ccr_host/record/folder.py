@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -15,6 +16,13 @@ from ccr_host.core import __version__
 from ccr_host.core.errors import ConfigError, why
 from ccr_host.core.user_file import is_there, printable, replacing
 from ccr_host.link import messages
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # on Windows, where two processes may share a folder
+    _LOCKS = False
+else:
+    _LOCKS = True
 
 METRICS_FILE = "run.json"
 """Configuration and summary of a run."""
@@ -30,15 +38,16 @@ _NOT_IN_NAMES = '/\\:*?"<>|'
 class ResultFolder:
     """Keeps results; what cannot be written is noted, and the rest goes on.
 
-    The folder is made at once, so that one that cannot be had is known before anything moves. To be
-    used as a context manager: a folder that was made and has stayed empty is removed at the end.
+    The folder is made at once, so that one that cannot be had is known before anything moves, and
+    locked, as two runs would leave the log of one beside the figure of the other. To be used as a
+    context manager: a folder that was made and has stayed empty is removed at the end.
 
     Args:
         wanted: the folder asked for; None for ``runs/<date>-<title>``, under an unused name.
         title: what it is about.
 
     Raises:
-        ConfigError: it cannot be made or written to.
+        ConfigError: it cannot be made or written to, or another run writes to it.
     """
 
     def __init__(self, wanted: Path | None, title: str) -> None:
@@ -54,6 +63,11 @@ class ResultFolder:
                 probe.write_bytes(_NEEDED_AT_LEAST)
             finally:
                 probe.unlink(missing_ok=True)
+            self._lock = _locked(self.path)
+        except BlockingIOError:
+            raise ConfigError(
+                f"--out {self.path}: another run writes to it", "name another folder"
+            ) from None
         except (OSError, ValueError) as error:
             self._remove_if_empty()
             cause = "not a folder" if isinstance(error, FileExistsError) else why(error)
@@ -65,6 +79,7 @@ class ResultFolder:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._lock.close()
         self._remove_if_empty()
 
     @property
@@ -102,6 +117,26 @@ class ResultFolder:
         with suppress(OSError):
             for folder in self._made:
                 folder.rmdir()
+
+
+def _locked(folder: Path) -> ExitStack:
+    """Lock a folder until this is closed or the process ends, however it ends.
+
+    Raises:
+        BlockingIOError: it is locked already.
+    """
+    lock = ExitStack()
+    if _LOCKS:
+        opened = os.open(folder, os.O_RDONLY)
+        lock.callback(os.close, opened)
+        try:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            raise
+        except OSError:
+            pass  # some file systems have no locks
+    return lock
 
 
 def write_json(file: Path, content: dict[str, Any]) -> None:
