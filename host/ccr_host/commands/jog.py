@@ -27,11 +27,7 @@ def jog_panel(
 ) -> RenderableType:
     """Motors, board, markers and keys, and below them a question to the user.
 
-    Args:
-        view: state of the robot.
-        simulated_tip: whether the board drives a real robot but the tip is the twin's.
-        title: title of the panel.
-        asked: question that Enter answers; empty for none.
+    With ``simulated_tip`` the board drives a real robot but the tip is the twin's.
     """
     from ccr_host.tools.jog import HELP_BACK
 

@@ -211,8 +211,7 @@ _OF_RIG: dict[str, Any] = {
 class Without:
     """In ``rig: Annotated[RigOptions, Without(...)]``: what a command has no option for.
 
-    Args:
-        names: names of the fields; they keep their defaults.
+    These fields keep their defaults.
     """
 
     def __init__(self, *names: str) -> None:

@@ -62,7 +62,6 @@ class RunProgress(RunObserver):
             self._progress.update(self._task, total=1.0, completed=phase.done)
 
     def on_step(self, step: int, steps: int, record: StepRecord) -> None:
-        """Show a step of the path."""
         state = f"{step + 1}/{steps}, {_error_text(record)}"
         self._progress.update(self._task, total=steps, completed=step + 1, state=state)
 

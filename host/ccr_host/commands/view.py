@@ -64,11 +64,6 @@ def view(
 def _show_recorded_run(folder: Path, address: ViewAddress, on_ready: Callable[[str], None]) -> None:
     """Serve the page until interrupted.
 
-    Args:
-        folder: folder of the run.
-        address: address to listen on.
-        on_ready: called with the URL to open.
-
     Raises:
         ConfigError: the run cannot be read, or the address cannot be used.
         KeyboardInterrupt: the normal end.

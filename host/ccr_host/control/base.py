@@ -128,10 +128,6 @@ LONGEST_RAMP_S = 10.0
 def checked(answer: object, motors: int) -> Command:
     """Validate a controller's answer and convert its numbers to arrays.
 
-    Args:
-        answer: of the controller.
-        motors: number of motors of the robot.
-
     Raises:
         ValueError: it is not a command, or cannot be executed; limits are not checked.
     """

@@ -56,9 +56,7 @@ def rate_note(name: str, rate_hz: float) -> str:
 def make_controller(name: str, description: Description) -> Controller:
     """Build a controller for a robot.
 
-    Args:
-        name: a built-in controller, or one of `is_plugin`.
-        description: of the robot.
+    ``name`` is a built-in controller or one of `is_plugin`.
 
     Raises:
         ConfigError: unknown name; lists the known ones.

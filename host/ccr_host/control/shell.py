@@ -128,9 +128,7 @@ class Law(ABC):
     def start(self, path: PathView, history: SetpointHistory) -> None:
         """Reset the law for a new path.
 
-        Args:
-            path: path to follow.
-            history: setpoints of the commands, kept up to date by the shell.
+        The shell keeps ``history``, the setpoints of the commands, up to date.
         """
         self.path = path
         self.history = history
@@ -167,10 +165,6 @@ class Shell:
 
     Commands respect the motor limits and the servo's rate. Each aims at the point of the path that
     is current when it has taken effect. Without measurements the law continues on its estimate.
-
-    Args:
-        description: description of the robot.
-        law: the feedback law.
     """
 
     def __init__(self, description: Description, law: Law) -> None:

@@ -106,10 +106,8 @@ def _on_tcp(role: Role, address: str) -> str:
 def tcp_address(rest: str, subject: str, example: str) -> str:
     """HOST:PORT from the text after the scheme's colon.
 
-    Args:
-        rest: that text, including the slashes.
-        subject: the text that the user gave, for messages.
-        example: a valid one, for messages.
+    ``rest`` includes the slashes; ``subject``, the text that the user gave, and ``example``, a
+    valid one, are for messages.
 
     Raises:
         ConfigError: not a valid address.
@@ -125,11 +123,8 @@ def tcp_address(rest: str, subject: str, example: str) -> str:
 def host_and_port(text: str, subject: str, example: str, least_port: int = 1) -> tuple[str, int]:
     """Parse HOST:PORT; the brackets around an IPv6 address are removed.
 
-    Args:
-        text: HOST:PORT.
-        subject: the text that the user gave, for messages.
-        example: a valid one, for messages.
-        least_port: 0 where the system may choose the port.
+    ``least_port`` is 0 where the system may choose the port; ``subject``, the text that the user
+    gave, and ``example``, a valid one, are for messages.
 
     Raises:
         ConfigError: not a valid address.
@@ -162,9 +157,7 @@ def joined(host: str, port: int) -> str:
 def listening_socket(host: str, port: int) -> socket.socket:
     """Listen on an address of this computer; a host name's IPv4 address is preferred.
 
-    Args:
-        host: name or address; an IPv6 address without brackets.
-        port: 0 takes a free one.
+    An IPv6 address has no brackets here; port 0 takes a free one.
 
     Raises:
         ConfigError: the address cannot be used.

@@ -153,12 +153,10 @@ class BytePort:
         return data
 
     def set_baud(self, baud: int) -> None:
-        """Change the bit rate of both directions."""
         with self._told(self._no_rate):
             self._port.baudrate = baud
 
     def set_break(self, on: bool) -> None:
-        """Set or clear the break condition."""
         with self._told(self._lost):
             self._port.break_condition = on
 

@@ -57,13 +57,11 @@ class Parts:
         self._foreseeing: list[Foreseeing] = []
 
     def attach(self, part: Steppable) -> None:
-        """Advance ``part`` too from now on."""
         self._parts.append(part)
         if isinstance(part, Foreseeing):
             self._foreseeing.append(part)
 
     def advance_to(self, time_us: int) -> None:
-        """Advance all parts to ``time_us``."""
         for part in self._parts:
             part.advance_to(time_us)
 
@@ -121,10 +119,8 @@ class VirtualClock:
     """Simulated time: advances only during a wait, as fast as the parts can be computed.
 
     A wait is divided into slices, counted from its start. Slices before the next turn of any part
-    are skipped; the result is the same as if the parts were advanced in every slice.
-
-    Args:
-        slice_us: longest step of parts that do not foresee their turns.
+    are skipped; the result is the same as if the parts were advanced in every slice. Parts that do
+    not foresee their turns make no longer step than ``slice_us``.
     """
 
     realtime = False

@@ -51,10 +51,7 @@ class TrackerError(CcrError):
 class CodeError(CcrError):
     """A class supplied by the user has failed (exit status 2).
 
-    Args:
-        cause: what has failed, one line.
-        cure: what the user can do about it, one line.
-        error: the exception it raised; None if it returned something unusable instead.
+    ``error`` is the exception it raised; None if it returned something unusable instead.
     """
 
     exit_status = 2
@@ -83,11 +80,7 @@ def blaming(who: str, cure: str) -> Iterator[None]:
 def code_error(who: str, cure: str, error: BaseException, effect: str = "") -> CodeError:
     """The error to raise where user-supplied code has raised one.
 
-    Args:
-        who: class or method.
-        cure: what the user can do about it.
-        error: what was raised.
-        effect: what became of the robot, added to the cause.
+    ``who`` is the class or method; ``effect``, what became of the robot, is added to the cause.
     """
     cause = f"{who} has failed: {type(error).__name__}: {_message(error)}{effect}"
     return CodeError(cause, cure, error)

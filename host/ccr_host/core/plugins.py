@@ -48,8 +48,7 @@ def import_optional(module: str, extra: str, what_for: str) -> ModuleType:
 class Given(str):
     """The name of a plug-in that was passed as an object in Python; carries that object.
 
-    Args:
-        what: a class or function to call with the robot description, or a finished object.
+    ``what`` is a class or function to call with the robot description, or a finished object.
     """
 
     what: object
@@ -101,11 +100,7 @@ def plugin(kind: Kind, name: str) -> Any:  # noqa: ANN401 - anything that users 
 def make_plugin(kind: Kind, name: str, methods: Sequence[str], *arguments: object) -> Any:  # noqa: ANN401
     """Instantiate a plug-in; a finished object is returned as it is.
 
-    Args:
-        kind: which interface it implements.
-        name: one of `is_plugin`.
-        methods: the methods that it must have.
-        arguments: passed to the constructor.
+    It must have all ``methods``; ``arguments`` are passed to its constructor.
 
     Raises:
         ConfigError: see `plugin`.
@@ -135,10 +130,6 @@ class Guard:
 
     A plug-in that has failed must not be called again: the clock has to keep running while the
     robot is made safe.
-
-    Args:
-        who: name of the object, for messages.
-        kind: which interface it implements.
     """
 
     def __init__(self, who: str, kind: Kind) -> None:

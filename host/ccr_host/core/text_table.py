@@ -32,12 +32,8 @@ _LONGEST_SHOWN = 20
 class TextTable(Generic[Columns]):
     """The rows of a file, and the meaning of its columns.
 
-    Args:
-        what: kind of file, for messages.
-        file: the file.
-        header: a header as it should be, for messages.
-        at_most_bytes: size of the largest file that is read.
-        columns: tells the columns from the cells of a header, or why they are not clear.
+    ``columns`` tells them from the cells of a header, or says why they are not clear; ``what``, the
+    kind of file, and ``header``, as it should be, are for messages.
 
     Raises:
         ConfigError: states the file, the line, what is wrong with it and the cure.
@@ -115,7 +111,6 @@ class TextTable(Generic[Columns]):
         return value
 
     def refuse(self, line: int, cause: str, cure: str) -> NoReturn:
-        """Raise the error about a line."""
         raise ConfigError(f"{self.name}, line {line}: {cause}", cure)
 
 

@@ -49,11 +49,8 @@ def is_folder(path: Path) -> bool:
 def read_bytes(path: Path, what: str, cure: str, at_most: int) -> bytes:
     """Read a whole file.
 
-    Args:
-        path: as the user gave it.
-        what: kind of file for the message, e.g. "path file".
-        cure: what to give instead, for the message.
-        at_most: size limit in bytes; a longer file is rejected before it is read.
+    ``what``, such as "path file", and ``cure`` are for the message; a file of more than ``at_most``
+    bytes is rejected before it is read.
 
     Raises:
         ConfigError: the file does not exist, cannot be read, is too long, or is not a regular

@@ -26,11 +26,8 @@ Sections = Mapping[str, Mapping[str, Any]]
 def file_to_keep_in(robot: str | None, out: Path | None) -> Path | None:
     """File for a measurement: `out`, else the user's own description; None if there is neither.
 
-    Call it before the robot moves.
-
-    Args:
-        robot: as given with ``--robot``.
-        out: as given with ``--out``; need not exist yet.
+    Call it before the robot moves. ``robot`` and ``out``, which need not exist yet, are as given
+    with the options of these names.
 
     Raises:
         ConfigError: the file is not writable.
@@ -56,9 +53,7 @@ def _can_be_replaced(file: Path) -> bool:
 def begin_description(file: Path, robot: str | None) -> bool:
     """Create a robot description if the file does not exist; return whether it was created.
 
-    Args:
-        file: as returned by `file_to_keep_in`.
-        robot: as given with ``--robot``; if it is the file itself, the file gets only a name.
+    If ``robot``, as given with ``--robot``, is the file itself, it gets only a name.
 
     Raises:
         ConfigError: it cannot be created.
@@ -75,10 +70,8 @@ def begin_description(file: Path, robot: str | None) -> bool:
 def keep_in(file: Path, sections: Sections, robot: str | None) -> None:
     """Rewrite a robot description atomically.
 
-    Args:
-        file: as returned by `file_to_keep_in`; created from `robot` if it does not exist.
-        sections: the values to set.
-        robot: as given with ``--robot``.
+    ``file`` is as returned by `file_to_keep_in`; if it does not exist, it is created from
+    ``robot``.
 
     Raises:
         ConfigError: the file cannot be read, would become invalid, or cannot be replaced; it is

@@ -149,7 +149,6 @@ class Robot(Section):
 
     @property
     def motors(self) -> int:
-        """Number of motors."""
         return max(tendon.motor for _, tendon in self.tendons)
 
     @property

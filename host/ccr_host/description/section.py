@@ -98,11 +98,7 @@ def fitted(
 ) -> dict[str, Any]:
     """Values of a section, with as many per part as a robot has where one stands for all.
 
-    Args:
-        section: the model of the section.
-        name: its name, for messages.
-        given: its keys as given.
-        counts: number of each of the robot's parts.
+    ``counts`` are the numbers of the robot's parts; ``name`` is for messages.
 
     Raises:
         ValueError: a key has too many values, or too few.
@@ -178,10 +174,7 @@ def followed_key(field: FieldInfo) -> str | None:
 def explain(error: ValidationError, whole: Model, where: str) -> tuple[str, str]:
     """Cause and cure of the first error; an unknown key comes before a missing one.
 
-    Args:
-        error: raised by validating `whole`.
-        whole: model of all sections.
-        where: file that the values come from, as in " in robot.toml"; may be empty.
+    ``where`` is the file that the values come from, as in " in robot.toml"; it may be empty.
     """
     first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
     location = first["loc"]

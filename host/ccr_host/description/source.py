@@ -37,8 +37,7 @@ def own_file(source: str | None) -> Path | None:
 def text_of(source: str | None) -> str:
     """TOML text of a description, with its original line endings.
 
-    Args:
-        source: a TOML file, or the name of a shipped description; None for the default.
+    ``source`` is a TOML file or the name of a shipped description; None for the default.
 
     Raises:
         ConfigError: the file does not exist or is not text.

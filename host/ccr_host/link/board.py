@@ -230,7 +230,6 @@ class Board:
         self._heard_us = self._clock.now_us()
 
     def sync_clock(self, exchanges: int = 4) -> None:
-        """Synchronise `board_clock` with the board."""
         self._synced_us = self._clock.now_us()
         for _ in range(exchanges):
             sent_us, retries = self._clock.now_us(), self._counts.retries
@@ -266,7 +265,6 @@ class Board:
             )
 
     def read_equipment(self) -> m.Equipment:
-        """Read the board's name and what is wired to it."""
         return self._ask(m.GetEquipment(), m.EquipmentReply).equipment
 
     def require_name(self, wanted: str) -> None:

@@ -54,7 +54,6 @@ class BoardConfig:
 
     @property
     def axes(self) -> int:
-        """Number of axes."""
         return len(self.slew.slew_cdeg_tick)
 
     def for_board(self, axes: int) -> BoardConfig:

@@ -57,16 +57,10 @@ class Client(Board):
     However the `with` block is left, the robot is made safe first: disarmed if the board
     cooperates, otherwise stopped. A second Ctrl-C stops it at once.
 
-    It waits only through the clock. Attached to the clock, it also receives telemetry while
-    another part of the program waits.
-
-    Args:
-        transport: connection to the board; closed on leaving.
-        clock: the only source of time.
-        session: number that no other host of the board uses, see `drawn_session`.
-        motors: of the robot, on the first axes of the board; None until it is configured.
-        on_frame: called with every frame in both directions.
-        on_telemetry: called with every streamed report.
+    It waits only through the clock. Attached to the clock, it also receives telemetry while another
+    part of the program waits. ``session``, ``motors`` (None until it is configured) and
+    ``on_frame`` are as for `Board`; ``on_telemetry`` is called with every streamed report. The
+    transport is closed on leaving.
     """
 
     def __init__(

@@ -115,11 +115,8 @@ def firmware_version(identity: HelloReply) -> str:
 class BoardSilentError(DeviceError):
     """The board answered none of the host's attempts.
 
-    Args:
-        port: its URI.
-        request: that was not answered.
-        heard_before: whether the board has ever said anything on this connection.
-        foreign: bytes that arrived instead, which no board sends.
+    ``heard_before`` is whether the board has ever said anything on this connection, ``foreign``
+    what arrived instead of an answer and no board sends.
     """
 
     def __init__(
@@ -232,10 +229,8 @@ class BoardFaultError(DeviceError):
 class LinkLossError(DeviceError):
     """The board received no target in time and leads the robot to rest, or has done so.
 
-    Args:
-        unfed_us: time since the host sent its last target.
-        host_stalled: whether that is the cause; otherwise targets were sent and did not arrive.
-        latched: whether the robot is at rest and a fault must be cleared.
+    ``unfed_us`` is the time since the host's last target. Unless the host stalled, targets were
+    sent and did not arrive. If ``latched``, the robot is at rest and a fault must be cleared.
     """
 
     def __init__(self, unfed_us: int, *, host_stalled: bool, latched: bool) -> None:

@@ -115,7 +115,6 @@ class LinkCounts:
         self.retries = 0
 
     def figures(self, unanswered_targets: int) -> LinkStatistics:
-        """Summarise the counts so far."""
         median, p99 = _median_and_p99(self.round_trips_us)
         return LinkStatistics(
             sent=self.sent,

@@ -42,8 +42,7 @@ def encode_frame(message_id: int, sequence: int, payload: bytes) -> bytes:
 class FrameDecoder:
     """Finds the frames in a byte stream; buffers at most one unfinished frame.
 
-    Args:
-        max_payload: longest payload that is accepted; by default that of any board.
+    ``max_payload`` is by default that of any board.
     """
 
     def __init__(self, max_payload: int = MAX_PAYLOAD.of(MAX_AXES)) -> None:

@@ -161,7 +161,6 @@ class Payload:
 
     @classmethod
     def size(cls, axes: int) -> int:
-        """Bytes on a board with so many axes."""
         return cls.SIZE + axes * cls.AXIS_SIZE
 
     def pack(self) -> bytes:
@@ -191,9 +190,7 @@ class Payload:
     def unpack(cls, payload: bytes, axes: int | None = None) -> Self:
         """Read little-endian bytes; ranges are not checked.
 
-        Args:
-            payload: the bytes.
-            axes: axes of the board; by default those that the length tells.
+        ``axes`` of the board are by default those that the length tells.
 
         Raises:
             PayloadError: wrong length, or a value that its enumeration does not have.

@@ -41,7 +41,6 @@ class TargetLog:
 
     @property
     def awaits_answer(self) -> bool:
-        """Whether a target is unanswered."""
         return bool(self._open_since_us)
 
     def answered(self, sequence: int, reply: m.TargetReply) -> int | None:

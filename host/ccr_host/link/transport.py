@@ -82,9 +82,7 @@ _BOARD = Peer("board", DeviceError, if_refused="start the server: ccr-host emula
 def open_transport(uri: DeviceUri, baud: int = BAUD) -> Transport:
     """Open a port outside this process: serial, pseudo-terminal or TCP.
 
-    Args:
-        uri: `serial:` or `tcp:`.
-        baud: ignored on TCP.
+    The bit rate is ignored on TCP.
 
     Raises:
         ConfigError: the URI names an emulator, which has to be made first.

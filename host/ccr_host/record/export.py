@@ -25,14 +25,9 @@ from ccr_host.record.log.tables import Row, Table, arrays, rows, tables_of
 
 
 def finish_log(recording: RunRecording, folder: Path) -> int:
-    """Write all messages that are whole into finished files.
+    """Write all messages that are whole into finished files, and return their number.
 
-    Args:
-        recording: left as it is.
-        folder: another one than the recording's.
-
-    Returns:
-        The number of messages.
+    The recording is left as it is; ``folder`` is not its own.
 
     Raises:
         ConfigError: the folder holds a log or cannot be written, or the log cannot be read.
@@ -78,11 +73,6 @@ class _TableFile(Protocol):
 
 def export(recording: RunRecording, form: Format, folder: Path) -> Sequence[tuple[Path, int]]:
     """Write one file a table, all of them or none.
-
-    Args:
-        recording: of a run.
-        form: of the files.
-        folder: exists.
 
     Returns:
         Each file with its number of rows.
@@ -183,10 +173,6 @@ MAT_FILE = "run.mat"
 
 def write_mat(recording: RunRecording, folder: Path) -> dict[str, int]:
     """Write ``run.mat``: one struct a table, one column vector a field, texts as cells.
-
-    Args:
-        recording: of a run.
-        folder: exists.
 
     Returns:
         The number of rows by table.

@@ -65,8 +65,7 @@ def write_run_figure(file: Path, runs: Sequence[PlottedRun]) -> None:
 def run_figure(runs: Sequence[PlottedRun]) -> Figure:
     """Desired, measured and true path in its planes and the error over time.
 
-    Args:
-        runs: on the same path, the one that matters first.
+    The runs are on the same path, the one that matters first.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - costs 0.7 s, spent while twins run
 
@@ -85,11 +84,8 @@ def run_figure(runs: Sequence[PlottedRun]) -> Figure:
 def write_comparison_figure(file: Path, groups: Sequence[Sequence[PlottedRun]]) -> None:
     """Draw several controllers on several paths: a column for each path.
 
-    Paths in space have a second plane, with the coordinate along the robot.
-
-    Args:
-        file: PNG to write; PDF and SVG come beside it.
-        groups: the runs on each path.
+    Paths in space have a second plane, with the coordinate along the robot. ``file`` is the PNG;
+    PDF and SVG come beside it.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - as above
 
@@ -112,10 +108,7 @@ def write_comparison_figure(file: Path, groups: Sequence[Sequence[PlottedRun]]) 
 def write_workspace_figure(file: Path, reference: Reference, workspace: Workspace) -> None:
     """Draw a path over the region that the robot reaches.
 
-    Args:
-        file: PNG to write; PDF and SVG come beside it.
-        reference: the path.
-        workspace: of the robot.
+    ``file`` is the PNG; PDF and SVG come beside it.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - as above
 

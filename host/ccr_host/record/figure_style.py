@@ -66,12 +66,7 @@ def plain(name: str) -> str:
 
 
 def save_figure(figure: Figure, file: Path) -> None:
-    """Write a figure as PNG, and as PDF and SVG beside it.
-
-    Args:
-        figure: to be written.
-        file: the PNG.
-    """
+    """Write a figure as PNG, and as PDF and SVG beside it."""
     for suffix, metadata in _METADATA.items():
         with replacing(file.with_suffix(suffix)) as draft:
             _write(figure, draft, suffix.removeprefix("."), metadata)

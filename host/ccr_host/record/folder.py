@@ -40,11 +40,8 @@ class ResultFolder:
 
     The folder is made at once, so that one that cannot be had is known before anything moves, and
     locked, as two runs would leave the log of one beside the figure of the other. To be used as a
-    context manager: a folder that was made and has stayed empty is removed at the end.
-
-    Args:
-        wanted: the folder asked for; None for ``runs/<date>-<title>``, under an unused name.
-        title: what it is about.
+    context manager: a folder that was made and has stayed empty is removed at the end. Without a
+    ``wanted`` folder it is ``runs/<date>-<title>``, under an unused name.
 
     Raises:
         ConfigError: it cannot be made or written to, or another run writes to it.
@@ -91,10 +88,8 @@ class ResultFolder:
     def keep(self, write: Callable[[Path], None], *names: str) -> None:
         """Write files in place of those of the same names.
 
-        Args:
-            write: gets the path of the first, and replaces each at once or not at all; whatever it
-                raises is noted.
-            names: of all files that it writes.
+        ``write`` gets the path of the first and replaces each of ``names`` at once or not at all;
+        whatever it raises is noted.
         """
         before = {name: _identity(self.path / name) for name in names}
         cause = ""
@@ -110,7 +105,6 @@ class ResultFolder:
                 self._missing.setdefault(cause, []).append(name)
 
     def keep_json(self, name: str, content: dict[str, Any]) -> None:
-        """Write an object."""
         self.keep(lambda file: write_json(file, content), name)
 
     def _remove_if_empty(self) -> None:

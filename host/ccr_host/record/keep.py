@@ -67,12 +67,8 @@ def keep_result(
     """Write run.json, timing.json and the figure as PNG, PDF and SVG; of a start that failed none.
 
     ``run.json`` repeats with the seed in virtual time; what measures the machine is apart. An
-    interruption ends the wait for the open loop, and nothing else.
-
-    Args:
-        folder: of the run, with its log.
-        result: of the run.
-        open_loop_result: waits for the same run under the open loop; None without a comparison.
+    interruption ends the wait for the open loop, and nothing else. ``open_loop_result`` waits for
+    the same run under the open loop; None without a comparison.
     """
     failure, open_loop, no_open_loop = result.failure, None, ""
     summary: dict[str, Any] = {}

@@ -50,8 +50,7 @@ class RecordedError(CcrError):
 class TapePlayer:
     """Gives out tokens one by one.
 
-    Args:
-        pieces: in order; read as they are needed.
+    The pieces, in order, are read as they are needed.
     """
 
     def __init__(self, pieces: Iterable[TapePiece]) -> None:
@@ -127,10 +126,7 @@ def _raised(error: TapeError) -> BaseException:
 class PlayedClock:
     """Gives the recorded times, the client its turns and the tracker its samples; never waits.
 
-    Args:
-        tape: tells when.
-        tracker: that gets the samples.
-        realtime: whether the recorded run was in real time.
+    ``realtime`` is that of the recorded run.
     """
 
     def __init__(self, tape: TapePlayer, tracker: PlayedTracker, *, realtime: bool) -> None:
@@ -177,12 +173,7 @@ class PlayedClock:
 
 
 class PlayedTransport:
-    """Delivers the recorded frames.
-
-    Args:
-        tape: says when.
-        received: the frames, in order.
-    """
+    """Delivers the recorded frames."""
 
     name = "replay"
 
@@ -217,8 +208,7 @@ class PlayedTransport:
 class PlayedTracker(RunTracker):
     """Delivers the recorded samples.
 
-    Args:
-        samples: by the time of their exposure.
+    They are given by the times of their exposures.
     """
 
     name = "replay"

@@ -28,10 +28,7 @@ class ReplayTracker(StartsAndStops):
     """Delivers each recorded sample once its time has come; time 0 is the first exposure.
 
     The markers were labelled when they were recorded, so they come as tools with their names.
-
-    Args:
-        description: tells the markers, and the latency between an exposure and its delivery.
-        address: folder of a run, or one file of its log.
+    ``address`` is the folder of a run, or one file of its log.
 
     Raises:
         ConfigError: no such file, no samples in it, or samples of another number of markers.
@@ -48,7 +45,6 @@ class ReplayTracker(StartsAndStops):
 
     @property
     def health(self) -> TrackerHealth:
-        """Progress of the replay."""
         if not self._running:
             state = "stopped"
         else:
@@ -64,7 +60,6 @@ class ReplayTracker(StartsAndStops):
         self._running = True
 
     def advance_to(self, time_us: int) -> None:
-        """Deliver what is due."""
         if not self._running:
             return
         if self._start_us is None:
@@ -78,7 +73,6 @@ class ReplayTracker(StartsAndStops):
             self._frames.add_poses(exposed_us, dict(zip(self._markers, poses, strict=True)))
 
     def newest_frame(self) -> MarkerFrame | None:
-        """Newest frame, whatever its age; None before the first."""
         return self._frames.newest
 
     def stop(self) -> None:

@@ -63,9 +63,7 @@ class ReplayResult:
 def replay(recording: RunRecording, controller: str | None = None) -> ReplayResult:
     """Run controller, control loop and client again; stops at the first difference.
 
-    Args:
-        recording: of any run, finished or cut short.
-        controller: in place of the recorded one, as where its file was moved.
+    ``controller`` takes the place of the recorded one, whose file may have been moved.
 
     Raises:
         ConfigError: the log lacks messages, or cannot be read, or its controller is not there.

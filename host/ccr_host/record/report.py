@@ -67,7 +67,6 @@ class RecordedRun:
 
     @property
     def title(self) -> str:
-        """Title of the run."""
         options = self.setup.options
         drive = f"{options.controller}, {options.rate_hz:g} Hz"
         return f"{self.setup.reference.name}, {drive}{options.on_surface}"
@@ -189,14 +188,7 @@ def _plotted(run: RecordedRun, label: str = "") -> PlottedRun:
 
 
 def write_report(folders: Sequence[Path], file: Path) -> list[RecordedRun]:
-    """Write the page.
-
-    Args:
-        folders: of the runs, in the order in which they shall appear.
-        file: HTML to write.
-
-    Returns:
-        The runs.
+    """Write the page, and return its runs.
 
     Raises:
         ConfigError: a folder holds no run, or the file cannot be written.

@@ -73,10 +73,6 @@ _UPRIGHT = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 def write_bag(recording: RunRecording, folder: Path) -> dict[str, int]:
     """Write a bag: one file with all messages, and the metadata that make it one.
 
-    Args:
-        recording: of a run.
-        folder: exists.
-
     Returns:
         The number of messages by topic.
 

@@ -118,8 +118,7 @@ class _Waves:
 class _Polynomial:
     """A function of a spatial segment: a sum of coefficients times b_x^i b_y^j c_k.
 
-    Args:
-        terms: coefficients by (i, j, k); k = -1 for 1 in place of c_k.
+    The terms are coefficients by (i, j, k), with k = -1 for 1 in place of c_k.
     """
 
     def __init__(self, terms: dict[tuple[int, int, int], float]) -> None:

@@ -204,8 +204,7 @@ def _functions(chain: Chain, y_rad: FloatArray, waves: FloatArray, number: int) 
 class ConstantCurvature:
     """Forward kinematics of any robot.
 
-    Args:
-        geometry: the controller's model of the robot (Table I, or its segments).
+    ``geometry`` is the controller's model of the robot (Table I, or its segments).
     """
 
     def __init__(self, geometry: Robot) -> None:

@@ -133,10 +133,7 @@ def path_names() -> list[str]:
 def load_path(name_or_file: str, rate_hz: float, surface: Surface) -> Reference:
     """Sample a path and project it onto what a robot reaches.
 
-    Args:
-        name_or_file: one of ``path_names()`` or a file, see `read_path_file`.
-        rate_hz: control rate.
-        surface: what the robot reaches.
+    ``name_or_file`` is one of ``path_names()`` or a file, see `read_path_file`.
 
     Raises:
         ConfigError: unknown name, unusable file, or a rate that gives no sensible path.
@@ -149,10 +146,7 @@ def load_path(name_or_file: str, rate_hz: float, surface: Surface) -> Reference:
 def sample_path(name_or_file: str, rate_hz: float, length_mm: float) -> SampledPath:
     """Sample a built-in path, or a file, at the control rate.
 
-    Args:
-        name_or_file: see `load_path`.
-        rate_hz: control rate.
-        length_mm: length of the robot, to which paths in space are scaled.
+    ``length_mm`` is the length of the robot, to which paths in space are scaled.
 
     Raises:
         ConfigError: see `load_path`.

@@ -95,7 +95,6 @@ class Reference:
 
     @property
     def unreachable_steps(self) -> int:
-        """Number of samples that cannot be reached."""
         return int(np.count_nonzero(~self.reachable))
 
     @property

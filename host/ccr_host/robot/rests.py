@@ -50,7 +50,6 @@ class Rests:
         return replace(self, markers_mm=self.markers_mm[:, [0, 1, -1]])
 
     def chosen(self, rows: NDArray[np.bool_] | list[int]) -> Rests:
-        """Some of the rests."""
         parts = (getattr(self, key)[rows] for key in ("q_rad", "markers_mm", "count"))
         return Rests(self.start_rad, *parts)
 
@@ -87,7 +86,6 @@ class Rests:
         return found
 
     def last(self, number: int) -> Rests:
-        """The last ones, as many as given."""
         first = max(len(self.q_rad) - number, 0)
         return Rests(
             self.q_rad[first - 1] if first else self.start_rad,

@@ -37,8 +37,7 @@ class _Ramp(NamedTuple):
 class SetpointHistory:
     """The last commands as linear ramps; times in s.
 
-    Args:
-        q_rad: setpoint before the first command, (n,), without a path step.
+    ``q_rad``, (n,), is the setpoint before the first command, without a path step.
     """
 
     def __init__(self, q_rad: FloatArray) -> None:

@@ -185,9 +185,7 @@ class _Client:
 class IgtlServer:
     """Serves a picture of the run to all clients, in a thread of its own.
 
-    Args:
-        listening: socket that listens.
-        pyigtl: the package, which packs the messages.
+    ``pyigtl`` is the package, which packs the messages.
     """
 
     def __init__(self, listening: socket.socket, pyigtl: Any) -> None:  # noqa: ANN401

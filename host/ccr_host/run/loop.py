@@ -208,10 +208,7 @@ class _PathRun:
     ) -> tuple[object, float]:
         """The controller's answer; the host resends the last command for as long as it takes.
 
-        Args:
-            method: method of the controller.
-            argument: its argument.
-            held: the command to resend; None before the robot is armed.
+        ``held`` is the command to resend; None before the robot is armed.
 
         Returns:
             The answer and the computing time in us.

@@ -109,10 +109,8 @@ def _best_rests(rests: Rests) -> list[int]:
 class MotorResponses:
     """Compares what motors did with what the description says.
 
-    Args:
-        description: of the robot.
-        rests: the first is where the robot was; in each other one, one motor is elsewhere. Of
-            several of a motor the one that moved the robot most counts.
+    The first of ``rests`` is where the robot was; in each other one, one motor is elsewhere. Of
+    several of a motor the one that moved the robot most counts.
     """
 
     def __init__(self, description: Description, rests: Rests) -> None:

@@ -95,11 +95,7 @@ def open_rig(
 ) -> Iterator[Rig]:
     """Connect and configure the board; make the robot safe on leaving, whatever happens.
 
-    Args:
-        options: device, tracker, seed and realtime count.
-        description: of the robot.
-        observer: called with all events.
-        in_camera_frame: samples stay in the camera's frame even if it is registered.
+    With ``in_camera_frame`` samples stay in the camera's frame even if it is registered.
 
     Raises:
         ConfigError: unknown URI, or a description that board or tracker cannot use.

@@ -104,8 +104,7 @@ TapeReader = Callable[[TapePiece], None]
 class Tape:
     """Collects tokens and passes them on in pieces.
 
-    Args:
-        take: called with each piece when it is full or ``_PIECE_US`` long.
+    ``take`` is called with each piece when it is full or ``_PIECE_US`` long.
     """
 
     def __init__(self, take: TapeReader) -> None:

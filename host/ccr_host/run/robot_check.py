@@ -149,11 +149,8 @@ class ProbeLaw(Law):
 class RobotCheck:
     """Judges the rests before the path, and the robot's response along it.
 
-    Args:
-        description: of the robot.
-        controller: the paper's robot needs no probe if it begins with a tour of rests.
-        reference: the path.
-        rate_note: what else may lead the robot off its model, see ``registry.rate_note``; or "".
+    The paper's robot needs no probe if the controller begins with a tour of rests. ``rate_note`` is
+    what else may lead the robot off its model, see ``registry.rate_note``; or "".
     """
 
     def __init__(

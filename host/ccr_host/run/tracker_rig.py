@@ -49,11 +49,7 @@ from ccr_host.tracking.uri import TrackerKind, TrackerUri
 class TrackerRig:
     """A camera, and the simulated robot if the camera is simulated here.
 
-    Args:
-        uri: of the tracker.
-        description: of the robot.
-        seed: of the simulated camera's noise.
-        plant: name of the simulated robot, see `make_plant`.
+    ``seed`` is that of the simulated camera's noise, ``plant`` a name for `make_plant`.
 
     Raises:
         ConfigError: the description lacks what the tracker needs, a package is missing, or the
@@ -242,10 +238,8 @@ def open_tracker(
 ) -> RawTracker:
     """Make a tracker; it is not started yet.
 
-    Args:
-        uri: anything but `twin:` and `ndi-emulator:`, which need a scene.
-        description: of the robot and its tracker.
-        tools: rigid bodies for a Polaris; empty for single spheres.
+    Those of `twin:` and `ndi-emulator:` need a scene and are made elsewhere. ``tools`` are rigid
+    bodies for a Polaris; empty for single spheres.
 
     Raises:
         ConfigError: a package or a setting is missing.

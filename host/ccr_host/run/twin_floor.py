@@ -46,12 +46,7 @@ def twin_floor_mm(
 
     Of one lap, and of evenly spaced targets where there are many. It applies to the undisturbed
     robot: a payload added during the run, a push, friction, deadband and the rates of the servos
-    are not considered.
-
-    Args:
-        options: of the run.
-        reference: its path.
-        cache: folder for what was found; None does not keep it.
+    are not considered. ``cache`` is a folder for what was found; None does not keep it.
 
     Returns:
         mm; None if the plant is not the twin, or if the twin has no rest pose somewhere.
@@ -73,13 +68,8 @@ def rests_along(
     """The twin's rest poses nearest to a lap's targets.
 
     Each is sought from the one before and from the model's: a minimum, not always the least one
-    (docs/sweep.md).
-
-    Args:
-        description: of the robot.
-        reference: the path.
-        every: number of steps between targets.
-        cache: folder for what was found; None does not keep it.
+    (docs/sweep.md). ``every`` is the number of steps between targets; ``cache`` is as in
+    `twin_floor_mm`.
 
     Returns:
         Angles of the shafts in rad, (M, n), and distances in mm, (M,).

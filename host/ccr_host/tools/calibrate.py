@@ -109,9 +109,7 @@ def doubts_about(before: Servo, found: Servo) -> list[str]:
 def servo_from_marks(servo: Servo, pulses_us: Sequence[float]) -> Servo:
     """The servos with calibration and angle limits from the marks, all else unchanged.
 
-    Args:
-        servo: present description.
-        pulses_us: answers to all questions, in the same order.
+    ``pulses_us`` are the answers to all questions, in the same order.
 
     Raises:
         ConfigError: the marks are not plausible.

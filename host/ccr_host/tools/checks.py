@@ -47,7 +47,6 @@ class Finding:
     """Exit status for a failure, the same as that of a run that ends with this error."""
 
     def as_summary(self) -> dict[str, str]:
-        """The finding as a JSON object."""
         return {
             "subject": self.subject,
             "severity": self.severity.name.lower(),

@@ -75,9 +75,7 @@ _LEAST_FREE_BYTES = 1_000_000_000
 def check_host(clock: Clock, folder: Path) -> Iterator[Finding]:
     """Check versions, extras, disk space, and the wake-up latency of this process.
 
-    Args:
-        clock: real-time clock.
-        folder: folder in which runs are stored.
+    ``folder`` is where runs are stored.
     """
     yield good("versions", ", ".join(f"{name} {value}" for name, value in versions().items()))
     yield _extras()
@@ -121,12 +119,8 @@ _BLINK_S = 20
 def examine(options: RigOptions, folder: Path, *, blink: bool = False) -> Iterator[Finding]:
     """Check computer, description, board and tracker, yielding one finding after the other.
 
-    A device that cannot be reached is a finding and does not stop the other checks.
-
-    Args:
-        options: description, device and tracker are used.
-        folder: folder in which runs would be stored.
-        blink: blink the board's LED, to tell it from other boards.
+    A device that cannot be reached is a finding and does not stop the other checks. ``folder`` is
+    where runs would be stored.
     """
     yield from check_host(RealClock(), folder)
     yield _ports()

@@ -30,7 +30,6 @@ class EquipmentChange:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no change is requested."""
         return self == EquipmentChange()
 
     def applied_to(self, equipment: Equipment) -> Equipment:
@@ -62,10 +61,8 @@ def change_equipment(
 ) -> Equipment:
     """Change the equipment and save it in the board.
 
-    Args:
-        client: client connected to a board that is not armed.
-        description: configures a board without a configuration, as a board saves all or nothing.
-        change: requested changes.
+    The board is not armed. One without a configuration gets that of ``description``, as a board
+    saves all or nothing.
 
     Raises:
         ConfigError: the board cannot store the result.

@@ -68,10 +68,8 @@ def choose_port(
 ) -> str:
     """The given port, or the only one that can be the board.
 
-    Args:
-        given: path of a port, not necessarily USB; None to search for one.
-        ports: ports to choose from; None for those of this machine.
-        board: the kind of board.
+    A ``given`` port need not be USB; without one, ``ports`` are searched, by default those of this
+    machine.
 
     Raises:
         ConfigError: several ports match.
@@ -118,11 +116,7 @@ def find_project() -> Path | None:
 def upload_project(port: str, project: Path, board: BoardName = "uno", *, pio: str = "pio") -> None:
     """Build the firmware if necessary and upload it: `pio run -t upload`.
 
-    Args:
-        port: port of the board.
-        project: folder of platformio.ini.
-        board: the kind of board.
-        pio: PlatformIO's program.
+    ``project`` is the folder of platformio.ini, ``pio`` PlatformIO's program.
 
     Raises:
         ConfigError: PlatformIO is not installed.
@@ -199,11 +193,9 @@ class FlashReport:
 
     @property
     def firmware_version(self) -> str:
-        """Firmware version reported by the board, e.g. ``1.2.0``."""
         return ".".join(map(str, self.identity.firmware_version))
 
     def summary(self) -> dict[str, object]:
-        """The report as a JSON object, for `--json`."""
         return {
             "port": self.port,
             "firmware_version": self.firmware_version,
@@ -223,13 +215,9 @@ def flash_board(
 ) -> FlashReport:
     """Find the board, upload the firmware, and query its identity.
 
-    Args:
-        port: port of the board; None to search for it.
-        firmware: HEX or ELF file for avrdude; None to build the project with PlatformIO, or, if
-            there is no project, to use the file that came with this installation.
-        board: the kind of board.
-        project: folder of platformio.ini; None for the current folder or the host's checkout.
-        pio: PlatformIO's program.
+    ``firmware`` is a HEX or ELF file for avrdude; None builds the project with PlatformIO or, if
+    there is no project, takes the file that came with this installation. ``project`` is the folder
+    of platformio.ini, by default the current one or the host's checkout.
 
     Raises:
         ConfigError: a program is missing on this machine, or there are several boards.

@@ -108,12 +108,7 @@ def identify(
 ) -> Identification:
     """Fit to the first part of the time, judge by the rest, then fit to everything.
 
-    Args:
-        description: the robot.
-        measured: the measurements.
-        date: the day noted in the description.
-        train_share: share of the time for the fit.
-        one_plane: only rows in which the description bends all segments within one plane.
+    ``one_plane`` takes only rows in which the description bends all segments within one plane.
 
     Raises:
         ConfigError: another number of motors, or too few rows on either side.

@@ -41,8 +41,7 @@ _APPLICATION_MODE = "O"
 class Keyboard:
     """Reads keys as they are pressed; a context manager.
 
-    Args:
-        stream: the terminal; None for standard input.
+    ``stream`` is the terminal; None for standard input.
 
     Raises:
         ConfigError: not a terminal, or one that does not report single keys.
@@ -179,7 +178,6 @@ class JogTarget:
 
     @property
     def help(self) -> list[tuple[str, str]]:
-        """Keys and what they do."""
         arrows = [(keys, f"motor {n + 1}") for keys, n in zip(_ARROWS, self.moved, strict=False)]
         pairs = self._pairs
         others = [(f"1 .. {pairs}", "the two motors that the arrows move")] if pairs > 1 else []
@@ -251,15 +249,9 @@ def jog(
     """Arm, follow the keys until the user quits, disarm.
 
     After a stop or a fault, including one from before, the board keeps its state until the key for
-    clearing is pressed.
-
-    Args:
-        rig: board and tracker.
-        description: limits and rest pose.
-        pressed: returns the keys pressed since the last call.
-        show: draws the state; called once per period.
-        entered: called when Enter is pressed and the robot can move.
-        back: called when the key for going back is pressed.
+    clearing is pressed. ``pressed`` returns the keys pressed since the last call; ``show`` is
+    called once per period, ``entered`` when Enter is pressed and the robot can move, ``back`` with
+    the key for going back.
 
     Returns:
         Whether `entered` ended the jog.

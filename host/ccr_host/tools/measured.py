@@ -56,7 +56,6 @@ class Measured:
     """Name of the excitation, (N,); empty if it was not given."""
 
     def kept(self, rows: NDArray[np.bool_]) -> Measured:
-        """Some of the rows."""
         return Measured(
             self.time_s[rows],
             self.command[rows],

@@ -67,7 +67,6 @@ class MonitorView:
         return max(0, self.health.frames - self.samples)
 
     def summary(self) -> dict[str, Any]:
-        """The snapshot as a JSON object."""
         markers = None if self.sample is None else _listed(self.sample.markers_mm)
         return {
             "tracker": self.tracker,
@@ -90,12 +89,8 @@ class MonitorView:
 class Monitor:
     """Counts samples as they arrive; attach it to the clock.
 
-    Args:
-        clock: real-time clock.
-        tracker: tracker attached to the clock.
-        board: URI of the board and a connected client, if there is one.
-        check: checks the markers against those of a robot near its rest pose.
-        registered: whether the tracker's samples are in the robot frame.
+    ``board`` is its URI and a connected client, if there is one; ``check`` is for a robot near its
+    rest pose.
     """
 
     def __init__(
@@ -119,7 +114,6 @@ class Monitor:
         self._arrivals: deque[tuple[int, int]] = deque()
 
     def advance_to(self, time_us: int) -> None:
-        """Poll the tracker for a new sample."""
         sample = self._tracker.newest()
         while self._arrivals and self._arrivals[0][0] <= time_us - _RATE_WINDOW_US:
             self._arrivals.popleft()

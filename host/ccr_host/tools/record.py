@@ -122,11 +122,8 @@ class Stops:
 def stops_of(description: Description, names: Sequence[str], rests: int, seed: int) -> Stops:
     """The poses of some patterns, those of all if none is named.
 
-    Args:
-        description: of the robot, whose motor limits hold.
-        names: patterns; their order does not matter.
-        rests: number of rests of `random`, and of `multisine`.
-        seed: of the random poses.
+    ``rests`` is the number of those of `random`, and of `multisine`; the order of ``names`` does
+    not matter.
 
     Raises:
         ConfigError: unknown pattern.
@@ -160,11 +157,6 @@ def _range_rad(description: Description) -> tuple[Array, Array]:
 
 class RestTable:
     """A table of rests that is on disk up to the last row; see `new_table`.
-
-    Args:
-        file: name of the table.
-        stream: the file, open for writing.
-        robot: tells the number of motors and of markers.
 
     Raises:
         CcrError: the file cannot be written.
@@ -211,7 +203,6 @@ class RestTable:
         return self._file
 
     def close(self) -> None:
-        """Close the file."""
         with suppress(OSError):
             self._stream.close()
 

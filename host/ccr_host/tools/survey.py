@@ -88,10 +88,7 @@ def identification_stops_rad(description: Description) -> NDArray[np.float64]:
 def survey(rig: Rig, description: Description, on_pose: OnPose) -> Survey:
     """Arm, visit poses from both sides and those of the controller's tour, disarm, fit.
 
-    Args:
-        rig: rig with samples in any frame.
-        description: description of the robot; directions and zeros of its servos may be wrong.
-        on_pose: called for each pose.
+    The rig's samples are in any frame; directions and zeros of the servos may be wrong.
 
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
@@ -197,11 +194,7 @@ def sections_of(
 ) -> dict[str, dict[str, Any]]:
     """The camera and the rests, as the controller will see them.
 
-    Args:
-        found: survey under ``description``.
-        description: description of the robot during the tour.
-        servo: servos that it will have.
-        date: the day.
+    ``description`` is that of the robot during the tour, ``servo`` are those that it will have.
     """
     registration = registration_section(found, description, date)
     after = description.model_copy(
@@ -235,10 +228,6 @@ def recalibrated(rests: Rests, before: Servo, after: Servo) -> Rests:
 def file_for_calibration(robot: str | None, out: Path | None) -> Path:
     """File for a calibration; call it before the measurement.
 
-    Args:
-        robot: as given with ``--robot``.
-        out: as given with ``--out``.
-
     Raises:
         ConfigError: the user gave no file, or it is not writable.
     """
@@ -266,13 +255,8 @@ def keep_calibration(
 ) -> None:
     """Configure the board, save in its EEPROM, then rewrite the description.
 
-    Args:
-        client: client of the board.
-        description: present description.
-        servo: calibrated servos.
-        file: as returned by `file_for_calibration`.
-        robot: as given with ``--robot``.
-        found: survey by which the servos were calibrated; its camera and rests are kept as well.
+    ``found`` is the survey by which the servos were calibrated; its camera and rests are kept as
+    well.
 
     Raises:
         ConfigError: the values are out of the board's range, or the file cannot be written.

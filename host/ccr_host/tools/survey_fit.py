@@ -116,10 +116,8 @@ class Survey:
 def fit_survey(rests: Rests, description: Description) -> Survey:
     """Fit the robot and judge the result.
 
-    Args:
-        rests: rests of the tour, in any frame.
-        description: geometry of the robot and noise of the camera. Its servos' directions and zeros
-            may be wrong; its registration is not used.
+    The rests are in any frame. Directions and zeros of the described servos may be wrong; the
+    registration is not used.
 
     Raises:
         SurveyError: the rests do not determine the robot reliably; the message says why.
@@ -202,11 +200,8 @@ def require_motion_so_far(
 ) -> None:
     """End a tour of which no fit could tell anything.
 
-    Args:
-        rests: those of the tour so far.
-        description: of the robot.
-        done: number of poses so far.
-        alone_rad: the first poses of the tour, of one motor after the other, (K, n).
+    ``alone_rad`` are the first poses of the tour, of one motor after the other, (K, n); ``done`` is
+    the number of poses so far.
 
     Raises:
         SurveyError: the markers were not seen yet, or a motor that was led through its own poses

@@ -206,10 +206,6 @@ class _SmallMoves(Generic[P]):
 
     Zeros move all poses of a motor alike, so that their differences are compared, and one mean.
     The prior has hardly a memory of its motion: each pose is predicted once.
-
-    Args:
-        predict: predicts rests.
-        rests: those of the tour.
     """
 
     def __init__(self, predict: Predict[P], rests: Rests) -> None:
@@ -257,10 +253,8 @@ class _SmallMoves(Generic[P]):
     def _nearest(self, to_frame: Array, expected_mm: Array, off_mm: float) -> Motors:
         """The hypothesis that is nearest in a frame, where exchanged motors cost as elsewhere.
 
-        Args:
-            to_frame: (3, 3), from that of the camera.
-            expected_mm: see ``_each_alone``.
-            off_mm: distance so far, which their cost is relative to.
+        ``to_frame`` is from that of the camera, (3, 3); ``expected_mm`` is of ``_each_alone``. The
+        cost is relative to ``off_mm``, the distance so far.
         """
         seen_mm = self.rests.turned(to_frame).vectors_mm[:-1]
         off = ((expected_mm - seen_mm) ** 2).sum(axis=(-1, -2)) @ self._is_of

@@ -201,7 +201,6 @@ class FrameCount:
         return exposed_us if self.newest is None else max(exposed_us, self.newest.exposed_us + 1)
 
     def add(self, frame: MarkerFrame) -> None:
-        """Add a new frame."""
         self.newest = frame
         self.count += 1
         self._exposures_us.append(frame.exposed_us)

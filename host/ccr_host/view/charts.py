@@ -22,9 +22,7 @@ from ccr_host.view.history import Moment, RunHistory
 def peak_rows(values: NDArray[np.float64], most: int) -> NDArray[np.intp]:
     """Indices of about ``most`` rows: the greatest of each stretch of equal length, and the newest.
 
-    Args:
-        values: (N,), without NaN.
-        most: with no more rows than this, all are taken.
+    ``values``, (N,), are without NaN; with no more than ``most``, all are taken.
     """
     count = len(values)
     if count <= most:

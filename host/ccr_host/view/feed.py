@@ -49,9 +49,7 @@ _STEP_EVERY_US = 5_000
 class ViewFeed(RunObserver):
     """Observer that collects what happens and hands it on in batches.
 
-    Args:
-        put: takes a batch and returns at once; False if there was no room for it.
-        realtime: whether the run's clock goes with the wall clock.
+    ``put`` takes a batch and returns at once; False if there was no room for it.
     """
 
     def __init__(self, put: Callable[[Batch], bool], *, realtime: bool) -> None:
@@ -129,7 +127,6 @@ class SharedButtons:
         self._stop.value = True
 
     def set_pause(self, paused: bool) -> None:
-        """Pause, or continue."""
         self._pause.value = paused
 
     @property
@@ -144,10 +141,8 @@ class SharedButtons:
 class PageOperator:
     """The person before the page, as the run's :class:`~ccr_host.run.rig.Operator`.
 
-    Args:
-        buttons: of the page.
-        page_is_alive: whether anybody can press them, now or when the page is back.
-        heard: from the page's process, in order; filled by any thread.
+    ``page_is_alive`` is whether anybody can press the buttons, now or when the page is back;
+    ``heard`` comes from the page's process, in order, and is filled by any thread.
     """
 
     def __init__(

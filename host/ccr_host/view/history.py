@@ -98,8 +98,7 @@ class LinkHealth(NamedTuple):
 class LinkHistory:
     """Takes in every frame, in order.
 
-    Args:
-        motors: of the robot, at the first axes of the board.
+    ``motors`` are at the first axes of the board.
     """
 
     def __init__(self, motors: int = 2) -> None:

@@ -71,9 +71,7 @@ def open_door(address: ViewAddress) -> Door:
 def parse_view_address(text: str, option: str = "--view") -> ViewAddress:
     """Read ``HOST:PORT``; IPv6 in brackets.
 
-    Args:
-        text: to be read.
-        option: that it was given with, for messages.
+    ``option`` is what it was given with, for messages.
 
     Raises:
         ConfigError: it is not one.
@@ -83,10 +81,6 @@ def parse_view_address(text: str, option: str = "--view") -> ViewAddress:
 
 class LivePage:
     """A page that waits for a run, in a process that is started again when it dies.
-
-    Args:
-        door: to serve at.
-        realtime: whether the run's clock goes with the wall clock.
 
     Raises:
         CcrError: the page does not start.
@@ -178,10 +172,6 @@ class LivePage:
 @contextmanager
 def live_page(address: ViewAddress, *, realtime: bool) -> Iterator[LivePage]:
     """Serve a page from a separate process, which ends with the context.
-
-    Args:
-        address: to listen on.
-        realtime: whether the run's clock goes with the wall clock.
 
     Raises:
         ConfigError: the address cannot be had, or the package that draws is missing.

@@ -66,10 +66,8 @@ _LOOKS_AT = (-0.05, -0.52, -0.27)
 class Page:
     """One run, live or recorded.
 
-    Args:
-        server: on which nothing is shown yet.
-        history: of the run; its setup is known.
-        buttons: of a live run; None for a recorded one.
+    Nothing is shown on the server yet, and the setup of ``history`` is known. ``buttons`` are those
+    of a live run; None for a recorded one.
     """
 
     def __init__(
@@ -130,10 +128,7 @@ class Page:
     def draw(self, now_us: int, elapsed_us: float, dropped_batches: int) -> None:
         """Bring the page up to date.
 
-        Args:
-            now_us: of the page's own clock.
-            elapsed_us: since the last call.
-            dropped_batches: by the feed.
+        ``now_us`` is of the page's own clock, ``elapsed_us`` since the last call.
         """
         at_us: float = self._history.end_us
         if self._playback is not None:

@@ -77,9 +77,8 @@ class ChainParameters:
 class ChainSpace(ParameterSpace[ChainParameters]):
     """The parameters of any robot as scores.
 
-    Args:
-        description: of the robot.
-        is_new: the camera's turn and the servos' zeros are not known, and two parameters more each.
+    Of a new robot (``is_new``) the camera's turn and the servos' zeros are not known, and two
+    parameters more each.
     """
 
     def __init__(self, description: Description, *, is_new: bool = False) -> None:

@@ -67,12 +67,7 @@ class ChainPose(NamedTuple):
 
 
 class ChainStatics(StaticModel[ChainParameters, ChainPose]):
-    """The static model of any robot.
-
-    Args:
-        description: of the robot.
-        space: its parameters.
-    """
+    """The static model of any robot."""
 
     def __init__(self, description: Description, space: ChainSpace) -> None:
         self._space = space

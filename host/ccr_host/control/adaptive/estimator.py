@@ -66,10 +66,7 @@ class Tuning:
 class Estimator(Generic[P, S]):
     """Estimates the parameters of the robot, the servo delay and the tip offset.
 
-    Args:
-        model: computes the derivatives.
-        space: prior of the parameters.
-        fit: result of the identification; None starts from the prior.
+    Without a ``fit`` it starts from the prior.
     """
 
     def __init__(
@@ -244,9 +241,7 @@ _LARGEST_MM = 2.0
 class LapMemory:
     """Tip offset by phase of the path.
 
-    Args:
-        steps: number of steps of a lap.
-        period_s: duration of a step.
+    A lap has ``steps`` steps of ``period_s``.
     """
 
     def __init__(self, steps: int, period_s: float) -> None:

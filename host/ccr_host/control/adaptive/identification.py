@@ -88,13 +88,8 @@ class StaticsFit(Generic[P]):
 
     Rests whose residuals are small are then fitted again, with smaller unexplained angles.
 
-    A step takes tenths of a second; between steps the host must send commands to the board.
-
-    Args:
-        scaling: prior of the parameters.
-        rests: the measurements.
-        predict: predicts them.
-        start: initial scores, (COUNT,); by default those of the prior.
+    A step takes tenths of a second; between steps the host must send commands to the board. It
+    starts at the scores ``start``, (COUNT,); by default at those of the prior.
     """
 
     def __init__(
@@ -217,8 +212,7 @@ def _huber_weight(standardised: FloatArray) -> FloatArray:
 class RestSurvey:
     """Collects the measurements of a robot that goes from rest to rest, any robot's.
 
-    Args:
-        start_rad: motor angles before the tour, (n,).
+    ``start_rad``, (n,), are the motor angles before the tour.
     """
 
     def __init__(self, start_rad: FloatArray) -> None:
@@ -251,12 +245,8 @@ class Identification(Generic[P]):
 
     A camera that was never registered may have been aligned. That is believed where the evidence
     for it is strong. It comes from all three axes: about y and z the rests tell the camera's turn
-    to a tenth of a degree, about x hardly from a servo's zero.
-
-    Args:
-        scaling: the widest prior of the parameters.
-        rests: the measurements.
-        predict: predicts them.
+    to a tenth of a degree, about x hardly from a servo's zero. ``scaling`` is the widest prior of
+    the parameters.
     """
 
     def __init__(self, scaling: ParameterSpace[P], rests: Rests, predict: Predict[P]) -> None:

@@ -57,10 +57,8 @@ class ChangeOver:
     def hold(self, hold_of: Callable[[Sides, Sides], Hold], time_s: float) -> Hold:
         """The setpoints that hold a pose.
 
-        Args:
-            hold_of: holds it, see ``StaticModel.hold``, by the sides that have pulled so far and
-                the moments at which they change over.
-            time_s: present time.
+        ``hold_of`` is ``StaticModel.hold`` by the sides that have pulled so far and the moments at
+        which they change over.
         """
         dwells = [time_s - changed_s < _DWELL_S for changed_s in self._changed_s]
         most = tuple(_DWELL_CHANGE_OVER if it else LEAST_CHANGE_OVER for it in dwells)
@@ -109,7 +107,6 @@ class AdaptiveLaw(Law):
 
     @property
     def delay_s(self) -> float:
-        """The delay by the estimator."""
         return self._estimator.delay_s
 
     @property
@@ -161,7 +158,6 @@ class AdaptiveLaw(Law):
         yield from super().stages()
 
     def first_rad(self) -> FloatArray:
-        """Motor angles at the first point of the plan, (n,)."""
         p, theta_rad = self._estimator.parameters, self._plan.bending_rad(0.0)
         return self._limits.clip(self._model.unhindered_rad(p, theta_rad))
 

@@ -83,11 +83,7 @@ def is_misfit(
 ) -> bool:
     """Whether the fitted model is far from the rests, or near only with implausible parameters.
 
-    Args:
-        fit: the fit to the rests.
-        rests: the rests.
-        scaling: the prior of that fit.
-        zeros_are_known: whether a zero that is far off makes it implausible.
+    Unless ``zeros_are_known``, a zero that is far off is plausible.
     """
     most_zero_rad = _MOST_ZERO_RAD if zeros_are_known else math.inf
     return (
@@ -162,11 +158,8 @@ def misfit(
 ) -> MisfitError:
     """Find the most likely cause. Takes seconds, so the robot must already be safe.
 
-    Args:
-        rests: measured rests of the robot.
-        description: description of the robot.
-        before_setup: the prior for a robot whose camera and zeros are not known yet, so that they
-            are no cause; by default that of its description.
+    ``before_setup`` is the prior for a robot whose camera and zeros are not known yet, so that they
+    are no cause; by default it is that of the description.
     """
     scaling = (before_setup or Scaling.of(description)).strict()
     predict = make_model(description.control).predicted_mm
@@ -279,8 +272,7 @@ class _Trial:
 def zeros_off(zero_rad: FloatArray) -> str:
     """Which motors' zeros are off and by how much: not always those that the hypothesis freed.
 
-    Args:
-        zero_rad: (n,) zeros found; the prior allows some error of each, freed or not.
+    ``zero_rad``, (n,), are those found; the prior allows some error of each, freed or not.
     """
     off = np.abs(zero_rad) > min(_ZERO_DOUBT_RAD, np.abs(zero_rad).max() / 2.0)
     return " and ".join(

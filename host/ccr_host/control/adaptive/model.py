@@ -116,7 +116,6 @@ class PlainModel(StaticModel[Parameters, Pose]):
     def polished(
         self, p: Parameters, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
     ) -> FloatArray:
-        """``path_plan.polished``."""
         return path_plan.polished(p, theta_rad, target_mm, iterations)
 
     def plan(
@@ -151,9 +150,7 @@ def make_static_model(
 ) -> tuple[StaticModel[Any, Any], ParameterSpace[Any]]:
     """The static model of a robot and its parameters.
 
-    Args:
-        description: of the robot.
-        is_new: neither the camera nor the zeros of the servos are known.
+    Of a new robot (``is_new``) neither the camera nor the zeros of the servos are known.
 
     Raises:
         ConfigError: it needs an extra that is not installed.

@@ -157,14 +157,8 @@ def change_of(
     """Changes of tip and bending angles of a pose, by the implicit function theorem.
 
     At rest g(theta, p) = 0, so dtheta = -g_theta^-1 g_p dp and df = f_p dp + f_theta dtheta. A
-    segment held by friction hardly yields.
-
-    Args:
-        here: slopes at the pose.
-        near: slightly perturbed parameters.
-        pose: pose at rest.
-        travel_1: perturbation of the setpoint of motor 1.
-        travel_2: perturbation of the setpoint of motor 2.
+    segment held by friction hardly yields. ``near`` are slightly perturbed parameters, ``travel_1``
+    and ``travel_2`` perturbations of the setpoints.
 
     Returns:
         Changes of the seen tip, three, and of the bending angles, two.

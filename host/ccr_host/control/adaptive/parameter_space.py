@@ -74,10 +74,7 @@ class Mounting(NamedTuple):
 class ParameterSpace(ABC, Generic[P]):
     """The parameters of a robot as scores, (parameter - prior mean) / prior deviation.
 
-    Args:
-        prior: mean, deviation and bounds.
-        roles: which parameters are not learnt like the others.
-        noise_mm: RMS length of the error of a measured vector between two markers.
+    ``noise_mm`` is the RMS length of the error of a measured vector between two markers.
     """
 
     believable_mm = 60.0
@@ -114,7 +111,6 @@ class ParameterSpace(ABC, Generic[P]):
 
     @property
     def count(self) -> int:
-        """Number of parameters."""
         return len(self.deviation)
 
     @abstractmethod

@@ -329,7 +329,6 @@ class Scaling(ParameterSpace[Parameters]):
         return parameters_of(np.append(self._mean + self.deviation * score, self._known))
 
     def perturbed(self, score: FloatArray, probe: float) -> Parameters:
-        """Parameters with each score increased by ``probe`` in turn, then none: (COUNT + 1,)."""
         return self.each(score + probe * np.eye(COUNT + 1, COUNT))
 
     def each(self, scores: FloatArray) -> Parameters:

@@ -35,9 +35,7 @@ _LONGEST_STEP_RAD = 0.1
 class Atlas:
     """The tips on a grid of all bending angles that the motors can hold.
 
-    Args:
-        p: parameters, floats.
-        limits: of the motors.
+    The parameters are floats.
     """
 
     def __init__(self, p: Parameters, limits: MotorLimits) -> None:

@@ -189,11 +189,7 @@ class StaticModel(ABC, Generic[P, S]):
 class PoseFollower(Generic[P, S]):
     """Follows a history of setpoints completely, as backlash and friction depend on every turn.
 
-    Args:
-        model: computes the poses.
-        p: parameters of one robot.
-        history: history of the setpoints.
-        time_s: time from which to follow it.
+    It is followed from ``time_s`` on.
     """
 
     def __init__(

@@ -28,10 +28,7 @@ class IdentifiedSurface:
     A point has the pose next to the one that (10) reaches it with: Gauss-Newton in the coordinates
     given, while the tip keeps the third. Where motor limits do not allow that pose, the motors go
     as far as they may. The frame is that of (10): how far the camera is turned, according to the
-    fit, is taken out.
-
-    Args:
-        description: with the section ``[identified]``.
+    fit, is taken out. The description has the section ``[identified]``.
 
     Raises:
         ConfigError: there are no such rests, they are another robot's, or do not fit this one.
@@ -57,11 +54,9 @@ class IdentifiedSurface:
 
     @property
     def length_mm(self) -> float:
-        """Described length of its segments, to which paths in space are scaled."""
         return self._described.length_mm
 
     def nearest(self, points_mm: ArrayLike) -> Nearest:
-        """Project points onto the surface, see ``Surface.nearest``."""
         points = np.asarray(points_mm, dtype=np.float64)
         axes = axes_of(points)
         theta = self._rests_rad(self._described.nearest(points).q_rad)

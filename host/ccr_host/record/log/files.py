@@ -51,7 +51,6 @@ class Chunk:
     """Total size of their contents in bytes."""
 
     def add(self, message: Packed) -> None:
-        """Add one message."""
         self.messages.append(message)
         self.size += len(message.content)
 
@@ -126,7 +125,6 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        """Size of the file in bytes."""
         return self._stream.size
 
     @property
@@ -138,14 +136,12 @@ class McapFile:
             return False
 
     def write_chunk(self, chunk: Chunk) -> None:
-        """Add a chunk."""
         for channel, sequence, time_ns, content in chunk.messages:
             self._writer.add_message(channel, time_ns, content, time_ns, sequence)
         self._flush()
         self.messages += len(chunk.messages)
 
     def write_metadata(self, name: str, content: Mapping[str, str]) -> None:
-        """Add a metadata record."""
         self._writer.add_metadata(name, dict(content))
         self._flush()
 
@@ -191,14 +187,9 @@ class LogFiles:
     """Files ``<prefix>_0000.mcap`` and so on.
 
     Where a file ends depends on its chunks alone. The first is made with the first chunk. After an
-    error, such as a full disk, nothing more is written but the end of what is there.
-
-    Args:
-        folder: of the files.
-        prefix: of the files' names.
-        topics: all that will be written; numbered as in :class:`McapFile`.
-        file_bytes: a file that has grown so large gets no further chunk.
-        file_us: neither does one that spans so much of the run's clock.
+    error, such as a full disk, nothing more is written but the end of what is there. A file gets no
+    further chunk once it has ``file_bytes``, or spans ``file_us`` of the run's clock. Topics are
+    numbered as in :class:`McapFile`.
     """
 
     def __init__(
@@ -226,9 +217,8 @@ class LogFiles:
     def write(self, chunk: Chunk, repeated: Mapping[int, bytes]) -> None:
         """Add a chunk, in a new file if the present one is full; count it as lost after an error.
 
-        Args:
-            chunk: with at least one message.
-            repeated: what every file begins with, by channel; as it stood before the chunk.
+        The chunk has at least one message; ``repeated`` is what every file begins with, by channel,
+        as it stood before the chunk.
         """
         if self.error is None:
             try:
@@ -241,9 +231,8 @@ class LogFiles:
     def close(self, skipped: int = 0, trouble: str = "") -> None:
         """Finish the last file.
 
-        Args:
-            skipped: messages that were never given to :meth:`write`, for the closing record.
-            trouble: of the log that this is a copy of, for the closing record.
+        For the closing record: ``skipped`` messages were never given to :meth:`write`; ``trouble``
+        is that of the log that this is a copy of.
         """
         try:
             if self._file is None and self.error is None:

@@ -82,11 +82,7 @@ Part = Channel | Metadata | Message | Damage
 
 
 class McapParts:
-    """The content of one file.
-
-    Args:
-        data: all of the file.
-    """
+    """The content of one file."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data

@@ -132,7 +132,6 @@ class RunRecording:
 
     @property
     def options(self) -> RunOptions:
-        """Options of the run."""
         try:
             options = self.setup["options"]
             told = {**options, "overrides": tuple(options["overrides"])}
@@ -143,7 +142,6 @@ class RunRecording:
 
     @cached_property
     def description(self) -> Description:
-        """Description of the robot in the run."""
         try:
             return Description.model_validate(self.setup["description"])
         except (KeyError, ValidationError):
@@ -325,9 +323,7 @@ _SHOWN = (topics.SENT, topics.RECEIVED, topics.SAMPLE, topics.CONTROL, topics.ST
 def play_run(source: Path, observer: RunObserver) -> None:
     """Show a recorded run, all at once.
 
-    Args:
-        source: the run's folder, or one file of its log.
-        observer: gets the same calls as in the run.
+    The observer gets the same calls as in the run.
 
     Raises:
         ConfigError: there is no log of a run that can be read.

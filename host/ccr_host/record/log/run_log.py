@@ -35,11 +35,8 @@ from ccr_host.tracking.tracker import MarkerFrame, Sample
 def open_run_log(folder: Path, *, realtime: bool) -> Iterator[RunLog]:
     """The log in its folder, closed at the end, however often it is interrupted then.
 
-    Files of an earlier run are removed once this one starts.
-
-    Args:
-        folder: of the run.
-        realtime: write from a background thread, and put machine timings into the same files.
+    Files of an earlier run are removed once this one starts. In real time a background thread
+    writes, and machine timings are put into the same files.
     """
 
     def open_sinks(of_robot: Sequence[Topic]) -> tuple[Sink, Sink | None]:
@@ -235,7 +232,6 @@ class RunLog(RunObserver):
         return self._log is not None
 
     def close(self) -> None:
-        """Write what is left, and close the files."""
         for sink in (self._log, self._timing):
             if sink is not None:
                 sink.close()

@@ -114,12 +114,8 @@ class BackgroundSink:
 
     If the disk stalls until the queue is full, chunks are skipped; the log says where as soon as it
     can be written again. Once the disk is full nothing more is written. Either way the loss is
-    counted, recorded in the closing record, and reported to the user through ``trouble``.
-
-    Args:
-        files: this sink is their only writer.
-        topics: as the files know them.
-        queue_chunks: largest number of chunks that may wait.
+    counted, recorded in the closing record, and reported to the user through ``trouble``. It is the
+    only writer of its files, which know the same topics.
     """
 
     def __init__(

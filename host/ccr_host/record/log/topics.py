@@ -188,7 +188,6 @@ class Topic:
 
     @cached_property
     def schema(self) -> Schema:
-        """Its JSON schema."""
         return _sized(self.form, self.sizes)
 
     def is_message(self, content: object) -> bool:

@@ -41,9 +41,7 @@ class _Sending:
 class SendBuffer:
     """Frames that are being sent.
 
-    Args:
-        baud: bit rate of the line.
-        room: bytes that may wait.
+    At most ``room`` bytes may wait.
     """
 
     def __init__(self, baud: int, room: int) -> None:
@@ -210,17 +208,14 @@ class UnoEmulator:
 
     @property
     def servo_supply_on(self) -> bool:
-        """Whether the servos' supply is enabled."""
         return self._core.servo_supply_on
 
     @property
     def led_on(self) -> bool:
-        """Whether the LED is on."""
         return self._core.led_on
 
     @property
     def state(self) -> State:
-        """State of the safety machine."""
         return self._core.state
 
     def report(self) -> StateReport:

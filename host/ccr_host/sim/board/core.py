@@ -99,7 +99,6 @@ class Counters:
         self._counts: Counter[str] = Counter()
 
     def count(self, name: str, number: int = 1) -> None:
-        """Add `number` to the counter `name`."""
         self._counts[name] += number
 
     def count_framing_error(self, error: FramingError) -> None:
@@ -162,13 +161,8 @@ class Inputs:
 class BoardCore:
     """The board from one reset to the next.
 
-    Args:
-        eeprom: survives the reset.
-        reset_cause: cause of the reset.
-        had_pulses: whether there were pulses when the reset came.
-        tick_offset: added to the tick counter, to test wrapping.
-        inputs: levels at its inputs.
-        axes: number of servos.
+    ``had_pulses`` is whether there were pulses when the reset came; ``tick_offset`` is added to the
+    tick counter, to test wrapping.
     """
 
     def __init__(
@@ -215,7 +209,6 @@ class BoardCore:
 
     @property
     def state(self) -> State:
-        """Current state."""
         return self.safety.state
 
     @property
@@ -256,7 +249,6 @@ class BoardCore:
         self.led_on = self._led(tick)
 
     def clear_fault(self) -> None:
-        """Acknowledge a fault or a stop."""
         self.safety.clear()
         self._logged_fault = Fault.NONE
 
@@ -290,7 +282,6 @@ class BoardCore:
         return accepted
 
     def set_group(self, group: ConfigGroup) -> None:
-        """Use a new configuration group."""
         self.configuration = self.configuration.with_group(group)
         self.unsaved = True
         if isinstance(group, Limits):

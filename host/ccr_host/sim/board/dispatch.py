@@ -42,11 +42,8 @@ class Refusal(Exception):  # noqa: N818 - an answer, not an error
 class Dispatcher:
     """Answers requests on behalf of a board.
 
-    Args:
-        core: the board.
-        board_time_us: the board's clock.
-        spec_hash: hash of the spec that the board claims to be built from.
-        link_limits: what it announces; None for a board with the limits of the spec.
+    The board claims to be built from the spec with ``spec_hash``; without ``link_limits`` it has
+    those of the spec.
     """
 
     def __init__(

@@ -61,7 +61,6 @@ class FaultLog:
 
     @property
     def is_writing(self) -> bool:
-        """Whether a record is being written."""
         return bool(self._unwritten)
 
     def begin(self, record: FaultRecord) -> None:
@@ -106,9 +105,7 @@ class Eeprom(Protocol):
 class EepromImage:
     """EEPROM in memory.
 
-    Args:
-        content: initial bytes; erased if omitted.
-        worn_out: addresses at which writing has no effect.
+    It is erased without ``content``; writing to ``worn_out`` addresses has no effect.
     """
 
     def __init__(
@@ -157,7 +154,6 @@ class EepromFile:
         self._file.write(bytes([value]))
 
     def close(self) -> None:
-        """Close the file."""
         self._file.close()
 
 
@@ -275,7 +271,6 @@ class ConfigStore:
 
     @property
     def busy(self) -> bool:
-        """Whether a save is being written."""
         return self._saving is not None
 
     def count_boot(self) -> int:

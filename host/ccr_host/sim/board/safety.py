@@ -51,7 +51,6 @@ class SafetyMachine:
         self._apply(Event.STOP_REQUESTED)
 
     def clear(self) -> None:
-        """Acknowledge a fault or a stop."""
         self._apply(Event.CLEAR_REQUESTED)
         self.fault = Fault.NONE
 

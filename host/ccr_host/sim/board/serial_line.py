@@ -45,9 +45,6 @@ class SerialLine:
 
     Transmission starts when bytes are written. The board receives the bytes of a frame together
     when the last one has arrived; its decoder cannot tell the difference.
-
-    Args:
-        board: the board at the other end.
     """
 
     name = "emulator"
@@ -61,7 +58,6 @@ class SerialLine:
         self._plugged_in = True
 
     def advance_to(self, time_us: int) -> None:
-        """Advance line and board to `time_us`."""
         board = self.board
         while self._to_board and self._to_board[0][0] <= time_us:
             arrival_us, data = self._to_board.popleft()
@@ -71,12 +67,10 @@ class SerialLine:
 
     @property
     def next_event_us(self) -> int:
-        """Time of the next event if the host sends nothing."""
         board_us = self.board.next_event_us
         return min(board_us, self._to_board[0][0]) if self._to_board else board_us
 
     def write(self, data: bytes) -> None:
-        """Start to transmit bytes now."""
         self._require_plug()
         if self.noise:
             data = self.noise.corrupt(data)
@@ -90,7 +84,6 @@ class SerialLine:
         self._wire_free_us = start_us + wire_time_us(len(data), BAUD)
 
     def read(self) -> bytes:
-        """Return the bytes that have arrived from the board."""
         self._require_plug()
         data = self.board.take_output()
         return self.noise.corrupt(data) if self.noise and data else data
@@ -99,7 +92,6 @@ class SerialLine:
         """Do nothing: the board keeps running, like an UNO on a power supply."""
 
     def open_port(self, boot_loader_us: int = 0) -> None:
-        """Reset the board, as DTR resets an UNO when its port is opened."""
         self._to_board.clear()
         self._wire_free_us = self.board.now_us
         self.board.reset(ResetCause.EXTERNAL, boot_loader_us)

@@ -72,7 +72,6 @@ class PortHandle:
 
     @property
     def status(self) -> int:
-        """Port status bits."""
         return OCCUPIED * self.written + INITIALISED * self.initialised + ENABLED * self.enabled
 
     @property
@@ -81,7 +80,6 @@ class PortHandle:
         return self.memory[_PART_NUMBER].split(b"\0")[0].decode("ascii", "replace")
 
     def write(self, address: int, block: bytes) -> None:
-        """Store a block of the tool definition."""
         if address % BLOCK_BYTES or address + BLOCK_BYTES > MEMORY_BYTES:
             raise Refusal(ErrorCode.OUT_OF_RANGE)
         self.memory[address : address + BLOCK_BYTES] = block
@@ -98,7 +96,6 @@ class PortHandle:
         self.initialised = True
 
     def enable(self) -> None:
-        """Enable tracking of the tool."""
         if not self.initialised:
             raise Refusal(ErrorCode.NOT_INITIALISED)
         self.enabled = True
@@ -124,7 +121,6 @@ class PortHandles:
         return self._handles[number]
 
     def free(self, number: int) -> None:
-        """Free a handle and its tool."""
         self[number]
         del self._handles[number]
 
@@ -183,9 +179,6 @@ class PolarisDevice:
     """A Vicra.
 
     INIT is refused while tracking: the API guide does not specify it, so the host must cope.
-
-    Args:
-        sensor: the optics.
     """
 
     def __init__(self, sensor: PositionSensor) -> None:

@@ -41,10 +41,7 @@ class _Sending:
 class PolarisLine:
     """Serial line to a camera; with `paced=False` transmission takes no time, as on TCP.
 
-    Args:
-        device: the camera at the other end.
-        rng: random numbers for garbled bytes.
-        paced: whether bytes are paced by the bit rate, which host and camera must agree on.
+    ``rng`` is for garbled bytes. Host and camera must agree on the bit rate that paces them.
     """
 
     name = "ndi-emulator:"
@@ -69,7 +66,6 @@ class PolarisLine:
 
     @property
     def next_event_us(self) -> int:
-        """Time of the next event if the host sends nothing."""
         events = [
             self.device.sensor.next_exposure_us,
             self._reset_us,
@@ -100,7 +96,6 @@ class PolarisLine:
         return min(events, default=NEVER_US)
 
     def advance_to(self, time_us: int) -> None:
-        """Advance line and device to `time_us`."""
         while (event_us := self._next_input_us()) <= time_us:
             self._now_us = max(self._now_us, event_us)
             if self._next_power_failure_us() <= event_us:
@@ -124,7 +119,6 @@ class PolarisLine:
         self._to_device.append((self._host_free_us, data))
 
     def read(self) -> bytes:
-        """Return the bytes that have arrived from the device."""
         self._require_plug()
         taken = bytearray()
         while self._replies:
@@ -243,9 +237,7 @@ class PolarisLine:
 def faults_of(described: simulation.PolarisFaults, start_us: int | None) -> PolarisFaults:
     """Faults of a robot description.
 
-    Args:
-        described: the `polaris_faults` section.
-        start_us: zero of its times; None leaves out the timed faults.
+    ``start_us`` is the zero of its times; None leaves out the timed faults.
     """
     lasting = PolarisFaults(
         shuffle=described.shuffle,
@@ -288,13 +280,8 @@ def make_polaris(
     """An emulated Vicra with the noise, faults and misalignment of a robot description's tracker.
 
     Its rate is the Vicra's 20 Hz; `tracker.rate_hz` is ignored. It skips exposures with the
-    probability `tracker.dropout`, in addition to `faults.frozen`.
-
-    Args:
-        tracker: the `tracker` section of the robot description.
-        seed: seed of noise and faults.
-        faults: further faults.
-        paced: False if the bytes travel over TCP.
+    probability `tracker.dropout`, in addition to `faults.frozen`. ``paced`` is False if the bytes
+    travel over TCP.
     """
     optics_seed, line_seed = seed.spawn(2)
     sensor = PositionSensor(

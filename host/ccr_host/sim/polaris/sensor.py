@@ -146,12 +146,7 @@ class Image:
 class PositionSensor:
     """Exposes at 20 Hz whatever the device does; nothing is visible without illumination.
 
-    Args:
-        rng: random numbers for noise and faults.
-        tracker: the ``tracker`` section of the robot description; the exposures are at 20 Hz and
-            follow one another whatever its rate.
-        placement: pose of the camera.
-        faults: injected faults of the optics.
+    Exposures follow one another whatever the rate of ``tracker``, that section of the description.
     """
 
     def __init__(
@@ -176,11 +171,9 @@ class PositionSensor:
 
     @property
     def next_exposure_us(self) -> int:
-        """Time of the next call of `expose`."""
         return self._shutter.next_look_us
 
     def expose(self, time_us: int, markers_mm: Array) -> None:
-        """Expose the markers, (n, 3), one per row, in the robot frame."""
         stated_us = self._shutter.stated_us
         picture_mm = self._shutter.look(markers_mm)
         if picture_mm is None:

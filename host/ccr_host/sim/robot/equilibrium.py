@@ -44,9 +44,7 @@ _KEPT_WHILE_SHRINKING_BY = 0.3
 class Equilibrium:
     """Rest poses of one twin, each found from the previous one.
 
-    Args:
-        twin: the ``twin`` section of the robot description; a payload counts if it is present from
-            power-up, a push is ignored.
+    A payload of the twin counts if it is present from power-up; a push is ignored.
     """
 
     def __init__(self, twin: Twin) -> None:
@@ -212,11 +210,7 @@ class NearestRest:
     Between two tendons that are slack a motor moves nothing, and no derivative tells on which side
     of this play it should be. So motors are turned to where they begin to pull, to the better side,
     in turns with Gauss-Newton steps. What is found is a minimum, not always the least one.
-
-    Args:
-        twin: the ``twin`` section of the robot description.
-        lower_rad: lower limits of the shafts, (n,).
-        upper_rad: upper limits of the shafts, (n,).
+    ``lower_rad`` and ``upper_rad`` are the limits of the shafts, (n,).
     """
 
     def __init__(self, twin: Twin, lower_rad: Array, upper_rad: Array) -> None:

@@ -74,9 +74,7 @@ class UnfitTwinError(ConfigError):
 class Mechanics:
     """The structure and its tendons, at rest under gravity with the pulleys at zero.
 
-    Args:
-        twin: the ``twin`` section of the robot description.
-        payload_g: mass on the tip from the start.
+    ``payload_g`` is a mass on the tip from the start.
 
     Raises:
         UnfitTwinError: these parameters cannot be simulated.

@@ -62,15 +62,10 @@ class CapstanFriction:
     `_PRESLIDING_M` of travel (Dahl's model), which makes hysteresis loops with memory.
 
     In MuJoCo each span between two holes is a branch of its tendon, behind a pulley whose divisor
-    sets the branch's share of the force at the base. The actuator then measures the weighted sum
-    of the spans' lengths; ``slack_lengths_m`` and the controls are shifted by its difference from
-    the true length. With all shares 1 this is the tendon without friction.
-
-    Args:
-        coefficient: mu.
-        model: shares and damping are set here.
-        data: current pose; its controls are shifted.
-        slack_lengths_m: length of each tendon without tension, shifted in place.
+    sets the branch's share of the force at the base. The actuator then measures the weighted sum of
+    the spans' lengths; ``slack_lengths_m`` and the controls are shifted by its difference from the
+    true length. With all shares 1 this is the tendon without friction. The model's shares and
+    damping are set here; the controls in ``data`` and the lengths are shifted in place.
     """
 
     period_us = 2000
@@ -177,14 +172,10 @@ class CapstanFriction:
 class Creep:
     """Viscoelastic joints: branches of a spring and a damper in series beside each spring.
 
-    A branch adds ``share`` of the joint's stiffness at first, and nothing after some times its
-    time constant (a standard linear solid, for several branches a generalised Maxwell body).
-
-    Args:
-        shares: of each branch.
-        times_s: time constant of each branch at constant deflection.
-        model: its stiffness becomes that of a fast motion.
-        data: current pose; the forces are applied here.
+    A branch adds ``share`` of the joint's stiffness at first, and nothing after some times its time
+    constant (a standard linear solid, for several branches a generalised Maxwell body). Time
+    constants hold at constant deflection. The model's stiffness becomes that of a fast motion; the
+    forces are applied here.
     """
 
     def __init__(

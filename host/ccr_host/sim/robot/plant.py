@@ -51,10 +51,7 @@ class Plant(Protocol):
 class GuardedPlant(Plant):
     """A plug-in whose failures are reported as such.
 
-    Args:
-        plant: object with at least the abstract methods of `Plant`.
-        name: name as the user gave it.
-        markers: number of markers that it has to have.
+    It has at least the abstract methods of `Plant`, and as many markers as are given.
     """
 
     def __init__(self, plant: Plant, name: str, markers: int) -> None:

@@ -157,9 +157,6 @@ class TwinRobot(Plant):
 
     Starts at time 0, at rest under gravity, with all servos at 0 deg and no pulses.
 
-    Args:
-        twin: the ``twin`` section of the robot description.
-
     Raises:
         UnfitTwinError: the description cannot be simulated.
     """

@@ -75,18 +75,15 @@ class TwinScene:
         self._camera = camera
 
     def set_pulses_half_us(self, pulses_half_us: tuple[int, ...]) -> None:
-        """Set the pulse widths from now on, in 0.5 us; 0 means no pulses."""
         self._robot.set_pulses_half_us(pulses_half_us)
 
     def advance_to(self, time_us: int) -> None:
-        """Advance robot and camera to ``time_us``."""
         while (exposure_us := self._camera.next_exposure_us) <= time_us:
             self._robot.advance_to(exposure_us)
             self._camera.expose(exposure_us, self._robot.markers_mm())
         self._robot.advance_to(time_us)
 
     def start_path_clock(self, time_us: int) -> None:
-        """Set the zero of the times of the described disturbances."""
         self._robot.start_path_clock(time_us)
 
     def true_tip_mm(self) -> NDArray[np.float64]:

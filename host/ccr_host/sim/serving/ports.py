@@ -107,9 +107,7 @@ _BUSY = b"busy: another host is connected to this board\r\n"
 class TcpPort:
     """Listens for one client; a second one is sent "busy".
 
-    Args:
-        port: 0 lets the system choose one.
-        host: address to listen on.
+    Port 0 lets the system choose one.
 
     Raises:
         ConfigError: the port is in use or not allowed.

@@ -74,11 +74,8 @@ class Port(Protocol):
 class Station:
     """One line behind one port.
 
-    Args:
-        line: line to the emulated device.
-        port: port for the client.
-        boot_loader_us: time for which the device does not listen after its port was opened.
-        world: advances the line and all that moves with it; None for the line alone.
+    The device does not listen for ``boot_loader_us`` after its port was opened. ``world`` advances
+    the line and all that moves with it; None for the line alone.
     """
 
     def __init__(
@@ -106,14 +103,8 @@ class Station:
 class BoardServer:
     """An emulated board behind its port, and further devices.
 
-    Args:
-        line: line to the board.
-        port: port for the client.
-        clock: real-time clock.
-        boot_loader_us: time for which the board does not listen after its port was opened.
-        world: advances board, servos, robot and camera together; None for the board alone.
-        on_advance: called after each advance, e.g. to advance a twin.
-        beside: further devices, advanced after the board.
+    ``boot_loader_us`` and ``world`` are as for `Station`. ``on_advance`` is called after each
+    advance, for example to advance a twin; devices ``beside`` are advanced after the board.
     """
 
     def __init__(
@@ -198,7 +189,6 @@ class BackgroundServer:
 
     @property
     def uri(self) -> str:
-        """Device URI of the board."""
         return self._server.uri
 
     def __enter__(self) -> Self:

@@ -103,13 +103,9 @@ class Departure:
 class SimavrBoard:
     """The whole board, in lockstep with the caller's clock: 16 cycles per microsecond.
 
-    Args:
-        firmware: the program.
-        boot_loader: started by resets, if there is one.
-        eeprom: content at the start; receives what the firmware writes.
-        reset_cause: cause of the first start.
-        start_us: time of the first start on the caller's clock.
-        profiling: also monitor stack and interrupt mask; several times slower.
+    Resets start the ``boot_loader``, if there is one. ``eeprom`` is the content at the start and
+    receives what the firmware writes. ``profiling`` also monitors stack and interrupt mask; it is
+    several times slower.
 
     Raises:
         DeviceError: the simulator is not available.
@@ -194,9 +190,7 @@ class SimavrBoard:
     def receive(self, data: bytes, baud: int | None = BAUD) -> None:
         """Start to transmit bytes to the board, after those being transmitted.
 
-        Args:
-            data: the bytes.
-            baud: bit rate of the sender; None for the rate that the firmware has set.
+        ``baud`` is the sender's bit rate; None for the rate that the firmware has set.
         """
         self._mcu.send(self.cycle, data, CLOCK_HZ // baud if baud else 0)
 
@@ -267,11 +261,9 @@ class SimavrBoard:
         return self._mcu.statistics()
 
     def forget_statistics(self) -> None:
-        """Restart the statistics."""
         self._mcu.forget_statistics()
 
     def eeprom_content(self) -> bytes:
-        """All bytes of the EEPROM."""
         return self._mcu.eeprom.tobytes()
 
     def load_eeprom(self) -> None:

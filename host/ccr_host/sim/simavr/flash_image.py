@@ -90,9 +90,7 @@ class FlashImage:
 def read_flash_image(path: Path, board: BoardName = "uno") -> FlashImage:
     """Read an ELF or HEX file, recognised by its content.
 
-    Args:
-        path: of the file.
-        board: what a HEX file is for, as it does not say so.
+    ``board`` is what a HEX file is for, as it does not say so.
 
     Raises:
         ConfigError: the file cannot be read, is not for one of the boards, or is too long for it.

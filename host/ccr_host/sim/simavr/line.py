@@ -14,11 +14,7 @@ class SimavrCoSimulation:
 
     A servo acts on a pulse when it has ended. The robot has no effect on the board, so the board
     runs ahead by a slice of the clock, and the pulses of that slice are then applied to the robot.
-
-    Args:
-        line: the line to the board.
-        scene: the robot and its camera.
-        servos: those of the robot, at the first pins.
+    ``servos`` are those of the robot, at the first pins.
     """
 
     def __init__(self, line: SimavrLine, scene: TwinScene, servos: int = 2) -> None:
@@ -29,7 +25,6 @@ class SimavrCoSimulation:
         line.board.observe_pulses(self._pulses.append)
 
     def advance_to(self, time_us: int) -> None:
-        """Advance line, board, servos, structure and camera to ``time_us``."""
         self._line.advance_to(time_us)
         fitting = [pulse for pulse in self._pulses if pulse.pin < len(self._half_us)]
         for pulse in sorted(fitting, key=lambda pulse: pulse.end_cycle):
@@ -50,9 +45,7 @@ _ANSWER_US = 2000
 class SimavrLine:
     """Same interface as the emulator's line; the timing of bytes is that of the simulated UART.
 
-    Args:
-        board: the board at the other end.
-        baud: bit rate of the host; None follows the board, as a boot loader uses another rate.
+    ``baud`` is the host's bit rate; None follows the board, as a boot loader uses another rate.
     """
 
     name = "simavr"
@@ -66,7 +59,6 @@ class SimavrLine:
         self._quiet_since_us = board.now_us
 
     def advance_to(self, time_us: int) -> None:
-        """Advance line and board to `time_us`."""
         self.board.advance_to(time_us)
         if self.board.line_is_busy:
             self._quiet_since_us = time_us
@@ -79,13 +71,11 @@ class SimavrLine:
         return now_us + (_BUSY_US if talking else _QUIET_US)
 
     def write(self, data: bytes) -> None:
-        """Start to transmit bytes now."""
         self._require_plug()
         self.board.receive(self.noise.corrupt(data) if self.noise else data, self._baud)
         self._quiet_since_us = self.board.now_us
 
     def read(self) -> bytes:
-        """Return the bytes that have arrived from the board."""
         self._require_plug()
         data = self.board.take_output()
         return self.noise.corrupt(data) if self.noise and data else data
@@ -96,14 +86,12 @@ class SimavrLine:
     def open_port(self, boot_loader_us: int = 0) -> None:
         """Reset the board, as DTR resets an UNO when its port is opened.
 
-        Args:
-            boot_loader_us: ignored; the board has a real boot loader or none.
+        ``boot_loader_us`` is ignored: the board has a real boot loader or none.
         """
         self.board.forget_unsent()
         self.board.reset(ResetCause.EXTERNAL)
 
     def unplug(self) -> None:
-        """Make all later reads and writes fail as if the port were unplugged."""
         self._plugged_in = False
 
     def _require_plug(self) -> None:

@@ -153,9 +153,6 @@ class Statistics:
 class Mcu:
     """The chip of a board at 16 MHz with erased flash and EEPROM, held at cycle 0.
 
-    Args:
-        board: "uno" (ATmega328P) or "mega2560".
-
     Raises:
         DeviceError: the shim cannot be built or loaded.
     """
@@ -218,7 +215,6 @@ class Mcu:
         self._shim.rig_send(self._rig, cycle, data, len(data), bit_cycles)
 
     def open_switch(self, is_open: bool) -> None:
-        """Open or close the switch between the emergency-stop input and ground."""
         self._shim.rig_open_switch(self._rig, is_open)
 
     def set_voltage_mv(self, voltage_mv: int) -> None:
@@ -226,7 +222,6 @@ class Mcu:
         self._shim.rig_set_voltage(self._rig, voltage_mv)
 
     def forget_unsent(self) -> None:
-        """Drop bytes whose transmission has not started."""
         self._shim.rig_forget_unsent(self._rig)
 
     def take_departures(self) -> Records:
@@ -242,7 +237,6 @@ class Mcu:
         return self._take(self._shim.rig_take_eeprom_writes, self._eeprom_writes)
 
     def wear_out_eeprom(self, address: int) -> None:
-        """Make later writes to this address have no effect."""
         self._shim.rig_wear_out_eeprom(self._rig, address)
 
     def statistics(self) -> Statistics:
@@ -253,7 +247,6 @@ class Mcu:
         return Statistics(**{**values, "interrupts": tuple(raw.interrupts)})
 
     def forget_statistics(self) -> None:
-        """Restart the statistics."""
         self._shim.rig_forget_statistics(self._rig)
 
     def _take(self, take: _Take, room: Records) -> Records:

@@ -102,7 +102,6 @@ class FlashableLine(SimavrLine):
     _reset_us = 0
 
     def open_port(self, boot_loader_us: int = 0) -> None:
-        """Reset the board, as DTR resets an UNO when its port is opened."""
         super().open_port(boot_loader_us)
         self._reset_us = self.board.now_us
 
@@ -125,12 +124,9 @@ def open_pty_server(
 ) -> BoardServer:
     """Create a board on a pseudo-terminal; opening the terminal resets the board.
 
-    Args:
-        firmware: initial flash content; None for an UNO that has to be flashed first.
-        board_name: what a HEX file is for.
-        eeprom_file: EEPROM kept across runs; None for an erased EEPROM each time.
-        boot_loader: whether optiboot is in the flash of an UNO, so that avrdude can upload; it
-            waits a second for an upload after each reset. A Mega is simulated without one.
+    Without ``firmware`` an UNO has to be flashed first; without ``eeprom_file`` the EEPROM is
+    erased each time. With ``boot_loader`` optiboot is in the flash of an UNO, so that avrdude can
+    upload; it waits a second for an upload after each reset. A Mega is simulated without one.
 
     Raises:
         ConfigError: a file cannot be used.

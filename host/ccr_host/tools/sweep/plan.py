@@ -43,7 +43,6 @@ class TwinJob:
     drives: tuple[Drive, ...]
 
     def options(self, drive: Drive) -> RunOptions:
-        """Options of one of its runs."""
         rate_hz, controller = drive
         return RunOptions(
             path=self.path,

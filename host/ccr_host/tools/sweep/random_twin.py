@@ -82,12 +82,9 @@ def draw_twin(
 ) -> Settings:
     """Draw one twin; the same generator state gives the same twin.
 
-    Args:
-        rng: called the same number of times for the same ``faults``.
-        base: description that the factors apply to.
-        duration_s: duration of the path, in which the push falls.
-        faults: draw those effects too that no controller models: they come last and leave the
-            rest as it is.
+    The generator is called the same number of times for the same ``faults``: effects that no
+    controller models, which come last and leave the rest as it is. A push falls within
+    ``duration_s``.
     """
     twin, robot = base.twin, base.robot
     stiffness = [_spread(rng, k, SPREAD) for k in twin.bending_stiffness_nm_rad]

@@ -89,9 +89,7 @@ _MARKERS = {True: "X", False: "o"}
 def write_sweep_figure(file: Path, rows: Sequence[Row]) -> None:
     """Draw a row of panels per rate: distribution of the ratio, and error over floor.
 
-    Args:
-        file: PNG to write; PDF and SVG are written next to it.
-        rows: rows of the sweep; those without results are left out.
+    ``file`` is the PNG; PDF and SVG are written next to it. Rows without results are left out.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - costs 0.7 s
 

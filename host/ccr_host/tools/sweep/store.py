@@ -76,9 +76,7 @@ _ABSURD = 1e12
 class SweepFolder:
     """Stores and loads the rows of one sweep.
 
-    Args:
-        folder: an existing folder; empty, or that of a sweep over the same twins to continue.
-        plan: plan of the sweep.
+    ``folder`` exists and is empty, or that of a sweep over the same twins to continue.
 
     Raises:
         ConfigError: the folder contains another sweep, or cannot be read.

@@ -32,12 +32,9 @@ def run_missing(
 ) -> None:
     """Run all runs without a row, and store each twin's rows as they arrive.
 
-    Args:
-        store: folder of the sweep.
-        jobs: all jobs of the sweep.
-        workers: number of local processes; None for one per core.
-        scheduler: address of an existing cluster, used instead.
-        on_count: called with numbers of finished rows, first with that of the existing ones.
+    Without ``workers`` there is one process per core; ``scheduler`` is the address of a cluster,
+    used instead. ``on_count`` is called with numbers of finished rows, first with that of the
+    existing ones.
 
     Raises:
         ConfigError: no scheduler at that address.

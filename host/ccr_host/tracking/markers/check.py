@@ -76,10 +76,7 @@ of up to 2.3 mm."""
 class MarkerCheck:
     """Checks each sample before it is used.
 
-    Args:
-        description: description of the robot and its camera.
-        in_robot_frame: whether samples are in the robot's frame; otherwise their direction is not
-            checked.
+    Samples that are not ``in_robot_frame`` may have any direction.
     """
 
     def __init__(self, description: Description, *, in_robot_frame: bool = True) -> None:
@@ -127,9 +124,7 @@ class MarkerCheck:
     def accepts(self, sample: Sample, swung_rad: Callable[[], Array] | None = None) -> bool:
         """Whether a sample can be used; call once for each sample, in order.
 
-        Args:
-            sample: the next sample.
-            swung_rad: answers how far the motors went to and fro, (n,); None if they rest.
+        ``swung_rad`` answers how far the motors went to and fro, (n,); None if they rest.
 
         Raises:
             TrackerError: several in a row do not fit; says which markers are swapped, or what
@@ -364,11 +359,8 @@ def seen_lengths_mm(markers_mm: Array, robot: Robot) -> Array:
     A circular arc turns its tangents at both ends by the same angle to its chord, so each end
     tangent gives the length and the end tangent of the segment before. The vector between its two
     markers is along the chord, too, and longer or shorter by the turn of the markers' offset. Which
-    of these is not observable; the solution closest to the length in the model is returned.
-
-    Args:
-        markers_mm: M1, M2 and so on, one per row, (S + 1, 3), in any frame.
-        robot: geometry in the model.
+    of these is not observable; the solution closest to the length in the model is returned. Markers
+    are M1, M2 and so on, one per row, (S + 1, 3), in any frame.
     """
     vectors = np.diff(markers_mm, axis=0)
     chords_mm = np.linalg.norm(vectors, axis=1)

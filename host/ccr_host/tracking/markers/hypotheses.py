@@ -283,10 +283,7 @@ def _with_labels(
 def _planted(trunks: list[Hypothesis], bases: list[int], scene: Scene) -> Iterator[Hypothesis]:
     """Hypotheses with the robot's pose at all points of the frame that its shape allows.
 
-    Args:
-        trunks: what they have in common, with one of several bases each.
-        bases: the point that each base is, or `MISSING`.
-        scene: the frame.
+    ``trunks`` have one of ``bases`` each: the point that it is, or `MISSING`.
     """
     if not trunks or len(scene.points_mm) == 0:
         return

@@ -66,10 +66,8 @@ _PHANTOM_MARGIN = 3.0
 class Labeller:
     """Labels the points of successive frames.
 
-    Args:
-        geometry: geometry of the described robot.
-        camera_to_robot: the registered rotation, (3, 3); None before registration, when only
-            distances are used and fewer frames come out certain.
+    ``camera_to_robot`` is the registered rotation, (3, 3); None before registration, when only
+    distances are used and fewer frames come out certain.
     """
 
     def __init__(self, geometry: Robot, camera_to_robot: Array | None = None) -> None:

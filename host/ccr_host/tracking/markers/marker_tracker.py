@@ -26,13 +26,8 @@ class MarkerTracker:
     Attach it to the clock after the camera and what changes the belief. Bodies named M1, M2 and so
     on are used as the markers; if the camera names none of them, its points are labelled. Points
     outside its volume are not used. All markers of a sample but M1 and the tip may be lost (NaN).
-
-    Args:
-        camera: the camera, which its owner starts.
-        geometry: geometry of the described robot.
-        camera_to_robot: the registered rotation, (3, 3); None before registration, when samples
-            stay in the camera's frame.
-        believed_rad: constant between the turns of other parts and the calls of the host.
+    ``camera_to_robot`` is as for `Labeller`; without it samples stay in the camera's frame.
+    ``believed_rad`` is constant between the turns of other parts and the calls of the host.
     """
 
     def __init__(
@@ -57,7 +52,6 @@ class MarkerTracker:
 
     @property
     def health(self) -> TrackerHealth:
-        """Health of the camera."""
         return self._camera.health
 
     @property
@@ -71,7 +65,6 @@ class MarkerTracker:
         return self._lost
 
     def advance_to(self, time_us: int) -> None:
-        """Process a new frame if there is one."""
         if (believed_rad := self._new_belief()) is not None:
             self._beliefs.command(time_us * 1e-6, believed_rad, 0.0)
         if (frame := self._new_frame()) is None:
@@ -97,11 +90,9 @@ class MarkerTracker:
     """A new sample appears in such a turn, or in that of the camera."""
 
     def newest(self) -> Sample | None:
-        """Newest sample, whatever its age."""
         return self._sample
 
     def trouble(self) -> str:
-        """Why there may be no newer sample."""
         health, frame = self.health, self._frame
         told = list(health.warnings)
         if not health.tracking or frame is None:

@@ -80,12 +80,8 @@ def corrected(
 ) -> tuple[Array, Array]:
     """Kalman update with some of the coordinates; returns the new mean and covariance.
 
-    Args:
-        belief: prior belief.
-        expected: expectation of that belief.
-        rows: indices of the measured coordinates.
-        seen_mm: the measured coordinates.
-        noise_mm: the camera's noise per coordinate.
+    ``rows`` are the indices of the measured coordinates, ``noise_mm`` is the camera's noise per
+    coordinate.
     """
     jacobian = expected.jacobian[rows]
     innovation_covariance = expected.covariance_mm2[np.ix_(rows, rows)] + noise_mm**2 * np.eye(

@@ -99,11 +99,7 @@ class Misfit(Protocol):
 
 
 class Steps(Misfit):
-    """Misfit of the vectors from each marker to the next, in the robot's frame.
-
-    Args:
-        deviation_mm: see `Tolerances`.
-    """
+    """Misfit of the vectors from each marker to the next, in the robot's frame."""
 
     def __init__(self, deviation_mm: Array) -> None:
         self._deviation_mm = deviation_mm
@@ -124,11 +120,7 @@ class Steps(Misfit):
 
 
 class Distances(Misfit):
-    """Misfit of the distances between all markers, which no turn of the camera changes.
-
-    Args:
-        deviation_mm: see `Tolerances`.
-    """
+    """Misfit of the distances between all markers, which no turn of the camera changes."""
 
     surface_mm = 3.0
     """Deviation of the distance between markers that are not neighbours."""
@@ -190,10 +182,7 @@ class Found:
 class Shapes:
     """Looks for the robot among points.
 
-    Args:
-        geometry: the robot.
-        misfit: what a pose has to explain.
-        limit: standard deviations up to which it does.
+    ``limit`` is in standard deviations of ``misfit``, which a pose has to explain.
     """
 
     def __init__(self, geometry: Robot, misfit: Misfit, limit: float) -> None:

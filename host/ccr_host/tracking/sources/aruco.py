@@ -139,11 +139,8 @@ class TagDetector:
 class ArucoTracker(StartsAndStops):
     """Tags under a camera; each image with at least one known tag is a frame.
 
-    Args:
-        name: tracker URI, for messages.
-        open_camera: makes the image source; called again after it was lost.
-        detector: detects the tags.
-        latency_us: time from the middle of an exposure to its image.
+    ``open_camera`` is called again after the image source was lost; ``latency_us`` is the time from
+    the middle of an exposure to its image.
     """
 
     def __init__(
@@ -167,7 +164,6 @@ class ArucoTracker(StartsAndStops):
 
     @property
     def health(self) -> TrackerHealth:
-        """Present state of the tracker."""
         tracking = self._camera is not None and self._frames.count > 0
         state = "stopped" if not self._running else ("tracking" if tracking else "looking for tags")
         return TrackerHealth(
@@ -216,7 +212,6 @@ class ArucoTracker(StartsAndStops):
             self._frames.add_poses(time_us - self._latency_us, poses)
 
     def newest_frame(self) -> MarkerFrame | None:
-        """Newest frame, whatever its age; None before the first."""
         return self._frames.newest
 
     def stop(self) -> None:

@@ -69,14 +69,9 @@ class IgtlTracker(StartsAndStops):
     A device name such as `M1ToTracker` gives the tool `M1`. Messages whose stamps differ by no more
     than `SAME_EXPOSURE_S` make up a frame, which is complete when a later one arrives or all
     expected tools are known. A transform whose metadata say anything but OK (PLUS sends
-    `TransformStatus` and `TransformValid`) gives no pose.
-
-    Args:
-        host: name or address of the server.
-        port: its port.
-        expected_tools: only these are used; a frame with all of them is complete.
-        latency_us: time from an exposure to the earliest arrival of its message.
-        open_stream: opens a connection; replaced in tests.
+    `TransformStatus` and `TransformValid`) gives no pose. Only ``expected_tools`` are used.
+    ``latency_us`` is the time from an exposure to the earliest arrival of its message;
+    ``open_stream`` is replaced in tests.
 
     Raises:
         ConfigError: pyigtl is not installed.
@@ -120,7 +115,6 @@ class IgtlTracker(StartsAndStops):
 
     @property
     def health(self) -> TrackerHealth:
-        """Present state of the tracker."""
         if not self._running:
             state = "stopped"
         else:
@@ -165,7 +159,6 @@ class IgtlTracker(StartsAndStops):
             self._retry_us = time_us + _RETRY_US
 
     def newest_frame(self) -> MarkerFrame | None:
-        """Newest frame, whatever its age; None before the first."""
         return self._frames.newest
 
     def stop(self) -> None:

@@ -46,10 +46,7 @@ Unpack = Callable[[bytes, bytes], Message]
 class IgtlStream:
     """One connection.
 
-    Args:
-        name: tracker URI, for messages.
-        connection: a socket, possibly not connected yet.
-        unpack: function of pyigtl.
+    ``connection`` is a socket, possibly not connected yet, ``unpack`` a function of pyigtl.
     """
 
     def __init__(self, name: str, connection: socket.socket, unpack: Unpack) -> None:
@@ -83,7 +80,6 @@ class IgtlStream:
         return messages
 
     def close(self) -> None:
-        """Close the connection."""
         self._connection.close()
 
     def _receive(self) -> TrackerError | None:

@@ -28,11 +28,7 @@ class Shutter:
     An exposure is made of looks at the markers, evenly spread about its middle. Its middle deviates
     by the jitter from the time that the picture states. The random numbers are drawn from a
     generator of their own: noise and dropout of a seed are the same with and without these faults.
-
-    Args:
-        tracker: the ``tracker`` section of the robot description.
-        rate_hz: exposures per second; the first one is at 0.
-        rng: the camera's generator, from which a child is spawned.
+    The first of ``rate_hz`` exposures is at 0.
     """
 
     def __init__(self, tracker: Tracker, rate_hz: float, rng: np.random.Generator) -> None:
@@ -89,10 +85,6 @@ class Camera:
     """Exposes the markers at a fixed rate and delivers each sample after a latency.
 
     The generator is used as often for a sample that is dropped.
-
-    Args:
-        tracker: the ``tracker`` section of the robot description.
-        rng: source of noise and dropout.
     """
 
     def __init__(self, tracker: Tracker, rng: np.random.Generator) -> None:
@@ -111,12 +103,10 @@ class Camera:
 
     @property
     def rate_hz(self) -> float:
-        """Exposures per second."""
         return self._tracker.rate_hz
 
     @property
     def next_exposure_us(self) -> int:
-        """Time of the next call of ``expose``."""
         return self._shutter.next_look_us
 
     @property
@@ -127,7 +117,6 @@ class Camera:
         return max(self._shutter.stated_us + self._latency_us, self._shutter.next_look_us)
 
     def expose(self, time_us: int, markers_mm: Array) -> None:
-        """Expose the markers, (S + 1, 3), one per row, in the robot's frame."""
         stated_us = self._shutter.stated_us
         picture_mm = self._shutter.look(markers_mm)
         if picture_mm is None:
@@ -148,10 +137,8 @@ class Camera:
 class TwinTracker:
     """Reads the camera of a twin.
 
-    Args:
-        camera: exposed by the twin's scene.
-        clock: the run's clock.
-        camera_to_robot: the registered rotation, (3, 3); None leaves samples in the camera's frame.
+    ``camera_to_robot`` is the registered rotation, (3, 3); None leaves samples in the camera's
+    frame.
     """
 
     name = "twin:"
@@ -167,12 +154,10 @@ class TwinTracker:
 
     @property
     def health(self) -> TrackerHealth:
-        """Present state of the tracker."""
         rate_hz = self._camera.rate_hz
         return TrackerHealth(state="tracking", tracking=True, rate_hz=rate_hz)
 
     def newest(self) -> Sample | None:
-        """Newest sample that has arrived."""
         sample = self._camera.newest(self._clock.now_us())
         if sample is not self._seen:
             self._seen = sample
@@ -181,7 +166,6 @@ class TwinTracker:
 
     @property
     def next_arrival_us(self) -> int:
-        """Time before which ``newest`` returns nothing new."""
         return self._camera.next_arrival_us
 
     def trouble(self) -> str:

@@ -35,8 +35,7 @@ COUNTER_HZ = 60
 class ExposureClock:
     """Knows when a frame is available in the device, and when it was exposed.
 
-    Args:
-        latency_us: time from an exposure to its data being available in the device.
+    ``latency_us`` is the time from an exposure to its data being available in the device.
     """
 
     def __init__(self, latency_us: int) -> None:
@@ -95,12 +94,9 @@ class PollPace:
     def pause_after_frame_us(self, now_us: int, seen_us: int, next_available_us: int) -> int:
         """Pause until the next poll after one that found a frame.
 
-        A probe that succeeds is followed by another one.
-
-        Args:
-            now_us: time at which the reply had arrived.
-            seen_us: time at which the camera selected the frame for it.
-            next_available_us: latest time at which the next frame will be available.
+        A probe that succeeds is followed by another one. The reply had arrived at ``now_us``, and
+        the camera selected the frame for it at ``seen_us``; the next one will be available at
+        ``next_available_us`` at the latest.
         """
         if self._asked_us is not None:
             self._responses_us.append(max(0, seen_us - self._asked_us))
@@ -146,11 +142,7 @@ class NdiTracker(StartsAndStops):
     """Driver of one camera.
 
     A camera that falls silent, is reset or unplugged is restarted each time; `health` reports it.
-
-    Args:
-        name: tracker URI, for messages.
-        open_port: opens the port to the camera; called again after the port was lost.
-        settings: settings of the lab.
+    ``open_port`` is called again after the port was lost.
     """
 
     def __init__(
@@ -172,7 +164,6 @@ class NdiTracker(StartsAndStops):
 
     @property
     def health(self) -> TrackerHealth:
-        """Present state of the tracker."""
         frames, log = self._frames, self._log
         return TrackerHealth(
             state=log.doing,
@@ -237,7 +228,6 @@ class NdiTracker(StartsAndStops):
         return min(self._conversation.next_turn_us, self._arrivals.next_arrival_us)
 
     def newest_frame(self) -> MarkerFrame | None:
-        """Newest frame, whatever its age; None before the first."""
         return self._frames.made.newest
 
     def stop(self) -> None:

@@ -93,7 +93,6 @@ class ReplySplitter:
 
     @property
     def unfinished(self) -> bytes:
-        """Bytes of an unfinished reply."""
         return bytes(self._rest)
 
     def clear(self) -> None:

@@ -95,9 +95,7 @@ class NotACameraError(ForeignPeerError):
 class Conversation:
     """Executes a script on a port.
 
-    Args:
-        port: an open port.
-        script: a script that has not started.
+    The port is open, and the script has not started.
     """
 
     def __init__(self, port: Port, script: Script) -> None:

@@ -96,11 +96,9 @@ class SessionLog:
 def session(port: Port, tools: Sequence[Tool], log: SessionLog, on_reply: ReplySink) -> Script:
     """Make a device in any state track, and poll it forever.
 
-    Args:
-        port: states its capabilities; its bytes pass through the steps.
-        tools: tracked in addition to strays; if empty, a dummy lights the illuminators.
-        log: updated during the session.
-        on_reply: called with every parsed TX reply; returns the pause until the next poll in us.
+    ``port`` states its capabilities; its bytes pass through the steps. ``tools`` are tracked in
+    addition to strays; if empty, a dummy lights the illuminators. ``on_reply`` is called with every
+    parsed TX reply and returns the pause until the next poll in us.
 
     Raises:
         TrackerError: no camera, or one that refuses or fell silent; start a new session.
