@@ -47,12 +47,15 @@ _FINE, _TRUE = ("OK", "TOOL_OK"), ("TRUE", "1")
 _SILENCE_US = 2_000_000
 _RETRY_US = 1_000_000
 _STAMPS_REMEMBERED = 4096
+_SENDS_NOTHING = "check address and port (18944 is usual), and that the server has markers to send"
+_HANGS = "see what the server sends, and whether it hangs"
 _NO_STAMPS = "messages without time stamp are ignored; switch time stamps on in the server"
 
 
 class Stream(Protocol):
     """A connection to a server; see `IgtlStream`."""
 
+    is_silent: bool
     skipped_types: set[str]
     damaged: int
 
@@ -149,7 +152,7 @@ class IgtlTracker(StartsAndStops):
             self._skipped_types |= stream.skipped_types
             for message in sorted(messages, key=lambda one: float(one.timestamp)):
                 self._take(message, time_us)
-            self._require_news(time_us)
+            self._require_news(stream, time_us)
         except TrackerError as error:
             self._let_go()
             if isinstance(error, ForeignPeerError) and not self._frames.count:
@@ -180,13 +183,15 @@ class IgtlTracker(StartsAndStops):
             self._stream.close()
             self._stream = None
 
-    def _require_news(self, time_us: int) -> None:
-        if time_us - self._heard_us > _SILENCE_US:
-            raise TrackerError(
-                f"{self.name}: connected, but no new message of {' or '.join(self._expected)} "
-                f"for {_SILENCE_US / 1e6:g} s",
-                "see what the server sends, and whether it hangs",
-            )
+    def _require_news(self, stream: Stream, time_us: int) -> None:
+        if time_us - self._heard_us <= _SILENCE_US:
+            return
+        cause, cure = (
+            ("something listens there, but sends nothing", _SENDS_NOTHING)
+            if stream.is_silent
+            else (f"connected, but no new message of {' or '.join(self._expected)}", _HANGS)
+        )
+        raise TrackerError(f"{self.name}: {cause} for {_SILENCE_US / 1e6:g} s", cure)
 
     def _take(self, message: Message, time_us: int) -> None:
         device, stamp_s = str(message.device_name).strip(), float(message.timestamp)

@@ -56,6 +56,8 @@ class IgtlStream:
         self._unpack = unpack
         self._received = bytearray()
         self._to_skip = 0
+        self.is_silent = True
+        """Whether nothing at all has arrived yet."""
         self.skipped_types: set[str] = set()
         """Types of the messages that carry no pose."""
         self.damaged = 0
@@ -89,8 +91,10 @@ class IgtlStream:
             for _ in range(_READS_AT_ONCE):
                 data = self._connection.recv(_READ_BYTES)
                 if not data:
-                    cause = "the server has closed the connection"
+                    said = ", without sending anything" if self.is_silent else ""
+                    cause = f"the server has closed the connection{said}"
                     break
+                self.is_silent = False
                 self._received += data
                 self._skip()
         except OSError as error:

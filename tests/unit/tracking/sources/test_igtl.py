@@ -44,6 +44,7 @@ class Stream:
         self.inbox: list[Message] = []
         self.skipped_types: set[str] = set()
         self.damaged = 0
+        self.is_silent = False
 
     def messages(self) -> list[Message]:
         messages, self.inbox = self.inbox, []

@@ -136,12 +136,12 @@ def test_nobody_there_is_told_at_once_and_where(host, named):
 @pytest.mark.parametrize("kind", [*FOREIGN, "hangs"])
 def test_foreign_server_is_one_clear_error(kind, capfd):
     told = {
-        "closes at once": "closed the connection",
-        "silence": "no new message",
-        "echo": "no new message",
-        "hangs": "no new message",
+        "closes at once": "closed the connection, without sending anything",
+        "silence": "something listens there, but sends nothing",
+        "echo": "something listens there, but sends nothing",
+        "hangs": "something listens there, but sends nothing",
     }.get(kind, "does not speak OpenIGTLink")
-    patience_us = 3_500_000 if "no new" in told else PATIENCE_S * 1_000_000
+    patience_us = 3_500_000 if "listens" in told else PATIENCE_S * 1_000_000
     with foreign_server(kind) as port:
         clock = RealClock()
         tracker = IgtlTracker("127.0.0.1", port, expected_tools=("M1", "M2", "M3"))
