@@ -6,11 +6,11 @@ guess. `OffsetFreeMpc` minimises the paper's cost on the model plus an estimated
 the disturbance model of dynamic matrix control, with a Kalman filter for its size (Pannocchia and
 Rawlings, AIChE J. 49(2), 2003). Measurements are compared with the model or the path at the
 setpoint in effect when they were taken, so servo and camera delays are not mistaken for errors.
+docs/control-baselines.md describes how the constants were found.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -33,19 +33,6 @@ def damped_inverse(jacobian: FloatArray, damping: float) -> FloatArray:
     return np.asarray(np.linalg.solve(gram, jacobian.T))
 
 
-@dataclass(frozen=True)
-class PidTuning:
-    """Gains for the error in motor angles; docs/control-baselines.md tells how they were found."""
-
-    proportional: float = 0.1
-    integral_time_s: float = 0.05
-    """An error seen for T is corrected by the share T / (T + this): 0.95 at 1 Hz, 0.5 at 20 Hz."""
-    derivative_s: float = 0.01
-    derivative_filter_s: float = 0.1
-    damping_mm: float = 15.0
-    """Damping of J's inverse, mm/rad; its singular values are about 100 away from the folds."""
-
-
 class PidIk(Law):
     """Inverse kinematics of the path, plus PID on the error that J's damped inverse turns into q.
 
@@ -55,10 +42,17 @@ class PidIk(Law):
 
     name = "pid-ik"
 
+    _PROPORTIONAL = 0.1
+    _INTEGRAL_TIME_S = 0.05
+    """An error seen for T is corrected by the share T / (T + this): 0.95 at 1 Hz, 0.5 at 20 Hz."""
+    _DERIVATIVE_S = 0.01
+    _DERIVATIVE_FILTER_S = 0.1
+    _DAMPING_MM = 15.0
+    """Damping of J's inverse, mm/rad; its singular values are about 100 away from the folds."""
+
     def __init__(self, description: Description) -> None:
         self._model = ConstantCurvature(description.robot)
         self._limits = MotorLimits.of(description.servo)
-        self._tuning = PidTuning()
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
         super().start(path, history)
@@ -70,25 +64,24 @@ class PidIk(Law):
         """Integrate and differentiate the error over the time between measurements."""
         if measurement.index is None:
             return
-        tuning, elapsed_s = self._tuning, measurement.elapsed_s
+        elapsed_s = measurement.elapsed_s
         error_mm = believable(self.path.target_mm(measurement.index) - measurement.tip_mm)
         jacobian = self._model.jacobian_mm_rad(self.path.reachable_rad(measurement.index))
-        error_rad = damped_inverse(jacobian, tuning.damping_mm) @ error_mm
+        error_rad = damped_inverse(jacobian, self._DAMPING_MM) @ error_mm
         if self._error_rad is not None:
             rate_rad_s = (error_rad - self._error_rad) / elapsed_s
-            share = elapsed_s / (elapsed_s + tuning.derivative_filter_s)
+            share = elapsed_s / (elapsed_s + self._DERIVATIVE_FILTER_S)
             self._rate_rad_s = self._rate_rad_s + share * (rate_rad_s - self._rate_rad_s)
         self._error_rad = error_rad
-        gain = elapsed_s / (elapsed_s + tuning.integral_time_s)
+        gain = elapsed_s / (elapsed_s + self._INTEGRAL_TIME_S)
         self.integral_rad = self.integral_rad + gain * error_rad
 
     def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
         """Plan feedforward plus PID; the integral is reduced by what the motor limits cut off."""
-        tuning = self._tuning
         reachable_rad = self.path.reachable_rad(index)
-        wanted_rad = reachable_rad + self.integral_rad + tuning.derivative_s * self._rate_rad_s
+        wanted_rad = reachable_rad + self.integral_rad + self._DERIVATIVE_S * self._rate_rad_s
         if self._error_rad is not None:
-            wanted_rad = wanted_rad + tuning.proportional * self._error_rad
+            wanted_rad = wanted_rad + self._PROPORTIONAL * self._error_rad
         q_rad = self._limits.clip(wanted_rad)
         self.integral_rad = self.integral_rad + (q_rad - wanted_rad)
         return Plan(q_rad, self._model.tip_mm(reachable_rad)[None])
@@ -108,30 +101,24 @@ class JacobianEstimator(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class FeedbackTuning:
-    """Tuning common to both estimators; docs/control-baselines.md describes how it was found."""
-
-    integral_time_s: float = 0.06
-    """An error seen for T is corrected by the share T / (T + this): 0.94 at 1 Hz, 0.45 at 20 Hz."""
-    damping_mm: float = 20.0
-    """Damping of the inverse, mm/rad; singular values are about 100 away from the folds."""
-    longest_move_rad: float = 0.3
-    """Limit of one command: two or three of the paper's longest steps at 1 Hz."""
-    fastest_rad_s: float = 1.0
-    """Five times the fastest rate of the paths; a vanishing J would demand any rate."""
-    motion_threshold_rad: float = 0.03
-    """Shorter motions, 3 mm of the tip, are not informative at 0.25 mm of noise."""
-
-
 class JacobianFeedback(Law):
     """q += J^+ (path's step + part of the error), with damped J^+ and J estimated during motion."""
+
+    _INTEGRAL_TIME_S = 0.06
+    """An error seen for T is corrected by the share T / (T + this): 0.94 at 1 Hz, 0.45 at 20 Hz."""
+    _DAMPING_MM = 20.0
+    """Damping of the inverse, mm/rad; singular values are about 100 away from the folds."""
+    _LONGEST_MOVE_RAD = 0.3
+    """Limit of one command: two or three of the paper's longest steps at 1 Hz."""
+    _FASTEST_RAD_S = 1.0
+    """Five times the fastest rate of the paths; a vanishing J would demand any rate."""
+    _MOTION_THRESHOLD_RAD = 0.03
+    """Shorter motions, 3 mm of the tip, are not informative at 0.25 mm of noise."""
 
     def __init__(self, description: Description, estimator: JacobianEstimator) -> None:
         self._model = ConstantCurvature(description.robot)
         self._limits = MotorLimits.of(description.servo)
         self._estimator = estimator
-        self._tuning = FeedbackTuning()
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
         """Begin a path with the model's J at the first point."""
@@ -151,18 +138,17 @@ class JacobianFeedback(Law):
         if measurement.index is None:
             return
         error_mm = believable(self.path.target_mm(measurement.index) - measurement.tip_mm)
-        share = measurement.elapsed_s / (measurement.elapsed_s + self._tuning.integral_time_s)
+        share = measurement.elapsed_s / (measurement.elapsed_s + self._INTEGRAL_TIME_S)
         self._correction_mm = self._correction_mm + share * error_mm
 
     def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
         """Plan an increment; what the limits cut off is discarded."""
-        tuning = self._tuning
         target_mm = self.path.target_mm(index)
         wanted_mm = target_mm - self._target_mm + self._correction_mm
         self._target_mm, self._correction_mm = target_mm, np.zeros(3)
         jacobian = self._estimator.jacobian_mm_rad
-        turn_rad = damped_inverse(jacobian, tuning.damping_mm) @ wanted_mm
-        longest_rad = min(tuning.longest_move_rad, tuning.fastest_rad_s * self._elapsed_s)
+        turn_rad = damped_inverse(jacobian, self._DAMPING_MM) @ wanted_mm
+        longest_rad = min(self._LONGEST_MOVE_RAD, self._FASTEST_RAD_S * self._elapsed_s)
         turn_rad = turn_rad * min(1.0, longest_rad / max(float(np.abs(turn_rad).max()), 1e-9))
         q_rad = self._limits.clip(commanded_rad + turn_rad)
         if self._newest is None:
@@ -173,7 +159,7 @@ class JacobianFeedback(Law):
     def _learn(self, measurement: Measurement) -> None:
         if self._anchor is not None:
             turn_rad = measurement.setpoint_rad - self._anchor.setpoint_rad
-            if float(np.linalg.norm(turn_rad)) < self._tuning.motion_threshold_rad:
+            if float(np.linalg.norm(turn_rad)) < self._MOTION_THRESHOLD_RAD:
                 return
             self._estimator.correct(turn_rad, measurement.tip_mm - self._anchor.tip_mm)
         self._anchor = measurement
@@ -253,22 +239,17 @@ class KalmanJacobian(JacobianFeedback):
         super().__init__(description, KalmanEstimator())
 
 
-@dataclass(frozen=True)
-class OffsetTuning:
-    """Tuning of the disturbance's filter; docs/control-baselines.md describes how it was found."""
-
-    noise_mm: float = 0.3
-    """Standard deviation of a measured coordinate, including unmodelled motion."""
-    drift_mm: float = 1.0
-    """Drift of a coordinate of the disturbance, per square root of a second."""
-    first_deviation_mm: float = 20.0
-    """Standard deviation of the disturbance before the first measurement."""
-
-
 class OffsetFreeMpc(Law):
     """min over q_1..q_M of Q sum |f(q_k) + d - f_k|^2 + R sum |q_k - q_(k-1)|^2."""
 
     name = "mpc-offset"
+
+    _NOISE_MM = 0.3
+    """Standard deviation of a measured coordinate, including unmodelled motion."""
+    _DRIFT_MM = 1.0
+    """Drift of a coordinate of the disturbance, per square root of a second."""
+    _FIRST_DEVIATION_MM = 20.0
+    """Standard deviation of the disturbance before the first measurement."""
 
     def __init__(self, description: Description) -> None:
         control = description.control
@@ -278,22 +259,20 @@ class OffsetFreeMpc(Law):
         limits = MotorLimits.of(description.servo)
         self._bounds = sqp.Bounds.of(limits, control.step_bound_rad)
         self._live_steps = control.horizon - 1
-        self._tuning = OffsetTuning()
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
         super().start(path, history)
         self.disturbance_mm = np.zeros(3)
-        self._variance_mm2 = self._tuning.first_deviation_mm**2
+        self._variance_mm2 = self._FIRST_DEVIATION_MM**2
         self._ahead = np.arange(self._live_steps, dtype=np.float64)
         self._reachable_rad = self._reachable_from(0.0)
         self._plan_rad = self._reachable_rad
 
     def observe(self, measurement: Measurement) -> None:
         """Make a step of the disturbance's Kalman filter, which is the same for each coordinate."""
-        tuning = self._tuning
         expected_mm = self._model.tip_mm(measurement.setpoint_rad) + self.disturbance_mm
-        self._variance_mm2 += tuning.drift_mm**2 * measurement.elapsed_s
-        gain = self._variance_mm2 / (self._variance_mm2 + tuning.noise_mm**2)
+        self._variance_mm2 += self._DRIFT_MM**2 * measurement.elapsed_s
+        gain = self._variance_mm2 / (self._variance_mm2 + self._NOISE_MM**2)
         innovation_mm = believable(measurement.tip_mm - expected_mm)
         self.disturbance_mm = self.disturbance_mm + gain * innovation_mm
         self._variance_mm2 *= 1.0 - gain

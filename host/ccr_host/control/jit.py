@@ -10,12 +10,13 @@ import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
-from typing import Any, TypeVar, cast
+from typing import Any, Protocol, TypeVar, cast
 
 import numba
 from numba.extending import register_jitable
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Result_co = TypeVar("Result_co", covariant=True)
 
 
 def compiled(function: Function) -> Function:
@@ -23,16 +24,24 @@ def compiled(function: Function) -> Function:
     return cast(Function, numba.njit(error_model="numpy")(function))
 
 
-def compiled_on_disk(function: Function) -> Function:
+class Entry(Protocol[Result_co]):
+    """A compiled function that Python calls; array arguments are contiguous and writable."""
+
+    def __call__(self, *arguments: object) -> Result_co: ...
+
+    def disable_compile(self) -> None: ...
+
+
+def compiled_on_disk(function: Callable[..., Result_co]) -> Entry[Result_co]:
     """Compile on first use, cached for other processes if a folder is writable.
 
     Numba's cache checks only the file of ``function``, but distinguishes functions that enclose
     different values: enclose a ``fingerprint`` of all other code that it uses.
     """
     try:
-        return cast(Function, numba.njit(error_model="numpy", cache=True)(function))
+        return cast(Entry[Result_co], numba.njit(error_model="numpy", cache=True)(function))
     except RuntimeError:
-        return compiled(function)
+        return cast(Entry[Result_co], compiled(function))
 
 
 def callable_when_compiled(function: Function) -> Function:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from functools import lru_cache
 from types import ModuleType
-from typing import NamedTuple, Protocol, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numba.extending import overload
@@ -112,21 +112,13 @@ class CompiledModel(PlainModel):
         return found.reshape(theta_rad.shape)
 
 
-class _Entry(Protocol):
-    """A compiled function; array arguments are contiguous and writable floats."""
-
-    def __call__(self, *arguments: FloatArray | int) -> FloatArray: ...
-
-    def disable_compile(self) -> None: ...
-
-
 class _Entries(NamedTuple):
     """The functions that Python calls; arguments are few and flat, as each costs time in numba."""
 
-    moved: _Entry
-    changes: _Entry
-    predicted_mm: _Entry
-    polished: _Entry
+    moved: jit.Entry[FloatArray]
+    changes: jit.Entry[FloatArray]
+    predicted_mm: jit.Entry[FloatArray]
+    polished: jit.Entry[FloatArray]
 
 
 def _make_entries(fingerprint: int) -> _Entries:
@@ -171,8 +163,8 @@ def _make_entries(fingerprint: int) -> _Entries:
             found[i] = polished_of(p, found[i, 0], found[i, 1], x_mm, wanted, iterations)
         return found
 
-    entries = moved, changes, predicted_mm, polished
-    return _Entries(*(cast(_Entry, jit.compiled_on_disk(entry)) for entry in entries))
+    entries: tuple[Callable[..., FloatArray], ...] = moved, changes, predicted_mm, polished
+    return _Entries(*(jit.compiled_on_disk(entry) for entry in entries))
 
 
 @lru_cache(maxsize=1)

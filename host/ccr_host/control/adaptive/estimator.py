@@ -12,7 +12,6 @@ docs/control-statics.md has the condition of convergence.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Generic
 
 import numpy as np
@@ -29,38 +28,33 @@ _NOTABLE_HINDRANCE = 0.3
 """Smaller ones, in prior deviations, count as absent, so that noise on the path cannot add them."""
 
 
-@dataclass(frozen=True)
-class Tuning:
-    """The assumptions of the filter."""
-
-    noise_mm: float = 0.3
-    """Standard deviation of a measured coordinate, including unmodelled motion."""
-    swing_mm_per_rad: float = 60.0
-    """Increase of this deviation by a jump of the servos."""
-    delay_s: float = COMMAND_DELAY_S
-    delay_deviation_s: float = 0.015
-    offset_deviation_mm: float = 1.0
-    offset_memory_s: float = 10.0
-    drift_per_sqrt_s: float = 0.02
-    """Drift of the parameters, in prior deviations."""
-    warming_per_sqrt_s: float = 0.01
-    """Drift of the servos' zeros, in prior deviations: 0.03 deg, for a degree in
-    twenty minutes (bench/results.md)."""
-    gate_deviations: float = 4.0
-    """Larger innovations are reduced to this."""
-    innovation_share: float = 0.2
-    """Weight of the newest innovation in their running mean."""
-    freeing: float = 20.0
-    """Squared length of that mean over its expected size at which the load is freed: noise alone
-    reaches it once in six thousand samples."""
-    load_deviation: float = 0.7
-    """Deviation of a freed load, in prior deviations."""
-    usual_after_s: float = 3.0
-    """Time constant of the usual offset, which is restored when a load is freed."""
-    believed_after_s: float = 0.3
-    """Time constant with which commands follow the estimate. A structure that resonates at 4 to
-    10 Hz with 2 % damping responds 20 times more strongly there, with a phase that depends on the
-    latency: the loop gain must be well below 1 at these frequencies."""
+_NOISE_MM = 0.3
+"""Standard deviation of a measured coordinate, including unmodelled motion."""
+_SWING_MM_PER_RAD = 60.0
+"""Increase of this deviation by a jump of the servos."""
+_DELAY_DEVIATION_S = 0.015
+_OFFSET_DEVIATION_MM = 1.0
+_OFFSET_MEMORY_S = 10.0
+_DRIFT_PER_SQRT_S = 0.02
+"""Drift of the parameters, in prior deviations."""
+_WARMING_PER_SQRT_S = 0.01
+"""Drift of the servos' zeros, in prior deviations: 0.03 deg, for a degree in
+twenty minutes (bench/results.md)."""
+_GATE_DEVIATIONS = 4.0
+"""Larger innovations are reduced to this."""
+_INNOVATION_SHARE = 0.2
+"""Weight of the newest innovation in their running mean."""
+_FREEING = 20.0
+"""Squared length of that mean over its expected size at which the load is freed: noise alone
+reaches it once in six thousand samples."""
+_LOAD_DEVIATION = 0.7
+"""Deviation of a freed load, in prior deviations."""
+_USUAL_AFTER_S = 3.0
+"""Time constant of the usual offset, which is restored when a load is freed."""
+_BELIEVED_AFTER_S = 0.3
+"""Time constant with which commands follow the estimate. A structure that resonates at 4 to
+10 Hz with 2 % damping responds 20 times more strongly there, with a phase that depends on the
+latency: the loop gain must be well below 1 at these frequencies."""
 
 
 class Estimator(Generic[P, S]):
@@ -77,7 +71,6 @@ class Estimator(Generic[P, S]):
     ) -> None:
         self._model = model
         self._space = space
-        self._tuning = tuning = Tuning()
         count, roles = space.count, space.roles
         self._count, self._loads = count, roles.loads
         self._states = count + 4
@@ -87,7 +80,7 @@ class Estimator(Generic[P, S]):
         if fit is not None:
             self._state[:count] = fit.score
             self._covariance[:count, :count] = fit.covariance
-        self._covariance[self._offset, self._offset] = np.eye(3) * tuning.offset_deviation_mm**2
+        self._covariance[self._offset, self._offset] = np.eye(3) * _OFFSET_DEVIATION_MM**2
         certain = roles.pushes if fit is None else roles.pushes + _settled(fit, roles)
         self._covariance[certain] = 0.0
         self._covariance[:, certain] = 0.0
@@ -114,12 +107,11 @@ class Estimator(Generic[P, S]):
     @property
     def delay_s(self) -> float:
         """Estimated time from a command to the start of its motion."""
-        tuning = self._tuning
-        return tuning.delay_s + tuning.delay_deviation_s * float(self._state[self._count])
+        return COMMAND_DELAY_S + _DELAY_DEVIATION_S * float(self._state[self._count])
 
     def trust(self, jolt_rad: float) -> float:
         """Weight of a measurement relative to one without oscillation."""
-        return (self._tuning.noise_mm / self._noise_mm(jolt_rad)) ** 2
+        return (_NOISE_MM / self._noise_mm(jolt_rad)) ** 2
 
     def hand_over(self, offset_mm: FloatArray) -> None:
         """Subtract the part of the offset, (3,), that a memory of earlier laps now accounts for."""
@@ -129,15 +121,14 @@ class Estimator(Generic[P, S]):
 
     def elapse(self, duration_s: float) -> None:
         """Predict over a time: parameters drift, the offset decays and gains uncertainty."""
-        tuning = self._tuning
-        keep = float(np.exp(-duration_s / tuning.offset_memory_s))
+        keep = float(np.exp(-duration_s / _OFFSET_MEMORY_S))
         self._state[self._offset] *= keep
         self._covariance[self._offset, :] *= keep
         self._covariance[:, self._offset] *= keep
         diagonal = np.zeros(self._states)
-        diagonal[self._drifting] = tuning.drift_per_sqrt_s**2 * duration_s
-        diagonal[self._warming] = tuning.warming_per_sqrt_s**2 * duration_s
-        diagonal[self._offset] = tuning.offset_deviation_mm**2 * (1.0 - keep * keep)
+        diagonal[self._drifting] = _DRIFT_PER_SQRT_S**2 * duration_s
+        diagonal[self._warming] = _WARMING_PER_SQRT_S**2 * duration_s
+        diagonal[self._offset] = _OFFSET_DEVIATION_MM**2 * (1.0 - keep * keep)
         self._covariance[np.diag_indices(self._states)] += diagonal
         self._since_believed_s += duration_s
 
@@ -161,12 +152,11 @@ class Estimator(Generic[P, S]):
         Returns:
             The pose of the corrected model.
         """
-        tuning = self._tuning
         score, before = self._state[: self._count].copy(), self.parameters
         by = self._model.sensitivity(self._space, score, before, pose, rate_rad_s)
         jacobian = np.zeros((3, self._states))
         jacobian[:, : self._count] = by.tip[:, : self._count]
-        jacobian[:, self._count] = -tuning.delay_deviation_s * by.tip[:, self._count]
+        jacobian[:, self._count] = -_DELAY_DEVIATION_S * by.tip[:, self._count]
         jacobian[:, self._offset] = np.eye(3)
         innovation = seen_mm - (modelled_mm + self._state[self._offset])
         cross = self._covariance @ jacobian.T
@@ -174,7 +164,7 @@ class Estimator(Generic[P, S]):
         innovation_covariance = jacobian @ cross + noise_mm**2 * np.eye(3)
         normalised = np.linalg.solve(np.linalg.cholesky(innovation_covariance), innovation)
         deviations = float(np.sqrt(normalised @ normalised / 3.0))
-        share = min(1.0, tuning.gate_deviations / max(deviations, 1e-9))
+        share = min(1.0, _GATE_DEVIATIONS / max(deviations, 1e-9))
         gain = np.linalg.solve(innovation_covariance, cross.T).T
         change = gain @ (share * innovation)
         self._covariance -= gain @ cross.T
@@ -192,21 +182,20 @@ class Estimator(Generic[P, S]):
         return self._model.shifted(before, self.parameters, pose, theta)
 
     def _noise_mm(self, jolt_rad: float) -> float:
-        return self._tuning.noise_mm + self._tuning.swing_mm_per_rad * jolt_rad
+        return _NOISE_MM + _SWING_MM_PER_RAD * jolt_rad
 
     def _believe(self) -> None:
-        share = 1.0 - np.exp(-self._since_believed_s / self._tuning.believed_after_s)
+        share = 1.0 - np.exp(-self._since_believed_s / _BELIEVED_AFTER_S)
         self._believed += share * (self._state - self._believed)
-        slowly = 1.0 - np.exp(-self._since_believed_s / self._tuning.usual_after_s)
+        slowly = 1.0 - np.exp(-self._since_believed_s / _USUAL_AFTER_S)
         self._usual_offset_mm += slowly * (self._state[self._offset] - self._usual_offset_mm)
         self._since_believed_s = 0.0
 
     def _free_load_if_innovations_agree(self, normalised: FloatArray) -> None:
-        tuning = self._tuning
-        share = tuning.innovation_share
+        share = _INNOVATION_SHARE
         self._mean_innovation = (1.0 - share) * self._mean_innovation + share * normalised
-        if self._mean_innovation @ self._mean_innovation * (2.0 - share) / share > tuning.freeing:
-            free = np.maximum(self._covariance[self._loads, self._loads], tuning.load_deviation**2)
+        if self._mean_innovation @ self._mean_innovation * (2.0 - share) / share > _FREEING:
+            free = np.maximum(self._covariance[self._loads, self._loads], _LOAD_DEVIATION**2)
             self._covariance[self._loads, self._loads] = free
             self._mean_innovation = np.zeros(3)
             # The part of it that the offset has absorbed is removed, for the load to explain.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 from types import ModuleType
-from typing import Any, Protocol, cast
+from typing import Any
 
 import numpy as np
 from numba.extending import overload
@@ -140,14 +140,6 @@ for _text in _texts + jit.functions_of(problem, qp, sqp, plan):
         jit.callable_when_compiled(_text)
 
 
-class _Entry(Protocol):
-    """A compiled function."""
-
-    def __call__(self, *arguments: object) -> StepResult: ...
-
-    def disable_compile(self) -> None: ...
-
-
 def compiled_plan_step(settings: Settings) -> Callable[..., StepResult]:
     """``plan_step`` of a run, compiled or loaded by a first call.
 
@@ -163,7 +155,7 @@ def compiled_plan_step(settings: Settings) -> Callable[..., StepResult]:
 
 
 @lru_cache(maxsize=1)
-def _entry() -> _Entry:
+def _entry() -> jit.Entry[StepResult]:
     """The function that Python calls. Arguments are few and flat, as each costs time in numba."""
     fingerprint = jit.fingerprint(*SOURCES, jit)
 
@@ -171,7 +163,7 @@ def _entry() -> _Entry:
         _ = fingerprint
         return _plan_step(_unpacked(numbers, counts), *arguments)
 
-    return cast(_Entry, jit.compiled_on_disk(plan_step_compiled))
+    return jit.compiled_on_disk(plan_step_compiled)
 
 
 def _packed(settings: Settings) -> tuple[FloatArray, IntArray]:
