@@ -24,7 +24,7 @@ from ccr_host.robot.paths import PAPER_PATHS
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.execute import execute, reference_of
-from ccr_host.run.loop import follow_path
+from ccr_host.run.loop import PathRun
 from ccr_host.run.observer import RunObserver, StepRecord, true_errors_mm
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
@@ -90,10 +90,10 @@ def feedforward_mm(options: RunOptions) -> list[float]:
         controller = KnowingFeedforward(description, preview)
         observer = RunObserver()
         with open_rig(options, description, observer) as rig:
-            records = follow_path(
+            records = PathRun(
                 rig, controller, reference, description, observer, lambda *_: None,
                 markers=MarkerCheck(description),
-            )  # fmt: skip
+            ).execute()  # fmt: skip
         errors_mm.append(lap_errors_mm(records, reference))
     return min(errors_mm)
 

@@ -23,7 +23,7 @@ from ccr_host.control.base import Command, Observation, Outcome
 from ccr_host.core.clock import VirtualClock
 from ccr_host.robot.reference import Reference
 from ccr_host.run.execute import reference_of
-from ccr_host.run.loop import follow_path
+from ccr_host.run.loop import PathRun
 from ccr_host.run.observer import Observers, StepRecord
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
@@ -84,10 +84,10 @@ def count(rate_hz: float) -> CallCounter:
     description, reference = options.description(), reference_of(options)
     counter = CallCounter(len(reference) - 1)
     with open_rig(options, description, Observers()) as rig:
-        follow_path(
+        PathRun(
             rig, Trivial(), reference, description, Observers(), counter.on_step,
             markers=MarkerCheck(description),
-        )  # fmt: skip
+        ).execute()  # fmt: skip
     return counter
 
 

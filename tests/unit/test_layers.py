@@ -66,7 +66,7 @@ def test_imports_only_go_down(package: str) -> None:
 @pytest.mark.parametrize(
     "source",
     [
-        "from ccr_host.run.loop import follow_path",
+        "from ccr_host.run.loop import PathRun",
         "import ccr_host.run",
         "from ccr_host import __version__",
         "def late():\n    from ccr_host.tracking import tracker",

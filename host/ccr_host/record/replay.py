@@ -30,7 +30,7 @@ from ccr_host.record.playing import (
     TapePlayer,
     played_end,
 )
-from ccr_host.run.loop import follow_path
+from ccr_host.run.loop import PathRun
 from ccr_host.run.observer import Observers, StepRecord
 from ccr_host.run.open_rig import is_simulated, meet_board
 from ccr_host.run.recording import Tape, TapeError, TapePiece, Token
@@ -188,7 +188,7 @@ class _Replay:
                 clock.idle()  # until the camera was tracking
                 rig = Rig(clock, client, tracker, Tape(lambda _: None))
                 with stopping_at_once(operator, clock, client, Observers()):
-                    follow_path(
+                    PathRun(
                         rig,
                         self._controller,
                         self._recording.reference,
@@ -198,7 +198,7 @@ class _Replay:
                         operator,
                         markers=None if checks == "none" else MarkerCheck(description),
                         motion=motion,
-                    )
+                    ).execute()
         except (CcrError, KeyboardInterrupt):
             return  # as the recorded run ended
 

@@ -14,7 +14,7 @@ from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits, Surface, Workspace
-from ccr_host.run.loop import Progress, follow_path
+from ccr_host.run.loop import PathRun, Progress
 from ccr_host.run.observer import Observers, RunObserver, RunSetup, StepRecord
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
@@ -84,7 +84,7 @@ def execute(
         with open_rig(options, description, observer) as rig:
             heard = RecordedOperator(operator, rig.tape) if operator else NoOperator()
             with stopping_at_once(heard, rig.clock, rig.client, observer):
-                follow_path(
+                PathRun(
                     rig,
                     controller,
                     reference,
@@ -94,7 +94,7 @@ def execute(
                     heard,
                     markers=markers,
                     motion=motion,
-                )
+                ).execute()
     except (Exception, KeyboardInterrupt) as error:
         if rig is None and not isinstance(error, DeviceError | TrackerError | KeyboardInterrupt):
             raise

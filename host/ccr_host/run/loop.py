@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -55,94 +55,71 @@ A = TypeVar("A")
 Progress = Callable[[int, int, StepRecord], None]
 
 
-def follow_path(
-    rig: Rig,
-    controller: Controller,
-    reference: Reference,
-    description: Description,
-    observer: RunObserver,
-    on_step: Progress,
-    operator: Operator | None = None,
-    *,
-    markers: MarkerCheck | None,
-    motion: RobotCheck | None = None,
-) -> list[StepRecord]:
-    """Arm the robot, approach the first point, follow the path, disarm.
+@dataclass
+class PathRun:
+    """Arms the robot, approaches the first point, follows the path, disarms.
 
     While the operator wants a pause, the path's clock waits and the pose is held. If its
     motion is checked, the robot makes a few small moves first, and must then respond as described.
-
-    Returns:
-        One record for each step of the reference.
-
-    Raises:
-        DeviceError: the board refused, was lost or latched a fault.
-        TrackerError: the markers were lost for longer than coasting and holding allow.
-        MisfitError: the robot is not the described one; it has been disarmed.
     """
-    heard = operator or NoOperator()
-    return _PathRun(
-        rig, controller, reference, description, observer, on_step, heard, markers, motion
-    ).execute()
 
+    rig: Rig
+    controller: Controller
+    reference: Reference
+    description: Description
+    observer: RunObserver
+    on_step: Progress
+    operator: Operator = field(default_factory=NoOperator)
+    _: KW_ONLY
+    markers: MarkerCheck | None
+    motion: RobotCheck | None = None
 
-class _PathRun:
-    def __init__(
-        self,
-        rig: Rig,
-        controller: Controller,
-        reference: Reference,
-        description: Description,
-        observer: RunObserver,
-        on_step: Progress,
-        operator: Operator,
-        markers: MarkerCheck | None,
-        motion: RobotCheck | None,
-    ) -> None:
-        self._rig = rig
-        self._controller = controller
-        self._reference = reference
-        self._steps = len(reference)
-        self._observer = observer
-        self._on_step = on_step
-        self._operator = operator
-        self._check = motion
+    def __post_init__(self) -> None:
+        self._steps = len(self.reference)
+        period_s, description = self.reference.period_s, self.description
         self._settle_s = description.control.settle_s
-        self._period_us = round(reference.period_s * 1e6)
-        validity_ms = description.link.target_validity_periods * reference.period_s * 1e3
+        self._period_us = round(period_s * 1e6)
+        validity_ms = description.link.target_validity_periods * period_s * 1e3
         self._validity_ms = int(np.clip(validity_ms, *_VALIDITY_LIMITS_MS))
         self._feed_us = self._validity_ms * 1000 // 2
         self._records: list[StepRecord] = []
         self._start_us = self._sent_us = 0
-        self._watch = MarkerWatch(rig, description, self._period_us, markers)
+        self._watch = MarkerWatch(self.rig, description, self._period_us, self.markers)
 
     def execute(self) -> list[StepRecord]:
-        rig, clock = self._rig, self._rig.clock
+        """Do it, and return one record for each step of the reference.
+
+        Raises:
+            DeviceError: the board refused, was lost or latched a fault.
+            TrackerError: the markers were lost for longer than coasting and holding allow.
+            MisfitError: the robot is not the described one; it has been disarmed.
+        """
+        rig, clock = self.rig, self.rig.clock
         self._begin("planning")
-        start = self._controller.start
+        start = self.controller.start
         # A copy, as a controller may change it, and errors are measured against the path's own.
-        reference = deepcopy(self._reference)
+        reference = deepcopy(self.reference)
         command = self._usable(start, self._answer_of(start, reference, None)[0])
         self._begin("looking for the markers")
         self._watch.wait_for_markers()
         self._begin("arming")
         rig.client.arm()
         self._wait_for_whole_beat()
-        if self._check is not None and self._check.probe is not None:
-            self._observer.phase(clock.now_us(), _PROBE)
+        if self.motion is not None and self.motion.probe is not None:
+            self.observer.phase(clock.now_us(), _PROBE)
             here = Command(rig.client.accepted_rad, np.zeros((0, 3)), Outcome.SOLVED)
-            self._approach(self._check.probe, here, _PROBE)
-            self._end_if_odd(self._check.judge_probe())
+            self._approach(self.motion.probe, here, _PROBE)
+            self._end_if_odd(self.motion.judge_probe())
         self._begin(_APPROACH.name)
-        self._observer.control(clock.now_us(), None, command)
-        leads = self._controller if isinstance(self._controller, Approaching) else None
+        self.observer.control(clock.now_us(), None, command)
+        leads = self.controller if isinstance(self.controller, Approaching) else None
         if leads is None:
             self._send_until(clock.now_us() + round(self._settle_s * 1e6), command)
         else:
             command = self._approach(leads, command, _APPROACH)
-        if self._check is not None:
-            self._end_if_odd(self._check.judge_approach())
-            self._observer.event(clock.now_us(), self._check.told)
+        if self.motion is not None:
+            self._end_if_odd(self.motion.judge_approach())
+            self.observer.event(clock.now_us(), self.motion.told)
         self._wait_for_whole_beat()
         self._start_us = clock.now_us()
         rig.start_path_clock(self._start_us)
@@ -160,13 +137,13 @@ class _PathRun:
     def _follow(self, command: Command, starts_with_step: bool) -> None:
         solve_us, late = 0.0, False
         while (step := len(self._records)) < self._steps:
-            now_us, due_us = self._rig.clock.now_us(), self._start_us + step * self._period_us
+            now_us, due_us = self.rig.clock.now_us(), self._start_us + step * self._period_us
             if now_us - due_us >= self._period_us:
                 self._skip_missed_steps(command)
                 continue
-            if self._operator.wants_pause:
+            if self.operator.wants_pause:
                 self._start_us += self._pause(command)
-                self._rig.start_path_clock(self._start_us)
+                self.rig.start_path_clock(self._start_us)
                 continue
             if step > 0 or starts_with_step:
                 command, solve_us, late = self._next_command(step, now_us, due_us, command)
@@ -176,23 +153,23 @@ class _PathRun:
 
     def _end_if_odd(self, odd: Rests | None) -> None:
         """Disarm before the cause is computed, and raise it."""
-        if odd is not None and self._check is not None:
+        if odd is not None and self.motion is not None:
             self._begin("disarming")
-            self._rig.client.disarm()
-            raise self._check.cause_of(odd)
+            self.rig.client.disarm()
+            raise self.motion.cause_of(odd)
 
     def _skip_missed_steps(self, held: Command) -> None:
         """Skip the steps whose time has passed.
 
         Their commands would be stale, and the robot was not observed at their ends.
         """
-        now_us, first = self._rig.clock.now_us(), len(self._records)
+        now_us, first = self.rig.clock.now_us(), len(self._records)
         late_us = now_us - self._start_us - first * self._period_us
         missed = min(late_us // self._period_us, self._steps - first)
         if missed <= 0:
             return
         text = f"the host was late by {late_us * 1e-6:.2f} s: steps skipped: {missed}"
-        self._observer.event(now_us, text)
+        self.observer.event(now_us, text)
         skipped = replace(held, outcome=Outcome.SKIPPED, detail="the host was late")
         for step in range(first, first + missed):
             end_us = self._start_us + (step + 1) * self._period_us
@@ -200,7 +177,7 @@ class _PathRun:
 
     def _wait_for_whole_beat(self) -> None:
         """Wait for a common beat: boards take different times to start, but runs are compared."""
-        clock = self._rig.clock
+        clock = self.rig.clock
         clock.sleep_until_us(-(-clock.now_us() // _BEAT_US) * _BEAT_US)
 
     def _answer_of(
@@ -230,7 +207,7 @@ class _PathRun:
             if held is not None:
                 self._feed(held)
 
-        return self._rig.clock.beside(ask, self._feed_us, feed)
+        return self.rig.clock.beside(ask, self._feed_us, feed)
 
     def _send_until(self, end_us: int, command: Command) -> int:
         """Send a command, and resend it when the board's watchdog would not wait until the end.
@@ -238,7 +215,7 @@ class _PathRun:
         Returns:
             The time at the end, in us.
         """
-        clock = self._rig.clock
+        clock = self.rig.clock
         now_us = self._sent_us = clock.now_us()
         self._put(command, command.ramp_s)
         self._watch.setpoints.append((now_us, command.q_rad))
@@ -251,7 +228,7 @@ class _PathRun:
 
     def _approach(self, controller: Approaching, command: Command, phase: Phase) -> Command:
         """Let the controller lead the robot to the first point; return its last command."""
-        clock = self._rig.clock
+        clock = self.rig.clock
         self._watch.start()
         while True:
             due_us = clock.now_us()
@@ -262,18 +239,18 @@ class _PathRun:
                 if led is None:
                     return command
                 command = self._usable(controller.approach, led)
-                self._observer.phase(due_us, command.phase or phase)
-                self._observer.control(due_us, observation, command)
+                self.observer.phase(due_us, command.phase or phase)
+                self.observer.control(due_us, observation, command)
             self._sent_us = clock.now_us()
             self._put(command, command.ramp_s)
             clock.sleep_until_us(due_us + round(APPROACH_PERIOD_S * 1e6))
 
     def _pause(self, command: Command) -> int:
         """Hold the pose until the operator continues; return the delay of the path in us."""
-        clock = self._rig.clock
+        clock = self.rig.clock
         since_us = resend_us = clock.now_us()
         self._begin("paused")
-        while self._operator.wants_pause and not self._operator.wants_stop:
+        while self.operator.wants_pause and not self.operator.wants_stop:
             if clock.now_us() >= resend_us:
                 self._feed(command)
                 resend_us = clock.now_us() + self._feed_us
@@ -294,16 +271,16 @@ class _PathRun:
             return _repeat(last, "markers lost"), 0.0, False
         observation = self._observation(step, now_us, sample)
 
-        solve = self._controller.step
+        solve = self.controller.step
         answer, solve_us = self._answer_of(solve, observation, last)
         command = self._usable(solve, answer)
-        self._observer.control(now_us, observation, command)
-        if self._rig.clock.now_us() - due_us > _SOLVE_SHARE_OF_PERIOD * self._period_us:
+        self.observer.control(now_us, observation, command)
+        if self.rig.clock.now_us() - due_us > _SOLVE_SHARE_OF_PERIOD * self._period_us:
             return _repeat(last, "command late"), solve_us, True
         return command, solve_us, False
 
     def _observation(self, step: int, time_us: int, sample: Sample | None) -> Observation:
-        q_rad = self._rig.client.accepted_rad
+        q_rad = self.rig.client.accepted_rad
         untaken = self._watch.untaken
         earlier: tuple[Picture, ...] = ()
         if untaken and untaken[-1] is sample:
@@ -320,11 +297,11 @@ class _PathRun:
 
     def _feed(self, command: Command) -> None:
         """Resend the last command, with the remainder of its ramp."""
-        gone_s = (self._rig.clock.now_us() - self._sent_us) * 1e-6
+        gone_s = (self.rig.clock.now_us() - self._sent_us) * 1e-6
         self._put(command, max(0.0, command.ramp_s - gone_s))
 
     def _put(self, command: Command, ramp_s: float) -> None:
-        self._rig.client.set_target(
+        self.rig.client.set_target(
             command.q_rad, ramp_ms=round(ramp_s * 1e3), validity_ms=self._validity_ms
         )
 
@@ -334,13 +311,13 @@ class _PathRun:
         """Record a step at the end of its period; a host late by another period has not seen it."""
         sample = self._watch.fresh_sample(now_us)
         if now_us < end_us + self._period_us:
-            true_mm = self._rig.true_tip_mm()
+            true_mm = self.rig.true_tip_mm()
             self._keep(step, now_us, command, solve_us, late, sample, true_mm)
         else:
             self._keep(step, end_us, command, solve_us, late, None, None)
-        if self._check is not None and sample is not None:
-            q_rad = self._rig.client.accepted_rad
-            odd = self._check.judge_step(now_us, q_rad, sample.middle_mm, sample.tip_mm)
+        if self.motion is not None and sample is not None:
+            q_rad = self.rig.client.accepted_rad
+            odd = self.motion.judge_step(now_us, q_rad, sample.middle_mm, sample.tip_mm)
             self._end_if_odd(odd)
 
     def _keep(
@@ -356,8 +333,8 @@ class _PathRun:
         record = StepRecord(
             step=step,
             end_us=end_us,
-            time_s=float(self._reference.time_s[step]),
-            target_mm=self._reference.target_mm[step],
+            time_s=float(self.reference.time_s[step]),
+            target_mm=self.reference.target_mm[step],
             q_rad=command.q_rad,
             outcome=command.outcome,
             detail=command.detail,
@@ -368,19 +345,19 @@ class _PathRun:
             measured_age_us=None if sample is None else end_us - sample.exposed_us,
             true_mm=true_mm,
         )
-        self._observer.step(record)
-        self._on_step(step, self._steps, record)
+        self.observer.step(record)
+        self.on_step(step, self._steps, record)
         self._records.append(record)
 
     def _usable(self, method: Callable[[A], object], answer: object) -> Command:
         try:
-            return checked(answer, self._reference.q_rad.shape[1])
+            return checked(answer, self.reference.q_rad.shape[1])
         except ValueError as error:
             cause = f"{_name_of(method)} has answered {error}{_DISARMED}"
             raise CodeError(cause, _CURE) from None
 
     def _begin(self, phase: str) -> None:
-        self._observer.phase(self._rig.clock.now_us(), Phase(phase))
+        self.observer.phase(self.rig.clock.now_us(), Phase(phase))
 
 
 def _name_of(method: Callable[[A], object]) -> str:

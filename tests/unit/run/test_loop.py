@@ -9,7 +9,7 @@ from ccr_host.control.base import Command, Outcome
 from ccr_host.core.errors import CodeError, TrackerError
 from ccr_host.link.messages import State
 from ccr_host.robot.reference import Reference
-from ccr_host.run.loop import follow_path
+from ccr_host.run.loop import PathRun
 from ccr_host.run.observer import Observers, StepRecord
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
@@ -83,7 +83,8 @@ def rig():
 def follow(rig: Rig, controller, path: Reference, on_step=lambda *_: None) -> list[StepRecord]:
     description = OPTIONS.description()
     markers = MarkerCheck(description)
-    return follow_path(rig, controller, path, description, SILENT, on_step, markers=markers)
+    run = PathRun(rig, controller, path, description, SILENT, on_step, markers=markers)
+    return run.execute()
 
 
 def test_the_command_of_a_step_is_on_the_servos_at_its_end(rig: Rig) -> None:
