@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from ccr_host.core.clock import RealClock, VirtualClock
+from ccr_host.core.clock import Parts, RealClock, VirtualClock
 from ccr_host.core.wire import crc16_arc
 from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.line import make_polaris
@@ -143,8 +143,10 @@ def share_of_core(clock: RealClock, seconds: float) -> float:
 def serve_camera(pipe: Connection) -> None:
     """Serve the emulated camera in another process until it is terminated."""
     line = make_polaris(Tracker(latency_ms=LATENCY_MS), np.random.SeedSequence(1))
-    exposer = Exposer(line.device.sensor, lambda _: MARKERS_MM)
-    server = BoardServer(line, PtyPort(), RealClock(), on_advance=exposer.advance_to)
+    world = Parts()
+    world.attach(line)
+    world.attach(Exposer(line.device.sensor, lambda _: MARKERS_MM))
+    server = BoardServer(line, PtyPort(), RealClock(), world=world)
     pipe.send(server.uri)
     server.run()
 

@@ -51,13 +51,7 @@ def emulate(
 
     Example: ccr-host emulate --tcp 127.0.0.1:5025 --polaris-tcp 127.0.0.1:8765
     """
-    from ccr_host.sim.serving.emulate import (
-        Served,
-        ServedBoard,
-        ServedCamera,
-        open_board,
-        open_board_with_camera,
-    )
+    from ccr_host.sim.serving.emulate import ServedCamera, open_server
 
     if tcp is not None and (pty or simavr):
         raise ConfigError("--tcp with --pty or --simavr", "start one emulator for each")
@@ -67,26 +61,21 @@ def emulate(
     if simavr and with_camera:
         raise ConfigError("a Polaris with --simavr", "omit --simavr: the board is then emulated")
     description = rig.description()
-    motors = description.robot.motors
+    tracker_uri = None
     if simavr:
         from ccr_host.sim.simavr.flash_image import board_for, find_firmware
         from ccr_host.sim.simavr.serve import open_pty_server
 
-        name = board_for(motors)
+        name = board_for(description.robot.motors)
         server = open_pty_server(find_firmware(board=name), name, eeprom_file=eeprom)
-        served = Served(server, server.uri)
     else:
-        board = ServedBoard(tcp, eeprom, motors, boot_loader_us=boot_ms * 1000)
-        if with_camera:
-            camera = ServedCamera(polaris_tcp, description, rig.plant, rig.seed)
-            served = open_board_with_camera(board, camera)
-        else:
-            served = open_board(board)
-    typer.echo(f"emulated board on {served.device_uri}; Ctrl-C ends it")
+        camera = ServedCamera(polaris_tcp, rig.plant, rig.seed) if with_camera else None
+        server, tracker_uri = open_server(description, tcp, eeprom, boot_ms * 1000, camera)
+    typer.echo(f"emulated board on {server.uri}; Ctrl-C ends it")
     tracking = ""
-    if served.tracker_uri is not None:
-        typer.echo(f"emulated Polaris on {served.tracker_uri}")
-        tracking = f" --tracker {served.tracker_uri}"
+    if tracker_uri is not None:
+        typer.echo(f"emulated Polaris on {tracker_uri}")
+        tracking = f" --tracker {tracker_uri}"
     which = f" --robot {rig.robot}" if rig.robot else ""
-    typer.echo(f"try: ccr-host track 8shape{which} --device {served.device_uri}{tracking}")
-    served.server.run_until_signal()
+    typer.echo(f"try: ccr-host track 8shape{which} --device {server.uri}{tracking}")
+    server.run_until_signal()

@@ -12,7 +12,7 @@ from ccr_host.description.schema import load
 from ccr_host.link.board_config import BoardConfig, board_config
 from ccr_host.link.client import Client
 from ccr_host.sim.board.board import UnoEmulator
-from ccr_host.sim.board.serial_line import SerialLine
+from tests.faulty_line import FaultyLine
 
 QUICK = ["link.arm_axis_ms=40", "link.relax_after_ms=400"]
 
@@ -23,7 +23,7 @@ class Rig:
 
     clock: VirtualClock
     board: UnoEmulator
-    line: SerialLine
+    line: FaultyLine
 
     def client(self, *, session: int = 0x1234, attach: bool = True, **observers: object) -> Client:
         client = Client(self.line, self.clock, session, **observers)
@@ -53,7 +53,7 @@ def make_rig() -> Callable[..., Rig]:
     def make(**board_options: int) -> Rig:
         clock = VirtualClock()
         board = UnoEmulator(**board_options)
-        line = SerialLine(board)
+        line = FaultyLine(board)
         clock.attach(line)
         return Rig(clock, board, line)
 

@@ -21,7 +21,7 @@ from ccr_host.link.device_errors import (
 )
 from ccr_host.link.framing import FrameDecoder, encode_frame
 from ccr_host.link.messages import State
-from ccr_host.sim.board.serial_line import LineNoise
+from tests.faulty_line import LineNoise
 
 PERIOD_US = 100_000
 VALIDITY_MS = 300

@@ -15,7 +15,7 @@ from ccr_host.link import messages as m
 from ccr_host.link.exchange import ANSWER_TIMEOUT_US, Exchange, LinkCounts
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
 from ccr_host.link.messages import State
-from ccr_host.sim.board.serial_line import LineNoise
+from tests.faulty_line import LineNoise
 
 VALIDITY_MS = 300
 TARGET = m.SetTarget(1, (0, 0), 0, VALIDITY_MS)

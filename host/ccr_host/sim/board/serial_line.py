@@ -3,38 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
-import numpy as np
-
-from ccr_host.core.errors import DeviceError
 from ccr_host.core.wire import wire_time_us
 from ccr_host.link.messages import BAUD, FRAME_DELIMITER, ResetCause
 from ccr_host.sim.board.board import UnoEmulator
-
-
-@dataclass(frozen=True)
-class LineNoise:
-    """Random transmission errors, as probabilities per byte."""
-
-    rng: np.random.Generator
-    drop: float = 0.0
-    duplicate: float = 0.0
-    flip: float = 0.0
-
-    def corrupt(self, data: bytes) -> bytes:
-        """Return `data` as it arrives at the other end."""
-        out = bytearray()
-        draws = self.rng.random((len(data), 3))
-        for byte, (drop, duplicate, flip) in zip(data, draws, strict=True):
-            if drop < self.drop:
-                continue
-            bit = 1 << int(self.rng.integers(8)) if flip < self.flip else 0
-            out.append(byte ^ bit)
-            if duplicate < self.duplicate:
-                out.append(byte ^ bit)
-        return bytes(out)
-
 
 DISPATCH_LATENCY_US = 50
 """Time from the last bit of a request to its dispatch: one pass of the firmware's main loop."""
@@ -51,11 +23,8 @@ class SerialLine:
 
     def __init__(self, board: UnoEmulator) -> None:
         self.board = board
-        self.noise: LineNoise | None = None
-        """Transmission errors in both directions."""
         self._to_board: deque[tuple[int, bytes]] = deque()
         self._wire_free_us = 0
-        self._plugged_in = True
 
     def advance_to(self, time_us: int) -> None:
         board = self.board
@@ -71,9 +40,6 @@ class SerialLine:
         return min(board_us, self._to_board[0][0]) if self._to_board else board_us
 
     def write(self, data: bytes) -> None:
-        self._require_plug()
-        if self.noise:
-            data = self.noise.corrupt(data)
         start_us = max(self.board.now_us, self._wire_free_us)
         begin = 0
         while begin < len(data):
@@ -84,9 +50,7 @@ class SerialLine:
         self._wire_free_us = start_us + wire_time_us(len(data), BAUD)
 
     def read(self) -> bytes:
-        self._require_plug()
-        data = self.board.take_output()
-        return self.noise.corrupt(data) if self.noise and data else data
+        return self.board.take_output()
 
     def close(self) -> None:
         """Do nothing: the board keeps running, like an UNO on a power supply."""
@@ -95,14 +59,6 @@ class SerialLine:
         self._to_board.clear()
         self._wire_free_us = self.board.now_us
         self.board.reset(ResetCause.EXTERNAL, boot_loader_us)
-
-    def unplug(self) -> None:
-        """Make all later reads and writes fail as if the port were unplugged."""
-        self._plugged_in = False
-
-    def _require_plug(self) -> None:
-        if not self._plugged_in:
-            raise DeviceError(f"{self.name}: the port is gone", "plug the board in again")
 
 
 def _end_of_frame(data: bytes, begin: int) -> int:

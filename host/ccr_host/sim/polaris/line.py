@@ -18,7 +18,7 @@ from ccr_host.core.errors import TrackerError
 from ccr_host.core.wire import bytes_in, crc16_arc, wire_time_us
 from ccr_host.description import simulation
 from ccr_host.description.simulation import Tracker
-from ccr_host.sim.polaris.device import RESET_BAUD, Answer, PolarisDevice
+from ccr_host.sim.polaris.device import RESET_BAUD, PolarisDevice
 from ccr_host.sim.polaris.sensor import NO_FAULTS, PolarisFaults, PositionSensor, Span, is_within
 
 PROCESSING_US = 1000
@@ -80,7 +80,8 @@ class PolarisLine:
     @property
     def next_turn_us(self) -> int:
         """Time of the next event that changes the line itself; exposures are the sensor's."""
-        return self._next_input_us()
+        first_us = self._to_device[0][0] if self._to_device else NEVER_US
+        return min(first_us, self._reset_us, self._next_power_failure_us())
 
     @property
     def next_arrival_us(self) -> int:
@@ -96,7 +97,7 @@ class PolarisLine:
         return min(events, default=NEVER_US)
 
     def advance_to(self, time_us: int) -> None:
-        while (event_us := self._next_input_us()) <= time_us:
+        while (event_us := self.next_turn_us) <= time_us:
             self._now_us = max(self._now_us, event_us)
             if self._next_power_failure_us() <= event_us:
                 self._power_failed_us = event_us
@@ -161,10 +162,6 @@ class PolarisLine:
         """Forget the host's bit rate; the camera keeps running for the next host."""
         self._host_baud = None
 
-    def _next_input_us(self) -> int:
-        first_us = self._to_device[0][0] if self._to_device else NEVER_US
-        return min(first_us, self._reset_us, self._next_power_failure_us())
-
     def _next_power_failure_us(self) -> int:
         resets_us = self.device.sensor.faults.resets_us
         return min((at for at in resets_us if at > self._power_failed_us), default=NEVER_US)
@@ -192,18 +189,14 @@ class PolarisLine:
             self._begin_reset(time_us)
             return
         self._send(time_us + PROCESSING_US, answer.text)
-        self._change_baud(answer)
+        if answer.new_baud is not None:  # From now on: this answer goes at the old bit rate.
+            self.device_baud = answer.new_baud
 
     def _begin_reset(self, time_us: int) -> None:
         self.device.reset()
         self.device_baud = RESET_BAUD
         self._command.clear()
         self._reset_us = time_us + RESET_US
-
-    def _change_baud(self, answer: Answer) -> None:
-        """Apply a new bit rate; the answer to COMM is still sent at the old one."""
-        if answer.new_baud is not None:
-            self.device_baud = answer.new_baud
 
     def _send(self, time_us: int, text: str) -> None:
         payload = text.encode("ascii")

@@ -18,9 +18,6 @@ from ccr_host.core.clock import Clock, Steppable
 BOOT_LOADER_US = 1_000_000
 """Time for which the UNO's boot loader waits for an upload after a reset (optiboot's time-out)."""
 
-AdvanceObserver = Callable[[int], None]
-"""Called with the time in us up to which the board has been advanced."""
-
 
 class Line(Protocol):
     """The line to a device, which advances with it."""
@@ -103,8 +100,8 @@ class Station:
 class BoardServer:
     """An emulated board behind its port, and further devices.
 
-    ``boot_loader_us`` and ``world`` are as for `Station`. ``on_advance`` is called after each
-    advance, for example to advance a twin; devices ``beside`` are advanced after the board.
+    ``boot_loader_us`` and ``world`` are as for `Station`; devices ``beside`` are advanced after the
+    board.
     """
 
     def __init__(
@@ -115,13 +112,11 @@ class BoardServer:
         *,
         boot_loader_us: int = BOOT_LOADER_US,
         world: Steppable | None = None,
-        on_advance: AdvanceObserver | None = None,
         beside: Sequence[Station] = (),
     ) -> None:
         board = Station(line, port, boot_loader_us=boot_loader_us, world=world)
         self._stations = (board, *beside)
         self._clock = clock
-        self._on_advance = on_advance
         self._stopping = False
         self._wake_read, self._wake_write = socket.socketpair()  # Windows selects sockets only
         self._wake_write.setblocking(False)
@@ -160,17 +155,14 @@ class BoardServer:
         self._stopping = True
 
     def _advance(self) -> None:
-        now_us = self._advance_lines()
-        if self._on_advance:
-            self._on_advance(now_us)
+        self._advance_lines()
         for station in self._stations:
             station.deliver()
 
-    def _advance_lines(self) -> int:
+    def _advance_lines(self) -> None:
         now_us = self._clock.now_us()
         for station in self._stations:
             station.advance_to(now_us)
-        return now_us
 
     def _wait(self, selector: selectors.BaseSelector) -> None:
         event_us = min(station.line.next_event_us for station in self._stations)

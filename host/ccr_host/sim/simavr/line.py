@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from ccr_host.core.errors import DeviceError
 from ccr_host.link.messages import BAUD, ResetCause
-from ccr_host.sim.board.serial_line import LineNoise
 from ccr_host.sim.robot.scene import TwinScene
 from ccr_host.sim.simavr.board import Pulse, SimavrBoard
 
@@ -52,10 +50,7 @@ class SimavrLine:
 
     def __init__(self, board: SimavrBoard, *, baud: int | None = BAUD) -> None:
         self.board = board
-        self.noise: LineNoise | None = None
-        """Transmission errors in both directions."""
         self._baud = baud
-        self._plugged_in = True
         self._quiet_since_us = board.now_us
 
     def advance_to(self, time_us: int) -> None:
@@ -71,14 +66,11 @@ class SimavrLine:
         return now_us + (_BUSY_US if talking else _QUIET_US)
 
     def write(self, data: bytes) -> None:
-        self._require_plug()
-        self.board.receive(self.noise.corrupt(data) if self.noise else data, self._baud)
+        self.board.receive(data, self._baud)
         self._quiet_since_us = self.board.now_us
 
     def read(self) -> bytes:
-        self._require_plug()
-        data = self.board.take_output()
-        return self.noise.corrupt(data) if self.noise and data else data
+        return self.board.take_output()
 
     def close(self) -> None:
         """Do nothing: the board keeps running, like an UNO on a power supply."""
@@ -90,10 +82,3 @@ class SimavrLine:
         """
         self.board.forget_unsent()
         self.board.reset(ResetCause.EXTERNAL)
-
-    def unplug(self) -> None:
-        self._plugged_in = False
-
-    def _require_plug(self) -> None:
-        if not self._plugged_in:
-            raise DeviceError(f"{self.name}: the port is gone", "plug the board in again")

@@ -24,10 +24,11 @@ from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import summarise
 from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.eeprom import EepromImage
-from ccr_host.sim.board.serial_line import LineNoise, SerialLine
+from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.serving.ports import TcpPort
 from ccr_host.sim.serving.server import BackgroundServer, BoardServer
 from ccr_host.tools.equipment import EquipmentChange, change_equipment
+from tests.faulty_line import FaultyLine, LineNoise
 from tests.unit.control.adaptive.test_surface import SHORTER_MM, identified_as_short
 from tests.unit.record.replay.rewrite import rewritten
 
@@ -146,7 +147,7 @@ def lines(monkeypatch):
     made = []
 
     def make(board):
-        made.append(SerialLine(board))
+        made.append(FaultyLine(board))
         return made[-1]
 
     monkeypatch.setattr("ccr_host.run.open_rig.SerialLine", make)

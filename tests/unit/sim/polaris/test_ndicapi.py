@@ -4,7 +4,7 @@ import ndicapy as ndi
 import numpy as np
 import pytest
 
-from ccr_host.core.clock import RealClock
+from ccr_host.core.clock import Parts, RealClock
 from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.line import make_polaris
 from ccr_host.sim.polaris.sensor import Exposer, Placement
@@ -28,8 +28,10 @@ def device(request):
     paced = request.param == "pty"
     port = PtyPort() if paced else TcpPort(0)
     line = make_polaris(Tracker(noise_mm=0.0), np.random.SeedSequence(1), paced=paced)
-    exposer = Exposer(line.device.sensor, lambda _: MARKERS_MM)
-    server = BoardServer(line, port, RealClock(), on_advance=exposer.advance_to)
+    world = Parts()
+    world.attach(line)
+    world.attach(Exposer(line.device.sensor, lambda _: MARKERS_MM))
+    server = BoardServer(line, port, RealClock(), world=world)
     with BackgroundServer(server) as background:
         address = background.uri.partition(":")[2]
         if paced:

@@ -3,6 +3,7 @@
 import os
 import signal
 import socket
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -165,7 +166,8 @@ def test_signal_ends_the_server_cleanly(number):
     def send(_: int) -> None:  # a timer might be early, which would end the tests instead
         os.kill(os.getpid(), number)
 
-    server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock(), on_advance=send)
+    world = SimpleNamespace(advance_to=send)
+    server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock(), world=world)
     server.run_until_signal()
     assert signal.getsignal(number) is handler_before
     with pytest.raises(DeviceError, match="refused"):
@@ -200,10 +202,11 @@ def test_eeprom_file_of_another_size_is_refused(tmp_path):
         EepromFile(tmp_path / "missing" / "eeprom.bin")
 
 
-def test_observer_is_called_for_every_advance():
+def test_the_world_advances_while_nobody_is_connected():
     times_us = []
     line = SerialLine(UnoEmulator())
-    server = BoardServer(line, TcpPort(0), RealClock(), on_advance=times_us.append)
+    world = SimpleNamespace(advance_to=times_us.append)
+    server = BoardServer(line, TcpPort(0), RealClock(), world=world)
     with BackgroundServer(server):
         assert becomes_true(lambda: len(times_us) > 3)
     assert times_us == sorted(times_us)

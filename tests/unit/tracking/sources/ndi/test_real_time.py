@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ccr_host.core.clock import RealClock
+from ccr_host.core.clock import Parts, RealClock
 from ccr_host.core.errors import TrackerError
 from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.line import make_polaris
@@ -23,8 +23,10 @@ def test_driver_tracks_and_leaves_the_camera_for_the_next_one(kind):
     port = PtyPort() if kind == "pty" else ServedTcp(0)
     seed = np.random.SeedSequence(1)
     line = make_polaris(Tracker(noise_mm=0.0), seed, paced=kind == "pty")
-    exposer = Exposer(line.device.sensor, lambda _: MARKERS_MM)
-    server = BoardServer(line, port, RealClock(), on_advance=exposer.advance_to)
+    world = Parts()
+    world.attach(line)
+    world.attach(Exposer(line.device.sensor, lambda _: MARKERS_MM))
+    server = BoardServer(line, port, RealClock(), world=world)
     with BackgroundServer(server) as background:
         address = background.uri.partition(":")[2].removeprefix("//")
         for _ in range(2):
