@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy
@@ -18,6 +18,7 @@ from pydantic_core import to_json
 from ccr_host.core.errors import ConfigError, why
 from ccr_host.core.plugins import import_optional
 from ccr_host.core.user_file import replacing
+from ccr_host.record.folder import unwritable
 from ccr_host.record.log.files import LOG_PREFIX, LogFiles, log_files
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.record.log.sinks import DirectSink
@@ -54,6 +55,9 @@ def finish_log(recording: RunRecording, folder: Path) -> int:
     return count
 
 
+Add = Callable[[Row], object]
+"""Adds a row to a file."""
+
 _ROW_GROUP = 20_000
 
 
@@ -63,12 +67,6 @@ class Format(StrEnum):
     CSV = "csv"
     PARQUET = "parquet"
     JSONL = "jsonl"
-
-
-class _TableFile(Protocol):
-    def add(self, row: Row) -> None: ...
-
-    def close(self) -> None: ...
 
 
 def export(recording: RunRecording, form: Format, folder: Path) -> Sequence[tuple[Path, int]]:
@@ -85,87 +83,64 @@ def export(recording: RunRecording, form: Format, folder: Path) -> Sequence[tupl
     try:
         with ExitStack() as stack:
             drafts = [stack.enter_context(replacing(folder / f"{t.name}.{form}")) for t in tables]
-            files: dict[str, _TableFile] = {}
-            for table, draft in zip(tables, drafts, strict=True):
-                file = _open(form, draft, table)
-                stack.callback(file.close)
-                files[table.name] = file
+            add = {
+                table.name: stack.enter_context(_FILES[form](draft, table))
+                for table, draft in zip(tables, drafts, strict=True)
+            }
             for table, row in rows(recording, tables):
-                files[table.name].add(row)
+                add[table.name](row)
                 counts[table.name] += 1
     except OSError as error:
-        raise ConfigError(
-            f"--out {folder}: {why(error)}", "name a folder that can be written"
-        ) from None
+        raise unwritable(folder, why(error)) from None
     return [(folder / f"{name}.{form}", count) for name, count in counts.items()]
 
 
-def _open(form: Format, path: Path, table: Table) -> _TableFile:
-    match form:
-        case Format.CSV:
-            return _CsvFile(path, table)
-        case Format.JSONL:
-            return _JsonLinesFile(path)
-        case Format.PARQUET:
-            return _ParquetFile(path, table)
+@contextmanager
+def _csv_file(path: Path, table: Table) -> Iterator[Add]:
+    with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file:
+        writer = csv.DictWriter(file, list(table.columns))
+        writer.writeheader()
+        yield writer.writerow
 
 
-class _CsvFile:
-    def __init__(self, path: Path, table: Table) -> None:
-        self._file = path.open("w", newline="", encoding="utf-8", errors="backslashreplace")
-        self._writer = csv.DictWriter(self._file, list(table.columns))
-        self._writer.writeheader()
-
-    def add(self, row: Row) -> None:
-        self._writer.writerow(row)
-
-    def close(self) -> None:
-        self._file.close()
+@contextmanager
+def _json_lines_file(path: Path, _: Table) -> Iterator[Add]:
+    with path.open("w", encoding="utf-8") as file:
+        yield lambda row: file.write(json.dumps(row) + "\n")
 
 
-class _JsonLinesFile:
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("w", encoding="utf-8")
+@contextmanager
+def _parquet_file(path: Path, table: Table) -> Iterator[Add]:
+    arrow: Any = import_optional("pyarrow", "export", "--format parquet")
+    parquet: Any = import_optional("pyarrow.parquet", "export", "--format parquet")
+    types = {int: arrow.int64(), float: arrow.float64(), bool: arrow.bool_(), str: arrow.string()}
+    schema = arrow.schema(
+        [
+            arrow.field(name, types[column.kind], metadata={"description": column.meaning})
+            for name, column in table.columns.items()
+        ]
+    )
+    waiting: list[Row] = []
+    with parquet.ParquetWriter(str(path), schema) as writer:
 
-    def add(self, row: Row) -> None:
-        self._file.write(json.dumps(row) + "\n")
+        def write() -> None:
+            writer.write_table(arrow.Table.from_pylist(waiting, schema=schema))
+            waiting.clear()
 
-    def close(self) -> None:
-        self._file.close()
+        def add(row: Row) -> None:
+            waiting.append(row)
+            if len(waiting) >= _ROW_GROUP:
+                write()
+
+        yield add
+        write()
 
 
-class _ParquetFile:
-    def __init__(self, path: Path, table: Table) -> None:
-        arrow: Any = import_optional("pyarrow", "export", "--format parquet")
-        parquet: Any = import_optional("pyarrow.parquet", "export", "--format parquet")
-        types = {
-            int: arrow.int64(),
-            float: arrow.float64(),
-            bool: arrow.bool_(),
-            str: arrow.string(),
-        }
-        self._arrow = arrow
-        self._schema = arrow.schema(
-            [
-                arrow.field(name, types[column.kind], metadata={"description": column.meaning})
-                for name, column in table.columns.items()
-            ]
-        )
-        self._writer = parquet.ParquetWriter(str(path), self._schema)
-        self._rows: list[Row] = []
-
-    def add(self, row: Row) -> None:
-        self._rows.append(row)
-        if len(self._rows) >= _ROW_GROUP:
-            self._write()
-
-    def close(self) -> None:
-        self._write()
-        self._writer.close()
-
-    def _write(self) -> None:
-        self._writer.write_table(self._arrow.Table.from_pylist(self._rows, schema=self._schema))
-        self._rows = []
+_FILES: dict[Format, Callable[[Path, Table], AbstractContextManager[Add]]] = {
+    Format.CSV: _csv_file,
+    Format.JSONL: _json_lines_file,
+    Format.PARQUET: _parquet_file,
+}
 
 
 MAT_FILE = "run.mat"
@@ -190,9 +165,7 @@ def write_mat(recording: RunRecording, folder: Path) -> dict[str, int]:
                 file, structs, long_field_names=True, do_compression=True, oned_as="column"
             )
     except OSError as error:
-        raise ConfigError(
-            f"--out {folder}: {why(error)}", "name a folder that can be written"
-        ) from None
+        raise unwritable(folder, why(error)) from None
     return {name: len(next(iter(columns.values()))) for name, columns in structs.items()}
 
 

@@ -68,9 +68,7 @@ class ResultFolder:
         except (OSError, ValueError) as error:
             self._remove_if_empty()
             cause = "not a folder" if isinstance(error, FileExistsError) else why(error)
-            raise ConfigError(
-                f"--out {self.path}: {cause}", "name a folder that can be written"
-            ) from None
+            raise unwritable(self.path, cause) from None
 
     def __enter__(self) -> Self:
         return self
@@ -131,6 +129,11 @@ def _locked(folder: Path) -> ExitStack:
         except OSError:
             pass  # some file systems have no locks
     return lock
+
+
+def unwritable(folder: Path, cause: str) -> ConfigError:
+    """The error of a folder that takes no results."""
+    return ConfigError(f"--out {folder}: {cause}", "name a folder that can be written")
 
 
 def write_json(file: Path, content: dict[str, Any]) -> None:

@@ -20,10 +20,11 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from ccr_host.core.errors import ConfigError, why
+from ccr_host.core.errors import why
 from ccr_host.core.plugins import import_optional
 from ccr_host.core.user_file import replacing
 from ccr_host.description.schema import Description
+from ccr_host.record.folder import unwritable
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import LogMessage, RunRecording
 from ccr_host.record.log.visuals import ROBOT_FRAME
@@ -99,9 +100,7 @@ def write_bag(recording: RunRecording, folder: Path) -> dict[str, int]:
         with replacing(folder / METADATA_FILE) as draft:
             draft.write_text(_metadata(counts, types, last_us * 1000), encoding="utf-8")
     except OSError as error:
-        raise ConfigError(
-            f"--out {folder}: {why(error)}", "name a folder that can be written"
-        ) from None
+        raise unwritable(folder, why(error)) from None
     return dict(counts)
 
 
