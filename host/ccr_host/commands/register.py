@@ -96,7 +96,8 @@ def registration_table(found: Survey) -> Table:
     table.add_row("segments as measured (mm)", _numbers(found.lengths_mm, 1))
     if found.reversed_motors:
         motors = " and ".join(map(str, found.reversed_motors))
-        table.add_row("reversed", f"motor {motors}; ccr-host calibrate corrects this")
+        cure = "ccr-host calibrate corrects this; left-handed axes of the tracker look alike"
+        table.add_row("reversed", f"motor {motors}; {cure}")
     return table
 
 

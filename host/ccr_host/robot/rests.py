@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
 _SAME_RAD = np.radians(0.5)
 """Setpoints nearer than this are the same pose."""
+_BEYOND_SLACK_RAD = np.radians(15.0)
+_ONE_PICTURE_MM = 1e-6
+"""Rounding of means; no camera repeats a place that well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +89,18 @@ class Rests:
                 found[motor] = 0.5 * np.linalg.norm(apart_mm, axis=1).mean()
         return found
 
+    def moved_mm(self) -> FloatArray:
+        """By how much each motor moved the tip, linearly, (n,)."""
+        design = np.column_stack([self.q_rad, np.ones(len(self.q_rad))])
+        by_motor = np.linalg.lstsq(design, self.tip_mm, rcond=None)[0][:-1]
+        moved_mm: FloatArray = np.linalg.norm(by_motor, axis=1) * np.ptp(self.q_rad, axis=0)
+        return moved_mm
+
+    def are_one_picture(self) -> bool:
+        """Whether the markers stand at the same places although a motor was turned."""
+        is_led = bool((np.ptp(self.q_rad, axis=0) > _BEYOND_SLACK_RAD).any())
+        return is_led and not (np.ptp(self.markers_mm, axis=0) > _ONE_PICTURE_MM).any()
+
     def last(self, number: int) -> Rests:
         first = max(len(self.q_rad) - number, 0)
         return Rests(
@@ -97,3 +113,12 @@ class Rests:
     def turned(self, rotation: FloatArray) -> Rests:
         """The rests in another frame; ``rotation`` (3, 3) maps vectors of this frame to it."""
         return replace(self, markers_mm=self.markers_mm @ rotation.T)
+
+    def turned_onto(self, expected_mm: FloatArray, *, mirrored: bool = False) -> Rests:
+        """The rests in the frame, a left-handed one if ``mirrored``, nearest to (N, S, 3)."""
+        handed = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0])
+        seen = np.isfinite(self.vectors_mm).all(axis=-1)
+        turn, _ = scipy.spatial.transform.Rotation.align_vectors(
+            expected_mm[seen] @ handed, self.vectors_mm[seen]
+        )
+        return self.turned(handed @ turn.as_matrix())

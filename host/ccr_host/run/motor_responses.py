@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, linear_sum_assignment
-from scipy.spatial.transform import Rotation
 
+from ccr_host.control.adaptive.misfit import LEFT_HANDED
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.rests import Rests
@@ -33,8 +33,14 @@ _LEAST_SHARE = 0.25
 """Share of its expected motion that a motor must make; of random robots that match
 some keep 0.31 of it, as slack of 1.2 mm takes the rest."""
 _PRICE = 6.0
-"""Minus twice the log odds of each reversed motor, of an exchange, and of a turned camera; and of
-the description, where something else is likelier."""
+"""Minus twice the log odds of each reversed motor, of an exchange, of a turned camera, and of one
+whose axes are left-handed besides; and of the description, where something else is likelier."""
+
+
+_TURNED = (
+    "the camera stands otherwise than registered, or was never registered",
+    "set [registration]",
+)
 
 
 class Responses(NamedTuple):
@@ -69,8 +75,8 @@ class Explanation(NamedTuple):
     """(m,): the described motor that each one acts as."""
     signs: Array
     """(m,): 1, or -1 if it turns the other way."""
-    is_turned: bool
-    """Whether the camera stands otherwise than known."""
+    of_camera: tuple[str, str] | None
+    """Cause and cure if the camera stands otherwise than known."""
     cost: float
     """Minus twice the log likelihood, prices included, up to a constant."""
 
@@ -85,9 +91,9 @@ class Explanation(NamedTuple):
         if len(reversed_):
             causes.append(f"motor {_numbers(reversed_)} reversed")
             cures.append("negate its servo.pulse_per_90_deg_us, or the winding of its tendons")
-        if self.is_turned:
-            causes.append("the camera stands otherwise than registered, or was never registered")
-            cures.append("set [registration]")
+        if self.of_camera:
+            causes.append(self.of_camera[0])
+            cures.append(self.of_camera[1])
         return (", ".join(causes), "; ".join(cures)) if causes else None
 
 
@@ -118,7 +124,7 @@ class MotorResponses:
         self._model = ConstantCurvature(robot)
         self._length_mm = sum(self._model.lengths_mm)
         self._noise_mm = description.tracker.noise_mm
-        self._rests = rests = rests.chosen([0, *_best_rests(rests)])
+        self._rests = rests = rests.chosen([0, *_best_rests(rests)]).ends()
         led_rad = rests.q_rad - rests.q_rad[0]
         self.motors = np.abs(led_rad[1:]).argmax(axis=1)
         """The motors that were seen to be moved, by their numbers from 0."""
@@ -130,15 +136,16 @@ class MotorResponses:
         count = len(self.motors)
         off_rad = np.arccos(np.diag(self.responses.cosines()))
         cost = float(((off_rad / _OFF_RAD) ** 2).sum()) + self._pose_cost
-        return Explanation(self.motors, self.motors, np.ones(count), False, cost)
+        return Explanation(self.motors, self.motors, np.ones(count), None, cost)
 
     def likeliest(self) -> Explanation:
         """What explains the responses best."""
-        turned, pose_cost = self._responses(self._rests.turned(self._turn()))
-        found = [
-            self._explained(self.responses, is_turned=False, cost=self._pose_cost),
-            self._explained(turned, is_turned=True, cost=pose_cost + _PRICE),
-        ]
+        expected_mm = self._ends_mm(self._model.bending_rad(self._rests.q_rad))
+        found = [self._explained(self.responses, None, self._pose_cost)]
+        for mirrored, of_camera in enumerate((_TURNED, LEFT_HANDED)):
+            turned = self._rests.turned_onto(expected_mm, mirrored=bool(mirrored))
+            responses, cost = self._responses(turned)
+            found.append(self._explained(responses, of_camera, cost + _PRICE * (1 + mirrored)))
         return min(found, key=lambda one: one.cost)
 
     def is_odd(self) -> bool:
@@ -166,7 +173,9 @@ class MotorResponses:
                 return f"most likely {found[0]}", found[1]
         return None
 
-    def _explained(self, responses: Responses, *, is_turned: bool, cost: float) -> Explanation:
+    def _explained(
+        self, responses: Responses, of_camera: tuple[str, str] | None, cost: float
+    ) -> Explanation:
         cosines = responses.cosines()
         forward = (np.arccos(cosines) / _OFF_RAD) ** 2
         backward = (np.arccos(-cosines) / _OFF_RAD) ** 2 + _PRICE
@@ -174,11 +183,11 @@ class MotorResponses:
         motors, acting = linear_sum_assignment(costs)
         signs = np.where(forward[motors, acting] <= backward[motors, acting], 1.0, -1.0)
         total = cost + float(costs[motors, acting].sum())
-        return Explanation(self.motors[motors], self.motors[acting], signs, is_turned, total)
+        return Explanation(self.motors[motors], self.motors[acting], signs, of_camera, total)
 
     def _responses(self, rests: Rests) -> tuple[Responses, float]:
         """Responses, and how unlikely the robot's pose at the first rest is."""
-        seen_mm = rests.vectors_mm[:, [0, -1]]
+        seen_mm = rests.vectors_mm
         start_rad = self._model.bending_rad(rests.q_rad[0])
         is_seen = np.isfinite(seen_mm[0]).all(axis=1)
         sigma_mm = _MEASURED_SHARE * self._length_mm
@@ -204,12 +213,3 @@ class MotorResponses:
         """M2 and the tip, (N, 2, 3)."""
         ends: Array = self._model.markers_mm(bending_rad)[0][:, [0, -1]]
         return ends
-
-    def _turn(self) -> Array:
-        """The turn, (3, 3), after which the markers are where the description has them."""
-        expected = self._ends_mm(self._model.bending_rad(self._rests.q_rad))
-        seen = self._rests.vectors_mm[:, [0, -1]]
-        both = np.isfinite(seen).all(axis=2)
-        turn, _ = Rotation.align_vectors(expected[both], seen[both])
-        matrix: Array = turn.as_matrix()
-        return matrix

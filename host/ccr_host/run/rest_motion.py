@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.core.errors import CcrError
+from ccr_host.control.adaptive.misfit import REPEATED
+from ccr_host.core.errors import CcrError, TrackerError
 from ccr_host.robot.rests import Rests
 from ccr_host.run.rig import Rig
 from ccr_host.tracking.markers.check import MarkerCheck
@@ -36,6 +37,8 @@ _OUTLIER_MM = 3.0
 _REST_MM = 0.5
 """The means of both halves of the samples agree to this if the robot is at rest."""
 _ATTEMPTS_TO_REST = 4
+_ALIKE_POSES = 5
+"""So many in one picture are of a tracker that repeats it."""
 
 
 class RestError(CcrError):
@@ -58,7 +61,7 @@ def visit(
 
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
-        TrackerError: the markers are not those of the robot, or swapped.
+        TrackerError: the markers are not those of the robot, swapped, or seen in one picture.
         RestError: the robot does not come to rest.
     """
     rig.client.arm()
@@ -74,6 +77,8 @@ def visit(
             on_rest(done, seen_mm)
             here = stop_rad[None], seen_mm.mean(axis=0)[None], np.array([float(len(seen_mm))])
             rests = rests.then(Rests(start_rad, *here))
+            if len(rests.count) >= _ALIKE_POSES and rests.last(_ALIKE_POSES).are_one_picture():
+                raise TrackerError(*REPEATED)
         check.robot_moves()
         judge(done + 1, rests)
     motion.move_to(start_rad)

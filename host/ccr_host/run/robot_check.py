@@ -24,6 +24,7 @@ from ccr_host.control.adaptive.misfit import (
     misfit,
     misfit_of,
     not_as_described,
+    standing_still,
 )
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.static_model import Resting
@@ -256,6 +257,8 @@ class RobotCheck:
     def _cause_of(self, odd: Rests) -> MisfitError:
         if self._seen:
             return not_as_described(*(self._change_of(odd) or _ALONG_PATH))
+        if (still := standing_still(odd)) is not None:
+            return still
         if not self._description.robot.segments:
             return misfit(odd, self._description)
         if self._responses and (named := self._responses.cause_and_cure()):

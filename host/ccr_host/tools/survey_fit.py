@@ -18,6 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.identification import Fit
 from ccr_host.control.adaptive.misfit import (
+    BEYOND_SLACK_RAD,
+    STILL_MM,
     is_misfit,
     misfit,
     misfit_of,
@@ -48,9 +50,8 @@ _FEWEST_RESTS = 12
 _MAX_BASE_MOTION_MM = 1.0
 _MIN_MOTION_MM = 5.0
 """By which each motor must move the tip, linearly."""
-_FIRST_POSES, _STILL_MM, _BEYOND_SLACK_RAD = 5, 1.0, math.radians(30.0)
-"""The tour ends if none of its first poses was seen, or if a motor that was turned beyond any slack
-moved the tip by less."""
+_FIRST_POSES = 5
+"""The tour ends if none of these was seen."""
 _NOTABLE_MM = 5.0
 """Width of the hysteresis from which it is named as a cause; `default` has 3 mm."""
 _MOUNTED_OTHERWISE = 150.0
@@ -210,9 +211,9 @@ def require_motion_so_far(
     if done < _FIRST_POSES:
         return
     _require_rests(rests, 1)
-    is_led = np.ptp(rests.q_rad, axis=0) > _BEYOND_SLACK_RAD
+    is_led = np.ptp(rests.q_rad, axis=0) > BEYOND_SLACK_RAD
     is_done = is_led & ~alone_rad[done:].any(axis=0)
-    _require_moves(rests, description, np.where(is_done, _STILL_MM, 0.0))
+    _require_moves(rests, description, np.where(is_done, STILL_MM, 0.0))
 
 
 def _require_rests(rests: Rests, fewest: int) -> None:
@@ -225,10 +226,7 @@ def _require_rests(rests: Rests, fewest: int) -> None:
 
 def _require_moves(rests: Rests, description: Description, least_mm: Array) -> None:
     """Refuse rests in which a motor moved the tip by less than that, (n,)."""
-    tip, led_rad = description.robot.markers[-1], rests.q_rad
-    design = np.column_stack([led_rad, np.ones(len(led_rad))])
-    by_motor = np.linalg.norm(np.linalg.lstsq(design, rests.tip_mm, rcond=None)[0][:-1], axis=1)
-    moved_mm = by_motor * np.ptp(led_rad, axis=0)
+    tip, moved_mm = description.robot.markers[-1], rests.moved_mm()
     for motor in np.flatnonzero(moved_mm < least_mm):
         raise SurveyError(
             f"motor {motor + 1} moved {tip} by {moved_mm[motor]:.1f} mm only",

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ccr_host.control.adaptive.misfit import MisfitError
+from ccr_host.control.adaptive.misfit import LEFT_HANDED, MisfitError
 from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.rests import Rests
@@ -27,7 +27,7 @@ MATCHING = 6.0
 """Cost that another explanation must save."""
 
 
-def responses(name: str, seed: int, led=lambda q: q, turn=None) -> MotorResponses:
+def responses(name: str, seed: int, led=lambda q: q, frame=None) -> MotorResponses:
     """Those of a robot that sags, with motors that bend it further or less than described."""
     rng = np.random.default_rng(seed)
     description = schema.load(name)
@@ -38,7 +38,7 @@ def responses(name: str, seed: int, led=lambda q: q, turn=None) -> MotorResponse
     places, _ = model.markers_mm(sag_rad + model.bending_rad(shares * led(q_rad)))
     vectors_mm = places[:, [0, -1]] + rng.normal(0.0, 0.1, (len(q_rad), 2, 3))
     rests = Rests.of_vectors(q_rad[0], q_rad, vectors_mm, np.ones(len(q_rad)))
-    return MotorResponses(description, rests if turn is None else rests.turned(turn.as_matrix()))
+    return MotorResponses(description, rests if frame is None else rests.turned(frame))
 
 
 def cause(found: MotorResponses) -> str:
@@ -83,9 +83,17 @@ def test_every_two_exchanged_motors_are_named(name) -> None:
 def test_a_turned_camera_is_told_from_exchanged_motors(name, seed, turn_deg) -> None:
     axis = np.random.default_rng(seed).normal(size=3)
     vector = np.radians(turn_deg) * axis / np.linalg.norm(axis)
-    found = responses(name, seed, turn=Rotation.from_rotvec(vector))
+    found = responses(name, seed, frame=Rotation.from_rotvec(vector).as_matrix())
     assert "the camera stands" in cause(found)
     assert found.as_described().cost - found.likeliest().cost > MATCHING
+
+
+@pytest.mark.parametrize("name", SHIPPED[1:])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_left_handed_axes_are_told_from_reversed_and_exchanged_motors(name, axis) -> None:
+    mirrored = responses(name, axis, frame=np.diag(1.0 - 2.0 * np.eye(3)[axis]))
+    assert cause(mirrored) == LEFT_HANDED[0]
+    assert mirrored.as_described().cost - mirrored.likeliest().cost > MATCHING
 
 
 def test_a_motor_without_tendons_is_named_by_its_number() -> None:

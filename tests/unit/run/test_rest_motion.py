@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+from ccr_host.core.errors import TrackerError
 from ccr_host.link.messages import State, StateReport
 from ccr_host.run.observer import Observers, RunObserver
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
 from ccr_host.run.rest_motion import visit
 from ccr_host.tracking.markers.check import MarkerCheck
+from ccr_host.tracking.tracker import Sample
 
 REST_DEG = (20.0, -10.0)
 OPTIONS = RigOptions(overrides=(f"servo.rest_deg={[*REST_DEG]}", "twin.joint_damping=4e-3"))
@@ -74,3 +76,23 @@ def test_an_interrupted_tour_leaves_no_servo_powered(check: MarkerCheck) -> None
     assert any(report.state is State.ACTIVE for report in witness.reports)
     assert witness.reports[-1].state is State.DISARMED
     assert witness.reports[-1].pulse_half_us == (0, 0)
+
+
+def test_a_tracker_that_repeats_one_picture_with_new_stamps_ends_the_tour(
+    monkeypatch, check: MarkerCheck
+) -> None:
+    stops_rad = np.radians([(deg, 0.0) for deg in (0.0, 15.0, 30.0, 45.0, 30.0, 0.0, 0.0)])
+    told = []
+    with open_rig(OPTIONS, OPTIONS.description(), Observers()) as rig:
+        seen, first = rig.tracker.newest, []
+
+        def repeated() -> Sample | None:
+            if (sample := seen()) is None:
+                return None
+            first.append(sample.markers_mm)
+            return Sample(sample.exposed_us, first[0])
+
+        monkeypatch.setattr(rig.tracker, "newest", repeated)
+        with pytest.raises(TrackerError, match="repeats one picture"):
+            visit(rig, check, stops_rad, lambda done, _: told.append(done))
+    assert told[-1] == 4

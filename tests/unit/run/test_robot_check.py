@@ -18,6 +18,7 @@ from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult
 from ccr_host.sim.robot.robot import TwinRobot
 from ccr_host.tools.sweep.random_twin import as_overrides, draw_twin
+from ccr_host.tracking.sources.twin import TwinTracker
 from ccr_host.tracking.tracker import Sample
 
 pytestmark = pytest.mark.long
@@ -105,6 +106,44 @@ def test_exchanged_motors_are_named(path: str) -> None:
     with patch.object(TwinRobot, "set_pulses_half_us", exchanged):
         result, _ = checked(path)
     assert "motors 1 and 2 are exchanged" in str(result.failure)
+
+
+@pytest.mark.parametrize(
+    ("mirror", "told"),
+    [
+        ((-1, 1, 1), "most likely motor 2 reversed, or the tracker's axes are left-handed"),
+        ((1, 1, -1), "most likely the tracker's axes are left-handed"),
+    ],
+)
+def test_left_handed_axes_are_named(path: str, mirror: tuple[int, int, int], told: str) -> None:
+    as_is = TwinRobot.markers_mm
+    with patch.object(TwinRobot, "markers_mm", lambda robot: as_is(robot) * mirror):
+        result, _ = checked(path)
+    assert told in str(result.failure)
+
+
+@pytest.mark.parametrize("still", [(1,), (1, 2)])
+def test_motors_that_move_nothing_are_named(path: str, still: tuple[int, ...]) -> None:
+    as_sent = TwinRobot.set_pulses_half_us
+
+    def led(robot: TwinRobot, pulses_half_us: tuple[int, int]) -> None:
+        as_sent(robot, tuple(3000 if n in still else p for n, p in enumerate(pulses_half_us, 1)))
+
+    with patch.object(TwinRobot, "set_pulses_half_us", led):
+        result, _ = checked(path)
+    assert f"motor {' and '.join(map(str, still))} moved nothing" in str(result.failure)
+
+
+def test_a_picture_that_is_repeated_is_named_before_the_path(path: str) -> None:
+    first: list[np.ndarray] = []
+
+    def repeated(tracker: TwinTracker, sample: Sample) -> Sample:
+        first.append(sample.markers_mm)
+        return Sample(sample.exposed_us, first[0])
+
+    with patch.object(TwinTracker, "_turned", repeated):
+        result, _ = checked(path)
+    assert "the tracker repeats one picture" in str(result.failure)
 
 
 def test_what_no_model_explains_along_the_path_ends_the_run(path: str) -> None:

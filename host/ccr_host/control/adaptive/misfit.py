@@ -16,7 +16,6 @@ from itertools import islice, product
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-import scipy
 
 from ccr_host.control.adaptive.identification import Fit, Predict, StaticsFit
 from ccr_host.control.adaptive.model import make_model
@@ -63,6 +62,16 @@ _ALSO = {
     "angle": "; check servo.pulse_per_90_deg_us, and how the camera stands: ccr-host register",
 }
 """What else looks like a parameter, by the beginning of its name."""
+STILL_MM, BEYOND_SLACK_RAD = 1.0, math.radians(30.0)
+"""A motor that was turned beyond any slack and moved the tip by less does not move it."""
+LEFT_HANDED = (
+    "the tracker's axes are left-handed, so that it shows the robot mirrored",
+    "let the tracker use right-handed axes",
+)
+REPEATED = (
+    "the tracker repeats one picture",
+    "start its program again; see with ccr-host monitor whether it follows a marker moved by hand",
+)
 _CALIBRATE = "ccr-host calibrate"
 _SWAP_CURE = "exchange the leads of the servos, or the tendons between the pulleys"
 _PRICE = 6.0
@@ -189,6 +198,21 @@ def misfit(
     return not_as_described(f"{likely} {causes}", "; or ".join(t.hypothesis.cure for t in named))
 
 
+def standing_still(rests: Rests) -> MisfitError | None:
+    """The error for a picture that is repeated, or motors that move nothing; None if all do."""
+    if rests.are_one_picture():
+        return not_as_described(*REPEATED)
+    is_led = np.ptp(rests.q_rad, axis=0) > BEYOND_SLACK_RAD
+    still = [str(motor + 1) for motor in np.flatnonzero(is_led & (rests.moved_mm() < STILL_MM))]
+    if not still:
+        return None
+    return not_as_described(
+        f"motor {' and '.join(still)} moved nothing: its servo does not turn, or no tendon of "
+        f"motor {' and '.join(still)} pulls",
+        "check the servo's supply and leads, and that its tendons are on its pulley; tighten them",
+    )
+
+
 def not_as_described(cause: str, cure: str) -> MisfitError:
     """The error with a cause that is known, or likely."""
     return MisfitError(f"the robot does not move as described; {cause}", cure)
@@ -225,7 +249,8 @@ class Motors(NamedTuple):
 def motors_exchanged(motors: Motors) -> MisfitError:
     """The error for exchanged motors."""
     numbers = " and ".join(str(motor + 1) for motor in motors.exchanged)
-    return not_as_described(f"most likely motors {numbers} are exchanged", _SWAP_CURE)
+    cure = f"{_SWAP_CURE}; left-handed axes of the tracker may look alike"
+    return not_as_described(f"most likely motors {numbers} are exchanged", cure)
 
 
 @dataclass(frozen=True)
@@ -239,6 +264,7 @@ class _Hypothesis:
     """The reversed motors, 0 or 1."""
     swapped: bool = False
     turned: bool = False
+    mirrored: bool = False
     gravity: Gravity | None = None
     """Direction of gravity, if not the described one."""
     freed: tuple[str, ...] = ()
@@ -334,6 +360,7 @@ def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
         "ccr-host register; check which marker is which with ccr-host monitor",
         turned=True,
     )
+    yield _Hypothesis(*LEFT_HANDED, turned=True, mirrored=True)
 
 
 def _hypotheses_before_setup(description: Description) -> Iterator[_Hypothesis]:
@@ -353,7 +380,7 @@ def _trials(
         under = under.mounted(hypothesis.gravity)
     supposed = _as_supposed(hypothesis, rests, under, predict)
     price = _PRICE * (len(hypothesis.reversed) + hypothesis.swapped + hypothesis.turned)
-    price += _PRICE * (hypothesis.gravity is not None)
+    price += _PRICE * (hypothesis.mirrored + (hypothesis.gravity is not None))
     price += 2.0 * math.log(_FREEDOM) * len(freed)
     for scores in product(*((-_START, _START) if i in ZEROS else (0.0,) for i in freed)):
         start = np.zeros(COUNT)
@@ -371,8 +398,4 @@ def _as_supposed(
     if not hypothesis.turned:
         return led
     expected_mm = predict(scaling.parameters(np.zeros(COUNT)), led)
-    seen = np.isfinite(rests.vectors_mm).all(axis=-1)
-    turn, _ = scipy.spatial.transform.Rotation.align_vectors(
-        expected_mm[seen], rests.vectors_mm[seen]
-    )
-    return led.turned(turn.as_matrix())
+    return led.turned_onto(expected_mm, mirrored=hypothesis.mirrored)

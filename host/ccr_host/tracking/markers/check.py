@@ -68,6 +68,7 @@ _CONFIRMED_US = 300_000
 _RENAME = (
     "exchange their names: tracker.tool_files, the tags on the robot, or the names in the server"
 )
+_UNITS_MM = {"metres": 1000.0, "centimetres": 10.0, "inches": 25.4}
 _LENGTH_ERROR = (2.5, 0.02)
 """Absolute, mm, and relative to the length: glue, print, uneven bending. Random twins showed errors
 of up to 2.3 mm."""
@@ -172,10 +173,12 @@ class MarkerCheck:
         if exchange is not None:
             return f"markers {self._shown(exchange)} are exchanged: {told}", _RENAME
         if not fits:
+            units = [unit for unit, mm in _UNITS_MM.items() if self._fits(mm * markers_mm)]
+            bodies = f"check the lengths in [robot], which body is {', '.join(self.names)}, and "
             return (
-                f"the markers are not those of this robot: {told}",
-                f"check the lengths in [robot], which body is {', '.join(self.names)}, and "
-                "tracker.tag_size_mm",
+                f"the markers are not those of this robot: {told}"
+                + f"; {' or '.join(units)} instead of mm would fit" * bool(units),
+                "let the tracker give mm" if units else bodies + "tracker.tag_size_mm",
             )
         side = self.names[: _LEADING + 1][-1]
         if self._gain_mm(markers_mm, self._turned_round) < -2 * _GLUE_MM:

@@ -75,6 +75,15 @@ def test_another_scale_is_another_robot(at_rest, scale) -> None:
     assert "58.5 and 43.5 mm" in cause
 
 
+@pytest.mark.parametrize("unit", ["metres", "centimetres"])
+def test_a_tracker_that_gives_other_units_is_told(at_rest, unit) -> None:
+    cause, cure = MarkerCheck(ROBOT).trouble(
+        at_rest / {"metres": 1000.0, "centimetres": 10.0}[unit]
+    )
+    assert f"{unit} instead of mm would fit" in cause
+    assert cure == "let the tracker give mm"
+
+
 def test_one_sample_that_does_not_fit_is_left_out_and_several_end_it(at_rest) -> None:
     check = MarkerCheck(ROBOT)
     wrong = at_rest[[2, 1, 0]]
