@@ -127,8 +127,9 @@ class _Guide:
             return
         description = self.options.description()
         done = "pulse_per_90_deg_us" in description.servo.model_fields_set
-        self.screen.print("tendons off, servo supply on, emergency stop at hand")
-        if not self._wanted("move each servo to marked angles with the arrow keys", done=done):
+        beware = "tendons off, servo supply on, emergency stop at hand"
+        step = "move each servo to marked angles with the arrow keys"
+        if not self._wanted(f"{beware}: {step}", done):
             return
         with open_rig(self.options, description, Observers()) as rig:
             blind = sees_simulated_robot(self.options)
@@ -152,8 +153,8 @@ class _Guide:
         description = self.options.description()
         identified = description.identified
         done = identified is not None and identified.valid_for == digest_of(description)
-        self.screen.print("tendons on, nothing near the robot: it visits about forty poses")
-        if not self._wanted("measure camera and servos", done=done):
+        beware = "tendons on, nothing near the robot, which visits about forty poses"
+        if not self._wanted(f"{beware}: measure camera and servos", done):
             return
         for _ in range(_ROUNDS):
             description = self.options.description()
@@ -201,9 +202,10 @@ class _Guide:
     def _title(self, text: str) -> None:
         self.screen.rule(text, align="left")
 
-    def _wanted(self, step: str, *, done: bool = False) -> bool:
+    def _wanted(self, step: str, done: bool = False) -> bool:
         """Whether to do a step; Enter does it if it was not done before."""
         if not self.asks:
+            self.screen.print("done before" if done else step)
             return not done
         question = "done before; Enter continues, r repeats" if done else "Enter starts, s skips"
         answer: str = typer.prompt(f"{step} ({question})", default="", show_default=False)
