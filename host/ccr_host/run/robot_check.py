@@ -61,6 +61,8 @@ _SIGMAS = 2.0
 """Of a distance of markers by the described noise, for each of several looks in a row."""
 _FOR_US, _FORGIVEN = 3_000_000, 0.5
 """Time for which poses may be unexplained, and how fast explained ones make up for it."""
+_MOST_COUNTED_US = 1_000_000
+"""Time that a look counts for, at most: what happened while the markers were hidden is unknown."""
 _KEPT = 12
 """Number of looks from which the cause is determined."""
 _ALONG_PATH = (
@@ -215,6 +217,7 @@ class RobotCheck:
         passed_us = time_us - self._looked_us
         if self._model is None or passed_us < _LOOK_PERIOD_US:
             return None
+        passed_us = min(passed_us, _MOST_COUNTED_US)
         p, self._looked_us = self._model, time_us
         statics, pose = self._statics, self._pose
         pose = statics.first_pose(p, q_rad) if pose is None else statics.moved(p, pose, q_rad)

@@ -18,7 +18,7 @@ from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult
 from ccr_host.sim.robot.robot import TwinRobot
 from ccr_host.tools.sweep.random_twin import as_overrides, draw_twin
-from ccr_host.tracking.sources.twin import TwinTracker
+from ccr_host.tracking.sources.twin import Camera, TwinTracker
 from ccr_host.tracking.tracker import Sample
 
 pytestmark = pytest.mark.long
@@ -153,6 +153,27 @@ def test_what_no_model_explains_along_the_path_ends_the_run(path: str) -> None:
     assert 2 < len(result.records) <= 8
     assert witness.last is not None
     assert witness.last.state is State.DISARMED
+
+
+def test_time_for_which_the_markers_are_hidden_is_not_unexplained(path: str) -> None:
+    hand = "twin.push={force_n = [0.0, 0.0, 2.0], start_s = 1.5, end_s = 6.3}"
+    expose, start, begun = Camera.expose, TwinRobot.start_path_clock, []
+
+    def hidden(camera: Camera, time_us: int, markers_mm: np.ndarray) -> None:
+        expose(camera, time_us, markers_mm)
+        if begun and 2.2e6 < time_us - begun[0] < 5.8e6:
+            camera._in_flight.clear()
+
+    def begin(robot: TwinRobot, time_us: int) -> None:
+        begun.append(time_us)
+        start(robot, time_us)
+
+    with (
+        patch.object(Camera, "expose", hidden),
+        patch.object(TwinRobot, "start_path_clock", begin),
+    ):
+        result, _ = checked(path, hand)
+    assert result.failure is None
 
 
 def test_a_servo_that_stops_in_mid_run_is_named(path: str) -> None:
