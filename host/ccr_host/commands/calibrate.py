@@ -148,7 +148,7 @@ def survey_by_tracker(screen: Console, rig: Rig, description: Description) -> Su
     from ccr_host.tools.calibrate import calibration_table
     from ccr_host.tools.survey import survey
 
-    with terminal.steps_progress(console(on_stderr=True), "poses") as on_pose:
+    with terminal.pose_progress() as on_pose:
         found = survey(rig, description, on_pose)
     screen.print(registration_table(found))
     screen.print(calibration_table(found, description))
@@ -161,7 +161,7 @@ def _identify(screen: Console, rig: Rig, description: Description) -> dict[str, 
     from ccr_host.commands import terminal
     from ccr_host.tools.survey import identified_section, measure_rests, trial_fit
 
-    with terminal.steps_progress(console(on_stderr=True), "poses") as on_pose:
+    with terminal.pose_progress() as on_pose:
         rests = measure_rests(rig, description, on_pose)
     fit = trial_fit(rests, description)
     screen.print(f"{len(rests.count)} rests; {fit.residual}")

@@ -14,7 +14,6 @@ from ccr_host.commands.options import (
     UncheckedOption,
     complete_controllers,
     complete_paths,
-    console,
     console_beside,
     print_json,
     print_notes,
@@ -95,7 +94,7 @@ def compare(
     failures: list[Exception | KeyboardInterrupt] = []
     with ResultFolder(out, "compare") as folder:
         try:
-            with terminal.count_progress(console(on_stderr=True), "runs", len(runs)) as count:
+            with terminal.count_progress(len(runs)) as count:
                 for index, outcome in execute_all(runs):
                     count()
                     if not isinstance(outcome, RunResult):

@@ -29,13 +29,22 @@ def flash(
 
     Example: ccr-host flash --port /dev/ttyACM0
     """
+    from ccr_host.link.device_errors import firmware_version
     from ccr_host.tools.flash import flash_board
 
-    report = flash_board(port, firmware, board)
+    found, identity = flash_board(port, firmware, board)
+    version, eeprom = firmware_version(identity), identity.eeprom_status.name.lower()
     screen = console_beside(as_json=as_json)
     screen.print(
-        f"{report.port}: firmware {report.firmware_version} answers, "
-        f"boot {report.identity.boot_id}, EEPROM {report.identity.eeprom_status.name.lower()}",
+        f"{found}: firmware {version} answers, boot {identity.boot_id}, EEPROM {eeprom}",
     )
     if as_json:
-        print_json(report.summary())
+        print_json(
+            {
+                "port": found,
+                "firmware_version": version,
+                "protocol_version": identity.protocol_version,
+                "spec_hash": f"{identity.spec_hash:08x}",
+                "eeprom_status": eeprom,
+            }
+        )

@@ -9,7 +9,6 @@ import typer
 
 from ccr_host.commands.options import (
     JsonOption,
-    console,
     console_beside,
     print_json,
     require_named_tracker,
@@ -58,7 +57,7 @@ def record(
     with new_table(file, description.robot) as table:
         try:
             with (
-                terminal.steps_progress(console(on_stderr=True), "poses") as on_pose,
+                terminal.pose_progress() as on_pose,
                 open_rig(rig, description, Observers()) as opened,
             ):
                 record_rests(opened, description, stops, table, on_pose)

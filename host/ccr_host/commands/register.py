@@ -12,7 +12,6 @@ from rich.table import Table
 from ccr_host.commands.options import (
     JsonOption,
     KeepInOption,
-    console,
     console_beside,
     print_json,
     require_named_tracker,
@@ -48,7 +47,7 @@ def register(
     file = file_to_keep_in(rig.robot, out)
     screen = console_beside(as_json=as_json)
     with (
-        terminal.steps_progress(console(on_stderr=True), "poses") as on_pose,
+        terminal.pose_progress() as on_pose,
         open_rig(rig, description, Observers(), in_camera_frame=True) as opened,
     ):
         found = survey(opened, description, on_pose)

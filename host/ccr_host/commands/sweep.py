@@ -13,7 +13,6 @@ from ccr_host.commands.options import (
     Without,
     complete_controllers,
     complete_paths,
-    console,
     console_beside,
     print_json,
     tell_kept,
@@ -162,7 +161,7 @@ def _progress(jobs: Sequence[TwinJob]) -> AbstractContextManager[OnCount]:
     from ccr_host.commands import terminal
 
     total = sum(len(job.drives) for job in jobs)
-    return terminal.count_progress(console(on_stderr=True), "runs", total)
+    return terminal.count_progress(total)
 
 
 def _show(rows: Sequence[Row], screen: Console, *, as_json: bool) -> None:

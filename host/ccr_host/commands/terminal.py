@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from rich import box
-from rich.console import Console, Group
+from rich.console import Group
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -20,6 +20,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from ccr_host.commands.options import console
 from ccr_host.control.base import Phase
 from ccr_host.record.comparisons import paper_mean_mm, why_measured_differs
 from ccr_host.run.observer import RunObserver, StepRecord
@@ -67,7 +68,7 @@ class RunProgress(RunObserver):
 
 
 @contextmanager
-def step_progress(console: Console, title: str) -> Iterator[RunProgress]:
+def step_progress(title: str) -> Iterator[RunProgress]:
     """Progress bar of a run, to be used as its observer."""
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -75,16 +76,15 @@ def step_progress(console: Console, title: str) -> Iterator[RunProgress]:
         TextColumn("{task.fields[state]}", markup=False),
         TimeRemainingColumn(),
     )
-    with _progress(console, *columns) as progress:
+    with _progress(*columns) as progress:
         yield RunProgress(progress, title)
 
 
 @contextmanager
-def count_progress(console: Console, title: str, total: int) -> Iterator[OnCount]:
-    """Progress bar over equal pieces of work; call the function with the number finished."""
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-    with _progress(console, *columns, TimeRemainingColumn()) as progress:
-        task = progress.add_task(title, total=total)
+def count_progress(total: int) -> Iterator[OnCount]:
+    """Progress bar over runs; call the function with the number finished."""
+    with _progress(*_counted(), TimeRemainingColumn()) as progress:
+        task = progress.add_task("runs", total=total)
 
         def count(pieces: int = 1) -> None:
             progress.advance(task, pieces)
@@ -93,16 +93,15 @@ def count_progress(console: Console, title: str, total: int) -> Iterator[OnCount
 
 
 @contextmanager
-def steps_progress(console: Console, title: str) -> Iterator[Callable[[int, int], None]]:
-    """Progress bar over steps; call the function with the steps done and their total."""
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-    with _progress(console, *columns) as progress:
-        task = progress.add_task(title, total=None)
+def pose_progress() -> Iterator[Callable[[int, int], None]]:
+    """Progress bar over poses; call the function with those done and their total."""
+    with _progress(*_counted()) as progress:
+        task = progress.add_task("poses", total=None)
 
-        def on_step(done: int, steps: int) -> None:
-            progress.update(task, total=steps, completed=done)
+        def on_pose(done: int, poses: int) -> None:
+            progress.update(task, total=poses, completed=done)
 
-        yield on_step
+        yield on_pose
 
 
 def run_table(summary: Mapping[str, Any], options: RunOptions) -> Group:
@@ -302,9 +301,14 @@ def _early_note(summary: Mapping[str, Any]) -> str:
     return f", only {steps} of {planned} steps" if steps < planned else ""
 
 
-def _progress(console: Console, *columns: ProgressColumn) -> Progress:
-    """A progress bar, shown on terminals only and removed at the end."""
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+def _counted() -> tuple[ProgressColumn, ...]:
+    return TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn()
+
+
+def _progress(*columns: ProgressColumn) -> Progress:
+    """A progress bar on standard error, shown on terminals only and removed at the end."""
+    screen = console(on_stderr=True)
+    return Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal)
 
 
 def _error_text(record: StepRecord) -> str:

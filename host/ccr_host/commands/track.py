@@ -105,7 +105,7 @@ def track(
         twin_open_loop = options.with_controller("open-loop").on_the_twin()
         with in_background(twin_open_loop) if wanted else nullcontext() as open_loop_result:
             title = f"{reference.name}, {controller}"
-            with terminal.step_progress(console(on_stderr=True), title) as progress:
+            with terminal.step_progress(title) as progress:
                 result = execute_logged(
                     options,
                     folder.path,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from math import floor, isqrt
 from typing import Final
 
@@ -64,13 +64,8 @@ class BoardConfig:
         """
         if axes < self.axes:
             raise TooFewAxesError(axes, self.axes)
-        return BoardConfig(
-            limits=self.limits.with_axes(axes),
-            slew=self.slew.with_axes(axes),
-            watchdog=self.watchdog,
-            calibration=self.calibration.with_axes(axes),
-            acceleration=self.acceleration.with_axes(axes),
-        )
+        wide = {group.name: getattr(self, group.name).with_axes(axes) for group in fields(self)}
+        return replace(self, **wide)
 
     def way_to_rest_us(self) -> int:
         """Upper bound of the time from any pose to rest."""
@@ -107,8 +102,7 @@ def board_name(equipment: Equipment) -> str:
 
 
 def _groups(config: BoardConfig) -> tuple[ConfigGroup, ...]:
-    robots = (config.limits, config.slew, config.watchdog, config.calibration)
-    return (*robots, config.acceleration)
+    return tuple(getattr(config, group.name) for group in fields(config))
 
 
 def _shown(field: Field, raw: int | tuple[int, ...]) -> str:

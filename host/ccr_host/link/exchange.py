@@ -119,7 +119,8 @@ class LinkCounts:
         return LinkStatistics(
             sent=self.sent,
             received=self.received,
-            crc_errors=self.framing_errors.total() + self._board_framing_errors(),
+            crc_errors=self.framing_errors.total()
+            + sum(self._counted_by_the_board(error.value) or 0 for error in FramingError),
             retries=self.retries,
             rtt_us_median=median,
             rtt_us_p99=p99,
@@ -129,9 +130,6 @@ class LinkCounts:
             holds=self._counted_by_the_board("holds"),
             relaxes=self._counted_by_the_board("relaxes"),
         )
-
-    def _board_framing_errors(self) -> int:
-        return sum(self._counted_by_the_board(error.value) or 0 for error in FramingError)
 
     def _counted_by_the_board(self, name: str) -> int | None:
         """The increase of a 16-bit counter of the board during this connection."""
@@ -279,7 +277,9 @@ class Exchange:
                 if answer is not None:
                     if attempt == 0:
                         self._counts.round_trips_us.append(answer.time_us - sent_us)
-                    return _accepted(request, answer.message)
+                    if isinstance(nack := answer.message, Nack):
+                        raise RequestRefusedError(type(request), nack.code, nack.detail)
+                    return answer.message
         finally:
             self._awaited = None
         raise BoardSilentError(
@@ -352,9 +352,3 @@ def _parse(frame: Frame) -> Message | None:
         return kind.unpack(frame.payload)
     except PayloadError:
         return None
-
-
-def _accepted(request: Request, answer: Message) -> Message:
-    if isinstance(answer, Nack):
-        raise RequestRefusedError(type(request), answer.code, answer.detail)
-    return answer

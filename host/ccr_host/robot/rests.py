@@ -53,7 +53,7 @@ class Rests:
         """The rests with M1, M2 and the tip alone, in which static models are fitted."""
         return replace(self, markers_mm=self.markers_mm[:, [0, 1, -1]])
 
-    def chosen(self, rows: NDArray[np.bool_] | list[int]) -> Rests:
+    def chosen(self, rows: NDArray[np.bool_] | list[int] | slice) -> Rests:
         parts = (getattr(self, key)[rows] for key in ("q_rad", "markers_mm", "count"))
         return Rests(self.start_rad, *parts)
 
@@ -103,12 +103,8 @@ class Rests:
 
     def last(self, number: int) -> Rests:
         first = max(len(self.q_rad) - number, 0)
-        return Rests(
-            self.q_rad[first - 1] if first else self.start_rad,
-            self.q_rad[first:],
-            self.markers_mm[first:],
-            self.count[first:],
-        )
+        start_rad = self.q_rad[first - 1] if first else self.start_rad
+        return replace(self.chosen(slice(first, None)), start_rad=start_rad)
 
     def turned(self, rotation: FloatArray) -> Rests:
         """The rests in another frame; ``rotation`` (3, 3) maps vectors of this frame to it."""

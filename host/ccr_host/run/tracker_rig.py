@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import cast
@@ -83,7 +83,7 @@ class TrackerRig:
                 exposed = self._polaris.device.sensor
                 self.camera = NdiTracker(str(uri), self._polaris.open, _ndi_settings(description))
             case _:
-                camera = open_tracker(uri, description, _tools(description))
+                camera = open_tracker(uri, description)
                 guarded = self.camera = _Guarded(camera, str(uri))
                 exposed = guarded if uri.is_simulated else None
         if exposed is not None:
@@ -233,13 +233,10 @@ class _Guarded(StartsAndStops):
         return self._frame
 
 
-def open_tracker(
-    uri: TrackerUri, description: Description, tools: Sequence[Tool] = ()
-) -> RawTracker:
+def open_tracker(uri: TrackerUri, description: Description) -> RawTracker:
     """Make a tracker; it is not started yet.
 
-    Those of `twin:` and `ndi-emulator:` need a scene and are made elsewhere. ``tools`` are rigid
-    bodies for a Polaris; empty for single spheres.
+    Those of `twin:` and `ndi-emulator:` need a scene and are made elsewhere.
 
     Raises:
         ConfigError: a package or a setting is missing.
@@ -247,7 +244,7 @@ def open_tracker(
     """
     name = str(uri)
     latency_us = round(description.tracker.latency_ms * 1000)
-    settings = NdiSettings(tools=tools, latency_us=latency_us)
+    settings = _ndi_settings(description)
     match uri.kind:
         case TrackerKind.NDI_SERIAL:
             return NdiTracker(name, lambda: SerialPort(uri.address), settings)

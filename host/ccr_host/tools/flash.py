@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
@@ -184,27 +183,6 @@ def _run(command: list[str], folder: Path, port: str) -> None:
         raise DeviceError(f"{port}: {Path(command[0]).name} failed, see above", cure)
 
 
-@dataclass(frozen=True)
-class FlashReport:
-    """The firmware on the board after flashing."""
-
-    port: str
-    identity: HelloReply
-
-    @property
-    def firmware_version(self) -> str:
-        return ".".join(map(str, self.identity.firmware_version))
-
-    def summary(self) -> dict[str, object]:
-        return {
-            "port": self.port,
-            "firmware_version": self.firmware_version,
-            "protocol_version": self.identity.protocol_version,
-            "spec_hash": f"{self.identity.spec_hash:08x}",
-            "eeprom_status": self.identity.eeprom_status.name.lower(),
-        }
-
-
 def flash_board(
     port: str | None = None,
     firmware: Path | None = None,
@@ -212,8 +190,8 @@ def flash_board(
     *,
     project: Path | None = None,
     pio: str = "pio",
-) -> FlashReport:
-    """Find the board, upload the firmware, and query its identity.
+) -> tuple[str, HelloReply]:
+    """Find the board, upload the firmware; return the port, and the identity of what is there now.
 
     ``firmware`` is a HEX or ELF file for avrdude; None builds the project with PlatformIO or, if
     there is no project, takes the file that came with this installation. ``project`` is the folder
@@ -230,7 +208,7 @@ def flash_board(
         upload_file(chosen, firmware or released_firmware(board), board)
     else:
         upload_project(chosen, project, board, pio=pio)
-    return FlashReport(chosen, say_hello(chosen))
+    return chosen, say_hello(chosen)
 
 
 def say_hello(port: str) -> HelloReply:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -56,14 +56,8 @@ class Measured:
     """Name of the excitation, (N,); empty if it was not given."""
 
     def kept(self, rows: NDArray[np.bool_]) -> Measured:
-        return Measured(
-            self.time_s[rows],
-            self.command[rows],
-            self.unit,
-            self.tip_mm[rows],
-            self.middle_mm[rows],
-            self.pattern[rows],
-        )
+        columns = ("time_s", "command", "tip_mm", "middle_mm", "pattern")
+        return replace(self, **{name: getattr(self, name)[rows] for name in columns})
 
 
 @dataclass(frozen=True)
