@@ -55,7 +55,7 @@ A = TypeVar("A")
 Progress = Callable[[int, int, StepRecord], None]
 
 
-@dataclass
+@dataclass(eq=False)
 class PathRun:
     """Arms the robot, approaches the first point, follows the path, disarms.
 
@@ -87,7 +87,7 @@ class PathRun:
         self._watch = MarkerWatch(self.rig, description, self._period_us, self.markers)
 
     def execute(self) -> list[StepRecord]:
-        """Do it, and return one record for each step of the reference.
+        """Run, and return one record for each step of the reference.
 
         Raises:
             DeviceError: the board refused, was lost or latched a fault.
