@@ -133,8 +133,9 @@ def robot_svg(description: Description) -> str:
 
 def holes_mm(description: Description) -> list[Point]:
     """Where the tendons pass through the disks of segment 1, along the paths' y and z."""
-    radius_mm = description.robot.chain[0].tendon_radius_mm
-    angles = [math.radians(tendon.angle_deg) for _, tendon in description.robot.tendons]
+    robot = description.robot
+    radius_mm, clocking_deg = robot.chain[0].tendon_radius_mm, robot.chain[0].clocking_deg
+    angles = [math.radians(tendon.angle_deg + clocking_deg) for _, tendon in robot.tendons]
     return [(radius_mm * math.cos(angle), radius_mm * math.sin(angle)) for angle in angles]
 
 

@@ -73,7 +73,7 @@ class Tendon(Section):
 class Segment(Section):
     """A segment of a robot of any number of segments, from the base, `[[robot.segments]]`.
 
-    The last four keys are what `ccr-host identify` finds besides the geometry.
+    The last five keys are what `ccr-host identify` finds besides the geometry.
     """
 
     length_mm: SegmentLength
@@ -84,6 +84,8 @@ class Segment(Section):
     """In one plane, or in any direction."""
     direction_deg: Turn = 0.0
     """Direction in which a segment bends that bends in a plane, measured as tendons' angles."""
+    clocking_deg: Annotated[float, within(-45, 45)] = 0.0
+    """Turn of the holes in its disks about the backbone, against the tendons' `angle_deg`."""
     stiffness: Annotated[float, within(0.01, 100)] = 1.0
     """Its bending stiffness over that of the first segment."""
     compliance: Annotated[float, within(1e-4, 100)] = 0.05
@@ -188,7 +190,8 @@ class Robot(Section):
             ]
             for number, segment in enumerate(self.segments):
                 pull = sum(pull for last, pull in pulls if last >= number)
-                along = pull * cmath.rect(1.0, -math.radians(segment.direction_deg))
+                turn_rad = math.radians(segment.clocking_deg - segment.direction_deg)
+                along = pull * cmath.rect(1.0, turn_rad)
                 if abs(along.real if segment.bends == "plane" else along) > _NO_PULL:
                     break
             else:

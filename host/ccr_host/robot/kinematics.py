@@ -81,9 +81,9 @@ def bending_of_motors(robot: Robot) -> FloatArray:
     levers = np.zeros((len(tendons), len(segments), 2))
     wound = np.zeros((len(tendons), max(tendon.motor for _, tendon in tendons)))
     for row, (last, tendon) in enumerate(tendons):
-        towards = exact_direction(math.radians(tendon.angle_deg))
-        for number in range(last + 1):
-            levers[row, number] = np.multiply(segments[number].tendon_radius_mm, towards)
+        for number, segment in enumerate(segments[: last + 1]):
+            towards = exact_direction(math.radians(tendon.angle_deg + segment.clocking_deg))
+            levers[row, number] = np.multiply(segment.tendon_radius_mm, towards)
         wound[row, tendon.motor - 1] = tendon.winding * robot.pulley_radius_mm
     by_freedom = np.tensordot(levers, freedom, axes=((1, 2), (1, 2)))
     stiffness = np.array([segment.stiffness for segment in segments])

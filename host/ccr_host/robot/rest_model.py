@@ -2,7 +2,8 @@
 
 Unknown are lengths, radii, stiffness and compliance of the segments, sag, dead travel, slack and
 place of every tendon, weight, places of the markers, and where the robot stands in the frame of the
-measurement.
+measurement. Of a measurement in any frame, so is the clocking of the segments: how far the holes of
+each, which all tendons pass there, are turned about the backbone.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ _MARKERS_MM, _GLUE_MM, _PLACE_MM = 0.7, 0.5, 5.0
 """Deviation of all markers from their described place, of each from that of the tip, and of the
 origin of other measurements."""
 _PROBE_RAD, _PROBE = 1e-6, 1e-5
-_PULLING = ("dead_travel", "slack", "angle", "log_compliance")
+_HOLES_RAD = 0.12
+"""Deviation of the place of a tendon's holes, and of those of a segment, about the backbone."""
+_PULLING = ("dead_travel", "slack", "angle", "clocking", "log_compliance")
 """What changes no place at the same bending, nor any weight."""
 _WEIGHT = 0.4
 """Deviation of the weight times the robot's length, over the stiffness of segment 1."""
@@ -137,7 +140,9 @@ class RestModel:
         for row, (_, tendon) in enumerate(tendons):
             self.winding[row, tendon.motor - 1] = tendon.winding
         self._passes = np.arange(len(segments)) <= self.segment_of[:, None]
-        self._angle_rad = np.radians([tendon.angle_deg for _, tendon in tendons])
+        clocking_deg = np.array([s.clocking_deg for s in segments])
+        angle_deg = np.array([[tendon.angle_deg] for _, tendon in tendons])
+        self._angle_rad = np.radians(angle_deg + clocking_deg)
         self.freedom = freedom_of(segments)
         self.length_mm = sum(s.length_mm for s in segments)
         slack_mm = [tendon.slack_mm for _, tendon in tendons]
@@ -147,6 +152,8 @@ class RestModel:
         self._mean = np.array([u.mean for u in self.unknowns])
         self.deviation = np.array([u.deviation for u in self.unknowns])
         self._groups = _groups(self.unknowns)
+        clocked = [int(u.of) - 1 for u in self.unknowns if u.kind == "clocking"]
+        self._clocked = np.eye(len(segments))[clocked]
         self._lower = np.tri(len(segments))
         self._pulls = np.array([u.kind in _PULLING for u in self.unknowns])
         self.frame = np.eye(3), np.zeros(3)
@@ -169,7 +176,8 @@ class RestModel:
         values = self.values(score)
         of = {name: values[..., numbers] for name, numbers in self._groups.items()}
         radius_mm, lengths_mm, sag = of["tendon_radius"], of["length"], of["sag"]
-        angle_rad = self._angle_rad + of["angle"]
+        clocking_rad = of["clocking"] @ self._clocked
+        angle_rad = self._angle_rad + of["angle"][..., None] + clocking_rad[..., None, :]
         towards = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
         at_mm = self._passes * radius_mm[..., None, :]
         own_mm = radius_mm[..., self.segment_of]
@@ -186,7 +194,7 @@ class RestModel:
             lengths_mm=lengths_mm,
             freedom=self.freedom,
             stiffness=stiffness,
-            lever_mm=at_mm[..., None] * towards[..., None, :],
+            lever_mm=at_mm[..., None] * towards,
             sag_mm=at_mm * sag[..., None, :],
             shorter_mm=SHORTER_BY_SAG * radius_mm * sag,
             softening=2.0 * self._lower * softening,
@@ -303,7 +311,8 @@ def _unknowns(
         *(Unknown("sag", n, "", s.sag, 0.02) for n, s in named),
         *(Unknown("dead_travel", n, "mm", s.dead_travel_mm + 0.1, 0.2) for n, s in named),
         *(Unknown("slack", str(n), "mm", s, 0.6) for n, s in enumerate(slack_mm, 1)),
-        *(Unknown("angle", str(n), "rad", 0.0, 0.12) for n in range(1, len(slack_mm) + 1)),
+        *(Unknown("angle", str(n), "rad", 0.0, _HOLES_RAD) for n in range(1, len(slack_mm) + 1)),
+        *(Unknown("clocking", n, "rad", 0.0, _HOLES_RAD) for n, _ in named[1:] if up is None),
         *(
             Unknown("weight", axis, "per_mm", mean, weight)
             for axis, mean in zip("xyz", weight_mean.tolist(), strict=True)
@@ -322,5 +331,5 @@ def _groups(unknowns: list[Unknown]) -> dict[str, slice]:
         name: slice(names.index(name), names.index(name) + names.count(name))
         if name in names
         else slice(0)
-        for name in {*names, "log_stiffness", "tip_share", "turn", "glue"}
+        for name in {*names, "clocking", "log_stiffness", "tip_share", "turn", "glue"}
     }

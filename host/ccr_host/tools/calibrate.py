@@ -57,7 +57,8 @@ def questions(robot: Robot) -> tuple[Question, ...]:
         horn = f"motor {axis + 1}: horn at"
         wound = [(segment, t) for segment, t in robot.tendons if t.motor == axis + 1]
         segment, tendon = max(wound, key=lambda one: one[1].winding)
-        towards_deg = (tendon.angle_deg + (180.0 if tendon.winding < 0 else 0.0)) % 360.0
+        hole_deg = tendon.angle_deg + robot.chain[segment].clocking_deg
+        towards_deg = (hole_deg + (180.0 if tendon.winding < 0 else 0.0)) % 360.0
         towards = _DIRECTIONS.get(towards_deg, f"towards {towards_deg:g} deg")
         listed += [
             Question(axis, f"{horn} 0 deg, segment {segment + 1} straight"),

@@ -259,8 +259,9 @@ def _implausible(fit: ChainFit) -> str:
     """What no error of the description explains; empty if all is plausible."""
     values = fit.model.values(fit.score)
     for unknown, value in zip(fit.model.unknowns, values, strict=True):
-        if unknown.kind == "angle" and abs(value) > _MOST_ASIDE_RAD:
-            return f"tendon {unknown.of} stood {math.degrees(value):+.0f} deg aside"
+        if unknown.kind in ("angle", "clocking") and abs(value) > _MOST_ASIDE_RAD:
+            what = "tendon" if unknown.kind == "angle" else "the holes of segment"
+            return f"{what} {unknown.of} stood {math.degrees(value):+.0f} deg aside"
         if unknown.kind in ("length", "tendon_radius"):
             ratio = value / unknown.mean
             if not 1.0 / _MOST_RATIO < ratio < _MOST_RATIO:
@@ -300,6 +301,7 @@ def _segments_found(segments: Sequence[Segment], fit: ChainFit) -> list[dict[str
     compliance = np.exp(group(fit.score, "log_compliance"))
     dead = group(fit.score, "dead_travel")
     slack, aside = group(fit.score, "slack"), np.degrees(group(fit.score, "angle"))
+    clocking = np.degrees(np.append(0.0, group(fit.score, "clocking")))
     written, place = [], 0
     for number, segment in enumerate(segments):
         tendons = []
@@ -313,6 +315,7 @@ def _segments_found(segments: Sequence[Segment], fit: ChainFit) -> list[dict[str
             {
                 "length_mm": round(float(lengths[number]), 2),
                 "tendon_radius_mm": round(float(radii[number]), 3),
+                "clocking_deg": round(segment.clocking_deg + float(clocking[number]), 2),
                 "stiffness": round(float(stiffness[number]), 3),
                 "compliance": round(float(compliance[number]), 4),
                 "sag": round(float(sag[number]), 4),

@@ -24,6 +24,14 @@ def test_segments_are_read_from_the_base_to_the_tip():
     assert [t.motor for t in segments[1].tendons] == [2, 2]
 
 
+def test_clocked_holes_decide_whether_a_tendon_lies_across_the_plane():
+    planar = 'length_mm = 60\nbends = "plane"\ndirection_deg = 60\nclocking_deg ='
+    crossing, bending = (SEGMENT.replace("length_mm = 60", f"{planar} {deg}") for deg in (-30, 30))
+    assert parse(bending).robot.motors == 1
+    with pytest.raises(ConfigError, match="motor 1 bends no segment"):
+        parse(crossing)
+
+
 @pytest.mark.parametrize(
     ("right", "wrong", "told"),
     [

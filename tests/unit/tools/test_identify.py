@@ -130,8 +130,27 @@ motor = 6
     segments = parse(written).robot.segments
     of = {p.name: p.value for p in identified.parameters}
     assert segments[1].length_mm == pytest.approx(of["length_2_mm"], abs=0.01)
+    clocking_deg = np.degrees(of["clocking_2_rad"])
+    assert segments[1].clocking_deg == pytest.approx(clocking_deg, abs=0.01)
     assert segments[0].tendons[2].slack_mm == pytest.approx(of["slack_3_mm"], abs=0.001)
     assert [t.motor for s in segments for t in s.tendons] == [1, 2, 3, 4, 5, 6]
+
+
+def test_described_clocking_moves_the_robot_as_fitted_clocking_does():
+    first, second = described().robot.segments
+    clocked = first, second.model_copy(update={"clocking_deg": 10.0})
+    model, rows = ChainModel((first, second), travel_mm()), np.arange(120)
+    score = model.nothing
+    number = [unknown.kind for unknown in model.unknowns].index("clocking")
+    score[number] = np.radians(10.0) / model.deviation[number]
+    fitted_mm, as_described_mm = (
+        model.predicted_mm(score, rows),
+        model.predicted_mm(0 * score, rows),
+    )
+    clocked_model = ChainModel(clocked, travel_mm())
+    clocked_mm = clocked_model.predicted_mm(clocked_model.nothing, rows)
+    assert clocked_mm == pytest.approx(fitted_mm, abs=1e-6)
+    assert np.abs(fitted_mm - as_described_mm).max() > 1.0
 
 
 def test_another_robot_is_told_so_and_not_identified():

@@ -252,14 +252,15 @@ def _add_disk_sites(body: ET.Element, twin: Twin, number: int, y_mm: float) -> N
 def _holes(twin: Twin, disk: int) -> dict[str, tuple[float, float]]:
     """Place of each hole of a disk across the backbone, x and z in mm.
 
-    Where segments of different radii meet, a tendon that runs on changes over within the disk.
+    Where segments of different holes meet, a tendon that runs on changes over within the disk.
     """
     holes = {}
     for number, (last, tendon) in enumerate(tendons_of(twin.segments)):
-        cosine, sine = exact_direction(math.radians(tendon.angle_deg))
-        for span, radius_mm in enumerate(_radii_mm(twin, last)):
+        for span, (radius_mm, clocking_deg) in enumerate(_spans(twin, last)):
             if span in (disk - 1, disk):
-                holes[_hole(number, disk, radius_mm)] = radius_mm * cosine, radius_mm * sine
+                cosine, sine = exact_direction(math.radians(tendon.angle_deg + clocking_deg))
+                name = _hole(number, disk, radius_mm, clocking_deg)
+                holes[name] = radius_mm * cosine, radius_mm * sine
     return holes
 
 
@@ -296,8 +297,8 @@ def _add_tendons(root: ET.Element, twin: Twin) -> None:
             spatial.set("solreffriction", _FRICTION_SOLREF)
             spatial.set("solimpfriction", _FRICTION_SOLIMP)
         before = None
-        for span, radius_mm in enumerate(_radii_mm(twin, last)):
-            start, end = (_hole(number, disk, radius_mm) for disk in (span, span + 1))
+        for span, place in enumerate(_spans(twin, last)):
+            start, end = (_hole(number, disk, *place) for disk in (span, span + 1))
             if twin.capstan_friction > 0:
                 # A branch, whose share of the force `memory` sets.
                 ET.SubElement(spatial, "pulley", divisor="1")
@@ -316,14 +317,20 @@ def _add_tendons(root: ET.Element, twin: Twin) -> None:
         )
 
 
-def _radii_mm(twin: Twin, last: int) -> list[float]:
-    """Distance from the backbone of each span of a tendon that ends with a segment."""
-    passed = zip(twin.flexures[: last + 1], twin.tendon_radius_mm, strict=False)
-    return [radius_mm for flexures, radius_mm in passed for _ in range(flexures)]
+def _spans(twin: Twin, last: int) -> list[tuple[float, float]]:
+    """Distance from the backbone in mm and clocking in deg of each span of a tendon.
+
+    Args:
+        twin: the robot.
+        last: number, from 0, of the segment with which the tendon ends.
+    """
+    clocking_deg = [segment.clocking_deg for segment in twin.segments]
+    passed = zip(twin.tendon_radius_mm, clocking_deg, twin.flexures[: last + 1], strict=False)
+    return [(radius, clocking) for radius, clocking, spans in passed for _ in range(spans)]
 
 
-def _hole(tendon: int, disk: int, radius_mm: float) -> str:
-    return f"tendon{tendon + 1}_disk{disk}_{radius_mm:.12g}mm"
+def _hole(tendon: int, disk: int, radius_mm: float, clocking_deg: float) -> str:
+    return f"tendon{tendon + 1}_disk{disk}_{radius_mm:.12g}mm{clocking_deg:.12g}deg"
 
 
 def _millimetres(*lengths_mm: float) -> str:

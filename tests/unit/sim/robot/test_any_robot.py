@@ -102,6 +102,21 @@ def test_without_weight_slack_and_friction_the_tip_approaches_constant_curvature
     assert fine_mm < 0.025 * length_mm
 
 
+def test_the_holes_of_the_twin_are_clocked_as_in_the_controllers_model():
+    clocked, straight = (
+        [segment(1, of="three"), segment(4, of="three", clocking_deg=deg)] for deg in (20.0, 0.0)
+    )
+    bending_rad = np.array([0.6, -0.3, 0.5, 0.4])
+    twin, wrong_model = (described(*r, flexures=[12, 12], **IDEAL) for r in (clocked, straight))
+    q_rad = motor_angles_rad(wrong_model, bending_rad)
+    tip_mm = Equilibrium(twin.twin).tip_mm(q_rad)
+    off_mm = [
+        np.linalg.norm(tip_mm - ConstantCurvature(d.robot).tip_mm(q_rad))
+        for d in (twin, wrong_model)
+    ]
+    assert off_mm[0] < 0.1 * off_mm[1]
+
+
 ROBOTS = {
     "planar": [segment(1, 90, of="pair"), segment(2, 0, of="pair")],
     "pairs": [segment(1, of="pairs"), segment(3, 45, of="pairs", tendon_radius_mm=3.0)],
