@@ -32,26 +32,6 @@ COUNTER_HZ = 60
 """Rate of every Polaris' frame counter, independent of its rate of new data."""
 
 
-class ExposureClock:
-    """Knows when a frame is available in the device, and when it was exposed.
-
-    ``latency_us`` is the time from an exposure to its data being available in the device.
-    """
-
-    def __init__(self, latency_us: int) -> None:
-        self._latency_us = latency_us
-        self._fit = ClockFit()
-
-    def see(self, frame_number: int, seen_us: int) -> int:
-        """Note a new frame; return its time of exposure."""
-        self._fit.see(_counted_us(frame_number), seen_us)
-        return self.available_us(frame_number) - self._latency_us
-
-    def available_us(self, frame_number: int) -> int:
-        """Time at which a frame was or will be available; needs an earlier frame."""
-        return self._fit.host_us(_counted_us(frame_number))
-
-
 def _counted_us(frame_number: int) -> int:
     return round(frame_number * 1_000_000 / COUNTER_HZ)
 
@@ -276,7 +256,7 @@ class _FrameMaker:
         """Restart, as the device counts from 0 again."""
         self._log = log
         self._has_baud = has_baud
-        self._clock = ExposureClock(self._settings.latency_us)
+        self._clock = ClockFit()
         self._last_number: int | None = None
         self._last_us = 0
         self._news_us: int | None = None
@@ -296,7 +276,9 @@ class _FrameMaker:
             self._require_news(reply, source.arrived_us)
             return self._pace.pause_after_nothing_us(source.arrived_us)
         seen_us = source.arrived_us - self._wire_us(source.length)
-        exposed_us = self._clock.see(number, seen_us)
+        self._clock.see(_counted_us(number), seen_us)
+        available_us = self._clock.host_us(_counted_us(number))
+        exposed_us = available_us - self._settings.latency_us
         self.made.add(
             MarkerFrame(
                 exposed_us=self.made.not_before_last(exposed_us),
@@ -311,7 +293,7 @@ class _FrameMaker:
         step = self._pace.frame_step
         if step is None:
             return POLL_AGAIN_US
-        next_us = self._clock.available_us(number + step)
+        next_us = self._clock.host_us(_counted_us(number + step))
         return self._pace.pause_after_frame_us(source.arrived_us, seen_us, next_us)
 
     def _require_news(self, reply: TxReply, now_us: int) -> None:
