@@ -212,8 +212,10 @@ def require_motion_so_far(
         return
     _require_rests(rests, 1)
     is_led = np.ptp(rests.q_rad, axis=0) > BEYOND_SLACK_RAD
-    is_done = is_led & ~alone_rad[done:].any(axis=0)
-    _require_moves(rests, description, np.where(is_done, STILL_MM, 0.0))
+    for motor in np.flatnonzero(is_led & ~alone_rad[done:].any(axis=0)):
+        others_rad = np.delete(rests.q_rad, motor, axis=1)
+        alone = rests.chosen(np.count_nonzero(others_rad, axis=1) == 0)
+        _require_moves(alone, description, STILL_MM * np.eye(len(is_led))[motor])
 
 
 def _require_rests(rests: Rests, fewest: int) -> None:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from ccr_host.control.adaptive.misfit import MisfitError, Motors
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.description import schema
+from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.observer import Observers
@@ -18,7 +19,7 @@ from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
 from ccr_host.tools import survey_starts
 from ccr_host.tools.survey import identification_stops_rad, safe_poses_rad, survey
-from ccr_host.tools.survey_fit import Survey, fit_survey
+from ccr_host.tools.survey_fit import Survey, fit_survey, require_motion_so_far
 from ccr_host.tools.survey_starts import SurveyError, likeliest_motors
 
 NAMES = "single", "two-spatial", "three-spatial"
@@ -170,3 +171,15 @@ def test_a_camera_that_stands_anyhow_is_found_on_the_twin(name: str) -> None:
         found = survey(rig, description, lambda *_: None)
     true = Rotation.from_rotvec([10.0, -40.0, 25.0], degrees=True)
     assert (np.abs(off_deg(found, true)) < 2.5 * found.uncertainty_deg).all()
+
+
+@pytest.mark.parametrize("still", [2, 4])
+def test_a_motor_that_moves_nothing_is_named_however_the_others_bend_the_robot(still) -> None:
+    description = description_of("two-spatial")
+    safe_rad = safe_poses_rad(description)
+    model = ConstantCurvature(description.robot)
+    led_rad = safe_rad * (np.arange(1, model.motors + 1) != still)
+    markers_mm = model.markers_mm(model.bending_rad(led_rad))[0]
+    rests = Rests.of_vectors(safe_rad[0], safe_rad, markers_mm, np.ones(len(safe_rad)))
+    with pytest.raises(SurveyError, match=f"motor {still} moved M3 by 0.0 mm only"):
+        require_motion_so_far(rests, description, len(safe_rad), safe_rad)
