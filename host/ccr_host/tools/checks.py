@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.control.adaptive.misfit import REPEATED
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.core.clock import Clock
@@ -161,6 +162,9 @@ def _age(ages_us: list[int], description: Description) -> Finding:
 def _noise(tips_mm: FloatArray, description: Description) -> Finding:
     noise_mm = float(np.sqrt(np.var(tips_mm, axis=0).sum()))
     expected_mm = description.tracker.noise_mm
+    if expected_mm > 0.0 and not np.ptp(tips_mm, axis=0).any():
+        none = "no sample differs from another: the tracker repeats one picture, or rounds"
+        return judged("noise", none, fine=False, remedy=REPEATED[1])
     return judged(
         "noise",
         f"{noise_mm:.2f} mm RMS of {description.robot.markers[-1]} - M1 at rest; described: "

@@ -98,6 +98,15 @@ def test_a_poor_camera_is_warned_of_with_a_remedy(tmp_path, override, subject) -
     assert found.remedy
 
 
+def test_a_tracker_that_repeats_its_picture_does_not_pass_for_one_without_noise(tmp_path) -> None:
+    rounds = Path(__file__).parents[3] / "examples" / "own_tracker.py"
+    found = examined(tmp_path, tracker=f"{rounds}:CoarseCamera")["noise"]
+    assert found.severity is Severity.WARNING
+    assert "repeats one picture, or rounds" in found.text
+    assert "ccr-host monitor" in found.remedy
+    assert examined(tmp_path, "tracker.noise_mm=0")["noise"].severity is Severity.GOOD
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("segment", [0, 1])
 @pytest.mark.parametrize("factor", [0.73, 1.2])
