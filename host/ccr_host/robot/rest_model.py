@@ -65,9 +65,9 @@ class Markers(NamedTuple):
     """Whether they are seen from another marker at the base, not from anywhere near it."""
 
 
-def tip_alone(segments: int) -> Markers:
-    """The end of the backbone, seen from anywhere near the base."""
-    return Markers((segments - 1,), np.zeros(3), are_from_base=False)
+def tip_alone(segments: int, offset_mm: float = 0.0) -> Markers:
+    """A marker beside the end of the backbone, or on it, seen from anywhere near the base."""
+    return Markers((segments - 1,), np.array([0.0, offset_mm, 0.0]), are_from_base=False)
 
 
 class Slopes(NamedTuple):

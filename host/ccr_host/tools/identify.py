@@ -22,6 +22,7 @@ from ccr_host.control.adaptive.parameters import COUNT, PUSHES, Parameters, Scal
 from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.description.file import Sections
 from ccr_host.description.schema import Description, Segment
+from ccr_host.robot.rest_model import tip_alone
 from ccr_host.robot.rests import Rests
 from ccr_host.tools.chain_fit import ChainFit, ChainModel, fit_chain
 from ccr_host.tools.measured import FEWEST_ROWS, Measured
@@ -221,7 +222,8 @@ def _identify_chain(
 ) -> Identification:
     robot = description.robot
     travel_mm = measured.command * (1.0 if measured.unit == "mm" else robot.pulley_radius_mm)
-    model = ChainModel(robot.segments, travel_mm)
+    tip = tip_alone(len(robot.segments), robot.marker_offset_mm)
+    model = ChainModel(robot.segments, travel_mm, tip)
     rows = np.arange(len(travel_mm))
     if one_plane:
         rows = rows[model.in_one_plane(rows)]

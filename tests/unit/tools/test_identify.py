@@ -15,6 +15,7 @@ from ccr_host.core.errors import ConfigError
 from ccr_host.description import file as description_file
 from ccr_host.description import schema
 from ccr_host.description.schema import Description, Robot, Segment, Tendon, parse
+from ccr_host.robot.rest_model import tip_alone
 from ccr_host.robot.rests import Rests
 from ccr_host.tools.chain_fit import ChainModel
 from ccr_host.tools.identify import Identification, WrongRobotError
@@ -62,7 +63,9 @@ def truth_of(description: Description, seed: int) -> tuple[Measured, dict[str, f
     """Measurements of a robot that differs from its description, in a turned frame."""
     random = np.random.default_rng(seed)
     travel = travel_mm()
-    model = ChainModel(description.robot.segments, travel)
+    robot = description.robot
+    tip = tip_alone(len(robot.segments), robot.marker_offset_mm)
+    model = ChainModel(robot.segments, travel, tip)
     score = random.standard_normal(len(model.unknowns))
     for number, unknown in enumerate(model.unknowns):
         if unknown.kind in ("turn", "base", "weight"):
