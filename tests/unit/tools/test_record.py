@@ -45,16 +45,20 @@ def measured_at(stops: Stops) -> Measured:
     return Measured(time_s, stops.q_rad, "rad", nowhere_mm, nowhere_mm, np.array(stops.pattern))
 
 
+def recorded(options: RigOptions, stops: Stops, folder: Path) -> Measured:
+    description, file = options.description(), folder / "recorded.csv"
+    with (
+        new_table(file, description.robot) as table,
+        open_rig(options, description, Observers()) as rig,
+    ):
+        record_rests(rig, description, stops, table, lambda *_: None)
+    return read_measured(file)
+
+
 @pytest.mark.long
 def test_what_is_recorded_can_be_identified_as_it_is(tmp_path: Path) -> None:
     stops = stops_of(DESCRIPTION, ["multisine", "random"], 12, seed=1)
-    file = tmp_path / "recorded.csv"
-    with (
-        new_table(file, DESCRIPTION.robot) as table,
-        open_rig(OPTIONS, DESCRIPTION, Observers()) as rig,
-    ):
-        record_rests(rig, DESCRIPTION, stops, table, lambda *_: None)
-    measured = read_measured(file)
+    measured = recorded(OPTIONS, stops, tmp_path)
     assert measured.pattern.tolist() == ["random"] * 12 + ["multisine"] * 12
     np.testing.assert_allclose(measured.command, stops.q_rad, atol=1e-5)
     found = identify(DESCRIPTION, measured, date=datetime.date(2026, 11, 27))
@@ -65,6 +69,20 @@ def test_what_is_recorded_can_be_identified_as_it_is(tmp_path: Path) -> None:
         true_rad = SLACK_MM[motor - 1] / DESCRIPTION.robot.pulley_radius_mm
         assert slack.identified
         assert slack.value == pytest.approx(true_rad, abs=3.0 * slack.deviation)
+
+
+@pytest.mark.long
+def test_markers_of_a_robot_that_bends_in_space_are_where_they_are_described(
+    tmp_path: Path,
+) -> None:
+    options = RigOptions(robot="two-spatial")
+    description = options.description()
+    measured = recorded(options, stops_of(description, ["random"], 24, seed=1), tmp_path)
+    found = identify(description, measured, date=datetime.date(2026, 11, 29))
+    markers = [p for p in found.parameters if p.name.startswith("marker")]
+    assert len(markers) == 3
+    for place in markers:
+        assert abs(place.value) < 2.0 * place.prior_deviation, place.name
 
 
 @pytest.mark.long
