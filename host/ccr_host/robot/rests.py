@@ -12,7 +12,8 @@ FloatArray = NDArray[np.float64]
 
 _SAME_RAD = np.radians(0.5)
 """Setpoints nearer than this are the same pose."""
-_BEYOND_SLACK_RAD = np.radians(15.0)
+_SHOWS_RAD = np.radians(15.0)
+"""Travel of a motor after which a marker has moved; the first move of a check is 20 deg."""
 _ONE_PICTURE_MM = 1e-6
 """Rounding of means; no camera repeats a place that well."""
 
@@ -98,7 +99,7 @@ class Rests:
 
     def are_one_picture(self) -> bool:
         """Whether the markers stand at the same places although a motor was turned."""
-        is_led = bool((np.ptp(self.q_rad, axis=0) > _BEYOND_SLACK_RAD).any())
+        is_led = bool((np.ptp(self.q_rad, axis=0) > _SHOWS_RAD).any())
         return is_led and not (np.ptp(self.markers_mm, axis=0) > _ONE_PICTURE_MM).any()
 
     def last(self, number: int) -> Rests:

@@ -6,7 +6,7 @@ logs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -124,15 +124,42 @@ class Observers(RunObserver):
     def __init__(self, observers: Sequence[RunObserver] = ()) -> None:
         self._observers = tuple(observers)
 
-
-def _told_to_all(event: str) -> Callable[..., None]:
-    def tell(self: Observers, *arguments: object) -> None:
+    def begin(self, setup: RunSetup) -> None:
         for observer in self._observers:
-            getattr(observer, event)(*arguments)
+            observer.begin(setup)
 
-    return tell
+    def frame(self, direction: str, time_us: int, data: bytes) -> None:
+        for observer in self._observers:
+            observer.frame(direction, time_us, data)
 
+    def state(self, time_us: int, report: StateReport) -> None:
+        for observer in self._observers:
+            observer.state(time_us, report)
 
-for _event in vars(RunObserver):
-    if not _event.startswith("_"):
-        setattr(Observers, _event, _told_to_all(_event))
+    def marker_frame(self, time_us: int, frame: MarkerFrame) -> None:
+        for observer in self._observers:
+            observer.marker_frame(time_us, frame)
+
+    def tracker_sample(self, time_us: int, sample: Sample) -> None:
+        for observer in self._observers:
+            observer.tracker_sample(time_us, sample)
+
+    def control(self, time_us: int, observation: Observation | None, command: Command) -> None:
+        for observer in self._observers:
+            observer.control(time_us, observation, command)
+
+    def step(self, record: StepRecord) -> None:
+        for observer in self._observers:
+            observer.step(record)
+
+    def event(self, time_us: int, text: str) -> None:
+        for observer in self._observers:
+            observer.event(time_us, text)
+
+    def phase(self, time_us: int, phase: Phase) -> None:
+        for observer in self._observers:
+            observer.phase(time_us, phase)
+
+    def inputs(self, piece: TapePiece) -> None:
+        for observer in self._observers:
+            observer.inputs(piece)

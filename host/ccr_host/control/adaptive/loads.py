@@ -216,12 +216,12 @@ def given_way(
     """Motion of tip and M2 by a segment 1 that bends sideways and twists, to first order.
 
     Moments are m + i n at any place: m about the normal of the bending plane's tangent, n about the
-    tangent. A weight W at a + i b of that place's tangent, and at c beside the plane, makes i W c
-    conj(t u) - W up_x (a + i b), with the tangent t and u of ``up_in_sagittal_plane``; the tendon
-    of motor 2, which passes beside the segment, makes ``pull_2``. A piece that is turned by w =
-    sideways m + i twisting n moves a point by Re(conj(w) (a + i b)) to the side and by -c t w in
-    the plane. ``pull_2`` is meant at rest, ``pull_2_slope`` is its derivative by theta_2, and
-    ``beyond`` is what segment 1 carries.
+    tangent. A weight W at a + i b of that place's tangent, and at c beside the plane, makes
+    i W c conj(t u) - W up_x (a + i b), with the tangent t and u of ``up_in_sagittal_plane``; the
+    tendon of motor 2, which passes beside the segment, makes ``pull_2`` at rest, whose derivative
+    by theta_2 is ``pull_2_slope``. A piece that is turned by w = sideways m + i twisting n moves a
+    point by Re(conj(w) (a + i b)) to the side and by -c t w in the plane. ``beyond`` is what
+    segment 1 carries.
     """
     up, turn = up_in_sagittal_plane(p), arc_at(theta_1).turn
     marker, weight_2 = MARKER_2_SHARE * p.body_per_mm, SEGMENT_2_SHARE * p.body_per_mm

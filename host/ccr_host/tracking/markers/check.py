@@ -161,6 +161,19 @@ class MarkerCheck:
             raise TrackerError(*trouble)
         return False
 
+    def _strange(self, markers_mm: Array, told: str) -> tuple[str, str]:
+        """Cause and cure for markers that are not this robot's, unless in other units than mm."""
+        strange = f"the markers are not those of this robot: {told}"
+        units = [unit for unit, mm in _UNITS_MM.items() if self._fits(mm * markers_mm)]
+        if units:
+            fitting = " or ".join(units)
+            return f"{strange}; {fitting} instead of mm would fit", "let the tracker give mm"
+        return (
+            strange,
+            f"check the lengths in [robot], which body is {', '.join(self.names)}, and "
+            "tracker.tag_size_mm",
+        )
+
     def trouble(self, markers_mm: Array) -> tuple[str, str] | None:
         """Cause and cure if markers, (S + 1, 3), NaN if lost, cannot be this robot's, else None."""
         if (jump := self._jump(markers_mm)) is not None:
@@ -173,13 +186,7 @@ class MarkerCheck:
         if exchange is not None:
             return f"markers {self._shown(exchange)} are exchanged: {told}", _RENAME
         if not fits:
-            units = [unit for unit, mm in _UNITS_MM.items() if self._fits(mm * markers_mm)]
-            bodies = f"check the lengths in [robot], which body is {', '.join(self.names)}, and "
-            return (
-                f"the markers are not those of this robot: {told}"
-                + f"; {' or '.join(units)} instead of mm would fit" * bool(units),
-                "let the tracker give mm" if units else bodies + "tracker.tag_size_mm",
-            )
+            return self._strange(markers_mm, told)
         side = self.names[: _LEADING + 1][-1]
         if self._gain_mm(markers_mm, self._turned_round) < -2 * _GLUE_MM:
             return (
