@@ -14,13 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccr_host.tracking.markers.motion_models import (
-    Belief,
-    Expectation,
-    MotionModel,
-    corrected,
-    rows_of,
-)
+from ccr_host.tracking.markers.motion_models import Belief, MotionModel
 
 Array = NDArray[np.float64]
 
@@ -101,8 +95,8 @@ class Hypothesis:
 
     @cached_property
     def expected_mm(self) -> Array:
-        """(3 S,): M2 and so on relative to M1 after the newest frame."""
-        return self.model.expected_mm(self.belief)
+        """(S, 3): M2 and so on relative to M1 after the newest frame."""
+        return self.model.expect(self.belief)[0]
 
     def resembles(self, other: Hypothesis) -> bool:
         """Whether both agree on the positions of the markers, and will continue to agree."""
@@ -148,8 +142,10 @@ class _Branch(NamedTuple):
     gain: float
     """Increase of the score."""
     harm_mm: tuple[float, ...]
-    after: Expectation
-    """The belief given these labels."""
+    correction: Array
+    """(n,): change of the belief's mean by these labels."""
+    covariance: Array
+    """(n, n): the belief's, given these labels."""
 
 
 def continuations(parent: Hypothesis, scene: Scene, duration_s: float) -> Iterator[Hypothesis]:
@@ -157,16 +153,16 @@ def continuations(parent: Hypothesis, scene: Scene, duration_s: float) -> Iterat
     index, base, score = _find_base(parent, scene)
     model = parent.model
     before = model.moved(parent.belief, duration_s, scene.motor_motion_rad)
-    expected = model.expect(before)
     relative = scene.relative(base)
     trunk = replace(parent, score=score, base=base, belief=before)
-    branches = [_Branch((index,), 0.0, (), expected)]
-    for marker, hidden in enumerate(parent.hidden_frames, 1):
+    branches = [_Branch((index,), 0.0, (), np.zeros_like(before.mean), before.covariance)]
+    for hidden, place_mm, slope in zip(parent.hidden_frames, *model.expect(before), strict=True):
         seen = _probability_seen(hidden)
+        misses_mm = relative - place_mm
         branches = [
             longer
             for branch in branches
-            for longer in _lengthened(branch, rows_of(marker), relative, seen, scene.log_phantoms)
+            for longer in _lengthened(branch, misses_mm, slope, seen, scene.log_phantoms)
         ]
         if len(branches) > _MOST_BRANCHES:
             branches = sorted(branches, key=lambda one: -one.gain)[:_MOST_BRANCHES]
@@ -174,7 +170,7 @@ def continuations(parent: Hypothesis, scene: Scene, duration_s: float) -> Iterat
     for branch in sorted(branches, key=lambda one: -one.gain):
         if branch.gain < best - FADED:
             return
-        child = _with_labels(trunk, branch, expected, relative)
+        child = _with_labels(trunk, branch)
         if model.holds(child.belief):
             best = max(best, branch.gain)
             yield child
@@ -229,50 +225,49 @@ def _probability_seen(hidden_frames: int) -> float:
 
 
 def _lengthened(
-    branch: _Branch, rows: slice, points_mm: Array, seen: float, log_phantoms: float
+    branch: _Branch, misses_mm: Array, slope: Array, seen: float, log_phantoms: float
 ) -> Iterator[_Branch]:
-    """A branch with the possible points of one more marker, and with its being missing."""
-    expected = branch.after
+    """A branch with the possible points of one more marker, and with its being missing.
+
+    ``misses_mm`` are the points relative to where the marker is expected without labels, (N, 3),
+    ``slope`` is the derivative of that place by the state, (3, n).
+    """
     missing, harmed = (*branch.points, MISSING), (*branch.harm_mm, math.inf)
-    yield _Branch(missing, branch.gain + math.log(1.0 - seen), harmed, expected)
-    if len(points_mm) == 0:
+    yield branch._replace(points=missing, gain=branch.gain + math.log(1.0 - seen), harm_mm=harmed)
+    if len(misses_mm) == 0:
         return
-    own = expected.covariance_mm2[rows, rows] + _NOISE_MM**2 * np.eye(3)
+    misses_mm = misses_mm - slope @ branch.correction
+    by_state = branch.covariance @ slope.T
+    own = slope @ by_state + _NOISE_MM**2 * np.eye(3)
     inverse = np.linalg.inv(own)
-    misses = points_mm - expected.mean_mm[rows]
-    squares = np.einsum("ni,ij,nj->n", misses, inverse, misses)
+    squares = np.einsum("ni,ij,nj->n", misses_mm, inverse, misses_mm)
     constant = math.log(seen) - log_phantoms - 0.5 * math.log(np.linalg.det(2.0 * math.pi * own))
-    gain = expected.covariance_mm2[:, rows] @ inverse
-    remaining = expected.covariance_mm2 - gain @ expected.covariance_mm2[rows, :]
+    gain = by_state @ inverse
+    remaining = branch.covariance - gain @ by_state.T
     widest_mm = math.sqrt(float(np.linalg.eigvalsh(own)[-1]))
     for index in np.flatnonzero(squares < _GATE).tolist():
         if index not in branch.points:
-            mean = expected.mean_mm + gain @ misses[index]
-            harm_mm = float(np.linalg.norm(misses[index])) + 2.0 * widest_mm
+            harm_mm = float(np.linalg.norm(misses_mm[index])) + 2.0 * widest_mm
             yield _Branch(
                 (*branch.points, index),
                 branch.gain + constant - 0.5 * float(squares[index]),
                 (*branch.harm_mm, harm_mm),
-                Expectation(mean, remaining, expected.jacobian),
+                branch.correction + gain @ misses_mm[index],
+                remaining,
             )
 
 
-def _with_labels(
-    trunk: Hypothesis, branch: _Branch, expected: Expectation, relative: Array
-) -> Hypothesis:
-    belief, model = trunk.belief, trunk.model
-    points = branch.points[1:]
-    seen = np.flatnonzero(np.array(points) != MISSING)
-    if len(seen):
-        rows = (3 * seen[:, None] + np.arange(3)).ravel()
-        places = relative[np.array(points)[seen]].ravel()
-        mean, covariance = corrected(belief, expected, rows, places, _NOISE_MM)
-        belief = model.settled(belief, mean, covariance)
-    hidden = zip(trunk.hidden_frames, points, strict=True)
+def _with_labels(trunk: Hypothesis, branch: _Branch) -> Hypothesis:
+    before, surprise = trunk.belief, trunk.model.surprise(branch.correction)
+    hidden = zip(trunk.hidden_frames, branch.points[1:], strict=True)
     return replace(
         trunk,
         score=trunk.score + branch.gain,
-        belief=belief,
+        belief=Belief(
+            before.mean + branch.correction,
+            0.5 * (branch.covariance + branch.covariance.T),
+            np.maximum(before.agitation, surprise),
+        ),
         points=branch.points,
         harm_mm=branch.harm_mm,
         hidden_frames=tuple(n + 1 if point == MISSING else 0 for n, point in hidden),
@@ -288,14 +283,15 @@ def _planted(trunks: list[Hypothesis], bases: list[int], scene: Scene) -> Iterat
     if not trunks or len(scene.points_mm) == 0:
         return
     relative = np.stack([scene.relative(trunk.base) for trunk in trunks])
-    for seed in trunks[0].model.seeds(relative, bases, scene.q_rad):
-        trunk, points = trunks[seed.view], (bases[seed.view], *seed.points)
-        moving = len(seed.points)
-        found = moving * (math.log(_SEEN) - scene.log_phantoms)
+    model = trunks[0].model
+    for found in model.shapes.among(relative, bases, scene.q_rad):
+        trunk, points = trunks[found.view], (bases[found.view], *found.points)
+        moving = len(found.points)
+        seen = moving * (math.log(_SEEN) - scene.log_phantoms)
         yield replace(
             trunk,
-            score=trunk.score + found + seed.log_density,
-            belief=seed.belief,
+            score=trunk.score + seen - 0.5 * found.cost - model.log_room,
+            belief=model.started(found),
             points=points,
             harm_mm=(math.inf,) * moving,
             hidden_frames=(0,) * moving,

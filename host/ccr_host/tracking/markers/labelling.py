@@ -133,7 +133,7 @@ class Labeller:
             left_over = np.delete(
                 scene.relative(best.base), [p for p in best.points if p != MISSING], axis=0
             )
-            distances = np.linalg.norm(left_over[:, None] - best.expected_mm.reshape(-1, 3), axis=2)
+            distances = np.linalg.norm(left_over[:, None] - best.expected_mm, axis=2)
             found = float(np.max(np.sum(distances < NEAR_MM, axis=0)))
         self._phantoms += (found - self._phantoms) / _PHANTOM_FRAMES
 

@@ -10,9 +10,8 @@ The robot has S segments, hence S + 1 markers, and D degrees of freedom.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +19,13 @@ from numpy.typing import NDArray
 from ccr_host.description.schema import Robot
 from ccr_host.robot.kinematics import ConstantCurvature, bending_of_motors
 from ccr_host.tracking.markers.shapes import (
-    Distances,
+    LIMIT,
+    SURFACE_MM,
+    Found,
     Shapes,
-    Steps,
-    Tolerances,
+    distances,
     levers_mm,
+    steps,
     within,
 )
 
@@ -36,8 +37,6 @@ _CALMING = 0.7
 """Decay of the agitation per frame: ringing a few frames ago still widens the gates."""
 _MOTOR_SHARE = 0.5
 """Standard deviation of the motion caused by a motor, as a fraction of (4), (5)."""
-_LIMIT = 3.5
-"""Standard deviations beyond which a pose cannot be this robot's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,81 +52,26 @@ class Belief:
     own."""
 
 
-@dataclass(frozen=True, eq=False)
-class Expectation:
-    """Expected positions of all markers but M1, relative to M1: 3 S coordinates."""
-
-    mean_mm: Array
-    """(3 S,): M2, M3, and so on."""
-    covariance_mm2: Array
-    """(3 S, 3 S), excluding the camera's noise."""
-    jacobian: Array
-    """(3 S, n): derivative of the expectation with respect to the state."""
-
-
-def rows_of(marker: int) -> slice:
-    """Coordinates of a marker in an expectation; M2 is number 1."""
-    return slice(3 * marker - 3, 3 * marker)
-
-
-def expectation(belief: Belief, mean_mm: Array, jacobian: Array) -> Expectation:
-    """Propagate the covariance of the state to the markers."""
-    return Expectation(mean_mm, jacobian @ belief.covariance @ jacobian.T, jacobian)
-
-
-def corrected(
-    belief: Belief, expected: Expectation, rows: NDArray[np.intp], seen_mm: Array, noise_mm: float
-) -> tuple[Array, Array]:
-    """Kalman update with some of the coordinates; returns the new mean and covariance.
-
-    ``rows`` are the indices of the measured coordinates, ``noise_mm`` is the camera's noise per
-    coordinate.
-    """
-    jacobian = expected.jacobian[rows]
-    innovation_covariance = expected.covariance_mm2[np.ix_(rows, rows)] + noise_mm**2 * np.eye(
-        len(rows)
-    )
-    gain = np.linalg.solve(innovation_covariance, jacobian @ belief.covariance).T
-    mean = belief.mean + gain @ (seen_mm - expected.mean_mm[rows])
-    covariance = belief.covariance - gain @ innovation_covariance @ gain.T
-    return mean, 0.5 * (covariance + covariance.T)
-
-
-class Seed(NamedTuple):
-    """A pose derived from points of one frame."""
-
-    view: int
-    """Number of the base from which the points are seen."""
-    points: tuple[int, ...]
-    """Indices of the points of M2, M3, and so on."""
-    belief: Belief
-    log_density: float
-    """Logarithm of the prior density of these points, in 1/mm^(3 S)."""
-
-
 class MotionModel(Protocol):
     """Prior of all markers but M1, relative to M1."""
 
-    def seeds(self, points_mm: Array, taken: list[int], q_rad: Array) -> Iterator[Seed]:
-        """Poses that put the markers at points of a frame, without any history.
+    shapes: Shapes
+    """Where to look for poses that put the markers at points of a frame, without any history."""
+    log_room: float
+    """Minus the logarithm of the prior density of such points where they fit best, in
+    1/mm^(3 S)."""
 
-        Args:
-            points_mm: (B, N, 3), the frame's points relative to each of B possible bases.
-            taken: the point that each base is, or -1.
-            q_rad: believed motor angles, (n,).
-        """
+    def started(self, found: Found) -> Belief:
+        """The belief in such a pose."""
 
     def moved(self, belief: Belief, duration_s: float, motor_motion_rad: Array) -> Belief:
         """The belief after `duration_s`, during which the motors were commanded to move, (n,)."""
 
-    def expect(self, belief: Belief) -> Expectation:
-        """Expected marker positions of a belief."""
+    def expect(self, belief: Belief) -> tuple[Array, Array]:
+        """Expected marker positions, (S, 3), and derivatives by the state, (S, 3, n)."""
 
-    def expected_mm(self, belief: Belief) -> Array:
-        """Their mean alone, (3 S,)."""
-
-    def settled(self, before: Belief, mean: Array, covariance: Array) -> Belief:
-        """The belief with a corrected mean and covariance; updates the agitation."""
+    def surprise(self, correction: Array) -> Array:
+        """Agitation that a correction of the mean, (n,), shows beyond that by the noise."""
 
     def holds(self, belief: Belief) -> bool:
         """Whether the pose is possible at all, regardless of its history."""
@@ -157,13 +101,13 @@ class ChainModel:
 
     def __init__(self, geometry: Robot) -> None:
         self._model = model = ConstantCurvature(geometry)
-        tolerances = Tolerances.of(geometry)
-        self._deviation_mm = tolerances.deviation_mm
-        self._shapes = Shapes(geometry, Steps(self._deviation_mm), _LIMIT)
+        self.shapes = Shapes(geometry, steps)
+        self._deviation_mm = self.shapes.tolerances.deviation_mm
         self._segment = segment = model.segment_of_freedom
         self._freedoms, self._segments = len(segment), len(self._deviation_mm)
         self._by_motors = np.abs(bending_of_motors(geometry))
-        self._by_offsets = np.kron(np.tri(self._segments), np.eye(3))
+        by_offsets = np.kron(np.tri(self._segments), np.eye(3))
+        self._by_offsets = by_offsets.reshape(self._segments, 3, -1)
         """The offset of a marker moves all later ones as well."""
         is_last = np.arange(self._segments) == self._segments - 1
         self._walk_mm, self._per_rad, self._start_mm = (
@@ -176,21 +120,19 @@ class ChainModel:
         )
         constrained = 3 * self._segments - self._freedoms
         tip_levers_mm = levers_mm(geometry)[-1]
-        self._log_room = 0.5 * constrained * math.log(2.0 * math.pi)
-        self._log_room += float(np.log(self._SWEEP_RAD * tip_levers_mm).sum())
+        self.log_room = 0.5 * constrained * math.log(2.0 * math.pi)
+        self.log_room += float(np.log(self._SWEEP_RAD * tip_levers_mm).sum())
         # A segment leaves two constraints if it is planar, one if it is spatial.
         left = 3 - np.bincount(segment)
-        self._log_room += float(left @ np.log(self._deviation_mm))
+        self.log_room += float(left @ np.log(self._deviation_mm))
 
-    def seeds(self, points_mm: Array, taken: list[int], q_rad: Array) -> Iterator[Seed]:
-        for found in self._shapes.among(points_mm, taken, self._model.bending_rad(q_rad)):
-            offsets = self._offsets(found.seen_mm, found.bending_rad)
-            mean = np.concatenate([found.bending_rad, offsets.ravel()])
-            deviation = [self._START_RAD] * self._freedoms, np.repeat(self._start_mm, 3)
-            covariance = np.diag(np.concatenate(deviation) ** 2)
-            agitation = np.full(self._freedoms, self._START_RAD)
-            belief = Belief(mean, covariance, agitation)
-            yield Seed(found.view, found.points, belief, -0.5 * found.cost - self._log_room)
+    def started(self, found: Found) -> Belief:
+        places, _ = self._model.markers_mm(found.bending_rad[None])
+        offsets = np.diff(found.seen_mm - places[0], axis=0, prepend=0.0)
+        mean = np.concatenate([found.bending_rad, offsets.ravel()])
+        deviation = [self._START_RAD] * self._freedoms, np.repeat(self._start_mm, 3)
+        covariance = np.diag(np.concatenate(deviation) ** 2)
+        return Belief(mean, covariance, np.full(self._freedoms, self._START_RAD))
 
     def moved(self, belief: Belief, duration_s: float, motor_motion_rad: Array) -> Belief:
         frames = duration_s / FRAME_S
@@ -204,30 +146,18 @@ class ChainModel:
         )
         return Belief(belief.mean, covariance, belief.agitation * _CALMING**frames)
 
-    def expect(self, belief: Belief) -> Expectation:
+    def expect(self, belief: Belief) -> tuple[Array, Array]:
         places, slopes = self._model.markers_mm(belief.mean[None, : self._freedoms])
-        by_bending = slopes[0].reshape(len(self._by_offsets), -1)
-        mean = places[0].ravel() + self._by_offsets @ belief.mean[self._freedoms :]
-        return expectation(belief, mean, np.hstack([by_bending, self._by_offsets]))
+        mean_mm = places[0] + self._by_offsets @ belief.mean[self._freedoms :]
+        return mean_mm, np.concatenate([slopes[0], self._by_offsets], axis=2)
 
-    def expected_mm(self, belief: Belief) -> Array:
-        places, _ = self._model.markers_mm(belief.mean[None, : self._freedoms])
-        mean_mm: Array = places[0].ravel() + self._by_offsets @ belief.mean[self._freedoms :]
-        return mean_mm
-
-    def settled(self, before: Belief, mean: Array, covariance: Array) -> Belief:
-        change = np.abs(mean - before.mean)[: self._freedoms]
-        surprise = np.maximum(change - self._noise_rad, 0.0)
-        return Belief(mean, covariance, np.maximum(before.agitation, surprise))
+    def surprise(self, correction: Array) -> Array:
+        surprise: Array = np.abs(correction[: self._freedoms]) - self._noise_rad
+        return surprise
 
     def holds(self, belief: Belief) -> bool:
         offsets = belief.mean[self._freedoms :].reshape(-1, 3)
-        return bool(np.all(np.linalg.norm(offsets, axis=1) < _LIMIT * self._deviation_mm))
-
-    def _offsets(self, seen_mm: Array, bending_rad: Array) -> Array:
-        places, _ = self._model.markers_mm(bending_rad[None])
-        offsets: Array = np.diff(seen_mm - places[0], axis=0, prepend=0.0)
-        return offsets
+        return bool(np.all(np.linalg.norm(offsets, axis=1) < LIMIT * self._deviation_mm))
 
 
 class FreeModel:
@@ -252,29 +182,24 @@ class FreeModel:
     """Range of a distance over one degree of freedom."""
 
     def __init__(self, geometry: Robot) -> None:
-        self._model = ConstantCurvature(geometry)
+        self.shapes = Shapes(geometry, distances)
         self._by_motors = np.abs(bending_of_motors(geometry))
         self._levers_mm = levers_mm(geometry)
-        self._bounds_mm = Tolerances.of(geometry).bounds_mm
-        distances = Distances(Tolerances.of(geometry).deviation_mm)
-        self._shapes = Shapes(geometry, distances, _LIMIT)
         self._segments, freedoms = self._levers_mm.shape
         self._floor_mm = np.linspace(*self._FLOOR_MM, self._segments)
         room_mm = self._SHELL_MM2 * (self._RING_MM if self._segments > 1 else 1.0)
         turns = min(3 * self._segments - 1, 3)
         ranges = min(freedoms, 3 * self._segments - turns)
         constrained = 3 * self._segments - turns - ranges
-        surface_mm = distances.surface_mm * math.sqrt(2.0 * math.pi)
-        self._log_room = math.log(room_mm) + ranges * math.log(self._RANGE_MM)
-        self._log_room += constrained * math.log(surface_mm)
+        surface_mm = SURFACE_MM * math.sqrt(2.0 * math.pi)
+        self.log_room = math.log(room_mm) + ranges * math.log(self._RANGE_MM)
+        self.log_room += constrained * math.log(surface_mm)
 
-    def seeds(self, points_mm: Array, taken: list[int], q_rad: Array) -> Iterator[Seed]:
-        for found in self._shapes.among(points_mm, taken, self._model.bending_rad(q_rad)):
-            size = found.seen_mm.size
-            mean = np.concatenate([found.seen_mm.ravel(), np.zeros(size)])
-            covariance = np.diag([0.3**2] * size + [self._START_MM**2] * size)
-            belief = Belief(mean, covariance, np.full(self._segments, self._START_MM))
-            yield Seed(found.view, found.points, belief, -0.5 * found.cost - self._log_room)
+    def started(self, found: Found) -> Belief:
+        size = found.seen_mm.size
+        mean = np.concatenate([found.seen_mm.ravel(), np.zeros(size)])
+        covariance = np.diag([0.3**2] * size + [self._START_MM**2] * size)
+        return Belief(mean, covariance, np.full(self._segments, self._START_MM))
 
     def moved(self, belief: Belief, duration_s: float, motor_motion_rad: Array) -> Belief:
         frames, size = duration_s / FRAME_S, 3 * self._segments
@@ -289,19 +214,17 @@ class FreeModel:
         )
         return Belief(step @ belief.mean, covariance, belief.agitation * _CALMING**frames)
 
-    def expect(self, belief: Belief) -> Expectation:
+    def expect(self, belief: Belief) -> tuple[Array, Array]:
         size = 3 * self._segments
-        return expectation(belief, belief.mean[:size], np.eye(size, 2 * size))
+        by_state = np.eye(size, 2 * size).reshape(-1, 3, 2 * size)
+        return belief.mean[:size].reshape(-1, 3), by_state
 
-    def expected_mm(self, belief: Belief) -> Array:
-        return belief.mean[: 3 * self._segments]
-
-    def settled(self, before: Belief, mean: Array, covariance: Array) -> Belief:
-        change = (mean - before.mean)[: 3 * self._segments].reshape(-1, 3)
-        surprise = np.linalg.norm(change, axis=1) / math.sqrt(3.0) - self._NOISE_MM
-        return Belief(mean, covariance, np.maximum(before.agitation, surprise))
+    def surprise(self, correction: Array) -> Array:
+        change_mm = correction[: 3 * self._segments].reshape(-1, 3)
+        surprise: Array = np.linalg.norm(change_mm, axis=1) / math.sqrt(3.0) - self._NOISE_MM
+        return surprise
 
     def holds(self, belief: Belief) -> bool:
-        places = belief.mean[: 3 * self._segments].reshape(-1, 3)
+        places, _ = self.expect(belief)
         apart_mm = np.linalg.norm(np.diff(places, axis=0, prepend=0.0), axis=1)
-        return bool(within(apart_mm, self._bounds_mm).all())
+        return bool(within(apart_mm, self.shapes.tolerances.bounds_mm).all())

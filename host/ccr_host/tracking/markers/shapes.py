@@ -7,9 +7,9 @@ of many points very few chains are left after two segments.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +29,19 @@ error, glue, at least, and as a share of a long segment. First of all segments w
 in where the next one points, then of the last."""
 _MARGIN = 4.0, 2.0
 """Deviations by which a distance may be beyond the geometry's."""
+SURFACE_MM = 3.0
+"""Deviation of the distance between markers that are not neighbours."""
+LIMIT = 3.5
+"""Standard deviations beyond which a pose cannot be this robot's."""
 _SPHERE_MM = 11.5
 """Two of NDI's passive spheres cannot be closer to each other."""
 _STARTS_RAD = 0.0, 0.7, 1.4, 2.1, 2.8
 _DIRECTIONS = 8
 _STEPS = 12
 _DONE_RAD = 3e-3
+_IMAGINARY = 1e-20
+"""Step along the imaginary axis that gives derivatives to rounding (Squire and Trapp, Using complex
+variables to estimate derivatives of real functions, SIAM Review 40, 1998)."""
 _DAMPING_FIRST, _DAMPING_FALL, _DAMPING_RISE = 1e-3, 0.1, 10.0
 _MOST = 1500
 """Chains of points that are kept at a time, the best ones."""
@@ -85,82 +92,34 @@ def within(values: Array, bounds: Array) -> NDArray[np.bool_]:
     return np.asarray((values >= bounds[..., 0]) & (values <= bounds[..., 1]))
 
 
-class Misfit(Protocol):
-    """How much K markers are elsewhere than a pose says, in standard deviations."""
-
-    def of(self, places_mm: Array, seen_mm: Array) -> Array:
-        """Misfits, (..., M), of markers relative to M1, (..., K, 3) each."""
-
-    def slopes(self, places_mm: Array, slopes_mm: Array) -> Array:
-        """Derivatives of the misfits, (N, M, D), from those of the places, (N, K, 3, D)."""
-
-    def worst(self, misfits: Array) -> Array:
-        """The largest misfit of each pose, (N,)."""
+Misfit = Callable[[Array, Array, Array], Array]
+"""How much K markers are elsewhere than a pose says, in standard deviations: vectors of misfits,
+(..., M, V), of their places, of those seen, (..., K, 3) each relative to M1, and of
+``Tolerances.deviation_mm``."""
 
 
-class Steps(Misfit):
-    """Misfit of the vectors from each marker to the next, in the robot's frame."""
-
-    def __init__(self, deviation_mm: Array) -> None:
-        self._deviation_mm = deviation_mm
-
-    def of(self, places_mm: Array, seen_mm: Array) -> Array:
-        steps = np.diff(places_mm - seen_mm, axis=-2, prepend=0.0)
-        misfits = steps / self._deviation_mm[: steps.shape[-2], None]
-        return misfits.reshape(*misfits.shape[:-2], -1)
-
-    def slopes(self, places_mm: Array, slopes_mm: Array) -> Array:
-        steps = np.diff(slopes_mm, axis=1, prepend=0.0)
-        slopes: Array = steps / self._deviation_mm[: steps.shape[1], None, None]
-        return slopes.reshape(len(slopes), -1, slopes.shape[-1])
-
-    def worst(self, misfits: Array) -> Array:
-        largest: Array = np.linalg.norm(misfits.reshape(len(misfits), -1, 3), axis=2).max(axis=1)
-        return largest
+def steps(places_mm: Array, seen_mm: Array, deviation_mm: Array) -> Array:
+    """Misfit of the vectors from each marker to the next, in the robot's frame, (..., K, 3)."""
+    apart_mm = np.diff(places_mm - seen_mm, axis=-2, prepend=0.0)
+    misfits: Array = apart_mm / deviation_mm[: apart_mm.shape[-2], None]
+    return misfits
 
 
-class Distances(Misfit):
+def distances(places_mm: Array, seen_mm: Array, deviation_mm: Array) -> Array:
     """Misfit of the distances between all markers, which no turn of the camera changes."""
-
-    surface_mm = 3.0
-    """Deviation of the distance between markers that are not neighbours."""
-
-    def __init__(self, deviation_mm: Array) -> None:
-        self._deviation_mm = deviation_mm
-
-    def of(self, places_mm: Array, seen_mm: Array) -> Array:
-        first, second, deviation_mm = self._pairs(places_mm.shape[-2])
-        expected, seen = (
-            np.linalg.norm(
-                _from_base(one)[..., second, :] - _from_base(one)[..., first, :], axis=-1
-            )
-            for one in (places_mm, seen_mm)
-        )
-        misfits: Array = (expected - seen) / deviation_mm
-        return misfits
-
-    def slopes(self, places_mm: Array, slopes_mm: Array) -> Array:
-        first, second, deviation_mm = self._pairs(places_mm.shape[-2])
-        places, by = _from_base(places_mm), np.pad(slopes_mm, ((0, 0), (1, 0), (0, 0), (0, 0)))
-        apart = places[:, second] - places[:, first]
-        towards = apart / np.maximum(np.linalg.norm(apart, axis=-1, keepdims=True), 1e-9)
-        slopes = np.einsum("npi,npid->npd", towards, by[:, second] - by[:, first])
-        scaled: Array = slopes / deviation_mm[:, None]
-        return scaled
-
-    def worst(self, misfits: Array) -> Array:
-        largest: Array = np.abs(misfits).max(axis=1)
-        return largest
-
-    def _pairs(self, markers: int) -> tuple[IntArray, IntArray, Array]:
-        first, second = np.triu_indices(markers + 1, k=1)
-        neighbours = self._deviation_mm[second - 1]
-        return first, second, np.where(second == first + 1, neighbours, self.surface_mm)
-
-
-def _from_base(places_mm: Array) -> Array:
-    """Places with that of M1, the origin, before them, (..., K, 3) -> (..., K + 1, 3)."""
-    return np.concatenate([np.zeros_like(places_mm[..., :1, :]), places_mm], axis=-2)
+    first, second = np.triu_indices(places_mm.shape[-2] + 1, k=1)
+    deviation_mm = np.where(second == first + 1, deviation_mm[second - 1], SURFACE_MM)
+    places, seen = (
+        np.concatenate([np.zeros_like(one[..., :1, :]), one], axis=-2)
+        for one in (places_mm, seen_mm)
+    )
+    # Not numpy's norm, whose complex one is real.
+    expected_mm, seen_apart_mm = (
+        np.sqrt(((one[..., second, :] - one[..., first, :]) ** 2).sum(axis=-1))
+        for one in (places, seen)
+    )
+    misfits: Array = ((expected_mm - seen_apart_mm) / deviation_mm)[..., None]
+    return misfits
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,16 +139,12 @@ class Found:
 
 
 class Shapes:
-    """Looks for the robot among points.
+    """Looks for the robot among points, where a pose leaves no misfit of more than ``LIMIT``."""
 
-    ``limit`` is in standard deviations of ``misfit``, which a pose has to explain.
-    """
-
-    def __init__(self, geometry: Robot, misfit: Misfit, limit: float) -> None:
+    def __init__(self, geometry: Robot, misfit: Misfit) -> None:
         self._model = ConstantCurvature(geometry)
         self._misfit = misfit
-        self._limit = limit
-        self._bounds_mm = Tolerances.of(geometry).bounds_mm
+        self.tolerances = Tolerances.of(geometry)
         self._freedom = freedom_of(geometry.chain)
         offset_mm = np.array([0.0, geometry.marker_offset_mm, 0.0])
         self._starts: list[tuple[Array, Array]] = []
@@ -202,19 +157,20 @@ class Shapes:
             ends_mm = segment.length_mm * bend.end + bend.turn @ offset_mm - offset_mm
             self._starts.append((free, ends_mm))
 
-    def among(self, points_mm: Array, taken: list[int], believed_rad: Array) -> Iterator[Found]:
-        """All chains of points that the robot can explain.
+    def among(self, points_mm: Array, taken: list[int], q_rad: Array) -> Iterator[Found]:
+        """All chains of points that the robot can explain, without any history.
 
         Args:
             points_mm: (B, N, 3): the points, seen from each of B bases.
             taken: the point that is the base itself, or -1, of each base.
-            believed_rad: the believed degrees of freedom, (D,).
+            q_rad: believed motor angles, (n,).
         """
+        believed_rad = self._model.bending_rad(q_rad)
         view: IntArray = np.arange(len(points_mm))
         chosen: IntArray = np.array(taken, dtype=np.intp)[:, None]
         bending_rad: Array = np.zeros((len(view), 0))
         cost: Array = np.zeros(len(view))
-        for number, bounds_mm in enumerate(self._bounds_mm):
+        for number, bounds_mm in enumerate(self.tolerances.bounds_mm):
             row, point = self._next(points_mm[view], chosen, number, bounds_mm)
             if not len(row):
                 return
@@ -222,7 +178,7 @@ class Shapes:
             seen_mm = points_mm[view[:, None], chosen[:, 1:]]
             bending_rad = self._started(seen_mm, bending_rad[row], number, believed_rad)
             bending_rad, worst, cost = self._fitted(seen_mm, bending_rad, believed_rad)
-            kept = np.flatnonzero(worst <= self._limit)
+            kept = np.flatnonzero(worst <= LIMIT)
             kept = kept[np.argsort(cost[kept], kind="stable")[:_MOST]]
             view, chosen = view[kept], chosen[kept]
             bending_rad, cost = bending_rad[kept], cost[kept]
@@ -256,11 +212,10 @@ class Shapes:
         places_mm = np.repeat(before_mm[:, None], len(free), axis=1)
         last_mm = before_mm[:, None, -1] if number else 0.0
         ends = last_mm + ends_mm @ np.swapaxes(frame, 1, 2)
-        misfits = self._misfit.of(
-            np.concatenate([places_mm, ends[:, :, None]], axis=2), seen_mm[:, None]
-        )
+        places_mm = np.concatenate([places_mm, ends[:, :, None]], axis=2)
+        misfits = self._misfit(places_mm, seen_mm[:, None], self.tolerances.deviation_mm)
         beyond = (free - believed_rad[own : own + free.shape[1]]) / _BELIEVED_BENDING_SIGMA_RAD
-        best = np.argmin((misfits**2).sum(axis=2) + (beyond**2).sum(axis=1), axis=1)
+        best = np.argmin((misfits**2).sum(axis=(2, 3)) + (beyond**2).sum(axis=1), axis=1)
         return np.concatenate([before_rad, free[best]], axis=1)
 
     def _fitted(
@@ -289,19 +244,24 @@ class Shapes:
             misfits = np.where(better[:, None], trial, misfits)
             slopes = np.where(better[:, None, None], trial_slopes, slopes)
             damping = damping * np.where(better, _DAMPING_FALL, _DAMPING_RISE)
-        of_shape, beyond = misfits[:, :-freedoms], misfits[:, -freedoms:]
-        worst = np.maximum(self._misfit.worst(of_shape), np.abs(beyond).max(axis=1))
+        of_shape = self._misfit(
+            self._model.markers_mm(bending_rad)[0], seen_mm, self.tolerances.deviation_mm
+        )
+        worst = np.linalg.norm(of_shape, axis=2).max(axis=1)
+        worst = np.maximum(worst, np.abs(misfits[:, -freedoms:]).max(axis=1))
         return bending_rad, worst, (misfits**2).sum(axis=1)
 
     def _look(self, seen_mm: Array, bending_rad: Array, believed_rad: Array) -> tuple[Array, Array]:
-        """Misfits of the points and of the bending, (N, M + D'), and their derivatives."""
+        """Misfits of the points and of the bending, (N, M), and their derivatives, (N, M, D')."""
+        poses, freedoms = bending_rad.shape
         places_mm, slopes_mm = self._model.markers_mm(bending_rad)
+        moved_mm = places_mm + 1j * _IMAGINARY * np.moveaxis(slopes_mm, 3, 0)
+        of_shape = self._misfit(moved_mm, seen_mm, self.tolerances.deviation_mm)
+        of_shape = np.moveaxis(of_shape.reshape(freedoms, poses, -1), 0, 2)
         beyond = (bending_rad - believed_rad) / _BELIEVED_BENDING_SIGMA_RAD
-        misfits = np.concatenate([self._misfit.of(places_mm, seen_mm), beyond], axis=1)
-        slopes = self._misfit.slopes(places_mm, slopes_mm)
-        by_beyond = np.eye(bending_rad.shape[1]) / _BELIEVED_BENDING_SIGMA_RAD
-        repeated = np.broadcast_to(by_beyond, (len(slopes), *by_beyond.shape))
-        return misfits, np.concatenate([slopes, repeated], axis=1)
+        by_beyond = np.tile(np.eye(freedoms) / _BELIEVED_BENDING_SIGMA_RAD, (poses, 1, 1))
+        misfits = np.concatenate([of_shape[..., 0].real, beyond], axis=1)
+        return misfits, np.concatenate([of_shape.imag / _IMAGINARY, by_beyond], axis=1)
 
 
 def _starts_rad(is_spatial: bool) -> Array:
