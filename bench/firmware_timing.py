@@ -67,7 +67,7 @@ class Rig:
         """Send now; return the cycle of the end of the last stop bit."""
         self.board.receive(encode_frame(request.ID, sequence, request.pack()))
         self.wait_us(3_000)
-        return self.board.statistics().last_arrival_cycle
+        return self.board.mcu.statistics().last_arrival_cycle
 
     def wait_us(self, duration_us: int) -> None:
         self.clock.sleep_until_us(self.clock.now_us() + duration_us)
@@ -107,7 +107,7 @@ def measure(board: str, axes: int, folder: Path) -> Table:
         busy_with_targets = saturate(rig, SATURATED_S, [rig.target()])
     with armed(elf, axes, profiling=True) as rig:
         saturate(rig, PROFILED_S, [m.GetState(), rig.target()])
-        masked_us = rig.board.statistics().longest_masked_cycles / CYCLES_PER_US
+        masked_us = rig.board.mcu.statistics().longest_masked_cycles / CYCLES_PER_US
     aims = AIMS if board == "uno" else {}
 
     def add(what: str, measured: str) -> None:
@@ -222,7 +222,7 @@ def saturate(rig: Rig, duration_s: float, requests: Sequence[m.Request]) -> Busy
     """Send requests in turn, back to back at 250000 baud."""
     rig.wait_us(100_000)
     rig.pulses.clear()
-    rig.board.forget_statistics()
+    rig.board.mcu.forget_statistics()
     begin_cycle = rig.board.cycle
     bytes_wanted = round(duration_s * m.BAUD / 10)
     burst = b"".join(encode_frame(one.ID, 2, one.pack()) for one in requests)
@@ -231,7 +231,7 @@ def saturate(rig: Rig, duration_s: float, requests: Sequence[m.Request]) -> Busy
         rig.board.receive(burst)
         rig.wait_us(slice_us + int(gap_us))
     rig.board.take_output()
-    statistics = rig.board.statistics()
+    statistics = rig.board.mcu.statistics()
     cycles = rig.board.cycle - begin_cycle
     return Busy(
         jitter_cycles=jitter_cycles(rig.pulses, rig.axes),

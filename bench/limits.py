@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ccr_host.control.base import Command, Observation, Outcome
 from ccr_host.control.registry import baseline_names, controller_names
+from ccr_host.core.user_file import cache_folder
 from ccr_host.description.schema import Description
 from ccr_host.robot.paths import PAPER_PATHS
 from ccr_host.robot.reference import Reference
@@ -28,7 +29,7 @@ from ccr_host.run.loop import PathRun
 from ccr_host.run.observer import RunObserver, StepRecord, true_errors_mm
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
-from ccr_host.run.twin_floor import default_cache, rests_along, twin_floor_mm
+from ccr_host.run.twin_floor import rests_along, twin_floor_mm
 from ccr_host.tracking.markers.check import MarkerCheck
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ class KnowingFeedforward:
     def start(self, reference: Reference) -> Command:
         """Find all poses and command the first one."""
         self._ramp_s = RAMP_SHARE * reference.period_s
-        shafts_rad, _ = rests_along(self._description, reference, cache=default_cache())
+        shafts_rad, _ = rests_along(self._description, reference, cache=cache_folder())
         self._commands_rad = self._commands_for(shafts_rad)
         return self._command(0)
 

@@ -25,13 +25,14 @@ from ccr_host.core.clock import Parts, RealClock, VirtualClock
 from ccr_host.core.wire import crc16_arc
 from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.line import make_polaris
-from ccr_host.sim.polaris.sensor import BitOrder, Exposer, StrayList, ToolLine, format_tx
+from ccr_host.sim.polaris.sensor import BitOrder, StrayList, ToolLine, format_tx
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tracking.sources.ndi.driver import NdiTracker
 from ccr_host.tracking.sources.ndi.port import SerialPort
 from ccr_host.tracking.sources.ndi.replies import decode_reply, parse_tx
 from ccr_host.tracking.tracker import wait_until_tracking
+from tests.exposer import Exposer
 
 MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)])
 LATENCY_MS = 40.0

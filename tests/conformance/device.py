@@ -148,7 +148,8 @@ class SimavrDevice:
         self._start_us = tuple(pulse_start_us(board, axis) for axis in range(axes))
         self.eeprom = eeprom
         self.board = SimavrBoard(read_flash_image(elf), eeprom=eeprom)
-        self.board.wear_out_eeprom(*eeprom.worn_out)
+        for address in eeprom.worn_out:
+            self.board.mcu.wear_out_eeprom(address)
         self._line = SimavrLine(self.board)
         self._pulses: dict[tuple[int, int], int] = {}
         self._in_reset = False
@@ -207,9 +208,8 @@ class SimavrDevice:
         self.advance_to(m.LISTENS_AFTER_US)
 
     def _timers_run(self) -> bool:
-        (hold,) = self.board.read_memory(_GTCCR, 1)
-        (control,) = self.board.read_memory(_TCCR1B, 1)
-        return not hold & _TIMERS_HELD and bool(control & _CLOCK_SELECT)
+        memory = self.board.mcu.memory
+        return not memory[_GTCCR] & _TIMERS_HELD and bool(memory[_TCCR1B] & _CLOCK_SELECT)
 
 
 IN_STEP: dict[str, Callable[..., SteppedDevice]] = {

@@ -33,7 +33,7 @@ def operate(
     with closing(SimavrBoard(read_flash_image(elf))) as board:
         line, clock = SimavrLine(board), VirtualClock(slice_us=m.TICK_US)
         clock.attach(line)
-        resets_at_start = board.statistics().resets
+        resets_at_start = board.mcu.statistics().resets
         with Client(line, clock, drawn_session(rng)) as client:
             clock.attach(client)
             client.connect(telemetry_period_ticks=5)
@@ -55,7 +55,7 @@ def operate(
             assert board_us == pytest.approx(expected_us, abs=5_000)
             assert client.read_state().fault is m.Fault.NONE
             assert client.identity.boot_id == boot_id
-        assert board.statistics().resets == resets_at_start
+        assert board.mcu.statistics().resets == resets_at_start
         assert client.statistics.crc_errors == client.statistics.retries == 0
 
 

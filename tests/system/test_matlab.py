@@ -21,7 +21,7 @@ from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.serving.ports import TcpPort
-from ccr_host.sim.serving.server import BackgroundServer, BoardServer
+from ccr_host.sim.serving.server import BoardServer
 from tests.patience import PATIENCE_S
 from tests.system.conftest import PAPERS, CcrHost
 from tests.system.test_sockets import running
@@ -100,11 +100,11 @@ def test_a_board_of_older_firmware_is_not_sent_what_it_does_not_know(
 ) -> None:
     monkeypatch.setattr("ccr_host.sim.board.dispatch.CAPABILITIES", Capabilities.EEPROM)
     server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock(), boot_loader_us=0)
-    with BackgroundServer(server) as served:
+    with server:
         told = octave(
             "--eval",
             f"""
-            robot = ccr.Client('{served.uri}');
+            robot = ccr.Client('{server.uri}');
             before = robot.request('get_counters');
             try
               robot.request('set_target_at');
@@ -125,8 +125,8 @@ def test_a_board_that_has_only_just_started_is_waited_for(monkeypatch: pytest.Mo
     monkeypatch.setattr("ccr_host.sim.board.safety.BOOT_TICKS", 50)  # 1 s instead of 0.1
     board = SerialLine(UnoEmulator())
     server = BoardServer(board, TcpPort(0), RealClock(), boot_loader_us=0)
-    with BackgroundServer(server) as served:
-        octave("--eval", f"robot = ccr.Client('{served.uri}'); robot.close();")
+    with server:
+        octave("--eval", f"robot = ccr.Client('{server.uri}'); robot.close();")
 
 
 def test_the_first_steps_end_where_the_board_says(board: str) -> None:

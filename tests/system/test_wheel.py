@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from ccr_host.link import messages as m
-from ccr_host.sim.serving.server import BackgroundServer
 from ccr_host.sim.simavr.serve import open_pty_server
 from tests.patience import PATIENCE_S
 
@@ -66,7 +65,7 @@ def test_the_version_is_printed(ccr_host: Command) -> None:
 
 
 def test_flash_puts_the_firmware_that_came_along_onto_an_empty_board(ccr_host: Command) -> None:
-    with BackgroundServer(open_pty_server(None)) as server:
+    with open_pty_server(None) as server:
         flashed = ccr_host("flash", "--port", server.uri.removeprefix("serial:"), "--json")
     assert flashed.returncode == 0, flashed.stderr
     assert json.loads(flashed.stdout)["spec_hash"] == f"{m.SPEC_HASH:08x}"

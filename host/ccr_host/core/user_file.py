@@ -1,4 +1,4 @@
-"""Files named by the user.
+"""Files named by the user, and the folder of those that can be made again.
 
 Reading never hangs and uses bounded memory, whatever the file is. Writing is atomic.
 """
@@ -144,6 +144,11 @@ def keep_elsewhere(text: str, suffix: str) -> Path:
     ) as file:
         file.write(text)
     return Path(file.name)
+
+
+def cache_folder() -> Path:
+    """Folder for results that can be recomputed; it may not exist yet."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ccr-host"
 
 
 def lines_of(text: str) -> list[str]:

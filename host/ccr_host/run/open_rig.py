@@ -40,7 +40,7 @@ from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.robot.scene import CoSimulation, TwinScene
 from ccr_host.sim.serving.ports import PtyPort
-from ccr_host.sim.serving.server import BackgroundServer, BoardServer
+from ccr_host.sim.serving.server import BoardServer
 from ccr_host.sim.simavr.board import SimavrBoard
 from ccr_host.sim.simavr.flash_image import board_for, find_firmware, read_flash_image
 from ccr_host.sim.simavr.line import SimavrCoSimulation, SimavrLine
@@ -203,7 +203,7 @@ def connect_board(
         clock.attach(scene)
     if device.kind is DeviceKind.EMULATOR_PTY:
         line = SerialLine(UnoEmulator(axes=motors))
-        server = BackgroundServer(BoardServer(line, PtyPort(), RealClock()))
+        server = BoardServer(line, PtyPort(), RealClock())
         device = parse_device_uri(stack.enter_context(server).uri)
     return open_transport(device, description.link.baud)
 

@@ -15,7 +15,7 @@ from ccr_host.core.clock import NEVER_US, Clock
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.plugins import Guard, make_plugin
 from ccr_host.description.schema import Description
-from ccr_host.sim.polaris.line import PolarisLine, change_faults, faults_of, make_polaris
+from ccr_host.sim.polaris.line import PolarisLine, faults_of, make_polaris
 from ccr_host.sim.robot.plant import TWIN
 from ccr_host.sim.robot.scene import ExposedCamera, TwinScene, make_plant
 from ccr_host.tracking.markers.marker_tracker import BelievedAngles, MarkerTracker
@@ -143,7 +143,7 @@ class TrackerRig:
             self.scene.start_path_clock(time_us)
         if self._polaris is not None:
             faults = faults_of(self._description.polaris_faults, time_us)
-            change_faults(self._polaris, faults, self._description.tracker)
+            self._polaris.device.sensor.faults = faults
 
 
 def camera_rotation(description: Description) -> NDArray[np.float64]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 import zipfile
 from contextlib import suppress
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import CcrError
-from ccr_host.core.user_file import replacing
+from ccr_host.core.user_file import cache_folder, replacing
 from ccr_host.description.schema import Description
 from ccr_host.robot.reference import Reference
 from ccr_host.run.options import RunOptions
@@ -36,7 +35,7 @@ def floor_of_run_mm(result: RunResult) -> float | None:
     """``twin_floor_mm`` of a run, kept in the user's cache; None if the robot was real."""
     if all(record.true_mm is None for record in result.records):
         return None
-    return twin_floor_mm(result.options, result.reference, default_cache())
+    return twin_floor_mm(result.options, result.reference, cache_folder())
 
 
 def twin_floor_mm(
@@ -94,11 +93,6 @@ def rests_along(
     found = nearest_rests(description.twin, *way)
     _keep(file, *found)
     return found
-
-
-def default_cache() -> Path:
-    """Folder for results that can be recomputed."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ccr-host"
 
 
 def _keep(file: Path, motors_rad: Array, distances_mm: Array) -> None:

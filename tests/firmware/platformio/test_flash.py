@@ -11,7 +11,6 @@ import pytest
 
 from ccr_host.core.errors import ConfigError, DeviceError
 from ccr_host.link import messages as m
-from ccr_host.sim.serving.server import BackgroundServer
 from ccr_host.sim.simavr.serve import open_pty_server
 from ccr_host.tools.flash import choose_port, flash_board, say_hello, upload_file, upload_project
 from tests.conformance.firmware_build import firmware_elf
@@ -150,7 +149,7 @@ def built(tmp_path_factory, core_folder):
 
 
 def test_projects_firmware_is_built_flashed_and_says_hello(built):
-    with BackgroundServer(open_pty_server(None)) as server:
+    with open_pty_server(None) as server:
         port = server.uri.removeprefix("serial:")
         _, identity = flash_board(port, project=CHECKOUT, pio=built)
         assert identity.spec_hash == m.SPEC_HASH

@@ -3,7 +3,6 @@
 import serial
 
 from ccr_host.link.messages import BAUD
-from ccr_host.sim.serving.server import BackgroundServer
 from ccr_host.sim.simavr.board import SimavrBoard
 from ccr_host.sim.simavr.flash_image import read_flash_image
 from ccr_host.sim.simavr.serve import open_pty_server
@@ -23,7 +22,7 @@ def test_hex_and_elf_hold_the_same_program(pio, project):
     pio(project, "run")
     build = project / ".pio/build/uno"
     flashes = [
-        SimavrBoard(read_flash_image(build / name)).flash_content()
+        SimavrBoard(read_flash_image(build / name)).mcu.flash.tobytes()
         for name in ("firmware.elf", "firmware.hex")
     ]
     assert flashes[0] == flashes[1]
@@ -59,7 +58,7 @@ def test_check_finds_a_defect(pio, project):
 
 
 def test_upload_flashes_a_board_behind_a_port(pio, project):
-    with BackgroundServer(open_pty_server(None)) as server:
+    with open_pty_server(None) as server:
         port = server.uri.removeprefix("serial:")
         result = pio(project, "run", "-t", "upload", "--upload-port", port)
         assert result.returncode == 0, result.stdout + result.stderr

@@ -76,7 +76,7 @@ def test_memories_cover_every_address_that_a_program_can_use(board):
     uno = board("resets")
     size_of = ctypes.CDLL(None).malloc_usable_size
     size_of.argtypes, size_of.restype = (ctypes.c_void_p,), ctypes.c_size_t
-    for memory in (uno._mcu.memory, uno._mcu.flash):
+    for memory in (uno.mcu.memory, uno.mcu.flash):
         assert size_of(memory.ctypes.data) >= 1 << 16
 
 
@@ -93,7 +93,7 @@ def test_missing_address_bits_of_the_eeprom_are_ignored(board, exchange):
     uno.advance_to(1000)
     exchange(uno, b"W\x05\x77")
     assert exchange(uno, b"r\x05") == b"\x77"
-    assert uno.eeprom_content()[5] == 0x77
+    assert uno.mcu.eeprom[5] == 0x77
 
 
 def test_eeprom_is_kept_in_the_emulators_file(board, exchange, tmp_path):
@@ -111,11 +111,11 @@ def test_eeprom_is_kept_in_the_emulators_file(board, exchange, tmp_path):
 
 def test_worn_out_eeprom_keeps_its_old_value(board, exchange):
     uno = board("eeprom")
-    uno.wear_out_eeprom(5)
+    uno.mcu.wear_out_eeprom(5)
     uno.advance_to(1000)
     exchange(uno, b"w\x05\x77")
     assert exchange(uno, b"r\x05") == b"\xff"
-    assert uno.eeprom_content()[5] == 0xFF
+    assert uno.mcu.eeprom[5] == 0xFF
 
 
 def test_timer_flags_are_cleared_one_by_one_and_kept_until_enabled(board):
@@ -128,9 +128,9 @@ def test_timer_flags_are_cleared_one_by_one_and_kept_until_enabled(board):
 def test_sleep_is_distinguished_from_work(board):
     uno = board("echo")
     uno.advance_to(1000)
-    uno.forget_statistics()
+    uno.mcu.forget_statistics()
     uno.advance_to(101_000)
-    assert uno.statistics().slept_cycles > 0.999 * 100_000 * 16
+    assert uno.mcu.statistics().slept_cycles > 0.999 * 100_000 * 16
 
 
 def test_profile_measures_longest_masked_time_and_stack_depth(board, exchange):
@@ -138,9 +138,9 @@ def test_profile_measures_longest_masked_time_and_stack_depth(board, exchange):
     uno.advance_to(1000)
     depths = []
     for units in (3, 9, 2):
-        uno.forget_statistics()
+        uno.mcu.forget_statistics()
         assert exchange(uno, bytes([units])) == bytes([units])
-        statistics = uno.statistics()
+        statistics = uno.mcu.statistics()
         assert statistics.longest_masked_cycles == pytest.approx(units * 1600, abs=60)
         depths.append(0x8FF - statistics.least_stack_pointer)
     assert depths[1] - depths[0] >= 6 * 16
@@ -154,7 +154,7 @@ def test_profiling_changes_no_cycle(board):
         uno.advance_to(1000)
         uno.receive(bytes(range(100)))
         uno.advance_to(10_000)
-        seen.append((uno.take_departures(), uno.statistics().slept_cycles))
+        seen.append((uno.take_departures(), uno.mcu.statistics().slept_cycles))
     assert seen[0] == seen[1]
 
 
@@ -162,10 +162,10 @@ def test_variables_are_read_and_preset_by_name(board, exchange):
     uno = board("masked")
     uno.advance_to(1000)
     address = uno.symbol("wakings")
-    assert int.from_bytes(uno.read_memory(address, 4), "little") == 7
-    uno.write_memory(address, bytes([0xFF] * 4))
+    assert int.from_bytes(uno.mcu.memory[address : address + 4].tobytes(), "little") == 7
+    uno.mcu.memory[address : address + 4] = 0xFF
     exchange(uno, b"\0")
-    assert uno.read_memory(address, 4) == bytes(4)
+    assert uno.mcu.memory[address : address + 4].tobytes() == bytes(4)
     with pytest.raises(ConfigError, match="no symbol nonsense"):
         uno.symbol("nonsense")
 
@@ -186,7 +186,7 @@ def random_life(board, seed, slices):
             uno.advance_to(max(int(cut), uno.now_us))
         uno.advance_to(end_us)
         departures += uno.take_departures()
-    return edges, departures, uno.statistics(), uno.read_memory(0, 0x900)
+    return edges, departures, bytes(uno.mcu.statistics()), uno.mcu.memory[:0x900].tobytes()
 
 
 @pytest.mark.parametrize("seed", range(5))

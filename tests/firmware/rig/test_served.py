@@ -7,7 +7,6 @@ import pytest
 import serial
 
 from ccr_host.core.errors import ConfigError
-from ccr_host.sim.serving.server import BackgroundServer
 from ccr_host.sim.simavr.flash_image import find_firmware
 from ccr_host.sim.simavr.serve import open_pty_server
 from tests.patience import PATIENCE_S
@@ -55,7 +54,7 @@ def hex_file(program, tmp_path):
 
 
 def test_opening_the_port_resets_the_board(program):
-    with BackgroundServer(open_pty_server(program("resets"), boot_loader=False)) as server:
+    with open_pty_server(program("resets"), boot_loader=False) as server:
         heard = []
         for _ in range(2):
             with serial.Serial(port_of(server.uri), 250000, timeout=0.5) as port:
@@ -67,7 +66,7 @@ def test_opening_the_port_resets_the_board(program):
 
 
 def test_avrdude_flashes_an_empty_board_through_optiboot_and_the_program_runs(hex_file):
-    with BackgroundServer(open_pty_server(None)) as server:
+    with open_pty_server(None) as server:
         upload = avrdude(server.uri, hex_file("echo"))
         assert upload.returncode == 0, upload.stderr
         assert "verified" in upload.stderr
@@ -76,7 +75,7 @@ def test_avrdude_flashes_an_empty_board_through_optiboot_and_the_program_runs(he
 
 
 def test_avrdude_finds_the_boot_loader_however_late_it_comes(program, hex_file):
-    with BackgroundServer(open_pty_server(program("echo"))) as server:
+    with open_pty_server(program("echo")) as server:
         with serial.Serial(port_of(server.uri), 250000, timeout=0.5) as held_open:
             assert ask(held_open, b"here I am", 9) == b"here I am"
             time.sleep(1.1)

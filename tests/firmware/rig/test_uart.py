@@ -29,7 +29,7 @@ def test_answer_starts_within_microseconds_of_the_last_stop_bit(board):
     uno.receive(b"?")
     uno.advance_to(2000)
     (departure,) = uno.take_departures()
-    arrival = uno.statistics().last_arrival_cycle
+    arrival = uno.mcu.statistics().last_arrival_cycle
     assert arrival == 1000 * 16 + BYTE_CYCLES
     assert 0 < departure.start_cycle - arrival < 200
 
@@ -38,14 +38,14 @@ def test_receiver_holds_two_bytes_and_one_in_the_shift_register(board, exchange)
     uno = board("late_reader")
     uno.advance_to(1000)
     assert exchange(uno, b"abc") == b"\0a\0b\0c"
-    assert uno.statistics().overruns == 0
+    assert uno.mcu.statistics().overruns == 0
 
 
 def test_fourth_unread_byte_is_lost_and_the_overrun_reported(board, exchange):
     uno = board("late_reader")
     uno.advance_to(1000)
     assert exchange(uno, b"abcdef") == bytes([DOR, ord("a"), 0, ord("b"), 0, ord("f")])
-    assert uno.statistics().overruns == 3
+    assert uno.mcu.statistics().overruns == 3
 
 
 def test_receiver_recovers_after_an_overrun(board, exchange):

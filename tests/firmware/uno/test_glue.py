@@ -107,7 +107,7 @@ class Uno:
 
     @contextmanager
     def _patched(self, at: int, code: bytes) -> Iterator[None]:
-        flash = self.board._mcu.flash
+        flash = self.board.mcu.flash
         end = at + len(code)
         before = flash[at:end].tobytes()
         flash[at:end] = list(code)
@@ -117,7 +117,7 @@ class Uno:
             flash[at:end] = list(before)
 
     def resets(self) -> int:
-        return self.board.statistics().resets
+        return self.board.mcu.statistics().resets
 
 
 @pytest.mark.parametrize("optimisation", ["-O2", "-O3"])
@@ -132,7 +132,7 @@ def test_it_boots_however_the_compiler_writes_the_loop_that_paints_the_stack(
 def test_interrupts_are_on_within_the_first_millisecond_so_that_none_is_missed() -> None:
     uno = Uno(profiling=True)
     uno.wait(5000)
-    assert uno.board.statistics().longest_masked_cycles < 400 * CYCLES_PER_US
+    assert uno.board.mcu.statistics().longest_masked_cycles < 400 * CYCLES_PER_US
 
 
 def test_pulses_are_exact_and_begin_with_their_frame() -> None:
@@ -189,7 +189,7 @@ def test_without_the_receiver_the_watchdog_bites() -> None:
     resets_before = uno.resets()
     (ticks_due,) = (at for name, at in uno.board._symbols.items() if "ticks_dueE" in name)
     for _ in range(WATCHDOG_LATEST_US // 1000):
-        uno.board.write_memory(ticks_due, b"\xff")
+        uno.board.mcu.memory[ticks_due] = 0xFF
         uno.wait(1000)
         if uno.resets() > resets_before:
             return
@@ -225,7 +225,7 @@ def test_a_byte_that_the_uart_has_lost_is_counted() -> None:
         uno.board.receive(bytes(8))
         uno.wait(700)
     uno.wait(2000)
-    assert uno.board.statistics().overruns > 0
+    assert uno.board.mcu.statistics().overruns > 0
     assert uno.report().link_errors > 0
     assert uno.report().fault is m.Fault.NONE
 
@@ -240,7 +240,7 @@ def test_no_interrupt_is_slept_through() -> None:
     for offset in range(0, 450):
         uno.wait(m.TICK_US - uno.board.now_us % m.TICK_US + 1_500)
         ms_cycle = (uno.board.now_us // 1000 + 2) * 1000 * CYCLES_PER_US
-        uno.board._mcu.send(ms_cycle + offset - request_cycles, request, bit_cycles)
+        uno.board.mcu.send(ms_cycle + offset - request_cycles, request, bit_cycles)
         uno.wait(3_000)
         answer = uno.board.take_departures()
         assert answer[0].start_cycle - ms_cycle - offset < 400 * CYCLES_PER_US, offset
@@ -258,7 +258,7 @@ def test_both_pulses_of_a_frame_are_of_one_tick_however_late_it_is() -> None:
         frame_us = _next_frame_us(uno)
         uno.board.advance_to(frame_us + 17_500)
         with uno.hanging_in(_kept_function(uno)):
-            uno.board._mcu.run_until((frame_us + 19_000) * CYCLES_PER_US - early_cycles)
+            uno.board.mcu.run_until((frame_us + 19_000) * CYCLES_PER_US - early_cycles)
     uno.wait(2 * m.TICK_US)
     first, second = (
         [fall.cycle - rise.cycle for rise, fall in zip(*_rises_and_falls(edges, pin), strict=True)]
@@ -279,7 +279,7 @@ def test_no_tick_is_lost_however_late_one_is_done() -> None:
         uno.board.advance_to(frame_us + 17_500)
         with uno.hanging_in(making_the_report):
             end_cycle = (frame_us + m.TICK_US + m.TICK_PHASE_US) * CYCLES_PER_US - early_cycles
-            uno.board._mcu.run_until(end_cycle)
+            uno.board.mcu.run_until(end_cycle)
         uno.board.advance_to(frame_us + 2 * m.TICK_US)
     uno.ask_quietly(m.SetTelemetry(SESSION, 0))
     report = uno.report()
@@ -297,7 +297,7 @@ def test_the_clock_does_not_jump_at_the_start_of_a_frame() -> None:
         uno.board.advance_to(frame_us - 2_000)
         uno.board.take_output()
         end_cycle = frame_us * CYCLES_PER_US + offset
-        uno.board._mcu.send(end_cycle - request_cycles, request, bit_cycles)
+        uno.board.mcu.send(end_cycle - request_cycles, request, bit_cycles)
         uno.wait(4_000)
         (frame,) = (f for f in FrameDecoder().feed(uno.board.take_output()))
         assert isinstance(frame, Frame)
@@ -353,7 +353,7 @@ def test_a_program_that_goes_astray_while_armed_comes_back_in_fault(
 def test_after_a_loss_of_power_that_memory_outlasts_the_flag_of_power_on_is_believed() -> None:
     uno = Uno()
     uno.make_armed()
-    uno.board._mcu.reset(m.ResetCause.POWER_ON)
+    uno.board.mcu.reset(m.ResetCause.POWER_ON)
     uno.wait(BOOT_OVER_US)
     assert uno.hello().reset_cause is m.ResetCause.POWER_ON
     assert uno.report().state is m.State.DISARMED
@@ -487,7 +487,7 @@ def test_used_up_stack_is_a_fault_and_reported() -> None:
     uno.make_ready()
     free_before = uno.report().free_stack_bytes
     assert 512 <= free_before < 1800
-    uno.board.write_memory(uno.board.symbol("_end") + 40, b"\x00")
+    uno.board.mcu.memory[uno.board.symbol("_end") + 40] = 0
     uno.wait(2_000_000)  # A sweep over the stack takes a second.
     report = uno.report()
     assert report.free_stack_bytes == 40

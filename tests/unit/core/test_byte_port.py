@@ -16,7 +16,7 @@ from ccr_host.link.transport import open_transport, parse_device_uri
 from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.serving.ports import TcpPort
-from ccr_host.sim.serving.server import BackgroundServer, BoardServer
+from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tracking.sources.ndi.port import SerialPort
 
 
@@ -158,7 +158,7 @@ def talk_until_lost(port):
 
 def test_a_busy_tcp_board_is_in_use_by_another_host():
     server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock())
-    with BackgroundServer(server):
+    with server:
         first = opened(server.uri)
         assert "in use by another host" in talk_until_lost(opened(server.uri))
         first.close()

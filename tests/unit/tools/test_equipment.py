@@ -28,7 +28,7 @@ from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.eeprom import EepromImage
 from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.serving.ports import TcpPort
-from ccr_host.sim.serving.server import BackgroundServer, BoardServer
+from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tools.checks import Severity
 from ccr_host.tools.doctor import check_board
 from ccr_host.tools.equipment import (
@@ -162,8 +162,8 @@ def test_run_on_another_board_than_described_is_refused_before_arming(name: str)
         change(bench, board_name=name)
     board = UnoEmulator(bench.image)
     server = BoardServer(SerialLine(board), TcpPort(0), RealClock(), boot_loader_us=0)
-    with BackgroundServer(server) as served:
-        options = RigOptions(device=served.uri, overrides=("robot.board_name=right arm",))
+    with server:
+        options = RigOptions(device=server.uri, overrides=("robot.board_name=right arm",))
         expected = f"named {name or 'nothing'}, robot.board_name is right arm"
         with (
             pytest.raises(WrongBoardError, match=expected),
@@ -246,6 +246,6 @@ def test_emergency_stop_that_is_open_when_it_is_configured_is_reported(
     board = UnoEmulator()
     board.open_emergency_stop(is_open)
     server = BoardServer(SerialLine(board), TcpPort(0), RealClock(), boot_loader_us=0)
-    with BackgroundServer(server) as served:
-        told = set_equipment(RigOptions(device=served.uri), EquipmentChange(emergency_stop=True))
+    with server:
+        told = set_equipment(RigOptions(device=server.uri), EquipmentChange(emergency_stop=True))
     assert ("now open" in told) == is_open

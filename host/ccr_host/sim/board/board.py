@@ -27,7 +27,7 @@ from ccr_host.link.messages import (
 )
 from ccr_host.sim.board.core import BoardCore, Inputs
 from ccr_host.sim.board.dispatch import Dispatcher
-from ccr_host.sim.board.eeprom import Eeprom, EepromImage
+from ccr_host.sim.board.eeprom import EepromImage
 from ccr_host.sim.board.setpoint import Axes
 
 
@@ -50,7 +50,7 @@ class SendBuffer:
         self._frames: deque[_Sending] = deque()
         self._free_us = 0
 
-    def offer(self, frame: bytes, now_us: int, spare_bytes: int = 0) -> bool:
+    def offer(self, frame: bytes, now_us: int, spare_bytes: int) -> bool:
         """Queue a frame; False if it does not fit, or would leave less than `spare_bytes`."""
         start_us = max(now_us, self._free_us)
         waiting = bytes_in(start_us - now_us, self._baud)
@@ -62,8 +62,6 @@ class SendBuffer:
 
     def take(self, now_us: int) -> bytes:
         """Remove and return the bytes whose last bit has been sent by now."""
-        if not self._frames:
-            return b""
         taken = bytearray()
         while self._frames and self._frames[0].start_us < now_us:
             head = self._frames[0]
@@ -106,7 +104,7 @@ class UnoEmulator:
 
     def __init__(
         self,
-        eeprom: Eeprom | None = None,
+        eeprom: EepromImage | None = None,
         *,
         reset_cause: ResetCause = ResetCause.POWER_ON,
         start_us: int = 0,
@@ -178,7 +176,7 @@ class UnoEmulator:
     def _take(self, data: bytes) -> None:
         for item in self._decoder.feed(data):
             if isinstance(item, FramingError):
-                self._core.counters.count_framing_error(item)
+                self._core.counters.count(item.value)
                 continue
             self._core.counters.count("frames_accepted")
             answer = self._dispatcher.answer(item)

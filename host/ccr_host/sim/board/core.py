@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field, replace
 
-from ccr_host.link.framing import Frame, FramingError
+from ccr_host.link.framing import Frame
 from ccr_host.link.messages import (
     BLINK_STEP_TICKS,
     LED_STEP_TICKS,
@@ -29,9 +29,9 @@ from ccr_host.sim.board.eeprom import (
     ConfigGroup,
     ConfigStore,
     Configuration,
-    Eeprom,
+    EepromImage,
     FaultLog,
-    SaveStep,
+    SaveEnd,
 )
 from ccr_host.sim.board.safety import SafetyMachine
 from ccr_host.sim.board.setpoint import Axes, Setpoint, clamped, is_saturated, pulse_half_us
@@ -101,10 +101,6 @@ class Counters:
     def count(self, name: str, number: int = 1) -> None:
         self._counts[name] += number
 
-    def count_framing_error(self, error: FramingError) -> None:
-        """Count an invalid frame by its error."""
-        self._counts[error.value] += 1
-
     @property
     def link_errors(self) -> int:
         """Sum of the receive errors, wrapping at 16 bits."""
@@ -167,12 +163,12 @@ class BoardCore:
 
     def __init__(
         self,
-        eeprom: Eeprom,
+        eeprom: EepromImage,
         reset_cause: ResetCause,
-        had_pulses: bool = False,
-        tick_offset: int = 0,
-        inputs: Inputs | None = None,
-        axes: int = 2,
+        had_pulses: bool,
+        tick_offset: int,
+        inputs: Inputs,
+        axes: int,
     ) -> None:
         self.axes = axes
         self.reset_cause = reset_cause
@@ -191,7 +187,7 @@ class BoardCore:
         self.next_tick = 0
         self.pulses_half_us: Axes = (0,) * axes
         self._tick_offset = tick_offset
-        self._inputs = inputs or Inputs()
+        self._inputs = inputs
         self._setpoint = Setpoint(self.configuration.limits.rest_cdeg)
         self._reported_setpoint_cdeg = self._setpoint.cdeg
         self._moving = False
@@ -385,10 +381,10 @@ class BoardCore:
 
     def _advance_save(self) -> None:
         match self.store.advance_save():
-            case SaveStep.FINISHED:
+            case SaveEnd.FINISHED:
                 self.unsaved = False
                 self.counters.count("saves")
-            case SaveStep.FAILED:
+            case SaveEnd.FAILED:
                 self.safety.raise_fault(Fault.EEPROM_FAILED)
 
     def _target_age_ms(self) -> int:

@@ -50,8 +50,8 @@ class Dispatcher:
         self,
         core: BoardCore,
         board_time_us: Callable[[], int],
-        spec_hash: int = m.SPEC_HASH,
-        link_limits: m.LinkLimitsReply | None = None,
+        spec_hash: int,
+        link_limits: m.LinkLimitsReply | None,
     ) -> None:
         self._core = core
         self._board_time_us = board_time_us

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import struct
 from binascii import crc32
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
+from functools import reduce
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, Final, Protocol, Self
+from typing import Any, Final, Self, TypeVar
 
 from ccr_host.core.errors import ConfigError, why
 from ccr_host.core.user_file import replacing
@@ -36,12 +39,13 @@ from ccr_host.link.messages import (
 _CRC = struct.Struct("<I")
 _U16 = 1 << 16
 _HALF_U16 = 1 << 15
+T = TypeVar("T")
 
 
 class FaultLog:
     """The fault records: finds the newest one, writes the next byte by byte."""
 
-    def __init__(self, eeprom: Eeprom) -> None:
+    def __init__(self, eeprom: EepromImage) -> None:
         self._eeprom = eeprom
         self._unwritten = b""
         good = [
@@ -89,29 +93,21 @@ def _check_of(record: FaultRecord) -> int:
     return crc32(record.pack()[: -_CRC.size])
 
 
-ERASED: Final = 0xFF
-
-
-class Eeprom(Protocol):
-    """The EEPROM as seen by the board."""
-
-    def read(self, address: int, count: int) -> bytes:
-        """Read `count` bytes from `address` on."""
-
-    def write(self, address: int, value: int) -> None:
-        """Write one byte; it may fail, so the caller must read back."""
+_ERASED: Final = 0xFF
+_ERASED_IMAGE: Final = bytes([_ERASED]) * EEPROM_SIZE
 
 
 class EepromImage:
     """EEPROM in memory.
 
-    It is erased without ``content``; writing to ``worn_out`` addresses has no effect.
+    It is erased without ``content``; writing to ``worn_out`` addresses has no effect, so that the
+    board must read back.
     """
 
     def __init__(
         self, content: bytes | None = None, worn_out: frozenset[int] = frozenset()
     ) -> None:
-        self.content = bytearray(content or bytes([ERASED]) * EEPROM_SIZE)
+        self.content = bytearray(content or _ERASED_IMAGE)
         self.worn_out = worn_out
 
     def read(self, address: int, count: int) -> bytes:
@@ -122,7 +118,7 @@ class EepromImage:
             self.content[address] = value
 
 
-class EepromFile:
+class EepromFile(EepromImage):
     """EEPROM stored in a file of the same size, so that it outlives the emulator.
 
     Raises:
@@ -133,7 +129,7 @@ class EepromFile:
         try:
             if not path.exists():
                 with replacing(path) as draft:
-                    draft.write_bytes(bytes([ERASED]) * EEPROM_SIZE)
+                    draft.write_bytes(_ERASED_IMAGE)
             self._file = path.open("r+b", buffering=0)
         except (OSError, ValueError) as error:
             raise ConfigError(
@@ -144,12 +140,10 @@ class EepromFile:
             raise ConfigError(
                 f"EEPROM file {path}: not {EEPROM_SIZE} bytes long", "delete it or give another one"
             )
-
-    def read(self, address: int, count: int) -> bytes:
-        self._file.seek(address)
-        return self._file.read(count)
+        super().__init__(self._file.read())
 
     def write(self, address: int, value: int) -> None:
+        super().write(address, value)
         self._file.seek(address)
         self._file.write(bytes([value]))
 
@@ -239,11 +233,9 @@ class _SlotContent(Enum):
     CORRUPT = auto()
 
 
-class SaveStep(Enum):
-    """Result of writing one byte."""
+class SaveEnd(Enum):
+    """How a save has ended."""
 
-    IDLE = auto()
-    WRITING = auto()
     FINISHED = auto()
     FAILED = auto()
 
@@ -254,14 +246,15 @@ class ConfigStore:
     Loads the newest configuration; saves to the other slot byte by byte.
     """
 
-    def __init__(self, eeprom: Eeprom, axes: int) -> None:
+    def __init__(self, eeprom: EepromImage, axes: int) -> None:
         self._eeprom = eeprom
         self._slots = (EEPROM_SLOT_A, EEPROM_SLOT_B.of(axes))
         self._image = b""
         self._written = 0
         self._saving: _Slot | None = None
         contents = [_read_slot(eeprom, address, axes) for address in self._slots]
-        self._newest = _newest([slot for slot in contents if isinstance(slot, _Slot)])
+        good = [slot for slot in contents if isinstance(slot, _Slot)]
+        self._newest = _newest(good, attrgetter("generation"))
         self.status = _status(contents)
 
     @property
@@ -276,12 +269,8 @@ class ConfigStore:
     def count_boot(self) -> int:
         """Increment the boot counter and return its new value."""
         stored = self._eeprom.read(EEPROM_BOOT_COUNTER, EEPROM_BOOT_COUNTERS * _COUNTER.size)
-        newest = 0
         counters = [c for (c,) in _COUNTER.iter_unpack(stored) if c != _COUNTER_ERASED]
-        for number, counter in enumerate(counters):
-            if number == 0 or _is_newer(counter, newest):
-                newest = counter
-        boot_id = (newest + 1) % _COUNTER_ERASED
+        boot_id = ((_newest(counters, int) or 0) + 1) % _COUNTER_ERASED
         address = EEPROM_BOOT_COUNTER + boot_id % EEPROM_BOOT_COUNTERS * _COUNTER.size
         for offset, byte in enumerate(_COUNTER.pack(boot_id), address):
             if self._eeprom.read(offset, 1)[0] != byte:
@@ -299,28 +288,28 @@ class ConfigStore:
         self._written = 0
         self._saving = _Slot(address, generation, configuration)
 
-    def advance_save(self) -> SaveStep:
+    def advance_save(self) -> SaveEnd | None:
         """One tick of a save: verify the byte written in the last tick, write the next one."""
         slot = self._saving
         if slot is None:
-            return SaveStep.IDLE
+            return None
         if self._written > 0 and not self._reads_back(slot.address, self._written - 1):
             self._saving = None
-            return SaveStep.FAILED
+            return SaveEnd.FAILED
         if self._written == len(self._image):
             self._newest, self._saving = slot, None
-            return SaveStep.FINISHED
+            return SaveEnd.FINISHED
         self._eeprom.write(slot.address + self._written, self._image[self._written])
         self._written += 1
-        return SaveStep.WRITING
+        return None
 
     def _reads_back(self, slot_address: int, offset: int) -> bool:
         return self._eeprom.read(slot_address + offset, 1)[0] == self._image[offset]
 
 
-def _read_slot(eeprom: Eeprom, address: int, axes: int) -> _Slot | _SlotContent:
+def _read_slot(eeprom: EepromImage, address: int, axes: int) -> _Slot | _SlotContent:
     content = eeprom.read(address, eeprom_slot_size(axes))
-    if content == bytes([ERASED]) * len(content):
+    if content == bytes([_ERASED]) * len(content):
         return _SlotContent.BLANK
     if content[_HEADER.size - 3] == _FIRST_LAYOUT:
         content = content[: -Equipment.SIZE - Acceleration.size(axes)]
@@ -335,15 +324,15 @@ def _read_slot(eeprom: Eeprom, address: int, axes: int) -> _Slot | _SlotContent:
     return _Slot(address, generation, configuration)
 
 
-def _newest(good: list[_Slot]) -> _Slot | None:
-    newest = good[0] if good else None
-    for slot in good[1:]:
-        newest = slot if _is_newer(slot.generation, good[0].generation) else good[0]
-    return newest
-
-
 def _is_newer(number: int, other: int) -> bool:
     return 0 < (number - other) % _U16 < _HALF_U16
+
+
+def _newest(found: Sequence[T], number: Callable[[T], int]) -> T | None:
+    """The first than which no later one is newer, by numbers that wrap; None if there is none."""
+    if not found:
+        return None
+    return reduce(lambda a, b: b if _is_newer(number(b), number(a)) else a, found)
 
 
 def _status(contents: list[_Slot | _SlotContent]) -> EepromStatus:

@@ -56,11 +56,8 @@ class Setpoint:
     def _move(self, steps: Axes, acceleration_cdeg: Axes) -> None:
         """Move by the steps, of which those without an acceleration limit are not remembered."""
         self.cdeg = tuple(map(add, self.cdeg, steps))
-        self._step_cdeg = (
-            tuple(map(_remembered_step, steps, acceleration_cdeg))
-            if any(acceleration_cdeg)
-            else (0,) * len(steps)
-        )
+        limited = zip(steps, acceleration_cdeg, strict=True)
+        self._step_cdeg = tuple(step if acceleration else 0 for step, acceleration in limited)
 
     def clamp(self, least_cdeg: Axes, greatest_cdeg: Axes) -> None:
         """Clamp the setpoint to new limits."""
@@ -87,10 +84,6 @@ def _next_step(goal: int, angle: int, last_step: int, slew: int, acceleration: i
 
 def _shorter_step(last_step: int, acceleration: int) -> int:
     return last_step - min(max(last_step, -acceleration), acceleration) if acceleration else 0
-
-
-def _remembered_step(step: int, acceleration: int) -> int:
-    return step if acceleration else 0
 
 
 def _accelerated_step(way: int, last_step: int, slew: int, acceleration: int) -> int:

@@ -18,9 +18,9 @@ from ccr_host.sim.polaris.sensor import (
     StrayList,
     ToolLine,
     format_tx,
-    is_in_volume,
     is_within,
 )
+from ccr_host.tracking.sources.ndi.replies import VICRA
 
 
 class ErrorCode(IntEnum):
@@ -101,38 +101,6 @@ class PortHandle:
         self.enabled = True
 
 
-class PortHandles:
-    """All handles, by number."""
-
-    def __init__(self) -> None:
-        self._handles: dict[int, PortHandle] = {}
-
-    def request(self) -> PortHandle:
-        """Allocate a handle for a passive tool."""
-        for number in range(0x01, _LAST_HANDLE + 1):
-            if number not in self._handles:
-                self._handles[number] = handle = PortHandle(number)
-                return handle
-        raise Refusal(ErrorCode.HANDLES_TAKEN)
-
-    def __getitem__(self, number: int) -> PortHandle:
-        if number not in self._handles:
-            raise Refusal(ErrorCode.BAD_HANDLE)
-        return self._handles[number]
-
-    def free(self, number: int) -> None:
-        self[number]
-        del self._handles[number]
-
-    def all(self) -> list[PortHandle]:
-        """All handles in the order of their numbers."""
-        return [self._handles[number] for number in sorted(self._handles)]
-
-    def enabled(self) -> list[PortHandle]:
-        """The enabled handles, which TX reports."""
-        return [handle for handle in self.all() if handle.enabled]
-
-
 RESET_BAUD = 9600
 WRONG_FRAMES_OFFSET = 0xFFFF0000
 _BAUDS = {
@@ -168,11 +136,10 @@ class Mode(Enum):
 
 @dataclass(frozen=True)
 class Answer:
-    """Reply of the device, and changes of the line after it."""
+    """Reply of the device, and its bit rate after it; None for the same."""
 
     text: str
     new_baud: int | None = None
-    reset: bool = False
 
 
 class PolarisDevice:
@@ -203,19 +170,19 @@ class PolarisDevice:
     def reset(self) -> None:
         """Return to the power-up state: no tools, not initialised, illuminators off."""
         self.mode = Mode.OFF
-        self.handles = PortHandles()
+        self.handles: dict[int, PortHandle] = {}
         self._image: Image | None = None
         self._count_offset = 0
         self._time_us = 0
         self.sensor.illuminated = False
 
-    def execute(self, line: bytes, time_us: int) -> Answer:
-        """Execute a command, given without its carriage return."""
+    def execute(self, line: bytes, time_us: int) -> Answer | None:
+        """Execute a command, given without its carriage return; None if it is a reset."""
         self._time_us = time_us
         try:
             name, arguments = _parse(line)
             if name == "RESET":
-                return Answer("RESET", new_baud=RESET_BAUD, reset=True)
+                return None
             if name == "COMM":
                 if self.sensor.faults.comm_refused:
                     raise Refusal(ErrorCode.NO_SUCH_COMMUNICATION)
@@ -242,20 +209,25 @@ class PolarisDevice:
 
     def _phsr(self, arguments: str) -> str:
         wanted = _hex(arguments[:2] or "00", 2)
-        handles = [handle for handle in self.handles.all() if _is_wanted(handle, wanted)]
+        handles = [handle for handle in self._sorted_handles() if _is_wanted(handle, wanted)]
         return f"{len(handles):02X}" + "".join(f"{h.number:02X}{h.status:03X}" for h in handles)
 
     def _phf(self, arguments: str) -> str:
-        self.handles.free(_hex(arguments, 2))
+        del self.handles[self._handle(arguments).number]
         return "OKAY"
 
     def _phrq(self, arguments: str) -> str:
         if not _PASSIVE_PORT.fullmatch(arguments):
             raise Refusal(ErrorCode.PARAMETERS)
-        return f"{self.handles.request().number:02X}"
+        free = {*range(0x01, _LAST_HANDLE + 1)} - self.handles.keys()
+        if not free:
+            raise Refusal(ErrorCode.HANDLES_TAKEN)
+        number = min(free)
+        self.handles[number] = PortHandle(number)
+        return f"{number:02X}"
 
     def _pvwr(self, arguments: str) -> str:
-        handle, address = self.handles[_hex(arguments[:2], 2)], _hex(arguments[2:6], 4)
+        handle, address = self._handle(arguments[:2]), _hex(arguments[2:6], 4)
         block = arguments[6:]
         if len(block) != 2 * BLOCK_BYTES:
             raise Refusal(ErrorCode.PARAMETERS)
@@ -263,17 +235,17 @@ class PolarisDevice:
         return "OKAY"
 
     def _pinit(self, arguments: str) -> str:
-        self.handles[_hex(arguments, 2)].initialise()
+        self._handle(arguments).initialise()
         return "WARNING05" if self.sensor.faults.pinit_warning else "OKAY"
 
     def _pena(self, arguments: str) -> str:
         if arguments[2:] not in ("S", "D", "B"):
             raise Refusal(ErrorCode.PARAMETERS)
-        self.handles[_hex(arguments[:2], 2)].enable()
+        self._handle(arguments[:2]).enable()
         return "OKAY"
 
     def _pdis(self, arguments: str) -> str:
-        handle = self.handles[_hex(arguments, 2)]
+        handle = self._handle(arguments)
         if not handle.enabled:
             raise Refusal(ErrorCode.NOT_ENABLED)
         handle.enabled = False
@@ -281,7 +253,7 @@ class PolarisDevice:
 
     def _tstart(self, arguments: str) -> str:
         self.mode = Mode.TRACKING
-        self.sensor.illuminated = bool(self.handles.enabled())
+        self.sensor.illuminated = bool(self._enabled())
         if arguments == "80":
             image = self.sensor.newest(self._time_us)
             self._count_offset = image.count if image else 0
@@ -297,12 +269,25 @@ class PolarisDevice:
         if mode & ~SUPPORTED_MODE:
             raise Refusal(ErrorCode.OUT_OF_RANGE)
         image = self.sensor.newest(self._time_us)
-        tools = [self._tool(handle, image) for handle in self.handles.enabled()]
+        tools = [self._tool(handle, image) for handle in self._enabled()]
         faults = self.sensor.faults
         status = (
             _STATUS_TEMPERATURE * faults.too_hot + _STATUS_DIAGNOSTIC * faults.diagnostic_pending
         )
         return format_tx(mode, tools, self._strays(image), status, faults.bit_order)
+
+    def _handle(self, number: str) -> PortHandle:
+        handle = self.handles.get(_hex(number, 2))
+        if handle is None:
+            raise Refusal(ErrorCode.BAD_HANDLE)
+        return handle
+
+    def _sorted_handles(self) -> list[PortHandle]:
+        return [handle for _, handle in sorted(self.handles.items())]
+
+    def _enabled(self) -> list[PortHandle]:
+        """The enabled handles, which TX reports."""
+        return [handle for handle in self._sorted_handles() if handle.enabled]
 
     def _tool(self, handle: PortHandle, image: Image | None) -> ToolLine:
         frame = image.count - self._count_offset if image else 0
@@ -318,7 +303,7 @@ class PolarisDevice:
             frame,
             position_mm,
             image.quaternion,
-            bool(is_in_volume(position_mm)[0]),
+            bool(VICRA.contains(position_mm)[0]),
         )
 
     def _strays(self, image: Image | None) -> StrayList:
@@ -326,12 +311,12 @@ class PolarisDevice:
         if image is None:
             return StrayList(np.zeros((0, 3)), np.zeros(0, dtype=bool))
         shown = np.append(image.visible, np.ones(len(image.phantoms_mm), dtype=bool))
-        for handle in self.handles.enabled():
+        for handle in self._enabled():
             if (marker := _marker_of(handle, image)) is not None:
                 shown[marker] = False
         order = np.argsort(image.ranks[: len(shown)][shown])
         points_mm = np.vstack([image.markers_mm, image.phantoms_mm])[shown][order]
-        return StrayList(points_mm, is_in_volume(points_mm))
+        return StrayList(points_mm, VICRA.contains(points_mm))
 
 
 def _marker_of(handle: PortHandle, image: Image) -> int | None:

@@ -66,13 +66,7 @@ class PolarisLine:
 
     @property
     def next_event_us(self) -> int:
-        events = [
-            self.device.sensor.next_exposure_us,
-            self._reset_us,
-            self._next_power_failure_us(),
-        ]
-        if self._to_device:
-            events.append(self._to_device[0][0])
+        events = [self.device.sensor.next_exposure_us, self.next_turn_us]
         if self._replies:
             events.append(self._arrival_us(self._replies[0], len(self._replies[0].data)))
         return min(events)
@@ -185,7 +179,7 @@ class PolarisLine:
         if is_resetting or is_within(time_us, self.device.sensor.faults.silent_us):
             return
         answer = self.device.execute(line, time_us + PROCESSING_US)
-        if answer.reset:
+        if answer is None:
             self._begin_reset(time_us)
             return
         self._send(time_us + PROCESSING_US, answer.text)
@@ -258,11 +252,6 @@ def _at(start_us: int, time_s: float) -> int:
     return start_us + round(time_s * 1e6)
 
 
-def change_faults(line: PolarisLine, faults: PolarisFaults, tracker: Tracker) -> None:
-    """Replace the active faults; `tracker.dropout` still applies."""
-    line.device.sensor.faults = _with_dropout(faults, tracker)
-
-
 def make_polaris(
     tracker: Tracker,
     seed: np.random.SeedSequence,
@@ -272,19 +261,9 @@ def make_polaris(
 ) -> PolarisLine:
     """An emulated Vicra with the noise, faults and misalignment of a robot description's tracker.
 
-    Its rate is the Vicra's 20 Hz; `tracker.rate_hz` is ignored. It skips exposures with the
-    probability `tracker.dropout`, in addition to `faults.frozen`. ``paced`` is False if the bytes
+    Its rate is the Vicra's 20 Hz; `tracker.rate_hz` is ignored. ``paced`` is False if the bytes
     travel over TCP.
     """
     optics_seed, line_seed = seed.spawn(2)
-    sensor = PositionSensor(
-        np.random.default_rng(optics_seed),
-        tracker,
-        faults=_with_dropout(faults, tracker),
-    )
+    sensor = PositionSensor(np.random.default_rng(optics_seed), tracker, faults=faults)
     return PolarisLine(PolarisDevice(sensor), np.random.default_rng(line_seed), paced=paced)
-
-
-def _with_dropout(faults: PolarisFaults, tracker: Tracker) -> PolarisFaults:
-    skipped = 1.0 - (1.0 - faults.frozen) * (1.0 - tracker.dropout)
-    return replace(faults, frozen=skipped)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -17,7 +17,6 @@ import scipy
 from numpy.typing import NDArray
 
 from ccr_host.description.simulation import Tracker
-from ccr_host.tracking.sources.ndi.replies import VICRA
 from ccr_host.tracking.sources.twin import Shutter
 
 Span = tuple[int, int]
@@ -46,7 +45,7 @@ class PolarisFaults:
     occluded_us: tuple[Span, ...] = ()
     """Intervals in which all markers are hidden."""
     frozen: float = 0.0
-    """Probability that an exposure is skipped and the previous frame repeated."""
+    """Probability that an exposure is skipped, besides `tracker.dropout`: the frame is repeated."""
     out_of_volume: bool = False
     """Move the scene beyond the far end of the measurement volume."""
     out_of_volume_us: tuple[Span, ...] = ()
@@ -112,9 +111,6 @@ class Placement:
         return placed
 
 
-MarkerSource = Callable[[int], Array]
-"""Maps a time, us, to true marker positions in the robot frame, mm, (n, 3)."""
-
 COUNTER_HZ = 60
 COUNTS_PER_EXPOSURE = 3
 """A Vicra delivers 20 frames per second; its frame counter runs at 60 Hz."""
@@ -160,6 +156,7 @@ class PositionSensor:
         self._rng = rng
         self._placement = placement or Placement(rotation_deg=tracker.rotation_deg)
         self._noise_per_coordinate_mm = tracker.noise_mm / math.sqrt(6)
+        self._dropout = tracker.dropout
         self._latency_us = round(tracker.latency_ms * 1000)
         self._shutter = Shutter(tracker, COUNTER_HZ / COUNTS_PER_EXPOSURE, rng)
         self.faults = faults
@@ -181,7 +178,7 @@ class PositionSensor:
         count = self._exposures * COUNTS_PER_EXPOSURE
         self._exposures += 1
         image = self._picture(count, time_us, picture_mm)
-        if self._rng.random() >= self.faults.frozen:
+        if self._rng.random() >= 1.0 - (1.0 - self.faults.frozen) * (1.0 - self._dropout):
             self._in_flight.append((stated_us + self._latency_us, image))
 
     def newest(self, time_us: int) -> Image | None:
@@ -213,24 +210,6 @@ class PositionSensor:
             ranks=ranks,
             quaternion=self._placement.quaternion(),
         )
-
-
-class Exposer:
-    """Exposes a sensor to markers given as a function of time."""
-
-    def __init__(self, sensor: PositionSensor, source: MarkerSource) -> None:
-        self._sensor = sensor
-        self._source = source
-
-    def advance_to(self, time_us: int) -> None:
-        """Make the exposures due by `time_us`."""
-        while (exposure_us := self._sensor.next_exposure_us) <= time_us:
-            self._sensor.expose(exposure_us, self._source(exposure_us))
-
-
-def is_in_volume(points_mm: Array) -> NDArray[np.bool_]:
-    """Whether each of the points, (n, 3), is in a Vicra's measurement volume, (n,)."""
-    return VICRA.contains(points_mm)
 
 
 TRANSFORMS = 0x0001

@@ -11,7 +11,7 @@ from contextlib import suppress
 
 from ccr_host.core.addresses import joined, listening_socket
 from ccr_host.core.errors import ConfigError
-from ccr_host.sim.serving.server import PortListener
+from ccr_host.sim.serving.server import Station
 
 try:
     import pty
@@ -54,9 +54,9 @@ class PtyPort:
         self._hang_up.register(self._master, 0)
         self._client = False
 
-    def register(self, selector: selectors.BaseSelector, listener: PortListener) -> None:
+    def register(self, selector: selectors.BaseSelector, station: Station) -> None:
         self._selector = selector
-        self._listener = listener
+        self._station = station
 
     def look_for_client(self) -> None:
         """Detect by polling that a client came or left; the kernel signals no reopening."""
@@ -67,7 +67,7 @@ class PtyPort:
         if present:
             self._make_raw()
             self._selector.register(self._master, selectors.EVENT_READ, self._read)
-            self._listener.opened()
+            self._station.opened()
         else:
             self._selector.unregister(self._master)
 
@@ -91,7 +91,7 @@ class PtyPort:
                 raise
             self.look_for_client()
             return
-        self._listener.received(data)
+        self._station.received(data)
 
     def _make_raw(self) -> None:
         """Set raw mode: the kernel restores cooked mode on the last close, clients may keep it."""
@@ -119,9 +119,9 @@ class TcpPort:
         self.uri = f"tcp://{joined(host, self._listening.getsockname()[1])}"
         self._client: socket.socket | None = None
 
-    def register(self, selector: selectors.BaseSelector, listener: PortListener) -> None:
+    def register(self, selector: selectors.BaseSelector, station: Station) -> None:
         self._selector = selector
-        self._listener = listener
+        self._station = station
         selector.register(self._listening, selectors.EVENT_READ, self._accept)
 
     def look_for_client(self) -> None:
@@ -154,7 +154,7 @@ class TcpPort:
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._client = client
         self._selector.register(client, selectors.EVENT_READ, self._read)
-        self._listener.opened()
+        self._station.opened()
 
     def _read(self) -> None:
         if self._client is None:
@@ -166,7 +166,7 @@ class TcpPort:
         except OSError:
             data = b""
         if data and not _is_http(data):
-            self._listener.received(data)
+            self._station.received(data)
         else:
             self._drop_client()
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 import selectors
 import signal
 import socket
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from threading import Thread
 from typing import Protocol, Self
 
@@ -39,23 +38,13 @@ class Line(Protocol):
         """Reset the board, as an UNO is reset when its port is opened."""
 
 
-class PortListener(Protocol):
-    """Callbacks of a port about its client."""
-
-    def opened(self) -> None:
-        """A client has connected."""
-
-    def received(self, data: bytes) -> None:
-        """Bytes have arrived from the client."""
-
-
 class Port(Protocol):
     """A port for at most one client at a time."""
 
     uri: str
     """URI for `--device`."""
 
-    def register(self, selector: selectors.BaseSelector, listener: PortListener) -> None:
+    def register(self, selector: selectors.BaseSelector, station: Station) -> None:
         """Watch for clients; the selector's keys carry the function to call when ready."""
 
     def look_for_client(self) -> None:
@@ -98,7 +87,7 @@ class Station:
 
 
 class BoardServer:
-    """An emulated board behind its port, and further devices.
+    """An emulated board behind its port, and further devices; a ``with`` block serves in a thread.
 
     ``boot_loader_us`` and ``world`` are as for `Station`; devices ``beside`` are advanced after the
     board.
@@ -118,6 +107,7 @@ class BoardServer:
         self._stations = (board, *beside)
         self._clock = clock
         self._stopping = False
+        self._thread = Thread(target=self.run, name="emulated board", daemon=True)
         self._wake_read, self._wake_write = socket.socketpair()  # Windows selects sockets only
         self._wake_write.setblocking(False)
 
@@ -125,6 +115,15 @@ class BoardServer:
     def uri(self) -> str:
         """Device URI of the board."""
         return self._stations[0].port.uri
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._thread.is_alive():
+            self.stop()
+        self._thread.join()
 
     def run(self) -> None:
         """Serve until :meth:`stop`; then close the ports."""
@@ -134,7 +133,9 @@ class BoardServer:
                 station.port.register(selector, station)
             try:
                 while not self._stopping:
-                    self._advance()
+                    self._advance_lines()
+                    for station in self._stations:
+                        station.deliver()
                     self._wait(selector)
             finally:
                 for station in self._stations:
@@ -144,8 +145,13 @@ class BoardServer:
 
     def run_until_signal(self) -> None:
         """Serve until SIGINT or SIGTERM; in the main thread only."""
-        with _signals_call(self.stop, signal.SIGINT, signal.SIGTERM):
+        signals = (signal.SIGINT, signal.SIGTERM)
+        before = {number: signal.signal(number, lambda *_: self.stop()) for number in signals}
+        try:
             self.run()
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
     def stop(self) -> None:
         """End :meth:`run`, from a signal handler or another thread."""
@@ -153,11 +159,6 @@ class BoardServer:
 
     def _note_stop(self) -> None:
         self._stopping = True
-
-    def _advance(self) -> None:
-        self._advance_lines()
-        for station in self._stations:
-            station.deliver()
 
     def _advance_lines(self) -> None:
         now_us = self._clock.now_us()
@@ -170,34 +171,3 @@ class BoardServer:
         self._advance_lines()  # so that bytes received now are transmitted from now on
         for key, _ in ready:
             key.data()
-
-
-class BackgroundServer:
-    """Runs a server in a thread during a `with` block."""
-
-    def __init__(self, server: BoardServer) -> None:
-        self._server = server
-        self._thread = Thread(target=server.run, name="emulated board", daemon=True)
-
-    @property
-    def uri(self) -> str:
-        return self._server.uri
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._thread.is_alive():
-            self._server.stop()
-        self._thread.join()
-
-
-@contextmanager
-def _signals_call(function: Callable[[], None], *signals: signal.Signals) -> Iterator[None]:
-    before = [signal.signal(number, lambda *_: function()) for number in signals]
-    try:
-        yield
-    finally:
-        for number, handler in zip(signals, before, strict=True):
-            signal.signal(number, handler)

@@ -10,18 +10,16 @@ import numpy as np
 from ccr_host.core.errors import ConfigError
 from ccr_host.link.messages import BAUD, EEPROM_SIZE, TICK_US, ResetCause
 from ccr_host.sim.board.core import Inputs
-from ccr_host.sim.board.eeprom import Eeprom, EepromImage
+from ccr_host.sim.board.eeprom import EepromImage
 from ccr_host.sim.simavr.flash_image import FlashImage
 from ccr_host.sim.simavr.mcu import (
     CLOCK_HZ,
     CYCLES_PER_HALF_US,
     CYCLES_PER_US,
     LED_PIN,
-    SERVO_PINS,
     SERVO_SUPPLY_PIN,
     Mcu,
     News,
-    Statistics,
 )
 
 _MISSING_CYCLES = TICK_US * CYCLES_PER_US * 3 // 2
@@ -55,7 +53,7 @@ class Pulse:
 class PulseMeter:
     """Turns edges into pulses."""
 
-    def __init__(self, pins: int = SERVO_PINS) -> None:
+    def __init__(self, pins: int) -> None:
         self._rise_cycle: list[int | None] = [None] * pins
         self._newest: list[Pulse | None] = [None] * pins
 
@@ -116,19 +114,20 @@ class SimavrBoard:
         firmware: FlashImage,
         *,
         boot_loader: FlashImage | None = None,
-        eeprom: Eeprom | None = None,
+        eeprom: EepromImage | None = None,
         reset_cause: ResetCause = ResetCause.POWER_ON,
         start_us: int = 0,
         profiling: bool = False,
     ) -> None:
-        self._mcu = Mcu(firmware.board)
+        self.mcu = Mcu(firmware.board)
+        """The chip, to look inside."""
         self._symbols = firmware.symbols
         self._eeprom = eeprom if eeprom is not None else EepromImage()
         self._start_us = start_us
         self._now_us = start_us
         self.line_is_busy = False
         """Whether a byte is being transmitted in either direction."""
-        self._meter = PulseMeter(self._mcu.servos)
+        self._meter = PulseMeter(self.mcu.servos)
         self._output_is_high = {SERVO_SUPPLY_PIN: False, LED_PIN: False}
         self._edge_observers: list[EdgeObserver] = []
         self._pulse_observers: list[PulseObserver] = []
@@ -136,14 +135,14 @@ class SimavrBoard:
         self._load(firmware)
         if boot_loader:
             self._load(boot_loader)
-            self._mcu.start_at(boot_loader.start)
-        self._mcu.profile(profiling)
+            self.mcu.start_at(boot_loader.start)
+        self.mcu.profile(profiling)
         self.set_supply_pin_mv(Inputs.supply_pin_mv)
         self.reset(reset_cause)
 
     def close(self) -> None:
         """Free the simulator; no other method may be called afterwards."""
-        self._mcu.close()
+        self.mcu.close()
 
     # Time
 
@@ -170,7 +169,7 @@ class SimavrBoard:
         if time_us < self._now_us:
             return
         self._now_us = time_us
-        news = self._mcu.run_until(self.cycle + 1)
+        news = self.mcu.run_until(self.cycle + 1)
         self.line_is_busy = bool(news & News.LINE_BUSY)
         if news & News.EDGES:
             self._watch_pins()
@@ -182,8 +181,8 @@ class SimavrBoard:
     def reset(self, cause: ResetCause) -> None:
         """Reset; only a power-up overwrites the SRAM."""
         if cause is ResetCause.POWER_ON:
-            self._mcu.fill_sram(_SRAM_AT_POWER_ON)
-        self._mcu.reset(cause)
+            self.mcu.fill_sram(_SRAM_AT_POWER_ON)
+        self.mcu.reset(cause)
 
     # Wire
 
@@ -192,19 +191,19 @@ class SimavrBoard:
 
         ``baud`` is the sender's bit rate; None for the rate that the firmware has set.
         """
-        self._mcu.send(self.cycle, data, CLOCK_HZ // baud if baud else 0)
+        self.mcu.send(self.cycle, data, CLOCK_HZ // baud if baud else 0)
 
     def forget_unsent(self) -> None:
         """Drop bytes to the board whose transmission has not started."""
-        self._mcu.forget_unsent()
+        self.mcu.forget_unsent()
 
     def take_output(self) -> bytes:
         """Remove and return the bytes that the board has sent."""
-        return self._mcu.take_departures()["value"].tobytes()
+        return self.mcu.take_departures()["value"].tobytes()
 
     def take_departures(self) -> list[Departure]:
         """Remove and return the bytes that the board has sent, with their times."""
-        return [Departure(*map(int, departure)) for departure in self._mcu.take_departures()]
+        return [Departure(*map(int, departure)) for departure in self.mcu.take_departures()]
 
     # Pins
 
@@ -223,11 +222,11 @@ class SimavrBoard:
 
     def open_emergency_stop(self, is_open: bool = True) -> None:
         """Open or close the switch between the input and ground; initially closed."""
-        self._mcu.open_switch(is_open)
+        self.mcu.open_switch(is_open)
 
     def set_supply_pin_mv(self, voltage_mv: int) -> None:
         """Set the output of the servo supply's divider; initially 3000."""
-        self._mcu.set_voltage_mv(voltage_mv)
+        self.mcu.set_voltage_mv(voltage_mv)
 
     @property
     def servo_supply_on(self) -> bool:
@@ -240,7 +239,7 @@ class SimavrBoard:
         return self._output_is_high[LED_PIN]
 
     def _watch_pins(self) -> None:
-        for record in self._mcu.take_edges():
+        for record in self.mcu.take_edges():
             edge = Edge(int(record["cycle"]), int(record["pin"]), bool(record["level"]))
             if edge.pin in self._output_is_high:
                 self._output_is_high[edge.pin] = edge.level
@@ -254,34 +253,9 @@ class SimavrBoard:
         for observe_pulse in self._pulse_observers:
             observe_pulse(pulse)
 
-    # Inside
-
-    def statistics(self) -> Statistics:
-        """Counts of cycles, sleep and interrupts; with profiling also stack and interrupt mask."""
-        return self._mcu.statistics()
-
-    def forget_statistics(self) -> None:
-        self._mcu.forget_statistics()
-
-    def eeprom_content(self) -> bytes:
-        return self._mcu.eeprom.tobytes()
-
     def load_eeprom(self) -> None:
         """Reload the EEPROM from the one given at the start."""
-        self._mcu.eeprom[:EEPROM_SIZE] = np.frombuffer(self._eeprom.read(0, EEPROM_SIZE), np.uint8)
-
-    def wear_out_eeprom(self, *addresses: int) -> None:
-        """Make later writes to these addresses have no effect."""
-        for address in addresses:
-            self._mcu.wear_out_eeprom(address)
-
-    def read_memory(self, address: int, count: int) -> bytes:
-        """Read registers, I/O and SRAM by data address, without side effects."""
-        return self._mcu.memory[address : address + count].tobytes()
-
-    def write_memory(self, address: int, data: bytes) -> None:
-        """Write to SRAM, for instance to set a clock to just before it wraps."""
-        self._mcu.memory[address : address + len(data)] = np.frombuffer(data, np.uint8)
+        self.mcu.eeprom[:EEPROM_SIZE] = np.frombuffer(self._eeprom.read(0, EEPROM_SIZE), np.uint8)
 
     def symbol(self, name: str) -> int:
         """Address of a variable or function of the firmware.
@@ -293,14 +267,10 @@ class SimavrBoard:
             raise ConfigError(f"firmware: no symbol {name}", "see avr-nm firmware.elf")
         return self._symbols[name]
 
-    def flash_content(self) -> bytes:
-        """All bytes of the flash, including changes by a boot loader."""
-        return self._mcu.flash.tobytes()
-
     def _keep_eeprom_writes(self) -> None:
-        for write in self._mcu.take_eeprom_writes():
+        for write in self.mcu.take_eeprom_writes():
             self._eeprom.write(int(write["address"]), int(write["value"]))
 
     def _load(self, image: FlashImage) -> None:
         for address, data in image.segments:
-            self._mcu.flash[address : address + len(data)] = np.frombuffer(data, np.uint8)
+            self.mcu.flash[address : address + len(data)] = np.frombuffer(data, np.uint8)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal
 
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.user_file import read_bytes
@@ -43,12 +42,6 @@ def find_firmware(given: str = "", board: BoardName = "uno") -> Path:
         f"simavr: no firmware binary {built}",
         f"build it with pio run -e {board}, or write simavr:FILE.elf",
     )
-
-
-def cache_folder() -> Path:
-    """Folder for files that are built on this machine on demand."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "ccr-host"
 
 
 FLASH_BYTES: Final[dict[BoardName, int]] = {"uno": 32 * 1024, "mega2560": 256 * 1024}
@@ -111,57 +104,37 @@ def read_flash_image(path: Path, board: BoardName = "uno") -> FlashImage:
     return image
 
 
-class _Section(NamedTuple):
-    kind: int
-    offset: int
-    size: int
-    link: int
-    entry_size: int
-
-
 def _read_elf(content: bytes) -> FlashImage:
     if content[:6] != _ELF_MAGIC or struct.unpack_from("<H", content, 18)[0] != _EM_AVR:
         raise ValueError("built for another machine")
-    (flags,) = struct.unpack_from("<I", content, 36)
+    programs_at, sections_at, flags = struct.unpack_from("<3I", content, 28)
     board = _BOARDS.get(flags & _ARCHITECTURE)
     if board is None:
         raise ValueError("built for another AVR")
-    program_offset, section_offset = struct.unpack_from("<II", content, 28)
-    program_size, program_count, section_size, section_count = struct.unpack_from(
-        "<4H", content, 42
+    programs, _, sections = struct.unpack_from("<3H", content, 44)
+    segments = tuple(
+        (address, content[offset : offset + size])
+        for kind, offset, _, address, size, *_ in _table("<8I", content, programs_at, programs)
+        if kind == _PT_LOAD and size and address < _DATA_SPACE
     )
-    segments = []
-    for index in range(program_count):
-        kind, offset, _, address, size = struct.unpack_from(
-            "<5I", content, program_offset + index * program_size
-        )
-        if kind == _PT_LOAD and size and address < _DATA_SPACE:
-            segments.append((address, content[offset : offset + size]))
     if not segments:
         raise ValueError("contains no program")
-    sections = [
-        _section(content, section_offset + index * section_size) for index in range(section_count)
-    ]
-    symbols = {
-        name: address
-        for section in sections
-        if section.kind == _SHT_SYMTAB
-        for name, address in _symbols(content, section, sections[section.link])
-    }
-    return FlashImage(tuple(segments), symbols, board)
+    symbols: dict[str, int] = {}
+    headers = list(_table("<10I", content, sections_at, sections))
+    for _, kind, _, _, offset, size, link, *_ in headers:
+        if kind == _SHT_SYMTAB:
+            symbols |= _symbols(content[offset : offset + size], content[headers[link][4] :])
+    return FlashImage(segments, symbols, board)
 
 
-def _section(content: bytes, at: int) -> _Section:
-    _, kind, _, _, offset, size, link, _, _, entry_size = struct.unpack_from("<10I", content, at)
-    return _Section(kind, offset, size, link, entry_size)
+def _table(entry: str, content: bytes, at: int, count: int) -> Iterator[tuple[int, ...]]:
+    return struct.iter_unpack(entry, content[at : at + count * struct.calcsize(entry)])
 
 
-def _symbols(content: bytes, table: _Section, names: _Section) -> Iterator[tuple[str, int]]:
-    for at in range(table.offset, table.offset + table.size, table.entry_size):
-        name_offset, value = struct.unpack_from("<II", content, at)
-        if name_offset:
-            begin = names.offset + name_offset
-            name = content[begin : content.index(b"\0", begin)].decode("ascii", "replace")
+def _symbols(table: bytes, names: bytes) -> Iterator[tuple[str, int]]:
+    for begin, value in struct.iter_unpack("<II8x", table):
+        if begin:
+            name = names[begin : names.index(b"\0", begin)].decode("ascii", "replace")
             yield name, value - _DATA_SPACE if value >= _DATA_SPACE else value
 
 

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import os
 import re
 import shutil
-import subprocess
-import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,11 +15,13 @@ from numpy.typing import NDArray
 
 from ccr_host.core.errors import DeviceError
 from ccr_host.link.messages import ResetCause
-from ccr_host.sim.simavr.flash_image import cache_folder
+from ccr_host.sim.simavr.build import compiled
 
 _SOURCES = Path(__file__).parent / "shim"
-_COMPILE = ("-std=gnu11", "-O2", "-fPIC", "-shared")
-_SIMAVR = ("-I/usr/include/simavr", "-I/usr/local/include/simavr", "-L/usr/local/lib", "-lsimavr")
+_COMPILE = (
+    *("-std=gnu11", "-O2", "-fPIC", "-shared"),
+    *("-I/usr/include/simavr", "-I/usr/local/include/simavr", "-L/usr/local/lib", "-lsimavr"),
+)
 _CURE = "sudo apt install gcc libsimavr-dev libelf-dev"
 
 
@@ -35,52 +33,18 @@ def built_shim() -> Path:
     Raises:
         DeviceError: the compiler or libsimavr is missing.
     """
-    folder = cache_folder()
-    library = folder / f"librig-{_digest()}.so"
-    if not library.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        _build(library)
-    return library
-
-
-def _build(library: Path) -> None:
     compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         raise DeviceError("simavr: no C compiler", _CURE)
-    with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
-        unfinished = Path(scratch) / library.name
-        sources = sorted(str(source) for source in _SOURCES.glob("*.c"))
-        result = subprocess.run(
-            [compiler, *_COMPILE, *sources, *_SIMAVR, "-o", str(unfinished)],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if result.returncode != 0:
-            raise DeviceError(f"simavr: the shim does not build: {_gist(result.stderr)}", _CURE)
-        unfinished.replace(library)
-
-
-def _gist(messages: str) -> str:
-    """The first line that states an error."""
-    lines = messages.splitlines() or ["no message from the compiler"]
-    return next((line for line in lines if "error:" in line or "cannot find" in line), lines[-1])
-
-
-def _digest() -> str:
-    digest = hashlib.sha256()
-    for source in sorted(_SOURCES.glob("*.[ch]")):
-        digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]
+    return compiled("librig.so", compiler, sorted(_SOURCES.glob("*.[ch]")), _COMPILE, _CURE)
 
 
 CLOCK_HZ: Final = 16_000_000
 CYCLES_PER_US: Final = 16
 CYCLES_PER_HALF_US: Final = 8
 VECTORS: Final = 57
-SERVO_PINS: Final = 12
-"""Pins are numbered as the axes, from 0; an UNO has the first two."""
 SERVO_SUPPLY_PIN: Final = 12
+"""Lower numbers are the servos' pins, numbered as the axes, from 0; an UNO has the first two."""
 LED_PIN: Final = 13
 
 _MCUSR_FLAGS: Final = {
@@ -109,23 +73,8 @@ class News:
     LINE_BUSY: Final = 1 << 3
 
 
-class _Statistics(ctypes.Structure):
-    _fields_ = (
-        ("cycle", ctypes.c_uint64),
-        ("slept_cycles", ctypes.c_uint64),
-        ("resets", ctypes.c_uint64),
-        ("overruns", ctypes.c_uint64),
-        ("last_arrival_cycle", ctypes.c_uint64),
-        ("interrupts", ctypes.c_uint64 * VECTORS),
-        ("longest_masked_cycles", ctypes.c_uint64),
-        ("longest_masked_pc", ctypes.c_uint32),
-        ("least_stack_pointer", ctypes.c_uint16),
-    )
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Counts since the start or since :meth:`Mcu.forget_statistics`.
+class Statistics(ctypes.Structure):
+    """Counts since the start or since :meth:`Mcu.forget_statistics`, as in rig.h.
 
     Attributes:
         cycle: clock cycles since the start.
@@ -139,15 +88,17 @@ class Statistics:
         least_stack_pointer: lowest stack pointer; only while profiling.
     """
 
-    cycle: int
-    slept_cycles: int
-    resets: int
-    overruns: int
-    last_arrival_cycle: int
-    interrupts: tuple[int, ...]
-    longest_masked_cycles: int
-    longest_masked_pc: int
-    least_stack_pointer: int
+    _fields_ = (
+        ("cycle", ctypes.c_uint64),
+        ("slept_cycles", ctypes.c_uint64),
+        ("resets", ctypes.c_uint64),
+        ("overruns", ctypes.c_uint64),
+        ("last_arrival_cycle", ctypes.c_uint64),
+        ("interrupts", ctypes.c_uint64 * VECTORS),
+        ("longest_masked_cycles", ctypes.c_uint64),
+        ("longest_masked_pc", ctypes.c_uint32),
+        ("least_stack_pointer", ctypes.c_uint16),
+    )
 
 
 class Mcu:
@@ -241,10 +192,9 @@ class Mcu:
 
     def statistics(self) -> Statistics:
         """Statistics since the start or the last :meth:`forget_statistics`."""
-        raw = _Statistics()
-        self._shim.rig_statistics(self._rig, ctypes.byref(raw))
-        values = {name: getattr(raw, name) for name, *_ in raw._fields_}
-        return Statistics(**{**values, "interrupts": tuple(raw.interrupts)})
+        statistics = Statistics()
+        self._shim.rig_statistics(self._rig, ctypes.byref(statistics))
+        return statistics
 
     def forget_statistics(self) -> None:
         self._shim.rig_forget_statistics(self._rig)
@@ -256,11 +206,7 @@ class Mcu:
         return np.concatenate((room.copy(), self._take(take, room)))
 
     def _view(self, name: str) -> NDArray[np.uint8]:
-        size = {
-            "flash": self._shim.rig_flash_size,
-            "eeprom": self._shim.rig_eeprom_size,
-            "memory": self._shim.rig_memory_size,
-        }[name](self._rig)
+        size = getattr(self._shim, f"rig_{name}_size")(self._rig)
         return np.ctypeslib.as_array(getattr(self._shim, f"rig_{name}")(self._rig), (size,))
 
 

@@ -3,39 +3,30 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
-import tempfile
 from pathlib import Path
 
 from ccr_host.core.clock import LaggingClock
-from ccr_host.core.errors import ConfigError, DeviceError
+from ccr_host.core.errors import ConfigError
 from ccr_host.sim.board.eeprom import EepromFile
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.server import BoardServer
 from ccr_host.sim.simavr.board import SimavrBoard
-from ccr_host.sim.simavr.flash_image import (
-    BoardName,
-    FlashImage,
-    cache_folder,
-    read_flash_image,
-)
+from ccr_host.sim.simavr.build import compiled
+from ccr_host.sim.simavr.flash_image import BoardName, FlashImage, read_flash_image
 from ccr_host.sim.simavr.line import SimavrLine
 
-_FOLDER = Path("bootloaders/optiboot")
 _CORES = (
     Path.home() / ".platformio/packages/framework-arduino-avr",
     Path("/usr/share/arduino/hardware/arduino/avr"),
 )
 """The Arduino core as installed by PlatformIO and by Debian."""
-_START = 0x7C00
-"""Start of a boot section of 1 KB."""
 _COMPILE = (
     *("-w", "-Os", "-mmcu=atmega328p", "-DF_CPU=16000000L", "-DBAUD_RATE=115200"),
     *("-DLED_START_FLASHES=3", "-fno-inline-small-functions", "-fno-split-wide-types"),
     *("-mshort-calls", "-nostartfiles", "-nostdlib", "-Wl,--relax"),
-    *(f"-Wl,--section-start=.text={_START:#x}", "-Wl,--section-start=.version=0x7ffe"),
+    *("-Wl,--section-start=.text=0x7c00", "-Wl,--section-start=.version=0x7ffe"),
 )
-"""As in optiboot's Makefile except for the start address."""
+"""As in optiboot's Makefile except for the start address: that of a boot section of 1 KB."""
 
 
 def optiboot() -> FlashImage:
@@ -46,40 +37,15 @@ def optiboot() -> FlashImage:
 
     Raises:
         ConfigError: the Arduino core or avr-gcc is missing.
+        DeviceError: it does not compile.
     """
-    for core in _CORES:
-        source = core / _FOLDER / "optiboot.c"
-        if source.exists():
-            return read_flash_image(_built(source))
-    raise ConfigError(
-        "simavr: no boot loader", "sudo apt install arduino-core-avr gcc-avr avr-libc"
-    )
-
-
-def _built(source: Path) -> Path:
-    elf = cache_folder() / f"optiboot-{_START:04x}.elf"
-    if elf.exists() and elf.stat().st_mtime > source.stat().st_mtime:
-        return elf
-    if shutil.which("avr-gcc") is None:
-        raise ConfigError(
-            "simavr: no avr-gcc for the boot loader", "sudo apt install gcc-avr avr-libc"
-        )
-    elf.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=elf.parent) as scratch:
-        unfinished = Path(scratch) / elf.name
-        result = subprocess.run(
-            ["avr-gcc", *_COMPILE, str(source), "-o", str(unfinished)],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if result.returncode != 0:
-            raise DeviceError(
-                f"simavr: the boot loader does not build: {result.stderr.strip()}",
-                "sudo apt install gcc-avr avr-libc",
-            )
-        unfinished.replace(elf)
-    return elf
+    cure = "sudo apt install arduino-core-avr gcc-avr avr-libc"
+    sources = (core / "bootloaders/optiboot/optiboot.c" for core in _CORES)
+    source = next((file for file in sources if file.exists()), None)
+    if source is None or shutil.which("avr-gcc") is None:
+        missing = "boot loader" if source is None else "avr-gcc for the boot loader"
+        raise ConfigError(f"simavr: no {missing}", cure)
+    return read_flash_image(compiled("optiboot.elf", "avr-gcc", [source], _COMPILE, cure))
 
 
 _IDLE_SKETCH = FlashImage(((0, bytes.fromhex("81e0 83bf 8895 fecf")),))

@@ -26,7 +26,7 @@ from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.eeprom import EepromImage
 from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.serving.ports import TcpPort
-from ccr_host.sim.serving.server import BackgroundServer, BoardServer
+from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tools.equipment import EquipmentChange, change_equipment
 from tests.faulty_line import FaultyLine, LineNoise
 from tests.unit.control.adaptive.test_surface import SHORTER_MM, identified_as_short
@@ -207,9 +207,9 @@ def test_so_does_one_on_a_board_that_was_asked_for_its_name(folder, short_path):
         change_equipment(client, Description(), EquipmentChange(board_name="left arm"))
     board = SerialLine(UnoEmulator(eeprom))
     server = BoardServer(board, TcpPort(0), RealClock(), boot_loader_us=0)
-    with BackgroundServer(server) as served:
+    with server:
         overrides = (*QUICK, "robot.board_name=left arm")
-        result = run(folder, short_path, *overrides, device=served.uri, tracker="twin:")
+        result = run(folder, short_path, *overrides, device=server.uri, tracker="twin:")
     assert result.failure is None
     assert_equal(folder, steps=len(result.records))
 

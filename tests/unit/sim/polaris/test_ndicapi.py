@@ -7,15 +7,16 @@ import pytest
 from ccr_host.core.clock import Parts, RealClock
 from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.line import make_polaris
-from ccr_host.sim.polaris.sensor import Exposer, Placement
+from ccr_host.sim.polaris.sensor import Placement
 from ccr_host.sim.serving.ports import PtyPort, TcpPort
-from ccr_host.sim.serving.server import BackgroundServer, BoardServer
+from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tracking.sources.ndi.rom import (
     DUMMY_MARKERS_MM,
     dummy_passive_rom,
     make_passive_rom,
     rom_blocks,
 )
+from tests.exposer import Exposer
 
 MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)])
 CAMERA_MM = Placement().to_camera(MARKERS_MM)
@@ -32,8 +33,8 @@ def device(request):
     world.attach(line)
     world.attach(Exposer(line.device.sensor, lambda _: MARKERS_MM))
     server = BoardServer(line, port, RealClock(), world=world)
-    with BackgroundServer(server) as background:
-        address = background.uri.partition(":")[2]
+    with server:
+        address = server.uri.partition(":")[2]
         if paced:
             handle = ndi.ndiOpen(address)
         else:

@@ -21,7 +21,7 @@ from ccr_host.sim.board.board import UnoEmulator
 from ccr_host.sim.board.eeprom import EepromFile
 from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.serving.ports import PtyPort, TcpPort
-from ccr_host.sim.serving.server import BackgroundServer, BoardServer
+from ccr_host.sim.serving.server import BoardServer
 from tests.patience import PATIENCE_S, becomes_true
 from tests.served import wait_until_left
 
@@ -39,8 +39,8 @@ def served(request):
     server = BoardServer(
         SerialLine(board), request.param(), RealClock(), boot_loader_us=BOOT_LOADER_US
     )
-    with BackgroundServer(server) as background:
-        yield background, board
+    with server:
+        yield server, board
 
 
 def connect(uri):
@@ -89,8 +89,8 @@ def test_board_ticks_on_without_a_client(served):
 
 def test_port_that_disappears_is_a_device_error():
     server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock(), boot_loader_us=0)
-    with BackgroundServer(server) as background:
-        client, _ = connect(background.uri)
+    with server:
+        client, _ = connect(server.uri)
         client.connect()
     with pytest.raises(DeviceError, match="has closed the connection"):
         while True:
@@ -99,11 +99,11 @@ def test_port_that_disappears_is_a_device_error():
 
 def test_second_tcp_client_is_told_busy_and_the_first_one_continues():
     server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock(), boot_loader_us=0)
-    with BackgroundServer(server) as background:
-        client, _ = connect(background.uri)
+    with server:
+        client, _ = connect(server.uri)
         with client:
             client.connect()
-            address = ("127.0.0.1", int(background.uri.rpartition(":")[2]))
+            address = ("127.0.0.1", int(server.uri.rpartition(":")[2]))
             with socket.create_connection(address) as second:
                 second.settimeout(PATIENCE_S)
                 assert b"busy" in second.recv(100)
@@ -113,24 +113,24 @@ def test_second_tcp_client_is_told_busy_and_the_first_one_continues():
 
 def test_no_web_page_reaches_the_board_whatever_it_posts():
     server = BoardServer(SerialLine(UnoEmulator()), TcpPort(0), RealClock(), boot_loader_us=0)
-    with BackgroundServer(server) as background:
-        address = ("127.0.0.1", int(background.uri.rpartition(":")[2]))
+    with server:
+        address = ("127.0.0.1", int(server.uri.rpartition(":")[2]))
         with socket.create_connection(address) as page:
             page.settimeout(PATIENCE_S)
             frame = encode_frame(m.Stop.ID, 1, m.Stop().pack())
             page.sendall(b"POST / HTTP/1.1\r\nOrigin: http://evil.example\r\n\r\n" + frame)
             assert page.recv(100) == b""
-        client, _ = connect(background.uri)
+        client, _ = connect(server.uri)
         with client:
             client.connect()
 
 
 def test_second_host_cannot_open_the_same_pty():
     server = BoardServer(SerialLine(UnoEmulator()), PtyPort(), RealClock(), boot_loader_us=0)
-    with BackgroundServer(server) as background:
-        client, _ = connect(background.uri)
+    with server:
+        client, _ = connect(server.uri)
         with client, pytest.raises(DeviceError, match="in use"):
-            connect(background.uri)
+            connect(server.uri)
 
 
 def test_port_in_use_is_refused_with_a_cure():
@@ -181,8 +181,8 @@ def test_eeprom_file_outlives_the_server(tmp_path):
         server = BoardServer(
             SerialLine(UnoEmulator(eeprom)), TcpPort(0), RealClock(), boot_loader_us=0
         )
-        with BackgroundServer(server) as background:
-            client, _ = connect(background.uri)
+        with server:
+            client, _ = connect(server.uri)
             with client:
                 client.connect()
                 if first:
@@ -207,6 +207,6 @@ def test_the_world_advances_while_nobody_is_connected():
     line = SerialLine(UnoEmulator())
     world = SimpleNamespace(advance_to=times_us.append)
     server = BoardServer(line, TcpPort(0), RealClock(), world=world)
-    with BackgroundServer(server):
+    with server:
         assert becomes_true(lambda: len(times_us) > 3)
     assert times_us == sorted(times_us)

@@ -11,9 +11,10 @@ import pytest
 from ccr_host.core.clock import VirtualClock
 from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.line import PolarisLine, make_polaris
-from ccr_host.sim.polaris.sensor import NO_FAULTS, Exposer, PolarisFaults
+from ccr_host.sim.polaris.sensor import NO_FAULTS, PolarisFaults
 from ccr_host.tracking.sources.ndi.driver import NdiSettings, NdiTracker
 from ccr_host.tracking.tracker import MarkerFrame
+from tests.exposer import Exposer
 
 MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)])
 

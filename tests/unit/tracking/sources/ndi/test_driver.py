@@ -5,7 +5,7 @@ import pytest
 
 from ccr_host.core.clock import VirtualClock
 from ccr_host.core.errors import ConfigError, TrackerError
-from ccr_host.sim.polaris.device import Mode
+from ccr_host.sim.polaris.device import Mode, PortHandle
 from ccr_host.sim.polaris.sensor import BitOrder, Placement, PolarisFaults
 from ccr_host.tracking.sources.ndi.driver import NdiSettings, NdiTracker
 from ccr_host.tracking.sources.ndi.port import tcp_opener
@@ -289,10 +289,9 @@ def test_stale_handles_of_an_earlier_program_are_freed(bench):
     run = bench()
     run.line.has_break = False
     device = run.line.device
-    for _ in range(15):
-        device.handles.request()
+    device.handles = {number: PortHandle(number) for number in range(1, 16)}
     run.run_until_tracking()
-    assert len(device.handles.all()) == 1
+    assert len(device.handles) == 1
 
 
 def test_line_lost_is_opened_again(bench):

@@ -7,13 +7,14 @@ from ccr_host.core.clock import Parts, RealClock
 from ccr_host.core.errors import TrackerError
 from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.line import make_polaris
-from ccr_host.sim.polaris.sensor import Exposer, Placement
+from ccr_host.sim.polaris.sensor import Placement
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.ports import TcpPort as ServedTcp
-from ccr_host.sim.serving.server import BackgroundServer, BoardServer
+from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tracking.sources.ndi.driver import NdiTracker
 from ccr_host.tracking.sources.ndi.port import SerialPort, TcpPort
 from ccr_host.tracking.tracker import wait_until_tracking
+from tests.exposer import Exposer
 from tests.served import wait_until_left
 from tests.unit.tracking.sources.ndi.conftest import MARKERS_MM
 
@@ -27,8 +28,8 @@ def test_driver_tracks_and_leaves_the_camera_for_the_next_one(kind):
     world.attach(line)
     world.attach(Exposer(line.device.sensor, lambda _: MARKERS_MM))
     server = BoardServer(line, port, RealClock(), world=world)
-    with BackgroundServer(server) as background:
-        address = background.uri.partition(":")[2].removeprefix("//")
+    with server:
+        address = server.uri.partition(":")[2].removeprefix("//")
         for _ in range(2):
             clock = RealClock()
             opener = SerialPort if kind == "pty" else TcpPort
@@ -41,7 +42,7 @@ def test_driver_tracks_and_leaves_the_camera_for_the_next_one(kind):
                 np.testing.assert_allclose(
                     frame.points_mm, Placement().to_camera(MARKERS_MM), atol=0.006
                 )
-            wait_until_left(background)
+            wait_until_left(server)
 
 
 @pytest.mark.parametrize(
