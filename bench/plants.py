@@ -91,7 +91,7 @@ def repeatability_mm(job: TwinJob) -> float | None:
     """RMS distance of the true tip from its mean over visits to home; None if it cannot be had."""
     options = job.options(job.drives[0])
     description = options.description()
-    stops = stops_of(description, HOME_PATTERNS, rests=1, seed=job.seed)
+    stops = stops_of(description, HOME_PATTERNS, rests=1, seed=job.base.seed)
     kept: list[int] = []
     tips_mm: list[np.ndarray] = []
     try:

@@ -82,7 +82,7 @@ def calibrate(
     change = EquipmentChange(board_name, emergency_stop, supply_divider, supply_min)
     if by_eye and identify:
         raise ConfigError("--identify needs the tracker", "omit --by-eye")
-    if not change.is_empty:
+    if change != EquipmentChange():
         if by_eye or identify or out:
             raise ConfigError(
                 "--board-name, --emergency-stop and --supply-... are saved only in the board",

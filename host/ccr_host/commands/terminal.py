@@ -144,8 +144,8 @@ def run_table(summary: Mapping[str, Any], options: RunOptions) -> Group:
     if has_paper:
         table.add_column("paper", justify="right")
     for name, value, of_paper in rows:
-        papers = ("" if of_paper is None else _mm(of_paper),) if has_paper else ()
-        table.add_row(name, _mm(value), *papers)
+        papers = ("" if of_paper is None else _hundredths(of_paper),) if has_paper else ()
+        table.add_row(name, _hundredths(value), *papers)
     twins = ("true", "floor", "ratio") if is_simulated else ()
     return _explained(table, "tip error", *(("paper",) if has_paper else ()), *twins)
 
@@ -206,18 +206,18 @@ def comparison_table(
 ) -> Group:
     """Controllers by path, next to the paper's results if the experiment is in the paper."""
     columns: dict[str, list[str]] = {
-        "mean": [_mm(summary["mean_error_mm"]) for summary in summaries],
-        "p95": [_mm(summary["p95_error_mm"]) for summary in summaries],
-        "max": [_mm(summary["max_error_mm"]) for summary in summaries],
+        "mean": [_hundredths(summary["mean_error_mm"]) for summary in summaries],
+        "p95": [_hundredths(summary["p95_error_mm"]) for summary in summaries],
+        "max": [_hundredths(summary["max_error_mm"]) for summary in summaries],
     }
     of_paper = [paper_mean_mm(run) for run in options]
     if any(mean_mm is not None for mean_mm in of_paper):
-        columns["paper"] = ["" if mean_mm is None else _mm(mean_mm) for mean_mm in of_paper]
+        columns["paper"] = ["" if mean_mm is None else _hundredths(mean_mm) for mean_mm in of_paper]
     if any("true_mean_error_mm" in summary for summary in summaries):
         columns |= {
-            "true": [_mm(summary.get("true_mean_error_mm")) for summary in summaries],
-            "floor": [_mm(summary["twin_floor_mean_error_mm"]) for summary in summaries],
-            "ratio": [_ratio(ratio_to_twin_floor(summary)) for summary in summaries],
+            "true": [_hundredths(summary.get("true_mean_error_mm")) for summary in summaries],
+            "floor": [_hundredths(summary["twin_floor_mean_error_mm"]) for summary in summaries],
+            "ratio": [_hundredths(ratio_to_twin_floor(summary)) for summary in summaries],
         }
     table = Table(
         title=f"tip error (mm){options[0].on_surface}",
@@ -261,8 +261,8 @@ def sweep_table(groups: Sequence[Mapping[str, Any]]) -> Table:
             f"{group['rate_hz']:g}",
             group["controller"],
             str(group["runs"]),
-            *(_ratio(ratio[name]) for name in ("median", "p95", "max")),
-            _mm(group["excess_mm"]["median"]),
+            *(_hundredths(ratio[name]) for name in ("median", "p95", "max")),
+            _hundredths(group["excess_mm"]["median"]),
             *(str(group[name]) for name in ("diverged", "outside_limits", "ended_early")),
         )
     return table
@@ -276,7 +276,7 @@ def worst_lines(groups: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _reached(run: Mapping[str, Any]) -> str:
-    ratio = f"ratio {_ratio(run['ratio'])}"
+    ratio = f"ratio {_hundredths(run['ratio'])}"
     return str(run["fault"]) or (f"{ratio}, diverged" if run["diverged"] else ratio)
 
 
@@ -285,8 +285,8 @@ def reach_table(reach: Mapping[str, Any]) -> Table:
     table = Table(title=f"reach of {reach['path']}", title_justify="left", show_header=False)
     table.add_row("points", str(reach["steps"]))
     table.add_row("out of reach", str(reach["unreachable_steps"]))
-    table.add_row("mean unavoidable error (mm)", _mm(reach["floor_mean_error_mm"]))
-    table.add_row("largest unavoidable error (mm)", _mm(reach["floor_max_error_mm"]))
+    table.add_row("mean unavoidable error (mm)", _hundredths(reach["floor_mean_error_mm"]))
+    table.add_row("largest unavoidable error (mm)", _hundredths(reach["floor_max_error_mm"]))
     table.add_row("  at time (s)", f"{reach['floor_max_at_s']:g}")
     motors = zip(reach["motor_range_deg"], reach["motor_step_max_deg"], strict=True)
     for number, ((low, high), step) in enumerate(motors, start=1):
@@ -317,9 +317,5 @@ def _error_text(record: StepRecord) -> str:
     return f"error {np.linalg.norm(record.measured_mm - record.target_mm):5.1f} mm"
 
 
-def _mm(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
-
-
-def _ratio(value: float | None) -> str:
+def _hundredths(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"

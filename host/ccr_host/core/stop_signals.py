@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from threading import current_thread, main_thread
 
@@ -103,6 +103,14 @@ def signals_deferred() -> Iterator[None]:
             signal.signal(number, handler)
     if came:
         signal.raise_signal(came[0])
+
+
+def cause_of_death(exit_code: int | None) -> str:
+    """Why a process has ended, by the exit code that multiprocessing gives."""
+    with suppress(ValueError):
+        if exit_code is not None and exit_code < 0:
+            return signal.Signals(-exit_code).name
+    return f"exit code {exit_code}"
 
 
 def _signals() -> list[signal.Signals]:

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
@@ -38,6 +38,8 @@ from ccr_host.run.rig import Rig, stopping_at_once
 from ccr_host.run.robot_check import motion_check
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -94,16 +96,10 @@ class _Feed:
     def __post_init__(self) -> None:
         self._messages = self.recording.messages(*_INPUT_TOPICS)
 
-    def take_pieces(self) -> Iterator[TapePiece]:
-        while self.pieces or self._read_until(self.pieces):
-            yield self.pieces.popleft()
-
-    def take_received(self) -> Iterator[bytes]:
-        while self.received or self._read_until(self.received):
-            yield self.received.popleft()
-
-    def next_sent(self) -> LogMessage | None:
-        return self.sent.popleft() if self.sent or self._read_until(self.sent) else None
+    def taken(self, kind: deque[T]) -> Iterator[T]:
+        """Take what there is of one kind, one after the other."""
+        while kind or self._read_until(kind):
+            yield kind.popleft()
 
     def _read_until(self, filled: deque[Any]) -> bool:
         try:
@@ -117,38 +113,33 @@ class _Feed:
         return False
 
     def _sort(self, message: LogMessage) -> None:
+        content = message.content
         try:
-            self._take(message, message.content)
+            match message.topic:
+                case topics.INPUTS.name:
+                    self.pieces.append(_piece(content))
+                case topics.SENT.name:
+                    bytes.fromhex(content["hex"])
+                    self.sent.append(message)
+                case topics.RECEIVED.name:
+                    self.received.append(bytes.fromhex(content["hex"]))
+                case topics.SAMPLE.name:
+                    markers_mm = np.array(content["markers_mm"], dtype=np.float64)
+                    self.samples[content["exposed_us"]] = Sample(content["exposed_us"], markers_mm)
         except (KeyError, ValueError, TypeError):
             raise self.recording.foreign(f"messages on {message.topic}") from None
-
-    def _take(self, message: LogMessage, content: dict[str, Any]) -> None:
-        match message.topic:
-            case topics.INPUTS.name:
-                self.pieces.append(_piece(content))
-            case topics.SENT.name:
-                bytes.fromhex(content["hex"])
-                self.sent.append(message)
-            case topics.RECEIVED.name:
-                self.received.append(bytes.fromhex(content["hex"]))
-            case topics.SAMPLE.name:
-                markers_mm = np.array(content["markers_mm"], dtype=np.float64)
-                self.samples[content["exposed_us"]] = Sample(content["exposed_us"], markers_mm)
 
 
 _INPUT_TOPICS = (topics.INPUTS, topics.SENT, topics.RECEIVED, topics.SAMPLE)
 
 
 class _Replay:
-    def __init__(
-        self,
-        recording: RunRecording,
-        controller: Controller,
-    ) -> None:
+    def __init__(self, recording: RunRecording, controller: Controller) -> None:
         self._recording = recording
         self._controller = controller
         self._feed = _Feed(recording)
-        self._tape = TapePlayer(self._feed.take_pieces())
+        self._sent = self._feed.taken(self._feed.sent)
+        self._tape = TapePlayer(self._feed.taken(self._feed.pieces))
         self._result = ReplayResult()
 
     def run(self) -> ReplayResult:
@@ -176,7 +167,7 @@ class _Replay:
         try:
             clock.idle()  # while the board and the camera were connected
             client = Client(
-                PlayedTransport(tape, self._feed.take_received()),
+                PlayedTransport(tape, self._feed.taken(self._feed.received)),
                 clock,
                 session,
                 motors=description.robot.motors,
@@ -205,7 +196,7 @@ class _Replay:
     def _compare(self, direction: str, time_us: int, data: bytes) -> None:
         if direction != "sent":
             return
-        recorded = self._feed.next_sent()
+        recorded = next(self._sent, None)
         # The tape of a killed run may end before its frames.
         if recorded is None or self._tape.head is None:
             self._require_cut(f"now {told_frame(data)}, recorded nothing more")
@@ -224,7 +215,7 @@ class _Replay:
         self._result.steps += 1
 
     def _require_end(self) -> None:
-        left = self._feed.next_sent()
+        left = next(self._sent, None)
         if left is not None:
             self._differ(
                 f"recorded {told_frame(bytes.fromhex(left.content['hex']))}, now nothing more"

@@ -20,14 +20,8 @@ from ccr_host.record.figure_style import LIMIT, MOTORS, svg_element
 from ccr_host.record.folder import METRICS_FILE
 from ccr_host.record.log.reader import RunRecording, play_run
 from ccr_host.record.log.topics import NUMBER, OBJECT, TEXT, array, nullable, record, validator
-from ccr_host.run.observer import (
-    RunObserver,
-    RunSetup,
-    StepRecord,
-    measured_errors_mm,
-    true_errors_mm,
-)
-from ccr_host.run.summary import ErrorFigures
+from ccr_host.run.observer import RunObserver, RunSetup, StepRecord
+from ccr_host.run.summary import error_figures
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,7 +82,7 @@ def read_run(folder: Path) -> RecordedRun:
         setup=seen.setup,
         records=seen.records,
         events=seen.events,
-        metrics=_kept_metrics(folder) or _error_figures(seen.records),
+        metrics=_kept_metrics(folder) or error_figures(seen.records),
         versions=recording.setup["versions"],
         log_trouble=recording.end.trouble,
     )
@@ -121,14 +115,6 @@ def _kept_metrics(folder: Path) -> Mapping[str, Any] | None:
     except (ConfigError, ValueError, KeyError, TypeError, RecursionError):
         return None
     return metrics if _METRICS.isinstance_python(metrics) else None
-
-
-def _error_figures(records: Sequence[StepRecord]) -> Mapping[str, Any]:
-    measured = ErrorFigures.of(measured_errors_mm(records))
-    figures: dict[str, Any] = {} if measured is None else {**measured.as_summary()}
-    truth = true_errors_mm(records)
-    true_figures = None if truth is None else ErrorFigures.of(truth)
-    return figures if true_figures is None else figures | true_figures.as_summary("true_")
 
 
 def overlay_svgs(runs: Sequence[RecordedRun], names: Sequence[str]) -> Iterator[str]:

@@ -23,11 +23,12 @@ from xml.sax.saxutils import quoteattr
 from ccr_host.core.errors import why
 from ccr_host.core.plugins import import_optional
 from ccr_host.core.user_file import replacing
+from ccr_host.core.wire import cdeg_to_rad
 from ccr_host.description.schema import Description
 from ccr_host.record.folder import unwritable
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import LogMessage, RunRecording
-from ccr_host.record.log.visuals import ROBOT_FRAME
+from ccr_host.record.log.visuals import ROBOT_FRAME, UPRIGHT
 
 Json = dict[str, Any]
 
@@ -67,8 +68,6 @@ _DEFINITIONS = {
     ),
 }
 """The messages of ROS 2's common interfaces that are written, as their .msg files have them."""
-
-_UPRIGHT = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 
 
 def write_bag(recording: RunRecording, folder: Path) -> dict[str, int]:
@@ -125,7 +124,8 @@ Made = tuple[str, str, Json]
 
 
 def _state(message: LogMessage) -> Iterator[Made]:
-    yield _joints(message.time_us, "setpoint_js", _radians(message.content["setpoint_cdeg"]))
+    setpoint_rad = cdeg_to_rad(message.content["setpoint_cdeg"]).tolist()
+    yield _joints(message.time_us, "setpoint_js", setpoint_rad)
 
 
 def _control(message: LogMessage) -> Iterator[Made]:
@@ -151,7 +151,7 @@ def _sample(message: LogMessage) -> Iterator[Made]:
         {
             "header": _header(exposed_us),
             "child_frame_id": name,
-            "transform": {"translation": _metres(at_mm), "rotation": _UPRIGHT},
+            "transform": {"translation": _metres(at_mm), "rotation": UPRIGHT},
         }
         for name, at_mm in seen.items()
     ]
@@ -191,12 +191,8 @@ def _joints(time_us: int, name: str, angles_rad: Sequence[float]) -> Made:
     return f"{NAMESPACE}/{name}", "sensor_msgs/JointState", content
 
 
-def _radians(angles_cdeg: Sequence[int]) -> list[float]:
-    return [math.radians(angle / 100) for angle in angles_cdeg]
-
-
 def _pose_stamped(time_us: int, position_mm: Sequence[float]) -> Json:
-    pose = {"position": _metres(position_mm), "orientation": _UPRIGHT}
+    pose = {"position": _metres(position_mm), "orientation": UPRIGHT}
     return {"header": _header(time_us), "pose": pose}
 
 

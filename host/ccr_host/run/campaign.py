@@ -17,6 +17,7 @@ from typing import Self
 
 from ccr_host.core.errors import CcrError, full_text
 from ccr_host.core.standard_streams import keep_output_for_summary
+from ccr_host.core.stop_signals import cause_of_death
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.open_rig import is_simulated
 from ccr_host.run.options import RunOptions
@@ -127,7 +128,7 @@ class _Worker:
         except (EOFError, OSError):
             self._process.join()
             return ProcessLostError(
-                f"its process was killed ({_cause_of_death(self._process.exitcode)})",
+                f"its process was killed ({cause_of_death(self._process.exitcode)})",
                 "look for a lack of memory",
             )
         return outcome
@@ -161,12 +162,3 @@ def _execute(options: RunOptions) -> Outcome:
         return execute_quietly(options)
     except Exception as error:
         return error
-
-
-def _cause_of_death(code: int | None) -> str:
-    if code is None or code >= 0:
-        return f"status {code}"
-    try:
-        return signal.Signals(-code).name
-    except ValueError:
-        return f"signal {-code}"

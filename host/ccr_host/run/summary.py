@@ -19,40 +19,28 @@ from ccr_host.run.options import RunOptions
 LATERAL = [PATH_AXES["y"], PATH_AXES["z"]]
 
 
-@dataclass(frozen=True)
-class ErrorFigures:
-    """Statistics of the error norm |f - f_desired| over the steps with a known position."""
+_ERROR_KEYS = (
+    "mean_error_mm", "rmse_mm", "p95_error_mm", "max_error_mm", "mean_lateral_error_mm",
+)  # fmt: skip
 
-    mean_mm: float
-    rmse_mm: float
-    p95_mm: float
-    max_mm: float
-    mean_lateral_mm: float
 
-    @classmethod
-    def of(cls, errors_mm: NDArray[np.float64]) -> ErrorFigures | None:
-        """Statistics of error vectors (N, 3) without rows with NaN; None if no row is left."""
-        known = errors_mm[np.isfinite(errors_mm).all(axis=1)]
-        if not len(known):
-            return None
+def statistics_of(errors_mm: NDArray[np.float64], prefix: str = "") -> dict[str, float | None]:
+    """Statistics of the norms of error vectors, (N, 3), by their keys in the JSON summary.
+
+    Rows with NaN do not count; all are None if no row is left.
+    """
+    known = errors_mm[np.isfinite(errors_mm).all(axis=1)]
+    figures: list[float | None] = [None] * len(_ERROR_KEYS)
+    if len(known):
         norms = np.linalg.norm(known, axis=1)
-        return cls(
-            mean_mm=float(norms.mean()),
-            rmse_mm=float(np.sqrt((norms**2).mean())),
-            p95_mm=float(np.percentile(norms, 95)),
-            max_mm=float(norms.max()),
-            mean_lateral_mm=float(np.linalg.norm(known[:, LATERAL], axis=1).mean()),
-        )
-
-    def as_summary(self, prefix: str = "") -> dict[str, float]:
-        """The values by their keys in the JSON summary."""
-        return {
-            f"{prefix}mean_error_mm": self.mean_mm,
-            f"{prefix}rmse_mm": self.rmse_mm,
-            f"{prefix}p95_error_mm": self.p95_mm,
-            f"{prefix}max_error_mm": self.max_mm,
-            f"{prefix}mean_lateral_error_mm": self.mean_lateral_mm,
-        }
+        figures = [
+            float(norms.mean()),
+            float(np.sqrt((norms**2).mean())),
+            float(np.percentile(norms, 95)),
+            float(norms.max()),
+            float(np.linalg.norm(known[:, LATERAL], axis=1).mean()),
+        ]
+    return {f"{prefix}{key}": value for key, value in zip(_ERROR_KEYS, figures, strict=True)}
 
 
 def quantiles_us(durations_us: NDArray[np.float64]) -> dict[str, float | None]:
@@ -68,9 +56,6 @@ def quantiles_us(durations_us: NDArray[np.float64]) -> dict[str, float | None]:
 
 TIMING_KEYS = ("solve_us", "wall_s")
 """Keys that depend on the machine; all others repeat with the seed in virtual time."""
-
-_ERROR_KEYS = tuple(ErrorFigures(0, 0, 0, 0, 0).as_summary())
-_TRUE_ERROR_KEYS = tuple(ErrorFigures(0, 0, 0, 0, 0).as_summary("true_"))
 
 
 @dataclass(frozen=True)
@@ -111,12 +96,12 @@ def summarise(
         "seed": result.options.seed,
         "device": result.options.device,
         "tracker": result.options.tracker,
-        **_error_figures(records),
+        **error_figures(records),
         "floor_mean_error_mm": reference.floor_mean_mm,
         "twin_floor_mean_error_mm": twin_floor_mm,
         "unreachable_steps": reference.unreachable_steps,
         "laps": _lap_figures(records, reference) if reference.laps > 1 else None,
-        "open": None if open_loop is None else _error_figures(open_loop.records),
+        "open": None if open_loop is None else error_figures(open_loop.records),
         "solve_us": quantiles_us(np.array(solved_us)),
         "missed_deadlines": sum(record.late for record in records),
         "tracker_lost_steps": sum(record.measured_mm is None for record in records),
@@ -138,7 +123,7 @@ def _lap_figures(
 ) -> list[dict[str, float | None]]:
     """The error figures of each lap that was begun."""
     starts = range(0, len(records), reference.lap_steps)
-    return [_error_figures(records[start : start + reference.lap_steps]) for start in starts]
+    return [error_figures(records[start : start + reference.lap_steps]) for start in starts]
 
 
 def ratio_to_twin_floor(summary: Mapping[str, Any]) -> float | None:
@@ -168,16 +153,8 @@ def _link_figures(link: LinkStatistics | None) -> dict[str, float | None] | None
     }
 
 
-def _error_figures(records: Sequence[StepRecord]) -> dict[str, float | None]:
-    measured = ErrorFigures.of(measured_errors_mm(records))
-    figures = _or_nulls(measured, "", _ERROR_KEYS)
+def error_figures(records: Sequence[StepRecord]) -> dict[str, float | None]:
+    """Statistics of the measured errors and, with a twin, of the true ones."""
     truth = true_errors_mm(records)
-    if truth is not None:
-        figures |= _or_nulls(ErrorFigures.of(truth), "true_", _TRUE_ERROR_KEYS)
-    return figures
-
-
-def _or_nulls(
-    figures: ErrorFigures | None, prefix: str, keys: Sequence[str]
-) -> dict[str, float | None]:
-    return dict.fromkeys(keys) if figures is None else {**figures.as_summary(prefix)}
+    true_figures = {} if truth is None else statistics_of(truth, "true_")
+    return statistics_of(measured_errors_mm(records)) | true_figures

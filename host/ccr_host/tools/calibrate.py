@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,16 +41,8 @@ _USUAL_NEUTRAL_DEG = 20.0
 """Further off, the horn is on a wrong tooth of its spline (14.4 deg per tooth)."""
 
 
-@dataclass(frozen=True)
-class Question:
-    """A pose to which the user is asked to move a servo."""
-
-    axis: int
-    text: str
-
-
-def questions(robot: Robot) -> tuple[Question, ...]:
-    """All questions, motor by motor."""
+def questions(robot: Robot) -> list[str]:
+    """The poses to which the user is asked to move each servo, `_MARKS` of them, in words."""
     listed = []
     for axis in range(robot.motors):
         horn = f"motor {axis + 1}: horn at"
@@ -61,13 +52,13 @@ def questions(robot: Robot) -> tuple[Question, ...]:
         towards_deg = (hole_deg + (180.0 if tendon.winding < 0 else 0.0)) % 360.0
         towards = _DIRECTIONS.get(towards_deg, f"towards {towards_deg:g} deg")
         listed += [
-            Question(axis, f"{horn} 0 deg, segment {segment + 1} straight"),
-            Question(axis, f"{horn} +45 deg, which bends segment {segment + 1} {towards}"),
-            Question(axis, f"{horn} -45 deg, to the other side"),
-            Question(axis, f"motor {axis + 1}: lowest angle that is ever allowed"),
-            Question(axis, f"motor {axis + 1}: highest angle that is ever allowed"),
+            f"{horn} 0 deg, segment {segment + 1} straight",
+            f"{horn} +45 deg, which bends segment {segment + 1} {towards}",
+            f"{horn} -45 deg, to the other side",
+            f"motor {axis + 1}: lowest angle that is ever allowed",
+            f"motor {axis + 1}: highest angle that is ever allowed",
         ]
-    return tuple(listed)
+    return listed
 
 
 def check_marks(servo: Servo, pulses_us: Sequence[float]) -> None:
@@ -238,16 +229,14 @@ class _Dialogue:
         if number == len(self._questions):
             doubts = "; ".join(self._doubts())
             return f"{doubts}.\nEnter accepts this, b goes back, q quits" if doubts else ""
-        question = (
-            f"{number + 1} of {len(self._questions)}: {self._questions[number].text}, then Enter"
-        )
+        question = f"{number + 1} of {len(self._questions)}: {self._questions[number]}, then Enter"
         return f"{self._refused}\n{question}" if self._refused else question
 
     def mark(self, report: StateReport) -> bool:
         """Record the present pulse as an answer, or accept all answers; whether all are done."""
         if len(self._pulses_us) == len(self._questions):
             return True
-        half_us = report.pulse_half_us[self._questions[len(self._pulses_us)].axis]
+        half_us = report.pulse_half_us[len(self._pulses_us) // _MARKS]
         if not half_us or report.flags & StatusFlags.MOVING:
             return False
         self._pulses_us.append(half_us / 2)

@@ -229,7 +229,8 @@ def check_board(client: Client, clock: Clock, description: Description) -> Itera
     yield from _equipment(client, description)
     yield _state(client.read_state())
     yield _eeprom(identity)
-    yield good("last faults", _faults(client.read_fault_log(), identity.boot_id))
+    faults = [_fault(record, identity.boot_id) for record in client.read_fault_log()]
+    yield good("last faults", "; ".join(faults) or "none")
     wanted = board_config(description).for_board(identity.axes)
     yield _configuration(identity, differences(client.read_config(), wanted))
     for _ in range(_TRIPS):
@@ -296,11 +297,6 @@ def _eeprom(identity: HelloReply) -> Finding:
             return warning("EEPROM", "one of two copies is corrupt", again)
         case EepromStatus.BOTH_BAD:
             return warning("EEPROM", "the configuration is corrupt", again)
-
-
-def _faults(records: list[FaultRecord], boot_id: int) -> str:
-    """The fault log in words, newest first."""
-    return "; ".join(_fault(record, boot_id) for record in records) or "none"
 
 
 def _fault(record: FaultRecord, boot_id: int) -> str:

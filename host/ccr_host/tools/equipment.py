@@ -28,10 +28,6 @@ class EquipmentChange:
     """Servo supply voltage over the voltage at the board's pin; 0: not wired."""
     supply_min_v: float | None = None
 
-    @property
-    def is_empty(self) -> bool:
-        return self == EquipmentChange()
-
     def applied_to(self, equipment: Equipment) -> Equipment:
         """The equipment with this change.
 

@@ -128,9 +128,8 @@ _MOVES = {UP: (0, 1), DOWN: (0, -1), RIGHT: (1, 1), LEFT: (1, -1)}
 
 
 class KeyAction(enum.Enum):
-    """What a key does; all keys that do nothing else belong to MOVE."""
+    """What a key does that does not move."""
 
-    MOVE = enum.auto()
     STOP = enum.auto()
     CLEAR = enum.auto()
     ENTER = enum.auto()
@@ -138,7 +137,7 @@ class KeyAction(enum.Enum):
     QUIT = enum.auto()
 
 
-_ACTIONS = {
+ACTIONS = {
     " ": KeyAction.STOP,
     ESCAPE: KeyAction.STOP,
     "c": KeyAction.CLEAR,
@@ -204,11 +203,6 @@ class JogTarget:
         return replace(self, q_rad=self.rest_rad) if key == "0" else self
 
 
-def action_of(key: str) -> KeyAction:
-    """The action of a key."""
-    return _ACTIONS.get(key, KeyAction.MOVE)
-
-
 _PERIOD_US = 50_000
 _VALIDITY_MS = 500
 """The board holds its pose if the host sends nothing for this time."""
@@ -230,21 +224,13 @@ Entered = Callable[[StateReport], bool]
 """Called with the board's state when Enter is pressed; returns whether that ends the jog."""
 
 
-def _never_done(_: StateReport) -> bool:
-    return False
-
-
-def _nowhere() -> None:
-    pass
-
-
 def jog(
     rig: Rig,
     description: Description,
     pressed: Callable[[], Iterable[str]],
     show: Callable[[JogView], None],
-    entered: Entered = _never_done,
-    back: Callable[[], None] = _nowhere,
+    entered: Entered = lambda _: False,
+    back: Callable[[], object] = lambda: None,
 ) -> bool:
     """Arm, follow the keys until the user quits, disarm.
 
@@ -266,7 +252,7 @@ def jog(
     while not done:
         due_us = rig.clock.now_us()
         keys = list(pressed())
-        actions = [action_of(key) for key in keys]
+        actions = [ACTIONS.get(key) for key in keys]
         target = reduce(JogTarget.after, keys, target)
         try:
             if KeyAction.STOP in actions:
@@ -280,7 +266,8 @@ def jog(
                 rig.client.clear_fault()
                 target, trouble = replace(target, q_rad=rest_rad), _armed(rig.client)
             if not trouble:
-                _send(rig, target)
+                ramp_ms = _PERIOD_US // 1000
+                rig.client.set_target(target.q_rad, ramp_ms=ramp_ms, validity_ms=_VALIDITY_MS)
                 if KeyAction.ENTER in actions:
                     done = entered(rig.client.read_state())
             show(_view(rig, target, trouble))
@@ -299,10 +286,6 @@ def _armed(client: Client) -> str:
     except DeviceError as error:
         return error.cause
     return ""
-
-
-def _send(rig: Rig, target: JogTarget) -> None:
-    rig.client.set_target(target.q_rad, ramp_ms=_PERIOD_US // 1000, validity_ms=_VALIDITY_MS)
 
 
 def _view(rig: Rig, target: JogTarget, trouble: str) -> JogView:

@@ -21,7 +21,7 @@ from typing import TypeAlias
 from ccr_host.core.addresses import host_and_port, joined, listening_socket
 from ccr_host.core.errors import CcrError, ConfigError, full_text
 from ccr_host.core.standard_streams import warn
-from ccr_host.core.stop_signals import interruptible_again
+from ccr_host.core.stop_signals import cause_of_death, interruptible_again
 from ccr_host.view import DEFAULT_ADDRESS
 from ccr_host.view.feed import Batch, PageOperator, RunEnded, SharedButtons, ViewFeed
 
@@ -157,7 +157,7 @@ class LivePage:
             self._process.join()
             if not self._is_wanted:
                 return
-            lost = f"the live page has died ({_how(self._process.exitcode)}) and "
+            lost = f"the live page has died ({cause_of_death(self._process.exitcode)}) and "
             if start == _MOST_STARTS:
                 self._tell(lost + "stays away; only Ctrl-C in the terminal is left")
                 return
@@ -217,9 +217,3 @@ def _trouble_at_start(told: Connection) -> str | None:
             trouble = str(told.recv())
             return f": {trouble}" if trouble else None
     return ""
-
-
-def _how(exit_code: int | None) -> str:
-    if exit_code is not None and exit_code < 0:
-        return signal.Signals(-exit_code).name
-    return f"exit code {exit_code}"

@@ -10,6 +10,7 @@ from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Servo
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.tools.jog import (
+    ACTIONS,
     DOWN,
     ESCAPE,
     LEFT,
@@ -19,7 +20,6 @@ from ccr_host.tools.jog import (
     JogTarget,
     KeyAction,
     Keyboard,
-    action_of,
     split_keys,
 )
 
@@ -73,9 +73,9 @@ def test_a_digit_chooses_the_motors_that_the_arrows_move(motors: int) -> None:
 
 
 def test_only_its_keys_stop_clear_and_leave() -> None:
-    actions = {key: action_of(key) for key in KEYS if action_of(key) is not KeyAction.MOVE}
+    actions = {key: ACTIONS[key] for key in KEYS if key in ACTIONS}
     assert actions == {" ": KeyAction.STOP, ESCAPE: KeyAction.STOP, "c": KeyAction.CLEAR}
-    assert action_of("q") is KeyAction.QUIT
+    assert ACTIONS["q"] is KeyAction.QUIT
 
 
 @given(st.lists(st.sampled_from([*MOVES, "a", "+", " ", "\x1b[3~", "ü"]), max_size=30))

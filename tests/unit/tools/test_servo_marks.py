@@ -50,22 +50,23 @@ def test_marks_that_no_servo_gives_are_refused(first, told) -> None:
 
 
 def test_each_servo_is_asked_the_same() -> None:
-    assert [question.axis for question in questions(Robot())] == [0] * 5 + [1] * 5
+    about = [question.partition(":")[0] for question in questions(Robot())]
+    assert about == ["motor 1"] * 5 + ["motor 2"] * 5
 
 
 def test_each_servo_is_told_where_it_bends_which_segment() -> None:
-    first, second = (questions(Robot())[number].text for number in (1, 6))
+    first, second = (questions(Robot())[number] for number in (1, 6))
     assert first.endswith("which bends segment 1 towards the markers' side")
     assert second.endswith("which bends segment 2 to +x")
     robot = load("two-spatial").robot
     asked = questions(robot)
-    assert [question.axis for question in asked[::5]] == [0, 1, 2, 3]
-    assert asked[16].text == "motor 4: horn at +45 deg, which bends segment 2 towards 45 deg"
+    assert [question[:8] for question in asked[::5]] == [f"motor {n}:" for n in (1, 2, 3, 4)]
+    assert asked[16] == "motor 4: horn at +45 deg, which bends segment 2 towards 45 deg"
     base, tip = robot.segments
     turned = robot.model_copy(
         update={"segments": (base, tip.model_copy(update={"clocking_deg": 10.0}))}
     )
-    assert questions(turned)[16].text.endswith("towards 55 deg")
+    assert questions(turned)[16].endswith("towards 55 deg")
 
 
 def test_marks_of_four_servos_give_four_servos() -> None:

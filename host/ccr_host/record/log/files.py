@@ -28,7 +28,7 @@ END_RECORD = "ccr_host.end"
 LOST_MESSAGES, TROUBLE = "lost_messages", "copied_with"
 """Keys of that record."""
 
-_NS_PER_US = 1000
+NS_PER_US = 1000
 _NO_LIMIT = 2**62
 """Chunks end where the log says, not where the package's writer would cut them."""
 
@@ -205,7 +205,7 @@ class LogFiles:
         self._prefix = prefix
         self._topics = topics
         self._file_bytes = file_bytes
-        self._file_ns = file_us * _NS_PER_US
+        self._file_ns = file_us * NS_PER_US
         self._finished: list[McapFile] = []
         self._start_ns = 0
         self._file: McapFile | None = None

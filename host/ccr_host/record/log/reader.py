@@ -23,6 +23,7 @@ from ccr_host.record.log.files import (
     END_RECORD,
     LOG_PREFIX,
     LOST_MESSAGES,
+    NS_PER_US,
     TIMING_PREFIX,
     TROUBLE,
     file_number,
@@ -36,7 +37,7 @@ from ccr_host.run.observer import RunObserver, RunSetup, StepRecord
 from ccr_host.run.options import RunOptions
 from ccr_host.tracking.tracker import FloatArray, Sample
 
-_NS_PER_US, _NS_PER_S = 1000, 1e9
+_NS_PER_S = 1e9
 _REPEATED = frozenset(topic.name for topic in LOG_TOPICS if topic.repeated)
 _CURE = "give the folder of a run, or one of its files"
 _MOST_MESSAGE_BYTES = 16_000_000
@@ -262,7 +263,7 @@ def _messages(path: Path, ours: Sequence[Topic], wanted: Collection[str]) -> Ite
     for part, name in _with_topics(_parts(path), ours):
         if isinstance(part, Message) and name in by_name:
             content = _content(part, by_name[name], path)
-            yield LogMessage(name, part.log_time // _NS_PER_US, content)
+            yield LogMessage(name, part.log_time // NS_PER_US, content)
 
 
 def _content(message: Message, topic: Topic, path: Path) -> dict[str, Any]:

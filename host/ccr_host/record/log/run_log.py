@@ -25,7 +25,7 @@ from ccr_host.record.log.sinks import BackgroundSink, DirectSink, Sink
 from ccr_host.record.log.topics import TIMING_TOPICS, Topic, topics_of
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
-from ccr_host.robot.workspace import MotorLimits, Workspace
+from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.observer import RunObserver, RunSetup, StepRecord
 from ccr_host.run.recording import TapePiece
 from ccr_host.tracking.tracker import MarkerFrame, Sample
@@ -88,7 +88,6 @@ class RunLog(RunObserver):
         self._waiting: list[tuple[Topic, int, bytes]] = []
         self._next_scene_us = 0
         self._next_diagnostics_us = 0
-        self._workspace: Workspace | None = None
         self._sample: Sample | None = None
         self._horizon_mm: Array = np.empty((0, 3))
         self._received = 0
@@ -113,8 +112,8 @@ class RunLog(RunObserver):
         self._write(topics.SETUP, 0, content)
         self._write_reference(reference)
         self._write(topics.DESIRED_PATH, 0, visuals.desired_path(0, reference))
-        model = ConstantCurvature(setup.description.robot)
-        self._workspace = Workspace(model, MotorLimits.of(setup.description.servo))
+        self._model = ConstantCurvature(setup.description.robot)
+        self._limits = MotorLimits.of(setup.description.servo)
 
     def frame(self, direction: str, time_us: int, data: bytes) -> None:
         topic = topics.SENT if direction == "sent" else topics.RECEIVED
@@ -265,16 +264,14 @@ class RunLog(RunObserver):
             self._write(topics.REFERENCE, 0, content)
 
     def _draw(self, record: StepRecord) -> None:
-        assert self._workspace is not None, "begin comes first"
         time_us = record.end_us
         self._write(topics.POSE_DESIRED, time_us, visuals.pose(time_us, record.target_mm))
         if record.measured_mm is not None:
             frames = {"tip": record.measured_mm}
             self._write(topics.TRANSFORMS, time_us, visuals.transforms(time_us, frames))
             self._write(topics.POSE_MEASURED, time_us, visuals.pose(time_us, record.measured_mm))
-        model, limits = self._workspace.model, self._workspace.limits
         # The board takes no more than the limits, whatever was commanded.
-        backbone_mm = model.backbone_mm(limits.clip(record.q_rad), _BACKBONE_POINTS)
+        backbone_mm = self._model.backbone_mm(self._limits.clip(record.q_rad), _BACKBONE_POINTS)
         markers_mm = None if self._sample is None else self._sample.markers_mm
         if markers_mm is not None:
             markers_mm = markers_mm - markers_mm[0]

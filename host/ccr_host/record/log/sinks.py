@@ -12,7 +12,7 @@ from pydantic_core import to_json
 from ccr_host.core.errors import why
 from ccr_host.core.stop_signals import signals_deferred
 from ccr_host.record.log import visuals
-from ccr_host.record.log.files import Chunk, LogFiles, Packed
+from ccr_host.record.log.files import NS_PER_US, Chunk, LogFiles, Packed
 from ccr_host.record.log.topics import EVENT, Topic
 
 QUEUE_CHUNKS = 60
@@ -25,7 +25,6 @@ CHUNK_BYTES = 4_000_000
 
 _CLOSE_AFTER_S = 0.85
 """The same in real time, for a control loop that hangs and logs nothing more."""
-_NS_PER_US = 1000
 
 
 class Sink(Protocol):
@@ -70,7 +69,7 @@ class _Packer:
         sequence = self._sequences[channel] = self._sequences[channel] + 1
         if topic.repeated:
             self._repeated_in_chunk[channel] = content
-        self.chunk.add(Packed(channel, sequence, time_us * _NS_PER_US, content))
+        self.chunk.add(Packed(channel, sequence, time_us * NS_PER_US, content))
         return full
 
     def take(self) -> Taken | None:

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Json = dict[str, Any]
 
 ROBOT_FRAME = "robot"
-INFO, WARNING, ERROR = 2, 3, 4
+INFO, WARNING = 2, 3
 """Levels of ``foxglove.Log``."""
 
 _DECIMALS = 5
@@ -27,8 +27,8 @@ _PRIMITIVES = (
     "arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models",
 )  # fmt: skip
 _PATH_POINTS_MAX = 2000
-_UPRIGHT: Json = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
-_ORIGIN: Json = {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": _UPRIGHT}
+UPRIGHT: Json = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+_ORIGIN: Json = {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": UPRIGHT}
 _FOR_GOOD: Json = {"sec": 0, "nsec": 0}
 _MARKER_M = {"x": 0.004, "y": 0.004, "z": 0.004}
 _GREY: Json = {"r": 0.5, "g": 0.5, "b": 0.5, "a": 1.0}
@@ -64,7 +64,7 @@ def pose(time_us: int, position_mm: Array) -> Json:
     return {
         "timestamp": stamp(time_us),
         "frame_id": ROBOT_FRAME,
-        "pose": {"position": _points(position_mm[None])[0], "orientation": _UPRIGHT},
+        "pose": {"position": _points(position_mm[None])[0], "orientation": UPRIGHT},
     }
 
 
@@ -77,7 +77,7 @@ def transforms(time_us: int, positions_mm: dict[str, Array]) -> Json:
                 "parent_frame_id": ROBOT_FRAME,
                 "child_frame_id": name,
                 "translation": _points(position_mm[None])[0],
-                "rotation": _UPRIGHT,
+                "rotation": UPRIGHT,
             }
             for name, position_mm in positions_mm.items()
         ]
@@ -142,7 +142,7 @@ def _points(positions_mm: Array) -> list[Json]:
 
 def _sphere(point: Json) -> Json:
     return {
-        "pose": {"position": point, "orientation": _UPRIGHT}, "size": _MARKER_M, "color": _ORANGE
+        "pose": {"position": point, "orientation": UPRIGHT}, "size": _MARKER_M, "color": _ORANGE
     }  # fmt: skip
 
 

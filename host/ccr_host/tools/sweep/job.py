@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ccr_host.control.registry import make_controller
 from ccr_host.core.clock import CpuStopwatch, Stopwatch
+from ccr_host.core.wire import CDEG_PER_DEG
 from ccr_host.description.schema import Servo
 from ccr_host.link.messages import TICK_US, StateReport
 from ccr_host.run.execute import execute, reference_of
@@ -94,7 +95,6 @@ def _timed(method: Callable[..., Any], part: str) -> Callable[..., Any]:
     return timed
 
 
-_CDEG_PER_DEG = 100.0
 _CDEG_ROUNDING = 1.0
 _PULSE_ROUNDING_US = 0.5
 _RAD_ROUNDING = 1e-9
@@ -118,12 +118,12 @@ class LimitWatch(RunObserver):
         self._check_angles("command", np.degrees(record.q_rad), np.degrees(_RAD_ROUNDING))
 
     def state(self, time_us: int, report: StateReport) -> None:
-        rounding_deg = _CDEG_ROUNDING / _CDEG_PER_DEG
-        setpoint_deg = np.array(report.setpoint_cdeg) / _CDEG_PER_DEG
-        self._check_angles("target", np.array(report.target_cdeg) / _CDEG_PER_DEG, rounding_deg)
+        rounding_deg = _CDEG_ROUNDING / CDEG_PER_DEG
+        setpoint_deg = np.array(report.setpoint_cdeg) / CDEG_PER_DEG
+        self._check_angles("target", np.array(report.target_cdeg) / CDEG_PER_DEG, rounding_deg)
         self._check_angles("setpoint", setpoint_deg, rounding_deg)
         if self._last is not None:
-            travel_deg = setpoint_deg - np.array(self._last.setpoint_cdeg) / _CDEG_PER_DEG
+            travel_deg = setpoint_deg - np.array(self._last.setpoint_cdeg) / CDEG_PER_DEG
             period_s = (report.tick - self._last.tick) * TICK_US * 1e-6
             self._check("slew", np.abs(travel_deg) <= self._slew_deg_s * period_s + rounding_deg)
         pulses_us = np.array(report.pulse_half_us) / 2
@@ -209,11 +209,11 @@ def _identity(job: TwinJob, drive: Drive) -> Row:
     rate_hz, controller = drive
     return {
         "index": job.index,
-        "path": job.path,
+        "path": job.base.path,
         "rate_hz": rate_hz,
         "controller": controller,
-        "seed": job.seed,
-        "overrides": json.dumps(job.overrides),
+        "seed": job.base.seed,
+        "overrides": json.dumps(job.base.overrides),
         "command": job.command(drive),
     }
 

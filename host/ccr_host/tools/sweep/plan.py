@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,35 +34,24 @@ class TwinJob:
     """One twin on one path, with some rates and controllers; small and picklable."""
 
     index: int
-    seed: int
-    path: str
-    robot: str | None
-    overrides: tuple[str, ...]
-    """Overrides of the description: the sweep's, then the twin's."""
-    plant: str
+    base: RunOptions
+    """Options of its runs but for rate and controller; the twin's overrides follow the sweep's."""
     drives: tuple[Drive, ...]
 
     def options(self, drive: Drive) -> RunOptions:
         rate_hz, controller = drive
-        return RunOptions(
-            path=self.path,
-            controller=controller,
-            robot=self.robot,
-            overrides=self.overrides,
-            plant=self.plant,
-            rate_hz=rate_hz,
-            seed=self.seed,
-        )
+        return replace(self.base, rate_hz=rate_hz, controller=controller)
 
     def command(self, drive: Drive) -> str:
         """Command line that exactly repeats one of its runs."""
         rate_hz, controller = drive
-        robot = ["--robot", self.robot] if self.robot else []
-        robot += ["--plant", self.plant] if self.plant != TWIN else []
-        sets = [word for override in self.overrides for word in ("--set", override)]
-        words = ["--controller", controller, "--rate", f"{rate_hz:g}", "--seed", str(self.seed)]
+        run = self.base
+        robot = ["--robot", run.robot] if run.robot else []
+        robot += ["--plant", run.plant] if run.plant != TWIN else []
+        sets = [word for override in run.overrides for word in ("--set", override)]
+        words = ["--controller", controller, "--rate", f"{rate_hz:g}", "--seed", str(run.seed)]
         words.append("--unchecked")
-        return shlex.join(["ccr-host", "track", self.path, *words, *robot, *sets])
+        return shlex.join(["ccr-host", "track", run.path, *words, *robot, *sets])
 
 
 @dataclass(frozen=True)
@@ -129,7 +118,10 @@ class SweepPlan:
         overrides = self.overrides + as_overrides(settings)
         schema.load(self.robot, overrides)
         seed = int(run_seed.generate_state(1)[0])
-        return TwinJob(index, seed, path, self.robot, overrides, self.plant, drives)
+        run = RunOptions(
+            path=path, robot=self.robot, overrides=overrides, plant=self.plant, seed=seed
+        )
+        return TwinJob(index, run, drives)
 
 
 def read_twins(file: Path) -> tuple[Settings, ...]:

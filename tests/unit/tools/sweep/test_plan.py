@@ -12,19 +12,18 @@ ONE_HZ = [(1.0, "mpc")]
 def test_a_twin_follows_from_seed_and_index_alone(plan):
     alone = plan.jobs([4], [(2.0, "open-loop")])[0]
     among_others = plan.jobs(range(6), ONE_HZ)[4]
-    assert alone.overrides == among_others.overrides
-    assert alone.seed == among_others.seed
+    assert alone.base == among_others.base
 
 
 def test_twins_differ_and_so_do_those_of_other_seeds(plan, short_path, narrow):
     other = SweepPlan(seed=4, paths=(short_path,), overrides=narrow)
-    twins = [job.overrides for p in (plan, other) for job in p.jobs(range(5), ONE_HZ)]
+    twins = [job.base.overrides for p in (plan, other) for job in p.jobs(range(5), ONE_HZ)]
     assert len(set(twins)) == 10
 
 
 def test_paths_take_turns():
     jobs = SweepPlan(seed=1, paths=("ellipse", "star")).jobs(range(4), ONE_HZ)
-    assert [job.path for job in jobs] == ["ellipse", "star", "ellipse", "star"]
+    assert [job.base.path for job in jobs] == ["ellipse", "star", "ellipse", "star"]
 
 
 def test_the_command_line_of_a_run_carries_all_that_decides_it(plan):
