@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import cycle
 from typing import Protocol
 
 import numpy as np
@@ -38,7 +39,6 @@ _COARSE_POLL_US = 2000
 """If the host polled less often than this, a round trip says nothing about the link."""
 _ENCODING_BYTES = FRAME_OVERHEAD + 2
 """What a frame on the wire has besides its payload: also a code byte of COBS and the zero."""
-_U8 = 1 << 8
 _U16 = 1 << 16
 
 _FOREIGN_BYTES = 30
@@ -195,7 +195,7 @@ class Exchange:
         self._heard_board = False
         self._foreign = b""
         """The first bytes that arrived before any message of the board."""
-        self._next_sequence = 0
+        self._sequences = cycle(range(1 << 8))
         self._awaited: _Awaited | None = None
         self._polled_us = clock.now_us()
         self._outstanding: dict[int, tuple[int, int]] = {}
@@ -246,8 +246,7 @@ class Exchange:
         payload = request.pack()
         if self._outstanding:
             self.wait_for_room(len(payload))
-        sequence = self._next_sequence
-        self._next_sequence = (sequence + 1) % _U8
+        sequence = next(self._sequences)
         now_us = self._clock.now_us()
         self._write(encode_frame(request.ID, sequence, payload), sequence, now_us)
         return sequence, now_us
@@ -263,8 +262,7 @@ class Exchange:
         payload = request.pack()
         if request.ID != Stop.ID:
             self.wait_for_room(len(payload))
-        sequence = self._next_sequence
-        self._next_sequence = (sequence + 1) % _U8
+        sequence = next(self._sequences)
         frame = encode_frame(request.ID, sequence, payload)
         awaited = self._awaited = _Awaited(request, sequence)
         try:
@@ -330,7 +328,7 @@ class Exchange:
             self._on_frame(
                 "received", now_us, encode_frame(frame.id, frame.sequence, frame.payload)
             )
-        message = _parse(frame)
+        message = message_in(frame)
         if message is None:
             self._counts.unusable += 1
             return
@@ -344,11 +342,10 @@ class Exchange:
             self._on_message(received)
 
 
-def _parse(frame: Frame) -> Message | None:
+def message_in(frame: Frame) -> Message | None:
+    """The message that a frame carries; None if it is none of ours."""
     kind = MESSAGES.get(frame.id)
-    if kind is None:
-        return None
     try:
-        return kind.unpack(frame.payload)
+        return None if kind is None else kind.unpack(frame.payload)
     except PayloadError:
         return None

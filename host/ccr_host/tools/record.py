@@ -8,14 +8,13 @@ are measured, so whatever ends a recording leaves what was measured until then.
 from __future__ import annotations
 
 import csv
-import io
 import itertools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +30,6 @@ from ccr_host.run.rig import Rig
 from ccr_host.tools.measured import MIDDLE
 from ccr_host.tools.survey import identification_stops_rad
 from ccr_host.tracking.markers.check import MarkerCheck
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 Array = NDArray[np.float64]
 
@@ -212,12 +208,15 @@ class RestTable:
             self._begin_again()
             return
         try:
-            csv.writer(self._stream, lineterminator="\n").writerow(cells)
-            self._stream.flush()
+            self._put([cells])
         except OSError as error:
             raise CcrError(
                 f"{self._file}: {why(error)}", "free disk space; the rows before are kept"
             ) from None
+
+    def _put(self, rows: Sequence[Sequence[str]]) -> None:
+        csv.writer(self._stream, lineterminator="\n").writerows(rows)
+        self._stream.flush()
 
     def _is_there(self) -> bool:
         """Whether the file has still its name; someone may have removed or replaced it."""
@@ -236,15 +235,13 @@ class RestTable:
             self._file.parent.mkdir(parents=True, exist_ok=True)
             self._stream.close()
             self._stream = self._file.open("x", encoding="utf-8", newline="")
-            csv.writer(self._stream, lineterminator="\n").writerows(self._rows)
-            self._stream.flush()
+            self._put(self._rows)
         except OSError as error:
             cause = f"{self._file}: {why(error)}"
-            text = io.StringIO()
-            csv.writer(text, lineterminator="\n").writerows(self._rows)
             try:
-                self._file = keep_elsewhere(text.getvalue(), ".csv")
+                self._file = keep_elsewhere("", ".csv")
                 self._stream = self._file.open("a", encoding="utf-8", newline="")
+                self._put(self._rows)
             except OSError:
                 raise CcrError(cause, "free disk space; the rows are lost") from None
             self.rests = len(self._rows) - 1  # with the one that was to be added

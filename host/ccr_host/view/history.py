@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from ccr_host.control.base import Command, Observation, Phase
 from ccr_host.core.wire import cdeg_to_rad
+from ccr_host.link.exchange import message_in
 from ccr_host.link.framing import Frame, FrameDecoder
 from ccr_host.link.messages import (
     MESSAGES,
     Fault,
     HelloReply,
-    Message,
-    PayloadError,
     Request,
     SetTelemetry,
     State,
@@ -167,7 +166,7 @@ class LinkHistory:
         self._last_sent = data
 
     def _note_received(self, frame: Frame, time_us: int) -> None:
-        message = _parse(frame)
+        message = message_in(frame)
         if isinstance(message, HelloReply):
             self._counts["retries"] = 0  # until then a boot loader was deaf
         if isinstance(message, Telemetry):
@@ -204,14 +203,6 @@ class LinkHistory:
         trips = self._round_trips.rows
         newest_us = trips[-1, 1] if len(trips) else np.nan
         self._health.append((time_us, *self._counts.values(), self._board_errors, newest_us))
-
-
-def _parse(frame: Frame) -> Message | None:
-    kind = MESSAGES.get(frame.id)
-    try:
-        return None if kind is None else kind.unpack(frame.payload)
-    except PayloadError:
-        return None
 
 
 class StepColumns(NamedTuple):

@@ -46,12 +46,15 @@ def test_boot_loader_lies_at_the_end_of_the_flash():
     assert all(address + len(data) <= FLASH_BYTES["uno"] for address, data in image.segments)
 
 
-def test_shim_is_built_once(tmp_path, monkeypatch):
+def test_what_was_built_once_needs_no_compiler_any_more(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    first = built_shim()
+    first, loader = built_shim(), optiboot()
     built_at = first.stat().st_mtime_ns
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
     assert built_shim() == first
     assert first.stat().st_mtime_ns == built_at
+    assert optiboot() == loader
 
 
 def test_missing_compiler_is_reported_with_the_command_that_installs_it(tmp_path, monkeypatch):

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ccr_host.control.base import Outcome
 from ccr_host.description.schema import Robot
+from ccr_host.link.exchange import message_in
 from ccr_host.link.framing import decode_single_frame
-from ccr_host.link.messages import MESSAGES, PayloadError
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import LogMessage, RunRecording
 from ccr_host.record.log.topics import Topic
@@ -253,13 +253,10 @@ def rows(recording: RunRecording, tables: Sequence[Table]) -> Iterator[tuple[Tab
 def told_frame(data: bytes) -> str:
     """A frame in words: message, fields, sequence number; its bytes where it is none of ours."""
     frame = decode_single_frame(data)
-    kind = None if frame is None else MESSAGES.get(frame.id)
-    if frame is None or kind is None:
+    message = None if frame is None else message_in(frame)
+    if frame is None or message is None:
         return data.hex(" ")
-    try:
-        return f"{kind.unpack(frame.payload)} (sequence {frame.sequence})"
-    except PayloadError:
-        return data.hex(" ")
+    return f"{message} (sequence {frame.sequence})"
 
 
 if __name__ == "__main__":

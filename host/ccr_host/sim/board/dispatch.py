@@ -73,7 +73,7 @@ class Dispatcher:
                 raise Refusal(m.NackCode.BAD_STATE, self._core.state)
             request = self._parse(frame)
             self._check(request)
-            reply = self._execute(request)
+            reply = self._execute(request) or m.Ack(request.ID, self._core.state)
         except Refusal as refusal:
             self._core.counters.count("nacks")
             return _encode(m.Nack(frame.id, refusal.code, refusal.detail), frame.sequence)
@@ -122,11 +122,9 @@ class Dispatcher:
         if isinstance(request, m.ClearFault) and core.emergency_stop_open:
             raise Refusal(m.NackCode.EMERGENCY_STOP_OPEN)
 
-    def _ack(self, request: m.Request) -> m.Ack:
-        return m.Ack(request.ID, self._core.state)
-
     @singledispatchmethod
-    def _execute(self, request: m.Request) -> m.Message:
+    def _execute(self, request: m.Request) -> m.Message | None:
+        """Carry out a request; None if it is to be acknowledged."""
         raise NotImplementedError(request.NAME)
 
     @_execute.register
@@ -162,14 +160,12 @@ class Dispatcher:
         return self._core.counters.to_reply()
 
     @_execute.register
-    def _(self, request: m.SetTelemetry) -> m.Message:
+    def _(self, request: m.SetTelemetry) -> None:
         self._core.session.telemetry = TelemetryStream(request.period_ticks)
-        return self._ack(request)
 
     @_execute.register
-    def _(self, request: m.Blink) -> m.Message:
+    def _(self, request: m.Blink) -> None:
         self._core.blink(request.duration_s)
-        return self._ack(request)
 
     @_execute.register
     def _(self, request: m.GetFaultRecord) -> m.Message:
@@ -181,27 +177,23 @@ class Dispatcher:
         return self._link_limits
 
     @_execute.register
-    def _(self, request: m.Arm) -> m.Message:
+    def _(self, request: m.Arm) -> None:
         self._core.arm()
-        return self._ack(request)
 
     @_execute.register
-    def _(self, request: m.Disarm) -> m.Message:
+    def _(self, request: m.Disarm) -> None:
         self._core.safety.disarm()
-        return self._ack(request)
 
     @_execute.register
-    def _(self, request: m.Stop) -> m.Message:
+    def _(self, request: m.Stop) -> None:
         self._core.safety.stop()
         last = self._core.session.acknowledged
         if last is not None:
             self._core.session.acknowledged = replace(last, is_void=True)
-        return self._ack(request)
 
     @_execute.register
-    def _(self, request: m.ClearFault) -> m.Message:
+    def _(self, request: m.ClearFault) -> None:
         self._core.clear_fault()
-        return self._ack(request)
 
     @_execute.register
     def _(self, request: m.SetTarget) -> m.Message:
@@ -211,9 +203,8 @@ class Dispatcher:
         return m.TargetReply(self._core.state, self._core.flags(), accepted)
 
     @_execute.register
-    def _(self, request: m.SetTargetAt) -> m.Message:
+    def _(self, request: m.SetTargetAt) -> None:
         self._core.session.waiting_target = WaitingTarget(request, self._sequence)
-        return self._ack(request)
 
     @_execute.register
     def _(self, request: _GetGroup) -> m.Message:
@@ -222,14 +213,12 @@ class Dispatcher:
         return reply
 
     @_execute.register
-    def _(self, request: _SetGroup) -> m.Message:
+    def _(self, request: _SetGroup) -> None:
         self._core.set_group(getattr(request, _group_of(type(request))))
-        return self._ack(request)
 
     @_execute.register
-    def _(self, request: m.SaveConfig) -> m.Message:
+    def _(self, request: m.SaveConfig) -> None:
         self._core.store.begin_save(self._core.configuration)
-        return self._ack(request)
 
 
 def _encode(reply: m.Message, sequence: int) -> bytes:

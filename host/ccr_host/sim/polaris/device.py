@@ -152,7 +152,7 @@ class PolarisDevice:
         self.sensor = sensor
         self.reset()
         setup, tracking = Mode.SETUP, Mode.TRACKING
-        self._commands: dict[str, tuple[Callable[[str], str], tuple[Mode, ...]]] = {
+        self._commands: dict[str, tuple[Callable[[str], str | None], tuple[Mode, ...]]] = {
             "INIT": (self._init, (Mode.OFF, setup)),
             "PHSR": (self._phsr, (setup,)),
             "PHF": (self._phf, (setup,)),
@@ -198,11 +198,10 @@ class PolarisDevice:
         if self.mode not in modes:
             off = self.mode is Mode.OFF
             raise Refusal(ErrorCode.NO_INIT if off else ErrorCode.WRONG_MODE)
-        return action(arguments)
+        return action(arguments) or "OKAY"
 
-    def _init(self, _arguments: str) -> str:
+    def _init(self, _arguments: str) -> None:
         self.mode = Mode.SETUP
-        return "OKAY"
 
     def _ver(self, _arguments: str) -> str:
         return "Polaris Vicra Control Firmware (emulated by ccr-host)"
@@ -212,9 +211,8 @@ class PolarisDevice:
         handles = [handle for handle in self._sorted_handles() if _is_wanted(handle, wanted)]
         return f"{len(handles):02X}" + "".join(f"{h.number:02X}{h.status:03X}" for h in handles)
 
-    def _phf(self, arguments: str) -> str:
+    def _phf(self, arguments: str) -> None:
         del self.handles[self._handle(arguments).number]
-        return "OKAY"
 
     def _phrq(self, arguments: str) -> str:
         if not _PASSIVE_PORT.fullmatch(arguments):
@@ -226,43 +224,38 @@ class PolarisDevice:
         self.handles[number] = PortHandle(number)
         return f"{number:02X}"
 
-    def _pvwr(self, arguments: str) -> str:
+    def _pvwr(self, arguments: str) -> None:
         handle, address = self._handle(arguments[:2]), _hex(arguments[2:6], 4)
         block = arguments[6:]
         if len(block) != 2 * BLOCK_BYTES:
             raise Refusal(ErrorCode.PARAMETERS)
         handle.write(address, _hex(block, len(block)).to_bytes(BLOCK_BYTES, "big"))
-        return "OKAY"
 
     def _pinit(self, arguments: str) -> str:
         self._handle(arguments).initialise()
         return "WARNING05" if self.sensor.faults.pinit_warning else "OKAY"
 
-    def _pena(self, arguments: str) -> str:
+    def _pena(self, arguments: str) -> None:
         if arguments[2:] not in ("S", "D", "B"):
             raise Refusal(ErrorCode.PARAMETERS)
         self._handle(arguments[:2]).enable()
-        return "OKAY"
 
-    def _pdis(self, arguments: str) -> str:
+    def _pdis(self, arguments: str) -> None:
         handle = self._handle(arguments)
         if not handle.enabled:
             raise Refusal(ErrorCode.NOT_ENABLED)
         handle.enabled = False
-        return "OKAY"
 
-    def _tstart(self, arguments: str) -> str:
+    def _tstart(self, arguments: str) -> None:
         self.mode = Mode.TRACKING
         self.sensor.illuminated = bool(self._enabled())
         if arguments == "80":
             image = self.sensor.newest(self._time_us)
             self._count_offset = image.count if image else 0
-        return "OKAY"
 
-    def _tstop(self, _arguments: str) -> str:
+    def _tstop(self, _arguments: str) -> None:
         self.mode = Mode.SETUP
         self.sensor.illuminated = False
-        return "OKAY"
 
     def _tx(self, arguments: str) -> str:
         mode = _hex(arguments, 4) if arguments else TRANSFORMS

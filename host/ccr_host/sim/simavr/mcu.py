@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import os
 import re
 import shutil
-from collections.abc import Callable
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.core.errors import DeviceError
+from ccr_host.core.user_file import cache_folder
 from ccr_host.link.messages import ResetCause
-from ccr_host.sim.simavr.build import compiled
 
 _SOURCES = Path(__file__).parent / "shim"
 _COMPILE = (
@@ -33,10 +36,59 @@ def built_shim() -> Path:
     Raises:
         DeviceError: the compiler or libsimavr is missing.
     """
+    return compiled("librig.so", _compiler, sorted(_SOURCES.glob("*.[ch]")), _COMPILE, _CURE)
+
+
+def _compiler() -> str:
     compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         raise DeviceError("simavr: no C compiler", _CURE)
-    return compiled("librig.so", compiler, sorted(_SOURCES.glob("*.[ch]")), _COMPILE, _CURE)
+    return compiler
+
+
+def compiled(
+    name: str,
+    compiler: Callable[[], str],
+    sources: Sequence[Path],
+    options: Sequence[str],
+    cure: str,
+) -> Path:
+    """What a compiler makes of C files and their headers; once for each version of them.
+
+    ``name`` is that of the result, without the digest of what it is made of; ``compiler`` finds the
+    program, which is not needed any more afterwards; ``cure`` is for the message.
+
+    Raises:
+        DeviceError: they do not compile.
+        CcrError: what ``compiler`` raises.
+    """
+    digest = hashlib.sha256(" ".join(options).encode())
+    for source in sources:
+        digest.update(source.read_bytes())
+    result = cache_folder() / name
+    result = result.with_stem(f"{result.stem}-{digest.hexdigest()[:16]}")
+    if result.exists():
+        return result
+    result.parent.mkdir(parents=True, exist_ok=True)
+    files = [str(source) for source in sources if source.suffix == ".c"]
+    with tempfile.TemporaryDirectory(dir=result.parent) as scratch:
+        unfinished = Path(scratch) / result.name
+        done = subprocess.run(
+            [compiler(), *files, *options, "-o", str(unfinished)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode != 0:
+            raise DeviceError(f"simavr: {name} does not build: {_gist(done.stderr)}", cure)
+        unfinished.replace(result)
+    return result
+
+
+def _gist(messages: str) -> str:
+    """The first line that states an error."""
+    lines = messages.splitlines() or ["no message from the compiler"]
+    return next((line for line in lines if "error:" in line or "cannot find" in line), lines[-1])
 
 
 CLOCK_HZ: Final = 16_000_000

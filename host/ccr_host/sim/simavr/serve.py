@@ -11,9 +11,9 @@ from ccr_host.sim.board.eeprom import EepromFile
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.server import BoardServer
 from ccr_host.sim.simavr.board import SimavrBoard
-from ccr_host.sim.simavr.build import compiled
 from ccr_host.sim.simavr.flash_image import BoardName, FlashImage, read_flash_image
 from ccr_host.sim.simavr.line import SimavrLine
+from ccr_host.sim.simavr.mcu import compiled
 
 _CORES = (
     Path.home() / ".platformio/packages/framework-arduino-avr",
@@ -27,6 +27,7 @@ _COMPILE = (
     *("-Wl,--section-start=.text=0x7c00", "-Wl,--section-start=.version=0x7ffe"),
 )
 """As in optiboot's Makefile except for the start address: that of a boot section of 1 KB."""
+_CURE = "sudo apt install arduino-core-avr gcc-avr avr-libc"
 
 
 def optiboot() -> FlashImage:
@@ -39,13 +40,17 @@ def optiboot() -> FlashImage:
         ConfigError: the Arduino core or avr-gcc is missing.
         DeviceError: it does not compile.
     """
-    cure = "sudo apt install arduino-core-avr gcc-avr avr-libc"
     sources = (core / "bootloaders/optiboot/optiboot.c" for core in _CORES)
     source = next((file for file in sources if file.exists()), None)
-    if source is None or shutil.which("avr-gcc") is None:
-        missing = "boot loader" if source is None else "avr-gcc for the boot loader"
-        raise ConfigError(f"simavr: no {missing}", cure)
-    return read_flash_image(compiled("optiboot.elf", "avr-gcc", [source], _COMPILE, cure))
+    if source is None:
+        raise ConfigError("simavr: no boot loader", _CURE)
+    return read_flash_image(compiled("optiboot.elf", _avr_gcc, [source], _COMPILE, _CURE))
+
+
+def _avr_gcc() -> str:
+    if shutil.which("avr-gcc") is None:
+        raise ConfigError("simavr: no avr-gcc for the boot loader", _CURE)
+    return "avr-gcc"
 
 
 _IDLE_SKETCH = FlashImage(((0, bytes.fromhex("81e0 83bf 8895 fecf")),))
