@@ -115,8 +115,7 @@ def identify(
         ConfigError: another number of motors, or too few rows on either side.
         MisfitError, WrongRobotError: these are not measurements of this robot.
     """
-    segments = description.robot.segments
-    motors = _motors_of(segments)
+    segments, motors = description.robot.segments, description.robot.motors
     if measured.command.shape[1] != motors:
         raise ConfigError(
             f"measurements of {measured.command.shape[1]} motors, but the described robot has "
@@ -136,10 +135,6 @@ def identify(
             "--one-plane is for robots described by robot.segments", "omit --one-plane"
         )
     return _identify_two_motors(description, measured, train_share, date)
-
-
-def _motors_of(segments: Sequence[Segment]) -> int:
-    return max((tendon.motor for s in segments for tendon in s.tendons), default=2)
 
 
 def _split(time_s: FloatArray, rows: Rows, train_share: float) -> tuple[Rows, Rows]:
