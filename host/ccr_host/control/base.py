@@ -12,11 +12,9 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.robot.reference import Reference
-
-FloatArray = NDArray[np.float64]
 
 
 class Outcome(enum.Enum):
@@ -36,11 +34,11 @@ class Outcome(enum.Enum):
 class Picture:
     """A measurement of the tip that is older than the newest one."""
 
-    tip_mm: FloatArray
+    tip_mm: Array
     """Measured tip f_m, (3,)."""
     age_us: int
     """Time from the exposure to ``Observation.time_us``."""
-    middle_mm: FloatArray
+    middle_mm: Array
     """M2 - M1, (3,); NaN where not seen."""
 
 
@@ -52,13 +50,13 @@ class Observation:
     """Index of the command to give, from 1; step 0 is ``Controller.start``."""
     time_us: int
     """Time of the run's clock."""
-    tip_mm: FloatArray | None
+    tip_mm: Array | None
     """Newest measured tip f_m, (3,); None if there is none fresh enough."""
     tip_age_us: int
     """Time from the exposure of ``tip_mm`` to ``time_us``; 0 without a tip."""
-    q_rad: FloatArray
+    q_rad: Array
     """Motor angles commanded last, as the board accepted them, (motors,)."""
-    middle_mm: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    middle_mm: Array = field(default_factory=lambda: np.full(3, np.nan))
     """M2 - M1, the end of segment 1, in the picture of ``tip_mm``, (3,); NaN where not seen."""
     earlier: tuple[Picture, ...] = ()
     """The other pictures since the last call, oldest first, without those that cannot show this
@@ -78,9 +76,9 @@ class Phase:
 class Command:
     """Motor angles to move to, and the motion that the controller predicts."""
 
-    q_rad: FloatArray
+    q_rad: Array
     """(motors,), within their limits."""
-    predicted_mm: FloatArray
+    predicted_mm: Array
     """Predicted tip at the end of this period and of any further planned ones, (k, 3)."""
     outcome: Outcome
     detail: str = field(default="")
@@ -146,7 +144,7 @@ def checked(answer: object, motors: int) -> Command:
     return replace(answer, q_rad=q_rad, predicted_mm=predicted_mm)
 
 
-def _finite(name: str, numbers: object) -> FloatArray:
+def _finite(name: str, numbers: object) -> Array:
     try:
         array = np.asarray(numbers).astype(np.float64, casting="same_kind")
     except (TypeError, ValueError):

@@ -14,20 +14,18 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.mpc import sqp
 from ccr_host.control.mpc.problem import Constants, Tracking, Weights
 from ccr_host.control.shell import NOTHING_MM, Law, Measurement, PathView, Plan, believable
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
 
-FloatArray = NDArray[np.float64]
 
-
-def damped_inverse(jacobian: FloatArray, damping: float) -> FloatArray:
+def damped_inverse(jacobian: Array, damping: float) -> Array:
     """(J'J + damping^2 I)^-1 J', (n, 3) of a (3, n) Jacobian; finite for any damping above 0."""
     gram = jacobian.T @ jacobian + damping**2 * np.eye(jacobian.shape[1])
     return np.asarray(np.linalg.solve(gram, jacobian.T))
@@ -56,7 +54,7 @@ class PidIk(Law):
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
         super().start(path, history)
-        self._error_rad: FloatArray | None = None
+        self._error_rad: Array | None = None
         self._rate_rad_s = np.zeros(self._model.motors)
         self.integral_rad = np.zeros(self._model.motors)
 
@@ -76,7 +74,7 @@ class PidIk(Law):
         gain = elapsed_s / (elapsed_s + self._INTEGRAL_TIME_S)
         self.integral_rad = self.integral_rad + gain * error_rad
 
-    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
+    def plan(self, index: float, commanded_rad: Array, time_s: float) -> Plan:
         """Plan feedforward plus PID; the integral is reduced by what the motor limits cut off."""
         reachable_rad = self.path.reachable_rad(index)
         wanted_rad = reachable_rad + self.integral_rad + self._DERIVATIVE_S * self._rate_rad_s
@@ -90,13 +88,13 @@ class PidIk(Law):
 class JacobianEstimator(Protocol):
     """Estimates J, (3, n) in mm/rad, from secants."""
 
-    jacobian_mm_rad: FloatArray
+    jacobian_mm_rad: Array
 
-    def start(self, guess_mm_rad: FloatArray) -> None:
+    def start(self, guess_mm_rad: Array) -> None:
         """Reset the estimate to a first guess."""
         ...
 
-    def correct(self, turn_rad: FloatArray, move_mm: FloatArray) -> None:
+    def correct(self, turn_rad: Array, move_mm: Array) -> None:
         """Process a secant: turn of the motors, (n,), not zero, and move of the tip, (3,)."""
         ...
 
@@ -141,7 +139,7 @@ class JacobianFeedback(Law):
         share = measurement.elapsed_s / (measurement.elapsed_s + self._INTEGRAL_TIME_S)
         self._correction_mm = self._correction_mm + share * error_mm
 
-    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
+    def plan(self, index: float, commanded_rad: Array, time_s: float) -> Plan:
         """Plan an increment; what the limits cut off is discarded."""
         target_mm = self.path.target_mm(index)
         wanted_mm = target_mm - self._target_mm + self._correction_mm
@@ -178,12 +176,12 @@ class BroydenEstimator:
     _REGULARISATION_RAD = 0.03
     """Turns well below this change J little."""
 
-    jacobian_mm_rad: FloatArray
+    jacobian_mm_rad: Array
 
-    def start(self, guess_mm_rad: FloatArray) -> None:
+    def start(self, guess_mm_rad: Array) -> None:
         self.jacobian_mm_rad = guess_mm_rad
 
-    def correct(self, turn_rad: FloatArray, move_mm: FloatArray) -> None:
+    def correct(self, turn_rad: Array, move_mm: Array) -> None:
         residual_mm = move_mm - self.jacobian_mm_rad @ turn_rad
         weight = self._RATE / (turn_rad @ turn_rad + self._REGULARISATION_RAD**2)
         self.jacobian_mm_rad = self.jacobian_mm_rad + weight * np.outer(residual_mm, turn_rad)
@@ -204,13 +202,13 @@ class KalmanEstimator:
     _NOISE_MM = 1.5
     """Noise of a measured motion, including nonlinearity."""
 
-    jacobian_mm_rad: FloatArray
+    jacobian_mm_rad: Array
 
-    def start(self, guess_mm_rad: FloatArray) -> None:
+    def start(self, guess_mm_rad: Array) -> None:
         self.jacobian_mm_rad = guess_mm_rad
         self._covariance = self._DEVIATION_MM_RAD**2 * np.eye(guess_mm_rad.shape[1])
 
-    def correct(self, turn_rad: FloatArray, move_mm: FloatArray) -> None:
+    def correct(self, turn_rad: Array, move_mm: Array) -> None:
         turned_rad = float(np.linalg.norm(turn_rad))
         walk = self._WALK_MM_RAD**2 * turned_rad * np.eye(len(turn_rad))
         covariance = self._covariance + walk
@@ -277,7 +275,7 @@ class OffsetFreeMpc(Law):
         self.disturbance_mm = self.disturbance_mm + gain * innovation_mm
         self._variance_mm2 *= 1.0 - gain
 
-    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
+    def plan(self, index: float, commanded_rad: Array, time_s: float) -> Plan:
         """Plan the horizon, starting from the last plan shifted along the reachable path."""
         targets_mm = np.array([self.path.target_mm(index + k) for k in self._ahead])
         before_rad, self._reachable_rad = self._reachable_rad, self._reachable_from(index)
@@ -290,5 +288,5 @@ class OffsetFreeMpc(Law):
         predicted_mm = self._model.tip_mm(self._plan_rad) + self.disturbance_mm
         return Plan(self._plan_rad[0], predicted_mm)
 
-    def _reachable_from(self, index: float) -> FloatArray:
+    def _reachable_from(self, index: float) -> Array:
         return np.array([self.path.reachable_rad(index + k) for k in self._ahead])

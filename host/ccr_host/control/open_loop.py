@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.base import Command, Observation, Outcome
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
-
-FloatArray = NDArray[np.float64]
 
 SINGULAR_BELOW = 0.05
 """Fraction of J's largest singular value below which a direction is dropped.

@@ -13,16 +13,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.base import APPROACH_PERIOD_S, Command, Observation, Outcome, Phase, Picture
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description
 from ccr_host.link.messages import TICK_PHASE_US, TICK_US
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
-
-FloatArray = NDArray[np.float64]
 
 _LINK_US = 1000
 """Time of a target on the wire and of its processing by the board."""
@@ -56,15 +54,15 @@ class PathView:
         self.period_s = reference.period_s
         self.last = len(reference) - 1.0
 
-    def target_mm(self, index: float) -> FloatArray:
+    def target_mm(self, index: float) -> Array:
         """Desired tip, (3,)."""
         return self._between(index, self.reference.target_mm)
 
-    def reachable_rad(self, index: float) -> FloatArray:
+    def reachable_rad(self, index: float) -> Array:
         """Nearest reachable motor angles by constant curvature, (n,)."""
         return self._between(index, self.reference.q_rad)
 
-    def _between(self, index: float, rows: FloatArray) -> FloatArray:
+    def _between(self, index: float, rows: Array) -> Array:
         return np.array([np.interp(index, self._samples, column) for column in rows.T])
 
 
@@ -72,15 +70,15 @@ class PathView:
 class Measurement:
     """A new measurement, and the setpoint in effect when it was taken."""
 
-    tip_mm: FloatArray
+    tip_mm: Array
     """M3 - M1, (3,), finite."""
-    middle_mm: FloatArray
+    middle_mm: Array
     """M2 - M1, (3,); NaN if not seen."""
     exposed_s: float
     """Time of exposure on the clock of the run."""
     time_s: float
     """Time of the commands whose effect it shows: the exposure minus the law's delay."""
-    setpoint_rad: FloatArray
+    setpoint_rad: Array
     """Setpoint in effect at ``time_s``, (n,)."""
     index: float | None
     """Step index that this setpoint aimed at; None if it followed no path."""
@@ -94,8 +92,8 @@ class Measurement:
 class Plan:
     """Motor angles to move to, (n,), and the predicted tips, (k, 3)."""
 
-    q_rad: FloatArray
-    predicted_mm: FloatArray
+    q_rad: Array
+    predicted_mm: Array
 
 
 @dataclass(frozen=True)
@@ -103,7 +101,7 @@ class Stage:
     """A part of the approach: one setpoint per approach period, (K, n)."""
 
     name: str
-    setpoints_rad: FloatArray
+    setpoints_rad: Array
     is_motion: bool = True
     """Whether its progress can be shown."""
 
@@ -133,7 +131,7 @@ class Law(ABC):
         self.path = path
         self.history = history
 
-    def first_rad(self) -> FloatArray:
+    def first_rad(self) -> Array:
         """Motor angles at the first point, (n,), by the present estimate."""
         return self.path.reachable_rad(0.0)
 
@@ -147,7 +145,7 @@ class Law(ABC):
     def observe(self, measurement: Measurement) -> None:
         """Process a measurement."""
 
-    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
+    def plan(self, index: float, commanded_rad: Array, time_s: float) -> Plan:
         """Plan the command that reaches step ``index`` of the path when it has taken effect.
 
         The default repeats the last command.
@@ -188,7 +186,7 @@ class Shell:
         self._is_first = True
         self._stage: Stage | None = None
         self._stages = self.law.stages()
-        self._moves: deque[FloatArray] = deque()
+        self._moves: deque[Array] = deque()
         self._feedback_left = round(self.law.feedback_s / APPROACH_PERIOD_S)
         self._seen_us: int | None = None
         return Command(self._last_rad, NOTHING_MM, Outcome.SOLVED, ramp_s=self._ramp_s)
@@ -271,7 +269,7 @@ class Shell:
             self.law.observe(news[0] if len(news) == 1 else _at_rest(news))
         return seen
 
-    def _can_be(self, tip_mm: FloatArray) -> bool:
+    def _can_be(self, tip_mm: Array) -> bool:
         return bool(np.all(np.abs(tip_mm) < self._farthest_mm))
 
     def _phase(self) -> Phase | None:
@@ -300,7 +298,7 @@ class Shell:
         self._history.command(_seconds(observation.time_us), self._last_rad, ramp_s, index)
 
 
-def believable(error_mm: FloatArray) -> FloatArray:
+def believable(error_mm: Array) -> Array:
     """An error, (3,), reduced to the largest plausible length."""
     length_mm = float(np.linalg.norm(error_mm))
     return (
@@ -309,8 +307,8 @@ def believable(error_mm: FloatArray) -> FloatArray:
 
 
 def smooth_moves(
-    start_rad: FloatArray, stops_rad: FloatArray, rest_s: float, tick_s: float = APPROACH_PERIOD_S
-) -> FloatArray:
+    start_rad: Array, stops_rad: Array, rest_s: float, tick_s: float = APPROACH_PERIOD_S
+) -> Array:
     """Setpoints, one per tick, (K, n), from stop to stop, (N, n), with a rest at each.
 
     Rate and acceleration of the moves are continuous.

@@ -8,7 +8,8 @@ from math import radians
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ccr_host.core.arrays import Array
 
 CDEG_PER_DEG = 100
 _BITS_PER_BYTE = 10
@@ -20,7 +21,7 @@ def deg_to_cdeg(angle_deg: float) -> int:
     return round(angle_deg * CDEG_PER_DEG)
 
 
-def rad_to_cdeg(angles_rad: NDArray[np.float64]) -> list[int]:
+def rad_to_cdeg(angles_rad: Array) -> list[int]:
     """Nearest 0.01 deg of each angle.
 
     Raises:
@@ -33,7 +34,7 @@ def rad_to_cdeg(angles_rad: NDArray[np.float64]) -> list[int]:
         raise ValueError(f"angles of {angles_rad} rad cannot be sent") from None
 
 
-def cdeg_to_rad(angles_cdeg: Iterable[int]) -> NDArray[np.float64]:
+def cdeg_to_rad(angles_cdeg: Iterable[int]) -> Array:
     """Angles of all axes, rad, (axes,), from units of 0.01 deg."""
     return np.array([radians(angle / CDEG_PER_DEG) for angle in angles_cdeg])
 

@@ -9,9 +9,7 @@ from __future__ import annotations
 from types import TracebackType
 from typing import Final, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ccr_host.core.arrays import Array
 from ccr_host.core.clock import NEVER_US, Clock
 from ccr_host.core.errors import DeviceError
 from ccr_host.core.stop_signals import interruptible_again
@@ -276,7 +274,7 @@ class Client(Board):
         return 0 if latched or self._targets.awaits_answer else NEVER_US
 
     @property
-    def accepted_rad(self) -> NDArray[np.float64]:
+    def accepted_rad(self) -> Array:
         """Newest target as the board has accepted it, rad, (motors,); at first the rest pose.
 
         Raises:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import DeviceError
 from ccr_host.core.wire import cdeg_to_rad, rad_to_cdeg
 from ccr_host.link import messages as m
@@ -14,7 +14,7 @@ from ccr_host.link.board_config import BoardConfig
 from ccr_host.link.device_errors import BoardFaultError, BoardStoppedError, LinkLossError
 from ccr_host.link.messages import State
 
-Angles = Sequence[float] | NDArray[np.float64]
+Angles = Sequence[float] | Array
 """One for each motor, rad."""
 
 _LED_TO_REST_US = 5_000_000
@@ -32,7 +32,7 @@ class TargetLog:
         self.fed_us = self.fed_until_us = 0
         """When the last target was sent, and when its validity ends."""
         self._gap_us, self._gap_end_us = 0, -_LED_TO_REST_US
-        self.accepted_rad: NDArray[np.float64] | None = None
+        self.accepted_rad: Array | None = None
         """Newest target as the board has accepted it, shape (axes,)."""
         self._open_since_us: dict[int, int] = {}
         self._given_up = 0

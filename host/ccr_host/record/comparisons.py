@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Control, Description, load
-from ccr_host.run.observer import StepRecord, Vector, measured_errors_mm, true_errors_mm
+from ccr_host.run.observer import StepRecord, measured_errors_mm, true_errors_mm
 from ccr_host.run.options import RunOptions
 from ccr_host.sim.robot.plant import TWIN
 from ccr_host.tracking.uri import parse_tracker_uri
@@ -109,5 +110,5 @@ def why_measured_differs(records: Sequence[StepRecord]) -> str | None:
     return f"noise, delay or misread markers put the measured tip {off_mm:.1f} mm (RMS) off"
 
 
-def _rms_mm(vectors_mm: Vector) -> float:
+def _rms_mm(vectors_mm: Array) -> float:
     return float(np.sqrt((vectors_mm**2).sum(axis=1).mean()))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccr_host.control.open_loop import OpenLoop
+from ccr_host.core.arrays import Array
 from ccr_host.record.comparisons import paper_mean_mm
 from ccr_host.record.figure_style import (
     BESIDE_THE_TRUTH,
@@ -24,7 +25,7 @@ from ccr_host.record.figure_style import (
 )
 from ccr_host.robot.reference import PATH_AXES, Reference
 from ccr_host.robot.workspace import Workspace
-from ccr_host.run.observer import StepRecord, Vector, measured_errors_mm, true_errors_mm
+from ccr_host.run.observer import StepRecord, measured_errors_mm, true_errors_mm
 from ccr_host.run.options import RunOptions
 
 if TYPE_CHECKING:
@@ -145,13 +146,13 @@ def _planes(reference: Reference) -> tuple[str, ...]:
     return ("yz", "xz", "yx") if reference.in_space else ("yz", "xz")
 
 
-def _in_plane(points_mm: Vector, plane: str) -> tuple[Vector, Vector]:
+def _in_plane(points_mm: Array, plane: str) -> tuple[Array, Array]:
     across, upwards = (points_mm[:, PATH_AXES[axis]] for axis in plane)
     return across, upwards
 
 
 def _draw_plane(axes: Axes, runs: Sequence[PlottedRun], plane: str) -> None:
-    drawn: list[Vector] = []
+    drawn: list[Array] = []
     for run in runs:
         if not any(np.array_equal(run.reference.target_mm, other) for other in drawn):
             drawn.append(run.reference.target_mm)
@@ -266,9 +267,9 @@ def _styled(runs: Sequence[PlottedRun]) -> Iterator[tuple[PlottedRun, str, str]]
         seen[controller] += 1
 
 
-def _paths(run: PlottedRun) -> tuple[Vector, Vector | None]:
+def _paths(run: PlottedRun) -> tuple[Array, Array | None]:
     """Measured and true tip at the end of each step, (N, 3) in mm; no truth of a real robot."""
     targets = np.array([record.target_mm for record in run.records]).reshape(-1, 3)
     truth = true_errors_mm(run.records)
-    measured: Vector = targets + measured_errors_mm(run.records)
+    measured: Array = targets + measured_errors_mm(run.records)
     return measured, None if truth is None else targets + truth

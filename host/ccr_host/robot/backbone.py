@@ -8,14 +8,13 @@ to explain the markers best; between them it is as smooth as an arc.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from ccr_host.core.arrays import Array
 from ccr_host.robot.kinematics import ConstantCurvature
-
-FloatArray = NDArray[np.float64]
 
 _CONVERGED = 1e-6
 _STRAIGHT_RAD = 1e-6
@@ -23,9 +22,7 @@ _STRAIGHT_RAD = 1e-6
 _MOST_QUARTER_RAD = 1.2
 
 
-def fitted_bending_rad(
-    model: ConstantCurvature, markers_mm: FloatArray, start_rad: ArrayLike
-) -> FloatArray:
+def fitted_bending_rad(model: ConstantCurvature, markers_mm: Array, start_rad: ArrayLike) -> Array:
     """Degrees of freedom, (D,), that explain the markers best, least squares over all.
 
     Args:
@@ -41,13 +38,13 @@ def fitted_bending_rad(
         method="lm",
         xtol=_CONVERGED,
     )
-    bending_rad: FloatArray = fit.x
+    bending_rad: Array = fit.x
     return bending_rad
 
 
 def measured_backbone_mm(
-    model: ConstantCurvature, markers_mm: FloatArray, bending_rad: FloatArray, points: int = 41
-) -> FloatArray:
+    model: ConstantCurvature, markers_mm: Array, bending_rad: Array, points: int = 41
+) -> Array:
     """Curve through the segment ends that the markers show, (points, 3), origin M1."""
     angles_rad = np.linalg.norm(model.bends_rad(bending_rad), axis=-1)
     lengths = model.lengths_mm * _hermite_speed(angles_rad)
@@ -59,29 +56,27 @@ def measured_backbone_mm(
         start + length * np.arange(len(part)) / len(part)
         for start, length, part in zip(ends[:-1], lengths, parts, strict=True)
     ]
-    backbone_mm: FloatArray = curve(np.concatenate([*along, ends[-1:]]))
+    backbone_mm: Array = curve(np.concatenate([*along, ends[-1:]]))
     return backbone_mm
 
 
-def marker_feet_mm(
-    model: ConstantCurvature, markers_mm: FloatArray, bending_rad: FloatArray
-) -> FloatArray:
+def marker_feet_mm(model: ConstantCurvature, markers_mm: Array, bending_rad: Array) -> Array:
     """Where the markers' stalks leave the backbone, (S + 1, 3), origin M1."""
     offsets_mm = model.marker_offset_mm * model.disk_turns(bending_rad)[:, :, 1]
-    feet_mm: FloatArray = markers_mm - markers_mm[0] - offsets_mm
+    feet_mm: Array = markers_mm - markers_mm[0] - offsets_mm
     return feet_mm
 
 
-def turns_to(directions: FloatArray) -> FloatArray:
+def turns_to(directions: Array) -> Array:
     """Quaternions (w, x, y, z) that turn the z axis along unit ``directions`` (N, 3) -> (N, 4)."""
     x, y, z = directions.T
     angles = np.stack([np.arctan2(y, x), np.arctan2(np.hypot(x, y), z)], axis=1)
-    quaternions: FloatArray = Rotation.from_euler("ZY", angles).as_quat(scalar_first=True)
+    quaternions: Array = Rotation.from_euler("ZY", angles).as_quat(scalar_first=True)
     return quaternions
 
 
-def _hermite_speed(angle_rad: FloatArray) -> FloatArray:
+def _hermite_speed(angle_rad: Array) -> Array:
     """Tangent length over arc length with which a cubic follows an arc best."""
     quarter = np.clip(angle_rad / 4.0, _STRAIGHT_RAD, _MOST_QUARTER_RAD)
-    speed: FloatArray = np.tan(quarter) / quarter
+    speed: Array = np.tan(quarter) / quarter
     return speed

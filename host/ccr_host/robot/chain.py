@@ -29,7 +29,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from ccr_host.core.arrays import Array
+
 Exponents = tuple[int, int]
 """How often something is differentiated by b_x and by b_y; of a planar segment by theta, and 0."""
 
@@ -55,19 +56,19 @@ STUMPFF = np.stack(
 """Cosines at the nodes to c_0, c_1, ..., and 1."""
 
 
-def planar_functions(theta_rad: FloatArray) -> FloatArray:
+def planar_functions(theta_rad: Array) -> Array:
     """Cosines of each node's share of the bending, then sines, (N, D) -> (D, N, 2 * nodes)."""
     shares = theta_rad.T[:, :, None] * NODES
     return np.concatenate((np.cos(shares), np.sin(shares)), axis=2)
 
 
-def spatial_functions(bend_rad: FloatArray, count: int) -> FloatArray:
+def spatial_functions(bend_rad: Array, count: int) -> Array:
     """b_x^i b_y^j c_k for the first ``TERMS``, (N, 2) -> (N, count)."""
     angles = np.sqrt((bend_rad * bend_rad).sum(1)).reshape(-1, 1)
     stumpff = np.cos(angles * NODES) @ STUMPFF
     powers = np.vander(bend_rad.ravel(), _POWERS, increasing=True).reshape(-1, 2 * _POWERS)
     by_x, by_y, number = TERMS[0, :count], TERMS[1, :count] + _POWERS, TERMS[2, :count]
-    functions: FloatArray = powers.take(by_x, 1) * powers.take(by_y, 1) * stumpff.take(number, 1)
+    functions: Array = powers.take(by_x, 1) * powers.take(by_y, 1) * stumpff.take(number, 1)
     return functions
 
 
@@ -79,7 +80,7 @@ def exponents(is_spatial: bool, order: int) -> list[Exponents]:
 
 
 @lru_cache(maxsize=128)
-def transform_constants(direction_rad: float | None, length_mm: float, order: int) -> FloatArray:
+def transform_constants(direction_rad: float | None, length_mm: float, order: int) -> Array:
     """The constants that make a segment's transform and derivatives of its functions.
 
     Args:
@@ -94,7 +95,7 @@ def transform_constants(direction_rad: float | None, length_mm: float, order: in
     family = _spatial(length_mm) if direction_rad is None else _planar(direction_rad, length_mm)
     wanted = exponents(direction_rad is None, order)
     count = len(family[0][0].row()) if direction_rad is not None else _TERMS_UP_TO[order]
-    constants: FloatArray = np.zeros((count, len(wanted), 4, 4))
+    constants: Array = np.zeros((count, len(wanted), 4, 4))
     for number, (by_x, by_y) in enumerate(wanted):
         for row, column in np.ndindex(4, 4):
             function = family[row][column].differentiated(by_x, by_y)
@@ -111,7 +112,7 @@ class _Waves:
     def differentiated(self, by_theta: int, _: int) -> _Waves:
         return _Waves(self._weights * (1j * NODES) ** by_theta)
 
-    def row(self) -> FloatArray:
+    def row(self) -> Array:
         return np.concatenate([self._weights.real, -self._weights.imag])
 
 
@@ -130,7 +131,7 @@ class _Polynomial:
             function = function._slope(axis)
         return function
 
-    def row(self) -> FloatArray:
+    def row(self) -> Array:
         return np.array([self.terms.get((i, j, k), 0.0) for i, j, k in TERMS.T.tolist()])
 
     def _slope(self, axis: int) -> _Polynomial:
@@ -203,13 +204,13 @@ class Bend(NamedTuple):
     Of order 0 there are none, instead of 2.
     """
 
-    end: FloatArray
+    end: Array
     """End of a segment of length 1, (..., 3)."""
-    end_by: FloatArray
+    end_by: Array
     """(..., 2, 3)."""
-    turn: FloatArray
+    turn: Array
     """Rotation from the frame of the last disk to that of the first, (..., 3, 3)."""
-    turn_by: FloatArray
+    turn_by: Array
     """(..., 2, 3, 3)."""
 
 
@@ -228,15 +229,15 @@ def bend_of(bend_rad: ArrayLike, order: Literal[0, 1] = 1) -> Bend:
 class Weights:
     """Which points of a chain are added up, and how often each."""
 
-    at_end: FloatArray
+    at_end: Array
     """Weight of the end of each segment, (..., S)."""
-    along: FloatArray
+    along: Array
     """Weight spread evenly along each segment, (..., S)."""
-    tip_offset_mm: FloatArray
+    tip_offset_mm: Array
     """Added in the frame of the last disk, (..., 3)."""
 
     @cached_property
-    def shares(self) -> tuple[FloatArray, FloatArray]:
+    def shares(self) -> tuple[Array, Array]:
         """Weight of each segment's end, of all that it carries, and of its middle, (..., S, 1).
 
         Weight along a segment acts at the mean of its points, by Simpson's rule.
@@ -246,8 +247,8 @@ class Weights:
 
 
 def point_mm(
-    lengths_mm: FloatArray, bend_rad: FloatArray, weights: Weights, shorter_mm: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+    lengths_mm: Array, bend_rad: Array, weights: Weights, shorter_mm: Array
+) -> tuple[Array, Array]:
     """Weighted sum of points of chains in the frame of their base, and its derivatives.
 
     It is the tip for a weight of 1 at the last end alone; with weights in N it is what gravity's
@@ -283,9 +284,7 @@ def point_mm(
     return beyond[..., 0], by
 
 
-def ends_mm(
-    lengths_mm: FloatArray, bend_rad: FloatArray, shorter_mm: FloatArray
-) -> list[tuple[FloatArray, FloatArray]]:
+def ends_mm(lengths_mm: Array, bend_rad: Array, shorter_mm: Array) -> list[tuple[Array, Array]]:
     """Place, (..., 3, 1), and turn, (..., 3, 3), of the disk that ends each segment.
 
     The arguments are those of ``point_mm``.
@@ -301,9 +300,7 @@ def ends_mm(
     return ends
 
 
-def _shortened(
-    lengths_mm: FloatArray, bend_rad: FloatArray, shorter_mm: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _shortened(lengths_mm: Array, bend_rad: Array, shorter_mm: Array) -> tuple[Array, Array]:
     """Lengths of bent segments, (..., S, 1), and what bending takes off them, (..., S, 2)."""
     shortening = shorter_mm[..., None] * bend_rad
     lengths = lengths_mm[..., None] - (shortening * bend_rad).sum(axis=-1, keepdims=True)

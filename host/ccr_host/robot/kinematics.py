@@ -21,8 +21,9 @@ from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ccr_host.core.arrays import Array, BoolArray, IntArray
 from ccr_host.description.schema import Robot, Segment
 from ccr_host.robot.chain import (
     MOST_DERIVATIVES,
@@ -35,9 +36,6 @@ from ccr_host.robot.chain import (
     transform_constants,
 )
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 
 class Chain(NamedTuple):
     """The constants of a robot, for ``jets``; S segments, D degrees of freedom, n motors.
@@ -47,21 +45,21 @@ class Chain(NamedTuple):
     the transform's by its own coordinates and of the point's by all later ones.
     """
 
-    bending: FloatArray
+    bending: Array
     """y of the motor angles, transposed, (n, D)."""
-    is_planar: NDArray[np.bool_]
+    is_planar: BoolArray
     """Which segments are, (S,)."""
     has_planar: bool
     first: IntArray
     """Number of each segment's first coordinate, (S,)."""
-    shapes: Sequence[FloatArray]
+    shapes: Sequence[Array]
     """Transforms with derivatives, times the functions of the bending, (functions, all)."""
     kept: Sequence[IntArray]
     """Which products with the jets of the later segments, sorted as ``jet_index`` has them, do not
     exceed the order; all of the last segment's do."""
 
 
-def freedom_of(segments: Sequence[Segment]) -> FloatArray:
+def freedom_of(segments: Sequence[Segment]) -> Array:
     """Bending vectors of the degrees of freedom, (D, S, 2)."""
     vectors = []
     for number, segment in enumerate(segments):
@@ -73,7 +71,7 @@ def freedom_of(segments: Sequence[Segment]) -> FloatArray:
     return np.array(vectors)
 
 
-def bending_of_motors(robot: Robot) -> FloatArray:
+def bending_of_motors(robot: Robot) -> Array:
     """Degrees of freedom over motor angles, (D, n), see the module."""
     segments = robot.chain
     freedom = freedom_of(segments)
@@ -88,7 +86,7 @@ def bending_of_motors(robot: Robot) -> FloatArray:
     by_freedom = np.tensordot(levers, freedom, axes=((1, 2), (1, 2)))
     stiffness = np.array([segment.stiffness for segment in segments])
     measure = 1.0 / np.sqrt((freedom**2).sum(axis=2) @ stiffness)
-    bending: FloatArray = measure[:, None] * (np.linalg.pinv(by_freedom * measure) @ wound)
+    bending: Array = measure[:, None] * (np.linalg.pinv(by_freedom * measure) @ wound)
     # What pinv leaves of products that vanish.
     bending[np.abs(bending) < 1e-12 * np.abs(bending).max()] = 0.0
     return bending
@@ -162,19 +160,19 @@ def derivative_index(coordinates: int, number: int) -> IntArray:
     return np.array([index[tuple(sorted(chosen))] for chosen in every], dtype=np.int64)
 
 
-def products(left: FloatArray, right: FloatArray) -> FloatArray:
+def products(left: Array, right: Array) -> Array:
     """Matrix products, (N, i, j) or (i, j) times (N, j, k)."""
-    both: FloatArray = left @ right
+    both: Array = left @ right
     return both
 
 
-def chosen(rows: FloatArray, numbers: IntArray) -> FloatArray:
+def chosen(rows: Array, numbers: IntArray) -> Array:
     """Rows of each matrix, (N, i, j) -> (N, numbers, j)."""
-    some: FloatArray = rows.take(numbers, 1)
+    some: Array = rows.take(numbers, 1)
     return some
 
 
-def jets(chain: Chain, y_rad: FloatArray) -> FloatArray:
+def jets(chain: Chain, y_rad: Array) -> Array:
     """The tip in the frame of (10) and its derivatives by y, (N, D) -> (N, K, 3).
 
     In the order of ``jet_index``: the value, the first derivatives, and so on, mm/rad^order.
@@ -192,11 +190,11 @@ def jets(chain: Chain, y_rad: FloatArray) -> FloatArray:
     return point
 
 
-def _functions(chain: Chain, y_rad: FloatArray, waves: FloatArray, number: int) -> FloatArray:
+def _functions(chain: Chain, y_rad: Array, waves: Array, number: int) -> Array:
     """Functions of the bending of one segment, (N, functions)."""
     first = chain.first[number]
     if chain.is_planar[number]:
-        own: FloatArray = waves[first]
+        own: Array = waves[first]
         return own
     return spatial_functions(y_rad[:, first : first + 2], len(chain.shapes[number]))
 
@@ -220,7 +218,7 @@ class ConstantCurvature:
         self.motors = self._bending.shape[1]
         stiffness = np.array([segment.stiffness for segment in segments])
         of_freedom = (self._freedom**2).sum(axis=2) @ stiffness
-        self.energy: FloatArray = (self._bending.T * of_freedom) @ self._bending
+        self.energy: Array = (self._bending.T * of_freedom) @ self._bending
         """Twice the energy of the bending over the squares of the motor angles, (n, n), over the
         stiffness of the first segment."""
 
@@ -236,12 +234,12 @@ class ConstantCurvature:
         ends = range(1, len(self.lengths_mm) + 1)
         return [chain_of(self._robot, 1, end=end) for end in ends]
 
-    def bending_rad(self, q_rad: ArrayLike) -> FloatArray:
+    def bending_rad(self, q_rad: ArrayLike) -> Array:
         """Degrees of freedom, theta = k L of planar segments (4), (5); (..., n) -> (..., D)."""
-        bending: FloatArray = np.asarray(q_rad, dtype=np.float64) @ self._bending.T
+        bending: Array = np.asarray(q_rad, dtype=np.float64) @ self._bending.T
         return bending
 
-    def markers_mm(self, bending_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def markers_mm(self, bending_rad: Array) -> tuple[Array, Array]:
         """Markers relative to M1 and their derivatives by the degrees of freedom.
 
         Args:
@@ -262,16 +260,16 @@ class ConstantCurvature:
             slopes[:, number, :, :own] = jet[:, 1:].swapaxes(1, 2)
         return places, slopes
 
-    def tip_mm(self, q_rad: ArrayLike) -> FloatArray:
+    def tip_mm(self, q_rad: ArrayLike) -> Array:
         """Tip's marker relative to M1, f of (10); ``q_rad`` (..., n) -> (..., 3)."""
         return self._jets(q_rad, 0)[..., 0, :]
 
-    def jacobian_mm_rad(self, q_rad: ArrayLike) -> FloatArray:
+    def jacobian_mm_rad(self, q_rad: ArrayLike) -> Array:
         """J = df/dq of (11); ``q_rad`` (..., n) -> (..., 3, n)."""
         by_y = self._jets(q_rad, 1)[..., 1:, :]
         return np.swapaxes(by_y, -1, -2) @ self._bending
 
-    def second_order(self, q_rad: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def second_order(self, q_rad: ArrayLike) -> tuple[Array, Array, Array]:
         """Tip in mm, (..., 3), and its derivatives by motors, (..., 3, n) and (..., 3, n, n)."""
         derivatives = self.by_motors @ self._jets(q_rad, 2)
         n = self.motors
@@ -280,14 +278,14 @@ class ConstantCurvature:
         return derivatives[..., 0, :], slopes, np.moveaxis(square, -1, -3)
 
     @cached_property
-    def by_motors(self) -> FloatArray:
+    def by_motors(self) -> Array:
         """Value, first and second derivatives by the motors over the jets, (1 + n + n^2, K)."""
         freedoms, turned = len(self._bending), self._bending.T
         own = np.eye(len(jet_index(freedoms, 2)))
         square = np.kron(turned, turned) @ own[derivative_index(freedoms, 2)]
         return np.vstack([own[:1], turned @ own[1 : freedoms + 1], square])
 
-    def backbone_mm(self, q_rad: ArrayLike, points: int = 41) -> FloatArray:
+    def backbone_mm(self, q_rad: ArrayLike, points: int = 41) -> Array:
         """Points along the backbone from base to tip, in the frame of (10).
 
         The origin is marker 1, so the backbone starts at (0, 0, -d_m). ``q_rad`` (..., n) ->
@@ -304,15 +302,15 @@ class ConstantCurvature:
             here = length * share * bend_of(share * bends[..., number, None, :]).end
             line += here @ np.swapaxes(turn, -1, -2)
             turn = turn @ bend_of(bends[..., number, :]).turn
-        turned: FloatArray = line @ PAPER_FRAME.T
+        turned: Array = line @ PAPER_FRAME.T
         return turned
 
-    def bends_rad(self, bending_rad: FloatArray) -> FloatArray:
+    def bends_rad(self, bending_rad: Array) -> Array:
         """Bending vector of each segment, as long as its angle; (..., D) -> (..., S, 2)."""
-        bends: FloatArray = np.tensordot(bending_rad, self._freedom, axes=1)
+        bends: Array = np.tensordot(bending_rad, self._freedom, axes=1)
         return bends
 
-    def disk_turns(self, bending_rad: FloatArray) -> FloatArray:
+    def disk_turns(self, bending_rad: Array) -> Array:
         """Orientation of the base and of each segment's last disk in the frame of (10).
 
         The columns of each matrix are the disk's axes: z along the backbone, y towards its marker.
@@ -323,8 +321,8 @@ class ConstantCurvature:
             turns.append(turns[-1] @ turn)
         return np.array(turns)
 
-    def _jets(self, q_rad: ArrayLike, order: int) -> FloatArray:
+    def _jets(self, q_rad: ArrayLike, order: int) -> Array:
         y = self.bending_rad(q_rad)
         flat = jets(self.chain(order), y.reshape(-1, y.shape[-1]))
-        shaped: FloatArray = flat.reshape(*y.shape[:-1], -1, 3)
+        shaped: Array = flat.reshape(*y.shape[:-1], -1, 3)
         return shaped

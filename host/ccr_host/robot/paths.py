@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.text_table import UNIT, TextTable, in_ascii, is_number, shown
 from ccr_host.core.user_file import is_there, printable
@@ -27,7 +27,6 @@ from ccr_host.robot.workspace import Surface
 
 __all__ = ["MAX_SAMPLES", "PAPER_PATHS", "Reference", "load_path", "path_names", "sample_path"]
 
-FloatArray = NDArray[np.float64]
 
 MIN_SAMPLES = 2
 MIN_RATE_HZ = 0.1
@@ -37,46 +36,46 @@ MAX_RATE_HZ = 1000.0
 _LONGEST_TITLE = 60
 
 
-_Line = tuple[FloatArray, FloatArray, FloatArray | None]
+_Line = tuple[Array, Array, Array | None]
 """y, z and x of the samples, mm; x may be left to the robot."""
 
 
 @dataclass(frozen=True)
 class _Shape:
     duration_s: float
-    line_mm: Callable[[FloatArray, float], _Line]
+    line_mm: Callable[[Array, float], _Line]
     """The line at times, s, for a robot of some length, mm."""
 
 
-def _ellipse(t: FloatArray, _: float) -> _Line:
+def _ellipse(t: Array, _: float) -> _Line:
     phase = math.pi * t / 40.0
     return 35.0 * np.cos(phase), 45.0 * np.sin(phase), None
 
 
-def _eight(t: FloatArray, _: float) -> _Line:
+def _eight(t: Array, _: float) -> _Line:
     sine, cosine = np.sin(math.pi * t / 40.0), np.cos(math.pi * t / 40.0)
     z = 48.0 * np.sign(cosine) * cosine**2
     return z * sine, z, None
 
 
-def _star(t: FloatArray, _: float) -> _Line:
+def _star(t: Array, _: float) -> _Line:
     fast, slow = math.pi * t / 10.0, math.pi * t / 25.0
     y, z = 0.4 * np.sin(fast) - np.sin(slow), 0.4 * np.cos(fast) + np.cos(slow)
     return 25.0 * y, 25.0 * z, None
 
 
-def _swing(t: FloatArray, length_mm: float) -> _Line:
+def _swing(t: Array, length_mm: float) -> _Line:
     """To and fro in the plane of one segment."""
     return np.zeros_like(t), 0.3 * length_mm * np.sin(math.pi * t / 20.0), None
 
 
-def _circle(t: FloatArray, length_mm: float) -> _Line:
+def _circle(t: Array, length_mm: float) -> _Line:
     phase = math.pi * t / 40.0
     radius_mm = 0.3 * length_mm
     return radius_mm * np.cos(phase), radius_mm * np.sin(phase), np.full_like(t, -0.85 * length_mm)
 
 
-def _helix(t: FloatArray, length_mm: float) -> _Line:
+def _helix(t: Array, length_mm: float) -> _Line:
     """Three turns, towards the base and back to the first point."""
     phase = math.pi * t / 40.0
     radius_mm = 0.25 * length_mm
@@ -84,7 +83,7 @@ def _helix(t: FloatArray, length_mm: float) -> _Line:
     return radius_mm * np.cos(3.0 * phase), radius_mm * np.sin(3.0 * phase), along_mm
 
 
-def _dome_eight(t: FloatArray, length_mm: float) -> _Line:
+def _dome_eight(t: Array, length_mm: float) -> _Line:
     """A figure of eight on the dome that the tip of one arc of constant curvature reaches."""
     phase = math.pi * t / 40.0
     bend_rad = np.sin(phase)
@@ -102,7 +101,7 @@ _PEN = (
 """C and R, drawn without lifting the pen, and the way back; widths and heights."""
 
 
-def _letters(t: FloatArray, length_mm: float) -> _Line:
+def _letters(t: Array, length_mm: float) -> _Line:
     """Two letters at constant speed, in a plane across the robot."""
     corners = np.array(_PEN)
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
@@ -183,7 +182,7 @@ def _existing_file(name_or_file: str) -> Path:
     return file
 
 
-def _clock(name: str, samples: float, rate_hz: float) -> FloatArray:
+def _clock(name: str, samples: float, rate_hz: float) -> Array:
     """Sample times from 0, s; the tolerance absorbs rounding just below a whole count."""
     count = math.floor(samples + 1e-6) if samples < 2 * MAX_SAMPLES else MAX_SAMPLES + 1
     if count > MAX_SAMPLES:
@@ -239,12 +238,12 @@ paths run at 3 to 10 mm/s."""
 class SampledPath:
     """A sampled path, arrays of (N,); ``x_mm`` is None if it follows from the model."""
 
-    time_s: FloatArray
-    y_mm: FloatArray
-    z_mm: FloatArray
-    x_mm: FloatArray | None
+    time_s: Array
+    y_mm: Array
+    z_mm: Array
+    x_mm: Array | None
 
-    def resampled(self, time_s: FloatArray) -> SampledPath:
+    def resampled(self, time_s: Array) -> SampledPath:
         """Interpolate linearly at ``time_s``, which counts from the first sample."""
         own = self.time_s - self.time_s[0]
         x = None if self.x_mm is None else np.interp(time_s, own, self.x_mm)
@@ -310,7 +309,7 @@ def _columns(cells: list[str]) -> _Columns | str:
     return _Columns(names, units)
 
 
-def _read(table: TextTable[_Columns]) -> dict[str, FloatArray]:
+def _read(table: TextTable[_Columns]) -> dict[str, Array]:
     """Columns by name, in s and mm."""
     values = array("d")
     for line, cells in table.rows():
@@ -326,7 +325,7 @@ def _read(table: TextTable[_Columns]) -> dict[str, FloatArray]:
         }
 
 
-def _require_plausible_units(file: Path, header: _Columns, table: dict[str, FloatArray]) -> None:
+def _require_plausible_units(file: Path, header: _Columns, table: dict[str, Array]) -> None:
     """Reject coordinates out of reach, and paths in s and mm that were probably meant otherwise."""
     own = {name for name, unit in zip(header.names, header.units, strict=True) if unit in _OWN}
     mm = np.stack([table[name] for name in "yzx" if name in table])

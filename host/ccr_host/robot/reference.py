@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.core.errors import ConfigError
-
-FloatArray = NDArray[np.float64]
 
 REACHABLE_MM = 0.01
 """Points closer than this count as reachable: far above rounding (1e-12 mm), far below what the
@@ -39,10 +37,10 @@ class Reference:
 
     name: str
     period_s: float
-    time_s: FloatArray
-    target_mm: FloatArray
-    q_rad: FloatArray
-    unavoidable_mm: FloatArray
+    time_s: Array
+    target_mm: Array
+    q_rad: Array
+    unavoidable_mm: Array
     laps: int = 1
     in_space: bool = False
 
@@ -89,7 +87,7 @@ class Reference:
         )
 
     @property
-    def reachable(self) -> NDArray[np.bool_]:
+    def reachable(self) -> BoolArray:
         """Which samples can be reached, (N,)."""
         return self.unavoidable_mm <= REACHABLE_MM
 

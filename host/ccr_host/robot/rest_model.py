@@ -14,16 +14,14 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Segment
 from ccr_host.robot.arc import SHORTER_BY_SAG
 from ccr_host.robot.chain import Weights
 from ccr_host.robot.kinematics import freedom_of
 from ccr_host.robot.tendon_rest import TendonRobot, pulled_mm, steps_from_here
-
-FloatArray = NDArray[np.float64]
 
 _MARKERS_MM, _GLUE_MM, _PLACE_MM = 0.7, 0.5, 5.0
 """Deviation of all markers from their described place, of each from that of the tip, and of the
@@ -59,7 +57,7 @@ class Markers(NamedTuple):
 
     ends: tuple[int, ...]
     """Numbers, from 0, of the segments at whose ends there is a marker."""
-    offset_mm: FloatArray
+    offset_mm: Array
     """Marker seen from the backbone, in the frame of its disk, (3,)."""
     are_from_base: bool
     """Whether they are seen from another marker at the base, not from anywhere near it."""
@@ -73,13 +71,13 @@ def tip_alone(segments: int, offset_mm: float = 0.0) -> Markers:
 class Slopes(NamedTuple):
     """Derivatives at N rests; P are the scores by which they are taken."""
 
-    markers: FloatArray
+    markers: Array
     """By the scores, (N, ends, 3, P)."""
-    yielding: FloatArray
+    yielding: Array
     """Of the degrees of freedom by the scores, (N, D, P)."""
-    by_freedom: FloatArray
+    by_freedom: Array
     """Of the markers at bending, (N, ends, 3, D)."""
-    compliance: FloatArray
+    compliance: Array
     """Of the degrees of freedom by moments, (N, D, D)."""
 
 
@@ -89,24 +87,24 @@ class MarkedRobot(TendonRobot):
 
     ends: tuple[int, ...]
     """As in ``Markers``."""
-    places_mm: FloatArray
+    places_mm: Array
     """Each marker seen from the backbone, in the frame of its disk, (..., ends, 3)."""
-    turn: FloatArray
+    turn: Array
     """From the robot's frame to that of the measurement, (..., 3, 3)."""
-    origin_mm: FloatArray
+    origin_mm: Array
     """Place of the base in the frame of the measurement, (..., 3)."""
 
-    def seen_mm(self, y: FloatArray) -> FloatArray:
+    def seen_mm(self, y: Array) -> Array:
         """Markers relative to that at the base, (..., D) -> (..., ends, 3), at rest."""
         disks, seen = self.ends_mm(y), []
         for number, end in enumerate(self.ends):
             place, turn = disks[end]
             seen.append((place + turn @ self.places_mm[..., number, :, None])[..., 0])
         robot_mm = np.stack(seen, axis=-2) - self.places_mm[..., -1:, :]
-        seen_mm: FloatArray = robot_mm @ np.swapaxes(self.turn, -1, -2)
+        seen_mm: Array = robot_mm @ np.swapaxes(self.turn, -1, -2)
         return seen_mm + self.origin_mm[..., None, :]
 
-    def seen_by(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def seen_by(self, y: Array) -> tuple[Array, Array]:
         """``seen_mm`` of one robot and its derivatives, (..., ends, 3, D)."""
         near = self.seen_mm(y[..., None, :] + steps_from_here(y.shape[-1], _PROBE_RAD))
         here_mm = near[..., :1, :, :]
@@ -128,7 +126,7 @@ class RestModel:
         self,
         segments: tuple[Segment, ...],
         markers: Markers | None = None,
-        up: FloatArray | None = None,
+        up: Array | None = None,
     ) -> None:
         self._segments = segments
         self._markers = markers or tip_alone(len(segments))
@@ -159,19 +157,19 @@ class RestModel:
         self.frame = np.eye(3), np.zeros(3)
         """Rotation and place of the base in the frame of the measurement, before ``turn``."""
 
-    def values(self, score: FloatArray) -> FloatArray:
+    def values(self, score: Array) -> Array:
         """Parameters of scores, (parameter - mean) / deviation of the prior, both (..., P)."""
-        values: FloatArray = self._mean + self.deviation * score
+        values: Array = self._mean + self.deviation * score
         dead = self._groups["dead_travel"]
         values[..., dead] = np.abs(values[..., dead])
         return values
 
-    def group(self, score: FloatArray, name: str) -> FloatArray:
+    def group(self, score: Array, name: str) -> Array:
         """The parameters whose names begin with this one, in order, (..., number)."""
-        values: FloatArray = self.values(score)[..., self._groups[name]]
+        values: Array = self.values(score)[..., self._groups[name]]
         return values
 
-    def robot(self, score: FloatArray) -> MarkedRobot:
+    def robot(self, score: Array) -> MarkedRobot:
         """The robot that the parameters stand for, or several robots, (..., P)."""
         values = self.values(score)
         of = {name: values[..., numbers] for name, numbers in self._groups.items()}
@@ -212,14 +210,12 @@ class RestModel:
             origin_mm=self.frame[1] + of["base"],
         )
 
-    def half_dead_mm(self, score: FloatArray) -> FloatArray:
+    def half_dead_mm(self, score: Array) -> Array:
         """Half the dead travel of each tendon, (..., T)."""
-        half: FloatArray = 0.5 * self.group(score, "dead_travel")[..., self.segment_of]
+        half: Array = 0.5 * self.group(score, "dead_travel")[..., self.segment_of]
         return half
 
-    def travel_mm(
-        self, score: FloatArray, start_mm: FloatArray, wound_mm: FloatArray
-    ) -> FloatArray:
+    def travel_mm(self, score: Array, start_mm: Array, wound_mm: Array) -> Array:
         """Pull of each tendon behind its dead travel, (N, ..., T): the play operator over all rows.
 
         Args:
@@ -234,16 +230,16 @@ class RestModel:
         return np.array(rows)
 
     @property
-    def nothing(self) -> FloatArray:
+    def nothing(self) -> Array:
         """Scores of the description itself, (P,)."""
         return np.zeros(len(self.unknowns))
 
     def slopes(
         self,
-        score: FloatArray,
+        score: Array,
         robot: MarkedRobot,
-        y: FloatArray,
-        travel_of: Callable[[FloatArray], FloatArray],
+        y: Array,
+        travel_of: Callable[[Array], Array],
         numbers: Sequence[int] | None = None,
     ) -> Slopes:
         """Derivatives at rest by the implicit function theorem: g(y, p) = 0, dy = -g_y^-1 g_p dp.
@@ -274,7 +270,7 @@ class RestModel:
         markers = moved / _PROBE + by_freedom @ yielding[:, None]
         return Slopes(markers, yielding, by_freedom, compliance)
 
-    def _turn(self, vector: FloatArray) -> FloatArray:
+    def _turn(self, vector: Array) -> Array:
         """The turn from the robot's frame to that of the measurement, (..., 3, 3)."""
         if not vector.shape[-1]:
             return self.frame[0]
@@ -286,7 +282,7 @@ def _unknowns(
     segments: tuple[Segment, ...],
     slack_mm: list[float],
     place_deviation_mm: float,
-    up: FloatArray | None,
+    up: Array | None,
     glued: list[str],
 ) -> list[Unknown]:
     """All parameters with their prior; stiffness and compliance by their logarithms.

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from ccr_host.core.arrays import Array, BoolArray
 
 _SAME_RAD = np.radians(0.5)
 """Setpoints nearer than this are the same pose."""
@@ -22,31 +21,29 @@ _ONE_PICTURE_MM = 1e-6
 class Rests:
     """Rests in the order in which the robot visited them, moving straight from one to the next."""
 
-    start_rad: FloatArray
+    start_rad: Array
     """Motor angles before the first rest, (n,)."""
-    q_rad: FloatArray
+    q_rad: Array
     """Motor angles commanded at each rest, (N, n)."""
-    markers_mm: FloatArray
+    markers_mm: Array
     """M1, M2 and so on, one per row, (N, S + 1, 3), in any common frame; NaN for those not seen."""
-    count: FloatArray
+    count: Array
     """Number of exposures averaged at each rest, (N,)."""
 
     @classmethod
-    def of_vectors(
-        cls, start_rad: FloatArray, q_rad: FloatArray, vectors_mm: FloatArray, count: FloatArray
-    ) -> Rests:
+    def of_vectors(cls, start_rad: Array, q_rad: Array, vectors_mm: Array, count: Array) -> Rests:
         """Rests from M2 and so on relative to M1, (N, S, 3), with M1 as the origin."""
         markers_mm = np.concatenate([np.zeros_like(vectors_mm[:, :1]), vectors_mm], axis=1)
         return cls(start_rad, q_rad, markers_mm, count)
 
     @property
-    def vectors_mm(self) -> FloatArray:
+    def vectors_mm(self) -> Array:
         """M2 and so on relative to M1, (N, S, 3)."""
-        vectors: FloatArray = self.markers_mm[:, 1:] - self.markers_mm[:, :1]
+        vectors: Array = self.markers_mm[:, 1:] - self.markers_mm[:, :1]
         return vectors
 
     @property
-    def tip_mm(self) -> FloatArray:
+    def tip_mm(self) -> Array:
         """The last marker relative to M1, (N, 3)."""
         return self.vectors_mm[:, -1]
 
@@ -54,7 +51,7 @@ class Rests:
         """The rests with M1, M2 and the tip alone, in which static models are fitted."""
         return replace(self, markers_mm=self.markers_mm[:, [0, 1, -1]])
 
-    def chosen(self, rows: NDArray[np.bool_] | list[int] | slice) -> Rests:
+    def chosen(self, rows: BoolArray | list[int] | slice) -> Rests:
         parts = (getattr(self, key)[rows] for key in ("q_rad", "markers_mm", "count"))
         return Rests(self.start_rad, *parts)
 
@@ -64,14 +61,14 @@ class Rests:
         joined = {key: np.concatenate([getattr(self, key), getattr(later, key)]) for key in columns}
         return replace(self, **joined)
 
-    def ways(self) -> FloatArray:
+    def ways(self) -> Array:
         """Sign of each motor's last motion before each rest, (N, n); 0 before it moved."""
         ways = np.sign(np.diff(self.q_rad, axis=0, prepend=self.start_rad[None]))
         for number in range(1, len(ways)):
             ways[number] += (ways[number] == 0.0) * ways[number - 1]
         return ways
 
-    def hysteresis_mm(self) -> FloatArray:
+    def hysteresis_mm(self) -> Array:
         """Half the distance between the tips of a pose that a motor approached from both sides.
 
         (n,), one mean per motor, while the other motors came from the same side both times; NaN if
@@ -90,11 +87,11 @@ class Rests:
                 found[motor] = 0.5 * np.linalg.norm(apart_mm, axis=1).mean()
         return found
 
-    def moved_mm(self) -> FloatArray:
+    def moved_mm(self) -> Array:
         """By how much each motor moved the tip, linearly, (n,)."""
         design = np.column_stack([self.q_rad, np.ones(len(self.q_rad))])
         by_motor = np.linalg.lstsq(design, self.tip_mm, rcond=None)[0][:-1]
-        moved_mm: FloatArray = np.linalg.norm(by_motor, axis=1) * np.ptp(self.q_rad, axis=0)
+        moved_mm: Array = np.linalg.norm(by_motor, axis=1) * np.ptp(self.q_rad, axis=0)
         return moved_mm
 
     def are_one_picture(self) -> bool:
@@ -107,11 +104,11 @@ class Rests:
         start_rad = self.q_rad[first - 1] if first else self.start_rad
         return replace(self.chosen(slice(first, None)), start_rad=start_rad)
 
-    def turned(self, rotation: FloatArray) -> Rests:
+    def turned(self, rotation: Array) -> Rests:
         """The rests in another frame; ``rotation`` (3, 3) maps vectors of this frame to it."""
         return replace(self, markers_mm=self.markers_mm @ rotation.T)
 
-    def turned_onto(self, expected_mm: FloatArray, *, mirrored: bool = False) -> Rests:
+    def turned_onto(self, expected_mm: Array, *, mirrored: bool = False) -> Rests:
         """The rests in the frame, a left-handed one if ``mirrored``, nearest to (N, S, 3)."""
         handed = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0])
         seen = np.isfinite(self.vectors_mm).all(axis=-1)

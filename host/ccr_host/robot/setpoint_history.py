@@ -7,9 +7,8 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from ccr_host.core.arrays import Array
 
 _KEPT_S = 2.0
 """Much longer than any camera's latency."""
@@ -23,8 +22,8 @@ _MOST_JOLTS = 64
 class _Ramp(NamedTuple):
     start_s: float
     duration_s: float
-    from_rad: FloatArray
-    to_rad: FloatArray
+    from_rad: Array
+    to_rad: Array
     from_index: float | None
     to_index: float | None
 
@@ -40,16 +39,16 @@ class SetpointHistory:
     ``q_rad``, (n,), is the setpoint before the first command, without a path step.
     """
 
-    def __init__(self, q_rad: FloatArray) -> None:
+    def __init__(self, q_rad: Array) -> None:
         self.restart(q_rad)
 
-    def restart(self, q_rad: FloatArray) -> None:
+    def restart(self, q_rad: Array) -> None:
         """Clear the history, as if the setpoint had always been ``q_rad``, (n,)."""
         self._ramps = deque([_Ramp(-math.inf, 0.0, q_rad, q_rad, None, None)])
         self._jolts: deque[tuple[float, float]] = deque(maxlen=_MOST_JOLTS)
 
     def command(
-        self, time_s: float, q_rad: FloatArray, ramp_s: float, index: float | None = None
+        self, time_s: float, q_rad: Array, ramp_s: float, index: float | None = None
     ) -> None:
         """Add a command given at ``time_s``, which starts at the current setpoint.
 
@@ -67,7 +66,7 @@ class SetpointHistory:
         if jolt_rad > 0.0:
             self._jolts.append((time_s, jolt_rad))
 
-    def at(self, time_s: float) -> FloatArray:
+    def at(self, time_s: float) -> Array:
         """Setpoint at ``time_s``, rad, (n,)."""
         ramp = self._ramp_at(time_s)
         share = ramp.share(time_s)
@@ -83,7 +82,7 @@ class SetpointHistory:
             return ramp.to_index if share == 1.0 else None
         return ramp.from_index + share * (ramp.to_index - ramp.from_index)
 
-    def rate_at(self, time_s: float) -> FloatArray:
+    def rate_at(self, time_s: float) -> Array:
         """Rate of the setpoint, rad/s, (n,)."""
         ramp = self._ramp_at(time_s)
         if not 0.0 <= time_s - ramp.start_s < ramp.duration_s:
@@ -98,7 +97,7 @@ class SetpointHistory:
             if start_s <= time_s
         )
 
-    def corners(self, from_s: float, to_s: float) -> list[FloatArray]:
+    def corners(self, from_s: float, to_s: float) -> list[Array]:
         """Setpoints at the starts of the ramps between two times and at the end, (n,) each."""
         begun = [ramp.from_rad for ramp in self._ramps if from_s < ramp.start_s < to_s]
         return [*begun, self.at(to_s)]

@@ -25,12 +25,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.robot.arc import LEAST_SOFTENED
 from ccr_host.robot.chain import Weights, ends_mm, point_mm
-
-FloatArray = NDArray[np.float64]
 
 _NEWTON_LIMIT = 40
 _REST_RAD = 1e-8
@@ -48,60 +46,60 @@ class TendonRobot:
     Only ``rest`` takes one robot alone.
     """
 
-    lengths_mm: FloatArray
+    lengths_mm: Array
     """(S,)."""
-    freedom: FloatArray
+    freedom: Array
     """B, (D, S, 2)."""
-    stiffness: FloatArray
+    stiffness: Array
     """rho, (S,): of the segments, over that of the first."""
-    lever_mm: FloatArray
+    lever_mm: Array
     """r_i n_i for the segments that tendon i passes, zero for the others, (T, S, 2)."""
-    sag_mm: FloatArray
+    sag_mm: Array
     """r_i e_j for the segments that tendon i passes, zero for the others, (T, S)."""
-    shorter_mm: FloatArray
+    shorter_mm: Array
     """By how much a bending of 1 rad shortens each segment, growing with its square, (S,)."""
-    softening: FloatArray
+    softening: Array
     """What the moment of segment k takes off the stiffness of segment j through tendons that sag
     there, in row k and column j, (S, S)."""
-    slack_mm: FloatArray
+    slack_mm: Array
     """Travel that takes up the slack of each tendon of the straight robot, (T,)."""
-    tendon_stiffness_mm2: FloatArray
+    tendon_stiffness_mm2: Array
     """kappa, (T,): stiffness of each tendon over k_1, per mm^2."""
-    load_mm: FloatArray
+    load_mm: Array
     """Weight of everything over k_1, 1/mm, as the direction opposite to its pull, (3,)."""
     weights: Weights
     """Shares of that weight."""
 
     @cached_property
-    def _flat_freedom(self) -> FloatArray:
+    def _flat_freedom(self) -> Array:
         """(D, 2 S)."""
         return self.freedom.reshape(len(self.freedom), -1)
 
     @cached_property
-    def _own(self) -> FloatArray:
+    def _own(self) -> Array:
         """1 for the segment that each degree of freedom bends, (S, D)."""
-        own: FloatArray = (self.freedom**2).sum(axis=-1).T
+        own: Array = (self.freedom**2).sum(axis=-1).T
         return own
 
     @cached_property
-    def _straight_levers_mm(self) -> FloatArray:
+    def _straight_levers_mm(self) -> Array:
         """(..., T, D)."""
         flat = self.lever_mm.reshape(*self.lever_mm.shape[:-2], -1)
-        levers: FloatArray = flat @ self._flat_freedom.T
+        levers: Array = flat @ self._flat_freedom.T
         return levers
 
     @cached_property
-    def _own_sag_mm(self) -> FloatArray:
+    def _own_sag_mm(self) -> Array:
         """(..., T, D)."""
         return self.sag_mm @ self._own
 
     @cached_property
-    def _own_stiffness(self) -> FloatArray:
+    def _own_stiffness(self) -> Array:
         """(..., D)."""
         return self.stiffness @ self._own
 
     @cached_property
-    def _half_lengths_mm(self) -> FloatArray:
+    def _half_lengths_mm(self) -> Array:
         return np.repeat(0.5 * self.lengths_mm, 2, axis=-1)
 
     @cached_property
@@ -112,26 +110,26 @@ class TendonRobot:
         return Weights(at_end, along, self.weights.tip_offset_mm)
 
     @cached_property
-    def _half_shorter_mm(self) -> FloatArray:
+    def _half_shorter_mm(self) -> Array:
         return np.repeat(2.0 * self.shorter_mm, 2, axis=-1)
 
     @cached_property
     def _is_loaded(self) -> bool:
         return bool(self.load_mm.any())
 
-    def bend_rad(self, y: FloatArray) -> FloatArray:
+    def bend_rad(self, y: Array) -> Array:
         """Bending vectors of degrees of freedom, (..., D) -> (..., S, 2)."""
-        bend: FloatArray = (y @ self._flat_freedom).reshape(*y.shape[:-1], -1, 2)
+        bend: Array = (y @ self._flat_freedom).reshape(*y.shape[:-1], -1, 2)
         return bend
 
-    def ends_mm(self, y: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    def ends_mm(self, y: Array) -> list[tuple[Array, Array]]:
         """``chain.ends_mm`` of the segments at rest, (..., D)."""
         return ends_mm(self._half_lengths_mm, self.halves_rad(y), self._half_shorter_mm)[1::2]
 
-    def halves_rad(self, y: FloatArray) -> FloatArray:
+    def halves_rad(self, y: Array) -> Array:
         """Bending vectors of each half of the segments at rest, (..., D) -> (..., 2 S, 2)."""
         bend = self.bend_rad(y)
-        halves: FloatArray = np.repeat(0.5 * bend, 2, axis=-2)
+        halves: Array = np.repeat(0.5 * bend, 2, axis=-2)
         if not self._is_loaded:
             return halves
         _, by_half = point_mm(
@@ -151,16 +149,16 @@ class TendonRobot:
         halves[..., 1::2, :] -= 0.5 * self.bend_rad(along)
         return halves
 
-    def stretch_mm(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
+    def stretch_mm(self, y: Array, travel_mm: Array) -> Array:
         """x, (..., T), at degrees of freedom, (..., D), and tendon travel, (..., T)."""
         route_mm = _times(self._straight_levers_mm, y) + _times(self._own_sag_mm, y * y)
         return travel_mm - self.slack_mm - route_mm
 
-    def levers_mm(self, y: FloatArray) -> FloatArray:
+    def levers_mm(self, y: Array) -> Array:
         """Lengthening of each tendon's route by the degrees of freedom, mm/rad, (..., T, D)."""
         return self._straight_levers_mm + 2.0 * self._own_sag_mm * y[..., None, :]
 
-    def energy(self, y: FloatArray, travel_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def energy(self, y: Array, travel_mm: Array) -> tuple[Array, Array]:
         """Energy over k_1, (...), and its gradient, the moments, (..., D), zero at rest."""
         height, load_by = self._load(y)
         taut_mm = np.maximum(self.stretch_mm(y, travel_mm), 0.0)
@@ -169,17 +167,17 @@ class TendonRobot:
         energy = 0.5 * ((bent * y).sum(axis=-1) + (pull * taut_mm).sum(axis=-1)) + height
         return energy, bent + load_by - (pull[..., None, :] @ self.levers_mm(y))[..., 0, :]
 
-    def moments(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
+    def moments(self, y: Array, travel_mm: Array) -> Array:
         """Gradient of the energy, (..., D), zero at rest."""
         return self.energy(y, travel_mm)[1]
 
-    def moments_by_travel(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
+    def moments_by_travel(self, y: Array, travel_mm: Array) -> Array:
         """Derivatives of the moments by the travel of each tendon, (..., D, T)."""
         taut = (self.stretch_mm(y, travel_mm) > 0.0) * self.tendon_stiffness_mm2
-        by_travel: FloatArray = -np.swapaxes(taut[..., None] * self.levers_mm(y), -1, -2)
+        by_travel: Array = -np.swapaxes(taut[..., None] * self.levers_mm(y), -1, -2)
         return by_travel
 
-    def stiffness_matrix(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
+    def stiffness_matrix(self, y: Array, travel_mm: Array) -> Array:
         """Second derivatives of the energy, (..., D, D); those of the load by differences."""
         pull = np.maximum(self.stretch_mm(y, travel_mm), 0.0) * self.tendon_stiffness_mm2
         even = self._own_stiffness - 2.0 * (pull[..., None, :] @ self._own_sag_mm)[..., 0, :]
@@ -190,22 +188,22 @@ class TendonRobot:
                 1
             ]
             matrix += (load_by[..., 1:, :] - load_by[..., :1, :]) / _PROBE_RAD
-        stiffness: FloatArray = matrix
+        stiffness: Array = matrix
         return stiffness
 
-    def compliance(self, y: FloatArray, travel_mm: FloatArray) -> FloatArray:
+    def compliance(self, y: Array, travel_mm: Array) -> Array:
         """Inverse of ``stiffness_matrix``, made positive definite, (..., D, D)."""
         values, vectors = np.linalg.eigh(self.stiffness_matrix(y, travel_mm))
         soft = vectors / np.maximum(values, _LEAST_STIFFNESS)[..., None, :]
-        compliance: FloatArray = soft @ np.swapaxes(vectors, -1, -2)
+        compliance: Array = soft @ np.swapaxes(vectors, -1, -2)
         return compliance
 
     def rest(
         self,
-        travel_mm: FloatArray,
-        start: FloatArray | None = None,
+        travel_mm: Array,
+        start: Array | None = None,
         until_rad: float = _REST_RAD,
-    ) -> FloatArray:
+    ) -> Array:
         """Degrees of freedom at rest, (N, D), by damped Newton steps from a guess.
 
         Args:
@@ -236,7 +234,7 @@ class TendonRobot:
                 break
         return y
 
-    def _load(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _load(self, y: Array) -> tuple[Array, Array]:
         """Its energy over k_1, (...), and the derivatives, (..., D)."""
         if not self._is_loaded:
             return np.zeros(y.shape[:-1]), np.zeros_like(y)
@@ -247,18 +245,18 @@ class TendonRobot:
         return (place_mm * self.load_mm).sum(axis=-1), load_by
 
 
-def steps_from_here(count: int, step: float) -> FloatArray:
+def steps_from_here(count: int, step: float) -> Array:
     """None, then one along each of some coordinates, (count + 1, count)."""
     return np.eye(count + 1, count, -1) * step
 
 
-def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+def _times(matrix: Array, vector: Array) -> Array:
     """Matrices times vectors, (..., m, n), (..., n) -> (..., m)."""
-    product: FloatArray = (matrix @ vector[..., None])[..., 0]
+    product: Array = (matrix @ vector[..., None])[..., 0]
     return product
 
 
-def pulled_mm(travel_mm: FloatArray, wound_mm: FloatArray, half_dead_mm: FloatArray) -> FloatArray:
+def pulled_mm(travel_mm: Array, wound_mm: Array, half_dead_mm: Array) -> Array:
     """Pull of tendons after further winding: the play operator.
 
     Args:

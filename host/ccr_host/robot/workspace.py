@@ -20,12 +20,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Servo
 from ccr_host.robot.kinematics import ConstantCurvature
-
-FloatArray = NDArray[np.float64]
 
 LATERAL = [0, 2]
 """The coordinates of f that a path gives."""
@@ -62,17 +61,17 @@ _OUTSIDE = 1e-6
 class MotorLimits:
     """Interval of all motor angles, (n,) each, rad."""
 
-    lower_rad: FloatArray
-    upper_rad: FloatArray
+    lower_rad: Array
+    upper_rad: Array
 
     @classmethod
     def of(cls, servo: Servo) -> MotorLimits:
         """The limits that the board enforces."""
         return cls(np.radians(servo.angle_min_deg), np.radians(servo.angle_max_deg))
 
-    def clip(self, q_rad: ArrayLike) -> FloatArray:
+    def clip(self, q_rad: ArrayLike) -> Array:
         """Motor angles clipped to the limits, rad; shape of ``q_rad``."""
-        clipped: FloatArray = np.minimum(np.maximum(q_rad, self.lower_rad), self.upper_rad)
+        clipped: Array = np.minimum(np.maximum(q_rad, self.lower_rad), self.upper_rad)
         return clipped
 
 
@@ -83,12 +82,12 @@ class Nearest:
     The distance is that of the tip in the coordinates that were given.
     """
 
-    q_rad: FloatArray
-    tip_mm: FloatArray
-    distance_mm: FloatArray
+    q_rad: Array
+    tip_mm: Array
+    distance_mm: Array
 
 
-def axes_of(points_mm: FloatArray) -> list[int]:
+def axes_of(points_mm: Array) -> list[int]:
     """The coordinates of f that points of two or three columns state."""
     return LATERAL if points_mm.shape[1] == len(LATERAL) else [0, 1, 2]
 
@@ -122,7 +121,7 @@ class Workspace:
         self._straightest_rad = limits.clip(np.zeros(model.motors))
         shares = np.diag((0.5 * np.maximum(limits.upper_rad - limits.lower_rad, 1e-12)) ** -2.0)
         energy = model.energy * (np.trace(shares) / np.trace(model.energy))
-        self.effort: FloatArray = (1.0 - _SHARE_OF_MOTORS) * energy + _SHARE_OF_MOTORS * shares
+        self.effort: Array = (1.0 - _SHARE_OF_MOTORS) * energy + _SHARE_OF_MOTORS * shares
         """Twice the effort over the squares of the motor angles from the middle, (n, n)."""
         self._least = _LEAST_CURVATURE * float(np.linalg.eigvalsh(self.effort)[0])
 
@@ -149,7 +148,7 @@ class Workspace:
             miss = np.linalg.norm(tip_mm[:, axes] - points, axis=1)
         return Nearest(q_rad, tip_mm, miss)
 
-    def boundary_mm(self, points: int = 240) -> FloatArray:
+    def boundary_mm(self, points: int = 240) -> Array:
         """The edge of what is reached laterally as a closed line, (points + 1, 3)."""
         angle = np.linspace(0.0, 2.0 * np.pi, points + 1)
         away = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -167,7 +166,7 @@ class Workspace:
             stride_mm[rows[~is_reached]] *= 0.5
         return self.model.tip_mm(q)
 
-    def _approached(self, points_mm: FloatArray, axes: list[int]) -> FloatArray:
+    def _approached(self, points_mm: Array, axes: list[int]) -> Array:
         start_mm = self.model.tip_mm(self._straightest_rad)[axes]
         with np.errstate(over="ignore", invalid="ignore"):
             away_mm = points_mm - start_mm
@@ -188,13 +187,13 @@ class Workspace:
 
     def _descended(
         self,
-        q_rad: FloatArray,
-        target_mm: FloatArray,
+        q_rad: Array,
+        target_mm: Array,
         axes: list[int],
         weight: float,
         steps: int,
         until_rad: float,
-    ) -> FloatArray:
+    ) -> Array:
         """Newton's steps within the limits, from each row to the minimum in whose valley it is."""
         lower, upper = self.limits.lower_rad, self.limits.upper_rad
         weight *= self._length_mm**2
@@ -223,13 +222,13 @@ class Workspace:
 
     def _downhill(
         self,
-        here: FloatArray,
-        before: FloatArray,
-        step: FloatArray,
-        target_mm: FloatArray,
+        here: Array,
+        before: Array,
+        step: Array,
+        target_mm: Array,
         axes: list[int],
-        effort: FloatArray,
-    ) -> FloatArray:
+        effort: Array,
+    ) -> Array:
         """Poses along the steps, within the limits, that cost no more; else the same poses."""
         there = self.limits.clip(here + step)
         miss_mm = self.model.tip_mm(there)[:, axes] - target_mm
@@ -246,18 +245,18 @@ class Workspace:
             higher[rows] = cost > before[rows] * (1.0 + _ROUNDING)
         return np.where(higher[:, None], here, there)
 
-    def _cost(self, q_rad: FloatArray, miss_mm: FloatArray, effort: FloatArray) -> FloatArray:
+    def _cost(self, q_rad: Array, miss_mm: Array, effort: Array) -> Array:
         from_middle = q_rad - self._middle_rad
         twice = (miss_mm**2).sum(axis=1) + ((from_middle @ effort) * from_middle).sum(axis=1)
-        cost: FloatArray = 0.5 * twice
+        cost: Array = 0.5 * twice
         return cost
 
 
-def _newton(curvature: FloatArray, gradient: FloatArray, least: float) -> FloatArray:
+def _newton(curvature: Array, gradient: Array, least: float) -> Array:
     """Steps downhill, (N, n), with curvature, (N, n, n), taken to be ``least`` or more."""
     values, vectors = np.linalg.eigh(curvature)
     along = np.swapaxes(vectors, 1, 2) @ gradient[:, :, None]
     step = -(vectors @ (along / np.maximum(np.abs(values), least)[:, :, None]))[:, :, 0]
     longest = np.abs(step).max(axis=1, keepdims=True)
-    shortened: FloatArray = step * np.minimum(1.0, _LONGEST_STEP_RAD / np.maximum(longest, 1e-300))
+    shortened: Array = step * np.minimum(1.0, _LONGEST_STEP_RAD / np.maximum(longest, 1e-300))
     return shortened

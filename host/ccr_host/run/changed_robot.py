@@ -15,11 +15,10 @@ from functools import partial
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.robot.workspace import MotorLimits
 
-Array = NDArray[np.float64]
 Predict = Callable[[Array], Array]
 """M2 and the tip relative to M1, mm, (N, 2, 3), at motor angles, (N, n)."""
 
@@ -120,7 +119,7 @@ def _of_motors(
 
 
 def _of_camera(expected_mm: Array, seen_mm: Array) -> Iterator[_Explained]:
-    known: NDArray[np.bool_] = np.isfinite(seen_mm[:, :, 0])
+    known: BoolArray = np.isfinite(seen_mm[:, :, 0])
     # Unlike scipy's, without a warning where all markers are on one line.
     left, _, right = np.linalg.svd(seen_mm[known].T @ expected_mm[known])
     handed = np.diag([1.0, 1.0, np.linalg.det(left @ right)])

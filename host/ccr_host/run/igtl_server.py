@@ -15,10 +15,10 @@ from threading import Event, Thread
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.base import Command, Observation, Phase
 from ccr_host.core.addresses import host_and_port, joined, listening_socket
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError, full_text
 from ccr_host.core.plugins import import_optional
 from ccr_host.core.standard_streams import warn
@@ -43,8 +43,6 @@ _READ_BYTES = 4096
 _UNREAD_BYTES = 1 << 15
 """Some pictures of 4 kB: a slow client is shown the present, not what was seconds ago."""
 _BACKBONE_POINTS = 21
-
-Array = NDArray[np.float64]
 
 
 def parse_publish_uri(text: str) -> tuple[str, int]:

@@ -24,13 +24,14 @@ from ccr_host.control.base import (
     Picture,
     checked,
 )
+from ccr_host.core.arrays import Array
 from ccr_host.core.clock import Stopwatch
 from ccr_host.core.errors import CcrError, CodeError, code_error
 from ccr_host.description.schema import Description
 from ccr_host.link.device_errors import LinkLossError
 from ccr_host.robot.reference import Reference
 from ccr_host.run.marker_watch import MarkerWatch
-from ccr_host.run.observer import RunObserver, StepRecord, Vector
+from ccr_host.run.observer import RunObserver, StepRecord
 from ccr_host.run.rig import NoOperator, Operator, Rig
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample
@@ -328,7 +329,7 @@ class PathRun:
         solve_us: float,
         late: bool,
         sample: Sample | None,
-        true_mm: Vector | None,
+        true_mm: Array | None,
     ) -> None:
         record = StepRecord(
             step=step,

@@ -6,9 +6,9 @@ from collections import deque
 
 import numpy as np
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import TrackerError
 from ccr_host.description.schema import Description
-from ccr_host.run.observer import Vector
 from ccr_host.run.rig import MOST_ARRIVED, Rig
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample
@@ -43,7 +43,7 @@ class MarkerWatch:
         self._newest: Sample | None = None
         self.untaken: deque[Sample] = deque(maxlen=MOST_ARRIVED)
         """Measurements that can be the robot's, oldest first; the loop empties it."""
-        self.setpoints: deque[tuple[int, Vector]] = deque(maxlen=_SETPOINTS_KEPT)
+        self.setpoints: deque[tuple[int, Array]] = deque(maxlen=_SETPOINTS_KEPT)
         """Times and setpoints of the last steps; the loop fills it."""
         self._fresh_us = -1
 
@@ -91,12 +91,12 @@ class MarkerWatch:
         newest = self._newest
         return None if newest is None or now_us - newest.exposed_us > self._stale_us else newest
 
-    def _swung_rad(self) -> Vector:
+    def _swung_rad(self) -> Array:
         """How far setpoints went to and fro in the last steps, (n,)."""
         newest_us, _ = self.setpoints[-1]
         recent = [q_rad for at_us, q_rad in self.setpoints if newest_us - at_us < _FOLLOWS_US]
         changes_rad = np.diff(recent, axis=0)
-        swung_rad: Vector = np.abs(changes_rad).sum(axis=0) - np.abs(changes_rad.sum(axis=0))
+        swung_rad: Array = np.abs(changes_rad).sum(axis=0) - np.abs(changes_rad.sum(axis=0))
         return swung_rad
 
     def look(self, now_us: int) -> tuple[Sample | None, bool]:

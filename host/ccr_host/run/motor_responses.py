@@ -11,16 +11,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares, linear_sum_assignment
 
 from ccr_host.control.adaptive.misfit import LEFT_HANDED
+from ccr_host.core.arrays import Array, IntArray
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.rests import Rests
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _SAG_RAD = 0.35
 """Standard deviation of the bending that load and slack add to the commanded one."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.base import Command, Observation, Outcome, Phase
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description
 from ccr_host.link.messages import StateReport
 from ccr_host.robot.reference import Reference
@@ -22,8 +22,6 @@ from ccr_host.tracking.tracker import MarkerFrame, Sample
 if TYPE_CHECKING:
     from ccr_host.run.options import RunOptions
     from ccr_host.run.recording import TapePiece
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -39,31 +37,31 @@ class StepRecord:
     """End of the period, on the run's clock."""
     time_s: float
     """Time of the step, on the path's clock."""
-    target_mm: Vector
-    q_rad: Vector
+    target_mm: Array
+    q_rad: Array
     outcome: Outcome
     detail: str
-    predicted_mm: Vector
+    predicted_mm: Array
     solve_us: float
     late: bool
-    measured_mm: Vector | None
+    measured_mm: Array | None
     measured_age_us: int | None
-    true_mm: Vector | None
+    true_mm: Array | None
 
 
-def measured_errors_mm(records: Sequence[StepRecord]) -> Vector:
+def measured_errors_mm(records: Sequence[StepRecord]) -> Array:
     """f_m - f, (N, 3), with NaN rows for steps without a measurement."""
     return _errors(records, [record.measured_mm for record in records])
 
 
-def true_errors_mm(records: Sequence[StepRecord]) -> Vector | None:
+def true_errors_mm(records: Sequence[StepRecord]) -> Array | None:
     """True minus desired tip, (N, 3), with NaN rows for skipped steps; None without a twin."""
     positions = [record.true_mm for record in records]
     is_real = bool(positions) and all(position is None for position in positions)
     return None if is_real else _errors(records, positions)
 
 
-def _errors(records: Sequence[StepRecord], positions: Sequence[Vector | None]) -> Vector:
+def _errors(records: Sequence[StepRecord], positions: Sequence[Array | None]) -> Array:
     unknown = np.full(3, np.nan)
     rows = [
         (unknown if position is None else position) - record.target_mm

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.clock import Clock, RealClock, VirtualClock
 from ccr_host.core.errors import DeviceError
 from ccr_host.description.schema import Description
@@ -208,7 +208,7 @@ def connect_board(
     return open_transport(device, description.link.baud)
 
 
-def believed_rad(client: Client, motors: int) -> NDArray[np.float64]:
+def believed_rad(client: Client, motors: int) -> Array:
     """Motor angles last accepted by the board, (motors,); zeros before arming."""
     try:
         return client.accepted_rad

@@ -6,16 +6,15 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.misfit import REPEATED
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import CcrError, TrackerError
 from ccr_host.robot.rests import Rests
 from ccr_host.run.rig import Rig
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample
 
-Array = NDArray[np.float64]
 OnPose = Callable[[int, int], None]
 """Called with the number of poses done and the total."""
 OnRest = Callable[[int, Array], None]

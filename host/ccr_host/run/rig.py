@@ -9,9 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ccr_host.core.arrays import Array
 from ccr_host.core.clock import Clock
 from ccr_host.link.client import Client
 from ccr_host.link.messages import TICK_US
@@ -64,7 +62,7 @@ class Rig:
     """Records the inputs of the host through this rig."""
     start_path_clock: Callable[[int], None] = lambda _: None
     """Sets the time in us from which the description's timed disturbances count."""
-    true_tip_mm: Callable[[], NDArray[np.float64] | None] = lambda: None
+    true_tip_mm: Callable[[], Array | None] = lambda: None
     """True f, (3,), for the metrics only; None if the robot is real or recorded."""
 
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from ccr_host.control.adaptive.arithmetic import FloatArray
 from ccr_host.control.adaptive.identification import RestSurvey, StaticsFit
 from ccr_host.control.adaptive.law import AdaptiveLaw
 from ccr_host.control.adaptive.misfit import (
@@ -31,6 +30,7 @@ from ccr_host.control.adaptive.static_model import Resting
 from ccr_host.control.base import Controller
 from ccr_host.control.registry import rate_note
 from ccr_host.control.shell import Law, Measurement, PathView, Shell, Stage, smooth_moves
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
@@ -77,7 +77,7 @@ _UNKNOWN = (
 )
 
 
-def probe_stops(robot: Robot) -> FloatArray:
+def probe_stops(robot: Robot) -> Array:
     """Moves in units of the reach, (N, n): rest, then each motor to where it pulls a tendon.
 
     The first motor is last, as falling through its slack sets the robot swinging.
@@ -190,7 +190,7 @@ class RobotCheck:
         self._looked_us = 0
         self._odd_us = 0.0
         """Time for which the poses have been unexplained, less a share of that for which not."""
-        self._seen: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=_KEPT)
+        self._seen: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)
         """Motor angles, (n,), M2 and the tip, (2, 3), of the last looks that were unexplained."""
 
     def judge_probe(self) -> Rests | None:
@@ -211,7 +211,7 @@ class RobotCheck:
         return None if adaptive is None else self._judge(adaptive.rests, adaptive.fit)
 
     def judge_step(
-        self, time_us: int, q_rad: FloatArray, middle_mm: FloatArray, seen_mm: FloatArray
+        self, time_us: int, q_rad: Array, middle_mm: Array, seen_mm: Array
     ) -> Rests | None:
         """The poses along the path, once they have been unexplained for some seconds, else None."""
         passed_us = time_us - self._looked_us
@@ -237,7 +237,7 @@ class RobotCheck:
         count = np.ones(len(markers))
         return Rests.of_vectors(setpoints_rad[0], setpoints_rad, markers, count)
 
-    def _is_odd(self, theta_rad: FloatArray, seen_mm: FloatArray) -> bool:
+    def _is_odd(self, theta_rad: Array, seen_mm: Array) -> bool:
         """Whether markers, (2, 3), are not where a robot bent by about ``theta_rad`` has them."""
         away_mm = seen_mm - self._statics.markers_mm(self._model, theta_rad[None])[0]
         most_left_mm = _MOST_LEFT_SHARE * self._length_mm + self._noise_mm
@@ -273,9 +273,9 @@ class RobotCheck:
     def _change_of(self, odd: Rests) -> tuple[str, str] | None:
         """Cause and cure of poses along the path, of a robot that matched before it."""
 
-        def predict(q_rad: FloatArray) -> FloatArray:
+        def predict(q_rad: Array) -> Array:
             led = replace(odd, start_rad=q_rad[0], q_rad=q_rad)
-            predicted_mm: FloatArray = self._statics.predicted_mm(self._model, led)
+            predicted_mm: Array = self._statics.predicted_mm(self._model, led)
             return predicted_mm
 
         limits = MotorLimits.of(self._description.servo)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.base import Outcome
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import full_text
 from ccr_host.link.exchange import LinkStatistics
 from ccr_host.robot.reference import PATH_AXES, REACHABLE_MM, Reference
@@ -24,7 +24,7 @@ _ERROR_KEYS = (
 )  # fmt: skip
 
 
-def statistics_of(errors_mm: NDArray[np.float64], prefix: str = "") -> dict[str, float | None]:
+def statistics_of(errors_mm: Array, prefix: str = "") -> dict[str, float | None]:
     """Statistics of the norms of error vectors, (N, 3), by their keys in the JSON summary.
 
     Rows with NaN do not count; all are None if no row is left.
@@ -43,7 +43,7 @@ def statistics_of(errors_mm: NDArray[np.float64], prefix: str = "") -> dict[str,
     return {f"{prefix}{key}": value for key, value in zip(_ERROR_KEYS, figures, strict=True)}
 
 
-def quantiles_us(durations_us: NDArray[np.float64]) -> dict[str, float | None]:
+def quantiles_us(durations_us: Array) -> dict[str, float | None]:
     """Median, 99th percentile and maximum; all None if nothing was timed."""
     if not len(durations_us):
         return {"median": None, "p99": None, "max": None}

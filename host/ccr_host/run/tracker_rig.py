@@ -9,8 +9,8 @@ from typing import cast
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.clock import NEVER_US, Clock
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.plugins import Guard, make_plugin
@@ -133,7 +133,7 @@ class TrackerRig:
         if self.camera is not None:
             wait_until_tracking(self.camera, clock)
 
-    def true_tip_mm(self) -> NDArray[np.float64] | None:
+    def true_tip_mm(self) -> Array | None:
         """True f, (3,); None if the robot is real."""
         return None if self.scene is None else self.scene.true_tip_mm()
 
@@ -146,7 +146,7 @@ class TrackerRig:
             self._polaris.device.sensor.faults = faults
 
 
-def camera_rotation(description: Description) -> NDArray[np.float64]:
+def camera_rotation(description: Description) -> Array:
     """Rotation (3, 3) from the camera's frame to the robot's; the identity if not registered."""
     registration = description.registration
     if registration is None:
@@ -154,7 +154,7 @@ def camera_rotation(description: Description) -> NDArray[np.float64]:
     turn = scipy.spatial.transform.Rotation.from_rotvec(
         registration.camera_to_robot_deg, degrees=True
     )
-    matrix: NDArray[np.float64] = turn.as_matrix()
+    matrix: Array = turn.as_matrix()
     return matrix
 
 
@@ -217,7 +217,7 @@ class _Guarded(StartsAndStops):
         with self._guard.blamed("next_exposure_us"):
             return self._exposed.next_exposure_us
 
-    def expose(self, time_us: int, markers_mm: NDArray[np.float64]) -> None:
+    def expose(self, time_us: int, markers_mm: Array) -> None:
         with self._guard.blamed("expose"):
             self._exposed.expose(time_us, markers_mm)
             if self._exposed.next_exposure_us <= time_us:

@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import CcrError
 from ccr_host.core.user_file import cache_folder, replacing
 from ccr_host.description.schema import Description
@@ -19,8 +19,6 @@ from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult
 from ccr_host.sim.robot.equilibrium import nearest_rests
 from ccr_host.sim.robot.plant import TWIN
-
-Array = NDArray[np.float64]
 
 _MOST_SEARCHED = 160
 """Targets times motors: a target takes 6 ms of CPU with two motors, 1.3 s with nine."""

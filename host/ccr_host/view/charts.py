@@ -8,9 +8,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from viser import GuiApi, uplot
 
+from ccr_host.core.arrays import Array, IntArray
 from ccr_host.core.errors import CcrError
 from ccr_host.record.figure_style import BESIDE_THE_TRUTH
 from ccr_host.run.observer import RunSetup
@@ -19,7 +19,7 @@ from ccr_host.view import palette
 from ccr_host.view.history import Moment, RunHistory
 
 
-def peak_rows(values: NDArray[np.float64], most: int) -> NDArray[np.intp]:
+def peak_rows(values: Array, most: int) -> IntArray:
     """Indices of about ``most`` rows: the greatest of each stretch of equal length, and the newest.
 
     ``values``, (N,), are without NaN; with no more than ``most``, all are taken.
@@ -32,8 +32,6 @@ def peak_rows(values: NDArray[np.float64], most: int) -> NDArray[np.intp]:
     peaks = [start + int(values[start : start + stretch].argmax()) for start in starts]
     return np.union1d(peaks, [count - 1])
 
-
-FloatArray = NDArray[np.float64]
 
 _POINTS = 600
 """More than the panel has pixels."""
@@ -141,7 +139,7 @@ class _Chart:
         """Let the time axis end there; the browser builds the chart again."""
         self._plot.scales = {"x": _time_until(end_s)}
 
-    def show(self, at_s: FloatArray, curves: Sequence[FloatArray]) -> None:
+    def show(self, at_s: Array, curves: Sequence[Array]) -> None:
         """Draw curves of one length over their common time; rows with NaN are left out.
 
         The browser finds no scale among NaN.

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.base import Command, Observation, Phase
+from ccr_host.core.arrays import Array
 from ccr_host.core.wire import cdeg_to_rad
 from ccr_host.link.exchange import message_in
 from ccr_host.link.framing import Frame, FrameDecoder
@@ -29,8 +29,6 @@ from ccr_host.link.messages import (
 )
 from ccr_host.run.observer import RunObserver, RunSetup, StepRecord
 from ccr_host.tracking.tracker import Sample
-
-FloatArray = NDArray[np.float64]
 
 _FIRST_CAPACITY = 256
 _KEEP_EVERY_US = 40_000
@@ -49,7 +47,7 @@ class GrowingTable:
     def __len__(self) -> int:
         return self._count
 
-    def append(self, row: Sequence[float] | FloatArray) -> None:
+    def append(self, row: Sequence[float] | Array) -> None:
         """Add one row; amortised constant time."""
         if self._count == len(self._storage):
             self._storage = np.concatenate([self._storage, np.empty_like(self._storage)])
@@ -57,11 +55,11 @@ class GrowingTable:
         self._count += 1
 
     @property
-    def rows(self) -> FloatArray:
+    def rows(self) -> Array:
         """All rows so far, (N, columns); a view."""
         return self._storage[: self._count]
 
-    def until(self, time_us: float) -> FloatArray:
+    def until(self, time_us: float) -> Array:
         """The rows up to a time, (n, columns); a view."""
         count = int(np.searchsorted(self.rows[:, 0], time_us, side="right"))
         return self._storage[:count]
@@ -73,7 +71,7 @@ class BoardState(NamedTuple):
     time_us: float
     state: State
     fault: Fault
-    setpoint_rad: FloatArray
+    setpoint_rad: Array
     """(motors,): where ramp and slew limit stand."""
     pulses_us: tuple[float, ...]
     """0 is no pulse."""
@@ -144,11 +142,11 @@ class LinkHistory:
         rows = self._health.until(time_us)
         return LinkHealth(*rows[-1]) if len(rows) else None
 
-    def setpoints_until(self, time_us: float) -> FloatArray:
+    def setpoints_until(self, time_us: float) -> Array:
         """(n, 1 + motors): time in us, setpoints in rad."""
         return self._board.until(time_us)[:, [0, *range(3, 3 + self._motors)]]
 
-    def round_trips_until(self, time_us: float) -> FloatArray:
+    def round_trips_until(self, time_us: float) -> Array:
         """(n, 2): time and duration, us."""
         return self._round_trips.until(time_us)
 
@@ -208,17 +206,17 @@ class LinkHistory:
 class StepColumns(NamedTuple):
     """One row a control step."""
 
-    end_us: FloatArray
-    error_mm: FloatArray
+    end_us: Array
+    error_mm: Array
     """|f_m - f|; NaN where nothing was measured."""
-    true_error_mm: FloatArray
+    true_error_mm: Array
     """NaN without a twin."""
-    unavoidable_mm: FloatArray
+    unavoidable_mm: Array
     """Error that the model cannot avoid."""
-    solve_us: FloatArray
-    age_us: FloatArray
+    solve_us: Array
+    age_us: Array
     """Age of the sample; NaN where the markers were lost."""
-    late: FloatArray
+    late: Array
     """1 where the command came too late."""
 
 
@@ -231,16 +229,16 @@ class Moment:
     """Phase of the run."""
     record: StepRecord | None
     """The last step that has ended."""
-    horizon_mm: FloatArray
+    horizon_mm: Array
     """(k, 3): where the newest command expects the tip, from the end of its period on."""
-    markers_mm: FloatArray | None
+    markers_mm: Array | None
     """(markers, 3), newest whole sample, M1 is the origin; None where it is too old to believe."""
     markers_age_us: float
     """Age of that sample; NaN before the first."""
     board: BoardState | None
     link: LinkHealth | None
     steps: StepColumns
-    trail_mm: FloatArray
+    trail_mm: Array
     """(n, 3): measured tip at the end of each step; NaN where it was not measured."""
 
 
@@ -254,7 +252,7 @@ class RunHistory(RunObserver):
         self._trail = GrowingTable(4)
         self._records: list[StepRecord] = []
         self._command_us = GrowingTable(1)
-        self._horizons_mm: list[FloatArray] = []
+        self._horizons_mm: list[Array] = []
         self._samples = GrowingTable(10)
         self._phases: list[tuple[int, Phase]] = []
         self._stale_us = math.inf
@@ -330,5 +328,5 @@ class RunHistory(RunObserver):
         return float(self.setup.reference.unavoidable_mm[step])
 
 
-def _or_nan(position_mm: FloatArray | None) -> FloatArray:
+def _or_nan(position_mm: Array | None) -> Array:
     return np.full(3, np.nan) if position_mm is None else position_mm

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.record import figure_style
 
-FloatArray = NDArray[np.float64]
 Rgb = tuple[int, int, int]
 
 
@@ -26,7 +26,7 @@ MOTORS = tuple(rgb(colour) for colour in figure_style.MOTORS)
 LIMIT = rgb(figure_style.LIMIT)
 AXES: tuple[Rgb, ...] = ((190, 60, 60), (60, 140, 60), (60, 80, 190))
 
-_ERROR_STOPS: FloatArray = np.array(
+_ERROR_STOPS: Array = np.array(
     [(130, 175, 245), (75, 105, 230), (120, 50, 200), (170, 0, 130), (110, 0, 40)], dtype=np.float64
 )
 """Small to large, ever darker; neither the orange of what is out of reach nor a marker's yellow."""
@@ -47,7 +47,7 @@ def css(colour: Rgb, opacity: float = 1.0) -> str:
     return "#{:02x}{:02x}{:02x}{:02x}".format(*colour, round(255 * opacity))
 
 
-def error_colours(error_mm: FloatArray, full_scale_mm: float) -> NDArray[np.uint8]:
+def error_colours(error_mm: Array, full_scale_mm: float) -> NDArray[np.uint8]:
     """RGB of errors, (N,) -> (N, 3); larger ones than full scale take its colour, NaN is grey."""
     is_known = np.isfinite(error_mm)
     share = np.clip(np.where(is_known, error_mm, 0.0) / full_scale_mm, 0.0, 1.0)
@@ -57,7 +57,7 @@ def error_colours(error_mm: FloatArray, full_scale_mm: float) -> NDArray[np.uint
     return colours.astype(np.uint8)
 
 
-def error_full_scale_mm(error_mm: FloatArray) -> float:
+def error_full_scale_mm(error_mm: Array) -> float:
     """A round number that 95 % of the errors do not exceed."""
     known = error_mm[np.isfinite(error_mm)]
     wanted = float(np.quantile(known, _SCALE_QUANTILE)) if len(known) else 1.0

@@ -7,6 +7,7 @@ import trimesh
 from numpy.typing import NDArray
 from viser import BatchedMeshHandle, IcosphereHandle, LineSegmentsHandle, SceneApi
 
+from ccr_host.core.arrays import Array
 from ccr_host.description.robot import Robot
 from ccr_host.description.schema import Description
 from ccr_host.robot.backbone import (
@@ -20,8 +21,6 @@ from ccr_host.robot.reference import Reference
 from ccr_host.run.observer import RunSetup
 from ccr_host.view import palette
 from ccr_host.view.history import Moment
-
-FloatArray = NDArray[np.float64]
 
 SCENE_UNIT_MM = 100.0
 """The browser's camera and lights expect things of about one unit."""
@@ -42,7 +41,7 @@ def scale_of(robot: Robot) -> float:
     return max(1.0, sum(segment.length_mm for segment in robot.chain) / _USUAL_LENGTH_MM)
 
 
-def joined(points_mm: FloatArray) -> NDArray[np.float32]:
+def joined(points_mm: Array) -> NDArray[np.float32]:
     """Segments between consecutive points in scene units, (N, 3) -> (N - 1, 2, 3)."""
     points = (points_mm / SCENE_UNIT_MM).astype(np.float32)
     return np.stack([points[:-1], points[1:]], axis=1)
@@ -84,7 +83,7 @@ def draw_desired(scene: SceneApi, reference: Reference) -> None:
         )
 
 
-def _draw_axes(scene: SceneApi, at_mm: FloatArray) -> None:
+def _draw_axes(scene: SceneApi, at_mm: Array) -> None:
     """Axes as the trajectories name them: y is f[0], x is f[1], z is f[2]."""
     scene.add_label(
         "/axes/scale",
@@ -184,7 +183,7 @@ class RobotScene:
         self._trail.colors = np.stack([colours[:-1], colours[1:]], axis=1)[seen]
         self._trail.points = segments[seen]
 
-    def _show_measured(self, markers_mm: FloatArray, start_rad: FloatArray) -> FloatArray:
+    def _show_measured(self, markers_mm: Array, start_rad: Array) -> Array:
         bending_rad = fitted_bending_rad(self._model, markers_mm, start_rad)
         backbone_mm = measured_backbone_mm(self._model, markers_mm, bending_rad, _BACKBONE_POINTS)
         self._measured.points = joined(backbone_mm)
@@ -195,7 +194,7 @@ class RobotScene:
             marker.position = position_mm / SCENE_UNIT_MM
         return backbone_mm
 
-    def _place_disks(self, backbone_mm: FloatArray) -> None:
+    def _place_disks(self, backbone_mm: Array) -> None:
         along = np.gradient(backbone_mm, axis=0)[self._disk_points]
         directions = along / np.linalg.norm(along, axis=1, keepdims=True)
         positions = backbone_mm[self._disk_points] / SCENE_UNIT_MM

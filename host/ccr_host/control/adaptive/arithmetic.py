@@ -7,24 +7,23 @@ The model is written once with it: for floats (one robot), for arrays (many robo
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.robot.arc import Number
 
-FloatArray = NDArray[np.float64]
 Two = tuple[Number, Number]
 Three = tuple[Number, Number, Number]
 Four = tuple[Number, Number, Number, Number]
 
 
-def split(rows: FloatArray) -> tuple[Number, ...]:
+def split(rows: Array) -> tuple[Number, ...]:
     """The columns of (..., n), as floats if there is only one row."""
     if rows.ndim == 1:
         return tuple(rows.tolist())
     return tuple(np.moveaxis(rows, -1, 0))
 
 
-def stacked(*columns: Number) -> FloatArray:
+def stacked(*columns: Number) -> Array:
     """The inverse of ``split``: stack columns to (..., n), broadcast against each other."""
     if all(isinstance(column, float) for column in columns):
         return np.array(columns)

@@ -14,7 +14,6 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.parameter_space import (
@@ -25,11 +24,10 @@ from ccr_host.control.adaptive.parameter_space import (
     Prior,
     Roles,
 )
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description
 from ccr_host.robot.chain import PAPER_FRAME
 from ccr_host.robot.rest_model import MarkedRobot, Markers, RestModel
-
-FloatArray = NDArray[np.float64]
 
 _BOUND = 5.0
 """Prior deviations within which every parameter stays."""
@@ -53,9 +51,9 @@ _SURE = ("length", "tendon_radius", "angle")
 class Near(NamedTuple):
     """How some robots differ from one, K of them."""
 
-    steps: FloatArray
+    steps: Array
     """Differences of their scores, (K, P)."""
-    turns: FloatArray
+    turns: Array
     """``turn`` of each, (K, 3, 3)."""
 
 
@@ -63,12 +61,12 @@ class Near(NamedTuple):
 class ChainParameters:
     """One robot, and others close to it."""
 
-    score: FloatArray
+    score: Array
     """Of ``RestModel``, zeros in the slack, (P,)."""
     rest: MarkedRobot
-    half_dead_mm: FloatArray
+    half_dead_mm: Array
     """Half the travel that each tendon loses after a reversal, (T,)."""
-    turn: FloatArray = field(default_factory=partial(np.eye, 3))
+    turn: Array = field(default_factory=partial(np.eye, 3))
     """From the robot's frame to that of the camera, (3, 3)."""
     near: Near | None = None
     """Robots whose parameters are slightly different, see ``ChainSpace.perturbed``."""
@@ -90,7 +88,7 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         self.model = RestModel(robot.chain, markers, up)
         """Robots by their scores; markers are the end of the first segment and the tip."""
         self.model.frame = PAPER_FRAME, np.zeros(3)
-        self.winding_mm: FloatArray = robot.pulley_radius_mm * self.model.winding
+        self.winding_mm: Array = robot.pulley_radius_mm * self.model.winding
         """Pull of each tendon over the motor angles, mm/rad, (T, n)."""
         kinds = [unknown.kind for unknown in self.model.unknowns]
         self._own = len(kinds)
@@ -135,7 +133,7 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         return (own + more)[: self.count]
 
     @property
-    def zero_rad(self) -> FloatArray:
+    def zero_rad(self) -> Array:
         """From the slack of the tendons: as much as the tendons of a segment differ in it.
 
         Zeros by which all motors of a segment only tighten its tendons cannot be told from slack.
@@ -147,7 +145,7 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         return by_value * self.deviation * self._has_zero
 
     @cached_property
-    def _zero_by_slack(self) -> FloatArray:
+    def _zero_by_slack(self) -> Array:
         """Zeros that explain most of the different slack of each segment's tendons, (n, T)."""
         own = np.equal.outer(self.model.segment_of, self.model.segment_of)
         from_mean = np.eye(len(own)) - own / own.sum(axis=1)
@@ -164,7 +162,7 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         other._has_zero = np.logical_and(pulled.any(axis=0), let_out.any(axis=0))[:, None] * 1.0
         return other
 
-    def mounting(self, score: FloatArray) -> Mounting:
+    def mounting(self, score: Array) -> Mounting:
         robot = self.parameters(score).rest
         slack_mm = robot.slack_mm - self.winding_mm @ self.zero_rad @ score
         wound_mm = np.abs(self.winding_mm)
@@ -172,27 +170,27 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         radius_mm = np.linalg.norm(robot.lever_mm, axis=2).max(axis=1)
         return Mounting(robot.lengths_mm, slack_mm @ share, 1.0 / (radius_mm @ share))
 
-    def each(self, scores: FloatArray) -> ChainParameters:
+    def each(self, scores: Array) -> ChainParameters:
         """Of one set alone, to which ``starts`` is limited."""
         (score,) = scores
         return self.parameters(score)
 
-    def starts(self) -> FloatArray:
+    def starts(self) -> Array:
         """The prior alone."""
         return np.zeros((1, 1, self.count))
 
-    def parameters(self, score: FloatArray) -> ChainParameters:
+    def parameters(self, score: Array) -> ChainParameters:
         own, turn = self._own_of(score)
         return ChainParameters(own, self.model.robot(own), self.model.half_dead_mm(own), turn)
 
-    def perturbed(self, score: FloatArray, probe: float) -> ChainParameters:
+    def perturbed(self, score: Array, probe: float) -> ChainParameters:
         here = self.parameters(score)
         steps = probe * np.eye(self.count + 1, self.count)
         near = zip(*(self._own_of(score + step) for step in steps), strict=True)
         scores, turns = (np.array(column) for column in near)
         return replace(here, near=Near(scores - here.score, turns))
 
-    def _own_of(self, score: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _own_of(self, score: Array) -> tuple[Array, Array]:
         """Scores of the robot itself, to whose slack zeros add, and the camera's turn, (3, 3)."""
         own, more_rad = self._held * score[: self._own], (self.deviation * score)[self._own :]
         if not len(more_rad):
@@ -200,7 +198,7 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         own[self._slack] += self.winding_mm @ more_rad[3:] / self.deviation[self._slack]
         return own, Rotation.from_rotvec(more_rad[:3]).as_matrix()
 
-    def by_shaft(self, shaft_rad: float) -> FloatArray:
+    def by_shaft(self, shaft_rad: float) -> Array:
         """The angle of a shaft is as much slack of each tendon that it winds."""
         scores = np.zeros((self.count, self.winding_mm.shape[1]))
         deviation_mm = self.deviation[self._slack][:, None]

@@ -11,20 +11,18 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from ccr_host.control.adaptive.chain_space import ChainParameters, ChainSpace
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.static_model import Hold, PathPlan, Sensitivity, StaticModel
+from ccr_host.core.arrays import Array, IntArray
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.tendon_rest import TendonRobot, pulled_mm
 from ccr_host.robot.workspace import MotorLimits
-
-FloatArray = NDArray[np.float64]
 
 _TOUR_FIRST, _TOUR_PER_FREEDOM = 12, 4
 """Number of rests of the tour, and how many more each degree of freedom takes."""
@@ -58,11 +56,11 @@ _LONGEST_STEP_RAD = 0.2
 class ChainPose(NamedTuple):
     """A pose at rest."""
 
-    setpoint_rad: FloatArray
+    setpoint_rad: Array
     """(n,)."""
-    travel_mm: FloatArray
+    travel_mm: Array
     """Pull of each tendon, behind the setpoints by backlash, (T,)."""
-    theta_rad: FloatArray
+    theta_rad: Array
     """Degrees of freedom, (D,)."""
 
 
@@ -76,17 +74,17 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         self._winding_mm = space.winding_mm
         self._segments = len(description.robot.chain)
 
-    def first_pose(self, p: ChainParameters, setpoint_rad: FloatArray) -> ChainPose:
+    def first_pose(self, p: ChainParameters, setpoint_rad: Array) -> ChainPose:
         travel_mm = self._winding_mm @ setpoint_rad
         return ChainPose(setpoint_rad, travel_mm, p.rest.rest(travel_mm[None])[0])
 
-    def moved(self, p: ChainParameters, pose: ChainPose, *setpoints_rad: FloatArray) -> ChainPose:
+    def moved(self, p: ChainParameters, pose: ChainPose, *setpoints_rad: Array) -> ChainPose:
         for setpoint_rad in setpoints_rad:
             pose = self.turned(p, pose, setpoint_rad)
         theta_rad = p.rest.rest(pose.travel_mm[None], pose.theta_rad[None], _REST_RAD)[0]
         return pose._replace(theta_rad=theta_rad)
 
-    def turned(self, p: ChainParameters, pose: ChainPose, setpoint_rad: FloatArray) -> ChainPose:
+    def turned(self, p: ChainParameters, pose: ChainPose, setpoint_rad: Array) -> ChainPose:
         travel_mm = pulled_mm(pose.travel_mm, self._winding_mm @ setpoint_rad, p.half_dead_mm)
         return ChainPose(setpoint_rad, travel_mm, pose.theta_rad)
 
@@ -95,29 +93,29 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         before: ChainParameters,
         after: ChainParameters,
         pose: ChainPose,
-        theta_rad: FloatArray,
+        theta_rad: Array,
     ) -> ChainPose:
         return pose._replace(theta_rad=theta_rad)
 
-    def tip_mm(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
-        tip: FloatArray = p.turn @ p.rest.seen_mm(theta_rad)[-1]
+    def tip_mm(self, p: ChainParameters, theta_rad: Array) -> Array:
+        tip: Array = p.turn @ p.rest.seen_mm(theta_rad)[-1]
         return tip
 
-    def markers_mm(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
-        markers: FloatArray = p.rest.seen_mm(theta_rad) @ p.turn.T
+    def markers_mm(self, p: ChainParameters, theta_rad: Array) -> Array:
+        markers: Array = p.rest.seen_mm(theta_rad) @ p.turn.T
         return markers
 
-    def turned_back_mm(self, p: ChainParameters, seen_mm: FloatArray) -> FloatArray:
-        back: FloatArray = p.turn.T @ seen_mm
+    def turned_back_mm(self, p: ChainParameters, seen_mm: Array) -> Array:
+        back: Array = p.turn.T @ seen_mm
         return back
 
-    def predicted_mm(self, p: ChainParameters, rests: Rests) -> FloatArray:
+    def predicted_mm(self, p: ChainParameters, rests: Rests) -> Array:
         """Those of robots near by are first-order changes of this robot's."""
         travel_of = partial(self._travel_mm, rests)
         theta_rad = p.rest.rest(travel_of(p.score))
         here_mm = p.rest.seen_mm(theta_rad)
         if p.near is None:
-            predicted_mm: FloatArray = here_mm @ p.turn.T
+            predicted_mm: Array = here_mm @ p.turn.T
             return predicted_mm
         slopes = self._model.slopes(p.score, p.rest, theta_rad, travel_of)
         more_mm = np.moveaxis(slopes.markers @ p.near.steps.T, -1, 1)
@@ -126,10 +124,10 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
     def sensitivity(
         self,
         space: ParameterSpace[ChainParameters],
-        score: FloatArray,
+        score: Array,
         p: ChainParameters,
         pose: ChainPose,
-        rate_rad_s: FloatArray,
+        rate_rad_s: Array,
     ) -> Sensitivity:
         """Of the parameters that are learnt along a path; the columns of the others are zero.
 
@@ -149,7 +147,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         self,
         p: ChainParameters,
         pose: ChainPose,
-        theta_rad: FloatArray,
+        theta_rad: Array,
         sides: tuple[float, ...],
         change_over: tuple[float, ...],
     ) -> Hold:
@@ -167,27 +165,27 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
             setpoints.append((needed_mm + half_mm * np.clip(ahead, -1.0, 1.0)) / wound_mm)
         return Hold(np.array(setpoints), held)
 
-    def unhindered_rad(self, p: ChainParameters, theta_rad: FloatArray) -> FloatArray:
+    def unhindered_rad(self, p: ChainParameters, theta_rad: Array) -> Array:
         free = (0.0,) * self._winding_mm.shape[1]
         rows = theta_rad.reshape(-1, theta_rad.shape[-1])
         balances = [_Balance(p.rest, row) for row in rows]
         shafts = [self._shafts_rad(each, self._tendons(each, free, free)[0]) for each in balances]
-        setpoints: FloatArray = np.array(shafts).reshape(*theta_rad.shape[:-1], len(free))
+        setpoints: Array = np.array(shafts).reshape(*theta_rad.shape[:-1], len(free))
         return setpoints
 
     def nearest(
         self,
         p: ChainParameters,
-        planned_rad: FloatArray,
-        shift_rad: FloatArray,
-        aim_mm: FloatArray,
-    ) -> FloatArray:
+        planned_rad: Array,
+        shift_rad: Array,
+        aim_mm: Array,
+    ) -> Array:
         start_rad, planned = (planned_rad + shift_rad)[None], planned_rad[None]
         found = self._polished(p, start_rad, planned, aim_mm[None], _FOLLOWING_STEPS)
         return found.reshape(-1)
 
     def plan(
-        self, p: ChainParameters, limits: MotorLimits, reference: Reference, knots: FloatArray
+        self, p: ChainParameters, limits: MotorLimits, reference: Reference, knots: Array
     ) -> PathPlan:
         """Near the configurations of the reference, between which effort and limits decided."""
         steps = knots.astype(int)
@@ -196,7 +194,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         found = self._polished(p, planned_rad, planned_rad, targets_mm, _PLANNING_STEPS)
         return PathPlan(knots, found)
 
-    def tour_rad(self, p: ChainParameters, limits: MotorLimits) -> FloatArray:
+    def tour_rad(self, p: ChainParameters, limits: MotorLimits) -> Array:
         """Bending spread evenly over all degrees of freedom, in an order of short moves."""
         from scipy.stats import qmc  # noqa: PLC0415 - takes 0.2 s, which other robots need not wait
 
@@ -222,11 +220,11 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
     def _polished(
         self,
         p: ChainParameters,
-        start_rad: FloatArray,
-        planned_rad: FloatArray,
-        target_mm: FloatArray,
+        start_rad: Array,
+        planned_rad: Array,
+        target_mm: Array,
         steps: int,
-    ) -> FloatArray:
+    ) -> Array:
         """Damped Gauss-Newton towards the poses nearest to points, (N, D), (N, 3)."""
         theta = start_rad
         damping = np.diag(np.full(theta.shape[1], _DAMPING_MM2 + _RETURN_MM2))
@@ -240,7 +238,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
             theta = theta - np.clip(step, -_LONGEST_STEP_RAD, _LONGEST_STEP_RAD)
         return theta
 
-    def _travel_mm(self, rests: Rests, score: FloatArray) -> FloatArray:
+    def _travel_mm(self, rests: Rests, score: Array) -> Array:
         """Pull of each tendon at rests, (N, T)."""
         start_mm, wound_mm = (q @ self._winding_mm.T for q in (rests.start_rad, rests.q_rad))
         return self._model.travel_mm(score, start_mm, wound_mm)
@@ -265,7 +263,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
             held.append(1.0 if is_first else -1.0)
         return tendons, tuple(held)
 
-    def _shafts_rad(self, balance: _Balance, tendons: list[int]) -> FloatArray:
+    def _shafts_rad(self, balance: _Balance, tendons: list[int]) -> Array:
         """Shaft angles that hold a pose, (n,); tendons that need not pull are just taut.
 
         By the tendon with which each motor holds it, then corrected for others that are taut, too,
@@ -275,7 +273,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         stiffness_mm2 = balance.rest.tendon_stiffness_mm2
         tension = balance.tensions(np.array(tendons))
         needed_mm = taken_mm[tendons] + tension / stiffness_mm2[tendons]
-        shafts_rad: FloatArray = needed_mm / winding_mm[tendons, range(len(tendons))]
+        shafts_rad: Array = needed_mm / winding_mm[tendons, range(len(tendons))]
         moments = balance.moments(winding_mm @ shafts_rad)
         share = 1.0
         for _ in range(_CORRECTIONS):
@@ -294,9 +292,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
                 share *= 0.5
         return shafts_rad
 
-    def _taken_up(
-        self, shafts_rad: FloatArray, way_rad: FloatArray, taken_mm: FloatArray
-    ) -> FloatArray:
+    def _taken_up(self, shafts_rad: Array, way_rad: Array, taken_mm: Array) -> Array:
         """Shaft angles, of motors that are to turn one way those at which a tendon is just taut."""
         found = shafts_rad.copy()
         for motor in np.flatnonzero(np.abs(way_rad) > _LEAST_DEAD_MM):
@@ -311,7 +307,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 class _Balance:
     """The moments of one robot, ``rest``, at a pose, (D,), over its tendons."""
 
-    def __init__(self, rest: TendonRobot, theta_rad: FloatArray) -> None:
+    def __init__(self, rest: TendonRobot, theta_rad: Array) -> None:
         self.rest = rest
         nothing = np.zeros(len(rest.slack_mm))
         self.taken_mm = -rest.stretch_mm(theta_rad, nothing)
@@ -320,15 +316,15 @@ class _Balance:
         """(T, D)."""
         self._free = rest.moments(theta_rad, nothing + _SLACKENED_MM)
 
-    def moments(self, travel_mm: FloatArray) -> FloatArray:
+    def moments(self, travel_mm: Array) -> Array:
         """Those left with the tendons pulled so far, (T,) -> (D,)."""
         taut_mm = np.maximum(travel_mm - self.taken_mm, 0.0)
-        left: FloatArray = self._free - (self.rest.tendon_stiffness_mm2 * taut_mm) @ self.levers_mm
+        left: Array = self._free - (self.rest.tendon_stiffness_mm2 * taut_mm) @ self.levers_mm
         return left
 
-    def tensions(self, tendons: NDArray[np.intp]) -> FloatArray:
+    def tensions(self, tendons: IntArray) -> Array:
         """Least tensions of some tendons that hold the pose, over k_1, 1/mm; 0 or more."""
         system = np.vstack([self.levers_mm[tendons].T, math.sqrt(_EVENNESS) * np.eye(len(tendons))])
         wanted = np.append(self._free, np.zeros(len(tendons)))
-        tensions: FloatArray = nnls(system, wanted, maxiter=_MOST_PIVOTS)[0]
+        tensions: Array = nnls(system, wanted, maxiter=_MOST_PIVOTS)[0]
         return tensions

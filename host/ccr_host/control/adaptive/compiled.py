@@ -26,7 +26,6 @@ from ccr_host.control.adaptive import (
     statics,
     tip,
 )
-from ccr_host.control.adaptive.arithmetic import FloatArray
 from ccr_host.control.adaptive.model import PlainModel
 from ccr_host.control.adaptive.motion import Pose, change_of, first_pose, slopes_of
 from ccr_host.control.adaptive.motion import moved as moved_to
@@ -35,6 +34,7 @@ from ccr_host.control.adaptive.parameters import FIELDS, Parameters
 from ccr_host.control.adaptive.path_plan import polished_of
 from ccr_host.control.adaptive.static_model import PROBE, Sensitivity
 from ccr_host.control.adaptive.tip import markers_of
+from ccr_host.core.arrays import Array
 from ccr_host.robot import arc
 from ccr_host.robot.arc import Arc, arc_at_one
 from ccr_host.robot.rests import Rests
@@ -59,7 +59,7 @@ def _arc_at(theta_rad: float) -> Callable[[float], Arc]:
 overload(arc.arc_at)(_arc_at)
 overload(arithmetic.largest)(lambda x: lambda x: x if x > 0.0 else -x)
 overload(arithmetic.anywhere)(lambda x: lambda x: x)
-_to_fixed_tuple = cast(Callable[[FloatArray, int], tuple[float, ...]], to_fixed_tuple)
+_to_fixed_tuple = cast(Callable[[Array, int], tuple[float, ...]], to_fixed_tuple)
 
 _BY_TYPE = arc.arc_at, arithmetic.largest, arithmetic.anywhere
 
@@ -77,7 +77,7 @@ class CompiledModel(PlainModel):
     def __init__(self) -> None:
         self._entries = _ready_entries()
 
-    def moved(self, p: Parameters, pose: Pose, *setpoints_rad: FloatArray) -> Pose:
+    def moved(self, p: Parameters, pose: Pose, *setpoints_rad: Array) -> Pose:
         flat = _packed(pose)
         for setpoint_rad in setpoints_rad:
             flat = self._entries.moved(np.array(p), flat, np.array(setpoint_rad))
@@ -87,25 +87,23 @@ class CompiledModel(PlainModel):
     def sensitivity(
         self,
         space: ParameterSpace[Parameters],
-        score: FloatArray,
+        score: Array,
         p: Parameters,
         pose: Pose,
-        rate_rad_s: FloatArray,
+        rate_rad_s: Array,
     ) -> Sensitivity:
         near = _contiguous(np.array(space.perturbed(score, PROBE)).T)
         columns = self._entries.changes(near, _packed(pose), PROBE * rate_rad_s) / PROBE
         return Sensitivity(columns[:3], columns[3:])
 
-    def predicted_mm(self, p: Parameters, rests: Rests) -> FloatArray:
+    def predicted_mm(self, p: Parameters, rests: Rests) -> Array:
         rows = np.array(p).T
         markers_mm = self._entries.predicted_mm(
             _contiguous(np.atleast_2d(rows)), rests.start_rad.copy(), _contiguous(rests.q_rad)
         )
         return markers_mm if rows.ndim > 1 else markers_mm[:, 0]
 
-    def polished(
-        self, p: Parameters, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
-    ) -> FloatArray:
+    def polished(self, p: Parameters, theta_rad: Array, target_mm: Array, iterations: int) -> Array:
         theta = _contiguous(theta_rad.reshape(-1, 2))
         target = _contiguous(target_mm.reshape(-1, 3))
         found = self._entries.polished(np.array(p), theta, target, iterations)
@@ -115,22 +113,22 @@ class CompiledModel(PlainModel):
 class _Entries(NamedTuple):
     """The functions that Python calls; arguments are few and flat, as each costs time in numba."""
 
-    moved: jit.Entry[FloatArray]
-    changes: jit.Entry[FloatArray]
-    predicted_mm: jit.Entry[FloatArray]
-    polished: jit.Entry[FloatArray]
+    moved: jit.Entry[Array]
+    changes: jit.Entry[Array]
+    predicted_mm: jit.Entry[Array]
+    polished: jit.Entry[Array]
 
 
 def _make_entries(fingerprint: int) -> _Entries:
     """The entries, which enclose a fingerprint of all code that they use, see ``jit``."""
 
-    def moved(packed: FloatArray, flat: FloatArray, setpoint_rad: FloatArray) -> FloatArray:
+    def moved(packed: Array, flat: Array, setpoint_rad: Array) -> Array:
         _ = fingerprint
         pose = moved_to(_parameters(packed), _pose(flat), setpoint_rad[0], setpoint_rad[1])
         theta = pose.theta_1, pose.theta_2
         return np.array((pose.q_1, pose.q_2, pose.lag_1, pose.lag_2, *pose.anchors, *theta))
 
-    def changes(near: FloatArray, flat: FloatArray, travel_rad: FloatArray) -> FloatArray:
+    def changes(near: Array, flat: Array, travel_rad: Array) -> Array:
         _ = fingerprint
         pose, last = _pose(flat), len(near) - 1
         here = slopes_of(_parameters(near[last]), pose)
@@ -141,7 +139,7 @@ def _make_entries(fingerprint: int) -> _Entries:
             columns[:, i] = change_of(here, _parameters(near[i]), pose, travel_1, travel_2)
         return columns
 
-    def predicted_mm(rows: FloatArray, start: FloatArray, setpoints: FloatArray) -> FloatArray:
+    def predicted_mm(rows: Array, start: Array, setpoints: Array) -> Array:
         _ = fingerprint
         markers_mm = np.empty((len(setpoints), len(rows), 2, 3))
         for i in range(len(rows)):
@@ -153,9 +151,7 @@ def _make_entries(fingerprint: int) -> _Entries:
                 markers_mm[j, i, 0], markers_mm[j, i, 1] = markers
         return markers_mm
 
-    def polished(
-        packed: FloatArray, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
-    ) -> FloatArray:
+    def polished(packed: Array, theta_rad: Array, target_mm: Array, iterations: int) -> Array:
         _ = fingerprint
         p, found = _parameters(packed), theta_rad.copy()
         for i in range(len(found)):
@@ -163,7 +159,7 @@ def _make_entries(fingerprint: int) -> _Entries:
             found[i] = polished_of(p, found[i, 0], found[i, 1], x_mm, wanted, iterations)
         return found
 
-    entries: tuple[Callable[..., FloatArray], ...] = moved, changes, predicted_mm, polished
+    entries: tuple[Callable[..., Array], ...] = moved, changes, predicted_mm, polished
     return _Entries(*(jit.compiled_on_disk(entry) for entry in entries))
 
 
@@ -182,21 +178,21 @@ def _ready_entries() -> _Entries:
     return entries
 
 
-def _contiguous(array: FloatArray) -> FloatArray:
+def _contiguous(array: Array) -> Array:
     """A writable copy in C order, the only one that the entries accept."""
     return np.array(array, order="C")
 
 
-def _packed(pose: Pose) -> FloatArray:
+def _packed(pose: Pose) -> Array:
     return np.array((*pose[:4], *pose.anchors, *pose[5:]))
 
 
 @jit.compiled
-def _pose(flat: FloatArray) -> Pose:
+def _pose(flat: Array) -> Pose:
     anchors = flat[4], flat[5], flat[6], flat[7]
     return Pose(flat[0], flat[1], flat[2], flat[3], anchors, flat[8], flat[9])
 
 
 @jit.compiled
-def _parameters(row: FloatArray) -> Parameters:
+def _parameters(row: Array) -> Parameters:
     return Parameters(*_to_fixed_tuple(row, FIELDS))

@@ -15,14 +15,12 @@ from __future__ import annotations
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.identification import Fit
 from ccr_host.control.adaptive.parameter_space import ParameterSpace, Roles
 from ccr_host.control.adaptive.static_model import P, S, StaticModel
 from ccr_host.control.shell import COMMAND_DELAY_S
-
-FloatArray = NDArray[np.float64]
+from ccr_host.core.arrays import Array
 
 _NOTABLE_HINDRANCE = 0.3
 """Smaller ones, in prior deviations, count as absent, so that noise on the path cannot add them."""
@@ -95,7 +93,7 @@ class Estimator(Generic[P, S]):
         self.releases = 0
 
     @property
-    def offset_mm(self) -> FloatArray:
+    def offset_mm(self) -> Array:
         """Measured minus modelled tip, (3,), low-pass filtered for use in commands."""
         return self._believed[self._offset].copy()
 
@@ -113,7 +111,7 @@ class Estimator(Generic[P, S]):
         """Weight of a measurement relative to one without oscillation."""
         return (_NOISE_MM / self._noise_mm(jolt_rad)) ** 2
 
-    def hand_over(self, offset_mm: FloatArray) -> None:
+    def hand_over(self, offset_mm: Array) -> None:
         """Subtract the part of the offset, (3,), that a memory of earlier laps now accounts for."""
         for state in (self._state, self._believed):
             state[self._offset] -= offset_mm
@@ -135,10 +133,10 @@ class Estimator(Generic[P, S]):
     def correct(
         self,
         pose: S,
-        modelled_mm: FloatArray,
-        rate_rad_s: FloatArray,
+        modelled_mm: Array,
+        rate_rad_s: Array,
         jolt_rad: float,
-        seen_mm: FloatArray,
+        seen_mm: Array,
     ) -> S:
         """Correct the estimate by a measurement.
 
@@ -191,7 +189,7 @@ class Estimator(Generic[P, S]):
         self._usual_offset_mm += slowly * (self._state[self._offset] - self._usual_offset_mm)
         self._since_believed_s = 0.0
 
-    def _free_load_if_innovations_agree(self, normalised: FloatArray) -> None:
+    def _free_load_if_innovations_agree(self, normalised: Array) -> None:
         share = _INNOVATION_SHARE
         self._mean_innovation = (1.0 - share) * self._mean_innovation + share * normalised
         if self._mean_innovation @ self._mean_innovation * (2.0 - share) / share > _FREEING:
@@ -240,7 +238,7 @@ class LapMemory:
         self._news_mm = np.zeros((steps, 3))
         self._filter = _low_pass(steps, max(_SMOOTHING_S / period_s, _SMOOTHING_STEPS))
 
-    def at(self, index: float) -> FloatArray:
+    def at(self, index: float) -> Array:
         """The offset learnt from earlier laps at a fractional step of the whole path, (3,) mm."""
         if self._lap == 0:
             return np.zeros(3)
@@ -250,7 +248,7 @@ class LapMemory:
         second = self._offset_mm[(before + 1) % self._steps]
         return np.asarray((1.0 - share) * first + share * second)
 
-    def note(self, index: float, unexplained_mm: FloatArray, trust: float) -> None:
+    def note(self, index: float, unexplained_mm: Array, trust: float) -> None:
         """Note measured minus modelled tip, (3,), at a fractional step; trust is from 0 to 1."""
         if index < 0.0:
             return
@@ -259,7 +257,7 @@ class LapMemory:
         share = min(1.0, _LARGEST_MM / max(float(np.linalg.norm(news_mm)), 1e-9))
         self._news_mm[step] = trust * share * news_mm
 
-    def turn(self, index: float) -> FloatArray | None:
+    def turn(self, index: float) -> Array | None:
         """Learn from the last lap when a new one has begun.
 
         Returns:
@@ -276,8 +274,8 @@ class LapMemory:
         return self.at(index) - before_mm
 
 
-def _low_pass(steps: int, deviation_steps: float) -> FloatArray:
+def _low_pass(steps: int, deviation_steps: float) -> Array:
     """Frequency response of a Gaussian on the closed path: real, between 0 and 1."""
     angle = 2.0 * np.pi * np.fft.rfftfreq(steps)
-    response: FloatArray = np.exp(-0.5 * (deviation_steps * angle) ** 2)
+    response: Array = np.exp(-0.5 * (deviation_steps * angle) ** 2)
     return response

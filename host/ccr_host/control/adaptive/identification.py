@@ -10,16 +10,14 @@ from dataclasses import dataclass
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.parameter_space import P, ParameterSpace
 from ccr_host.control.shell import Measurement
+from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
-
-FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 20
 _DAMPING_FIRST, _DAMPING_FALL, _DAMPING_RISE, _DAMPING_MOST = 1e-3, 0.1, 10.0, 1e3
@@ -49,10 +47,10 @@ class Fit:
     of the rests (robust) and the scores.
     """
 
-    score: FloatArray
-    covariance: FloatArray
+    score: Array
+    covariance: Array
     rms_mm: float
-    stands_out: NDArray[np.bool_]
+    stands_out: BoolArray
     surprise: float
     cost: float
 
@@ -79,7 +77,7 @@ class Fit:
         )
 
 
-Predict = Callable[[P, Rests], FloatArray]
+Predict = Callable[[P, Rests], Array]
 """See ``StaticModel.predicted_mm``."""
 
 
@@ -97,7 +95,7 @@ class StaticsFit(Generic[P]):
         scaling: ParameterSpace[P],
         rests: Rests,
         predict: Predict[P],
-        start: FloatArray | None = None,
+        start: Array | None = None,
     ) -> None:
         self._predict = predict
         self.scaling = scaling
@@ -186,7 +184,7 @@ class StaticsFit(Generic[P]):
             self._damping *= _DAMPING_RISE
         return 0.0
 
-    def _judge(self, score: FloatArray) -> tuple[FloatArray, float]:
+    def _judge(self, score: Array) -> tuple[Array, float]:
         """Standardised residuals, (N, 6), and the cost."""
         residual_mm = (self._vectors_mm - self._predicted(score)).reshape(-1, 6, 1)
         standardised = (self._whitening @ residual_mm)[..., 0]
@@ -194,18 +192,18 @@ class StaticsFit(Generic[P]):
         excess = np.maximum(size - _HUBER_DEVIATIONS, 0.0)
         return standardised, float((size**2 - excess**2).sum() + (score**2).sum())
 
-    def _predicted(self, score: FloatArray) -> FloatArray:
+    def _predicted(self, score: Array) -> Array:
         return self._predict(self.scaling.parameters(score), self.rests)
 
 
-def _sizes(standardised: FloatArray) -> FloatArray:
+def _sizes(standardised: Array) -> Array:
     """Length of each marker's standardised residual, (N, 2)."""
     return np.asarray(np.linalg.norm(standardised.reshape(-1, 2, 3), axis=-1))
 
 
-def _huber_weight(standardised: FloatArray) -> FloatArray:
+def _huber_weight(standardised: Array) -> Array:
     """Of each marker, (N, 2)."""
-    weight: FloatArray = _HUBER_DEVIATIONS / np.maximum(_sizes(standardised), _HUBER_DEVIATIONS)
+    weight: Array = _HUBER_DEVIATIONS / np.maximum(_sizes(standardised), _HUBER_DEVIATIONS)
     return weight
 
 
@@ -215,10 +213,10 @@ class RestSurvey:
     ``start_rad``, (n,), are the motor angles before the tour.
     """
 
-    def __init__(self, start_rad: FloatArray) -> None:
+    def __init__(self, start_rad: Array) -> None:
         self.start_rad = start_rad
-        self._setpoints_rad: list[FloatArray] = []
-        self._markers_mm: list[list[FloatArray]] = []
+        self._setpoints_rad: list[Array] = []
+        self._markers_mm: list[list[Array]] = []
 
     def add(self, history: SetpointHistory, measurement: Measurement) -> None:
         """Keep a measurement if the setpoints had been at rest for long enough."""

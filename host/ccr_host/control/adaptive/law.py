@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ccr_host.control.adaptive.arithmetic import FloatArray
 from ccr_host.control.adaptive.estimator import Estimator, LapMemory
 from ccr_host.control.adaptive.identification import (
     SETTLED_AFTER_S,
@@ -22,6 +21,7 @@ from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.static_model import Hold, PathPlan, PoseFollower
 from ccr_host.control.adaptive.statics import LEAST_CHANGE_OVER
 from ccr_host.control.shell import Law, Measurement, PathView, Plan, Stage, smooth_moves
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
@@ -157,7 +157,7 @@ class AdaptiveLaw(Law):
         self._follower = None
         yield from super().stages()
 
-    def first_rad(self) -> FloatArray:
+    def first_rad(self) -> Array:
         p, theta_rad = self._estimator.parameters, self._plan.bending_rad(0.0)
         return self._limits.clip(self._model.unhindered_rad(p, theta_rad))
 
@@ -174,7 +174,7 @@ class AdaptiveLaw(Law):
         ):
             self._learn(measurement)
 
-    def plan(self, index: float, commanded_rad: FloatArray, time_s: float) -> Plan:
+    def plan(self, index: float, commanded_rad: Array, time_s: float) -> Plan:
         """Plan the setpoint of the pose nearest to the path, close to the planned pose."""
         estimator, model = self._estimator, self._model
         oldest_s = time_s - _OLDEST_SAMPLE_S
@@ -206,9 +206,7 @@ class AdaptiveLaw(Law):
         seen_mm = measurement.tip_mm - self._remember(measurement, modelled_mm, jolt_rad)
         follower.pose = estimator.correct(pose, modelled_mm, rate_rad_s, jolt_rad, seen_mm)
 
-    def _remember(
-        self, measurement: Measurement, modelled_mm: FloatArray, jolt_rad: float
-    ) -> FloatArray:
+    def _remember(self, measurement: Measurement, modelled_mm: Array, jolt_rad: float) -> Array:
         """Note the unexplained offset for the next lap; return that of the last laps, (3,)."""
         index = measurement.clock_index
         if index is None:

@@ -23,12 +23,12 @@ from ccr_host.control.adaptive.parameter_space import Gravity, ParameterSpace
 from ccr_host.control.adaptive.parameters import (
     COUNT,
     ZEROS,
-    FloatArray,
     Parameters,
     Scaling,
     numbers_of,
 )
 from ccr_host.control.adaptive.statics import zeros_rad
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
@@ -118,14 +118,14 @@ def _leaves_much(fit: Fit, rests: Rests) -> bool:
     return fit.rms_mm > _MOST_LEFT * motion_mm
 
 
-def _certain_zeros_rad(fit: Fit, space: ParameterSpace[Any]) -> FloatArray:
+def _certain_zeros_rad(fit: Fit, space: ParameterSpace[Any]) -> Array:
     """Angles by which zeros are certainly off, (n,); less than 0 for those that may be right."""
     doubt_rad = np.maximum(space.zeros_deviation_rad(fit.covariance), _ZERO_DOUBT_RAD)
-    certain_rad: FloatArray = np.abs(space.zero_rad @ fit.score) - doubt_rad
+    certain_rad: Array = np.abs(space.zero_rad @ fit.score) - doubt_rad
     return certain_rad
 
 
-def _contradicted(fit: Fit, space: ParameterSpace[Any]) -> FloatArray:
+def _contradicted(fit: Fit, space: ParameterSpace[Any]) -> Array:
     """By how many deviations the rests contradict the prior of each parameter, (COUNT,).
 
     Rests that alone say ``m`` with variance ``v`` leave the score ``s = m / (1 + v)`` and the
@@ -135,7 +135,7 @@ def _contradicted(fit: Fit, space: ParameterSpace[Any]) -> FloatArray:
     variance = 1.0 / told
     turns = space.roles.turns
     variance[turns] += (_TURN_DOUBT_RAD / space.deviation[turns]) ** 2
-    contradicted: FloatArray = np.abs(fit.score) / told / np.sqrt(variance)
+    contradicted: Array = np.abs(fit.score) / told / np.sqrt(variance)
     contradicted[space.roles.varying] = 0.0
     return contradicted
 
@@ -295,7 +295,7 @@ class _Trial:
         return self.hypothesis.name.format(**found)
 
 
-def zeros_off(zero_rad: FloatArray) -> str:
+def zeros_off(zero_rad: Array) -> str:
     """Which motors' zeros are off and by how much: not always those that the hypothesis freed.
 
     ``zero_rad``, (n,), are those found; the prior allows some error of each, freed or not.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ccr_host.control.adaptive import motion, path_plan, tip
-from ccr_host.control.adaptive.arithmetic import FloatArray, stacked
+from ccr_host.control.adaptive.arithmetic import stacked
 from ccr_host.control.adaptive.chain_space import ChainSpace
 from ccr_host.control.adaptive.chain_statics import ChainStatics
 from ccr_host.control.adaptive.motion import Pose
@@ -15,6 +15,7 @@ from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.parameters import Parameters, Scaling
 from ccr_host.control.adaptive.static_model import PROBE, Hold, PathPlan, Sensitivity, StaticModel
 from ccr_host.control.adaptive.statics import hold_of, unhindered_setpoints_for
+from ccr_host.core.arrays import Array
 from ccr_host.core.plugins import import_optional
 from ccr_host.description.schema import Control, Description
 from ccr_host.robot.reference import Reference
@@ -26,7 +27,7 @@ _ROWS_RAD = np.radians((0.0, 50.0, 100.0, -100.0, -50.0))
 _COLUMNS_RAD = np.radians((-110.0, -40.0, 40.0, 110.0))
 
 
-def tour_bending_rad() -> FloatArray:
+def tour_bending_rad() -> Array:
     """Bending angles at which all parameters are observable, (N, 2), in an order of short moves.
 
     They cover the workspace: only large bends distinguish the camera's rotation from the robot's
@@ -42,44 +43,42 @@ def tour_bending_rad() -> FloatArray:
 class PlainModel(StaticModel[Parameters, Pose]):
     """The computations in plain Python; several parameter sets at once are arrays."""
 
-    def first_pose(self, p: Parameters, setpoint_rad: FloatArray) -> Pose:
+    def first_pose(self, p: Parameters, setpoint_rad: Array) -> Pose:
         return motion.first_pose(p, *setpoint_rad.tolist())
 
-    def moved(self, p: Parameters, pose: Pose, *setpoints_rad: FloatArray) -> Pose:
+    def moved(self, p: Parameters, pose: Pose, *setpoints_rad: Array) -> Pose:
         for setpoint_rad in setpoints_rad:
             pose = motion.moved(p, pose, *setpoint_rad.tolist())
         return pose
 
-    def turned(self, p: Parameters, pose: Pose, setpoint_rad: FloatArray) -> Pose:
+    def turned(self, p: Parameters, pose: Pose, setpoint_rad: Array) -> Pose:
         if p.friction_1 > 0.0:
             return self.moved(p, pose, setpoint_rad)
         return motion.turned(p, pose, *setpoint_rad.tolist())
 
-    def shifted(
-        self, before: Parameters, after: Parameters, pose: Pose, theta_rad: FloatArray
-    ) -> Pose:
+    def shifted(self, before: Parameters, after: Parameters, pose: Pose, theta_rad: Array) -> Pose:
         return motion.shifted(before, after, pose, theta_rad)
 
-    def tip_mm(self, p: Parameters, theta_rad: FloatArray) -> FloatArray:
+    def tip_mm(self, p: Parameters, theta_rad: Array) -> Array:
         return tip.tip_mm(p, *theta_rad.tolist())
 
-    def markers_mm(self, p: Parameters, theta_rad: FloatArray) -> FloatArray:
+    def markers_mm(self, p: Parameters, theta_rad: Array) -> Array:
         middle, end = tip.markers_of(p, *theta_rad.T)
         return np.stack([stacked(*middle), stacked(*end)], axis=-2)
 
-    def turned_back_mm(self, p: Parameters, seen_mm: FloatArray) -> FloatArray:
+    def turned_back_mm(self, p: Parameters, seen_mm: Array) -> Array:
         return tip.turned_back_mm(p, seen_mm)
 
-    def predicted_mm(self, p: Parameters, rests: Rests) -> FloatArray:
+    def predicted_mm(self, p: Parameters, rests: Rests) -> Array:
         return motion.predicted_mm(p, rests)
 
     def sensitivity(
         self,
         space: ParameterSpace[Parameters],
-        score: FloatArray,
+        score: Array,
         p: Parameters,
         pose: Pose,
-        rate_rad_s: FloatArray,
+        rate_rad_s: Array,
     ) -> Sensitivity:
         here = motion.slopes_of(p, pose)
         travel_1, travel_2 = np.zeros((2, space.count + 1))
@@ -92,7 +91,7 @@ class PlainModel(StaticModel[Parameters, Pose]):
         self,
         p: Parameters,
         pose: Pose,
-        theta_rad: FloatArray,
+        theta_rad: Array,
         sides: tuple[float, ...],
         change_over: tuple[float, ...],
     ) -> Hold:
@@ -101,30 +100,28 @@ class PlainModel(StaticModel[Parameters, Pose]):
         held = hold_of(p, theta_1, theta_2, pose.anchors, (side_1, side_2), (most_1, most_2))
         return Hold(motion.setpoint_for(p, pose, held.shafts), held.sides)
 
-    def unhindered_rad(self, p: Parameters, theta_rad: FloatArray) -> FloatArray:
+    def unhindered_rad(self, p: Parameters, theta_rad: Array) -> Array:
         return unhindered_setpoints_for(p, theta_rad)
 
     def nearest(
         self,
         p: Parameters,
-        planned_rad: FloatArray,
-        shift_rad: FloatArray,
-        aim_mm: FloatArray,
-    ) -> FloatArray:
+        planned_rad: Array,
+        shift_rad: Array,
+        aim_mm: Array,
+    ) -> Array:
         return self.polished(p, planned_rad + shift_rad, aim_mm, _REFINEMENTS)
 
-    def polished(
-        self, p: Parameters, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
-    ) -> FloatArray:
+    def polished(self, p: Parameters, theta_rad: Array, target_mm: Array, iterations: int) -> Array:
         return path_plan.polished(p, theta_rad, target_mm, iterations)
 
     def plan(
-        self, p: Parameters, limits: MotorLimits, reference: Reference, knots: FloatArray
+        self, p: Parameters, limits: MotorLimits, reference: Reference, knots: Array
     ) -> PathPlan:
         targets_mm = reference.target_mm[knots.astype(int)]
         return path_plan.plan_path(p, limits, targets_mm, knots, np.zeros(2), self.polished)
 
-    def tour_rad(self, p: Parameters, limits: MotorLimits) -> FloatArray:
+    def tour_rad(self, p: Parameters, limits: MotorLimits) -> Array:
         return limits.clip(unhindered_setpoints_for(p, tour_bending_rad()))
 
 

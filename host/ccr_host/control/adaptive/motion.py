@@ -10,7 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccr_host.control.adaptive.arithmetic import FloatArray, Four, Three, positive, stacked, within
+from ccr_host.control.adaptive.arithmetic import (
+    Four,
+    Three,
+    positive,
+    stacked,
+    within,
+)
 from ccr_host.control.adaptive.loads import Forces
 from ccr_host.control.adaptive.parameters import Parameters
 from ccr_host.control.adaptive.statics import (
@@ -22,6 +28,7 @@ from ccr_host.control.adaptive.statics import (
     shafts_of,
 )
 from ccr_host.control.adaptive.tip import Tip, markers_of, seen_of, tip_of
+from ccr_host.core.arrays import Array
 from ccr_host.robot.arc import Number
 from ccr_host.robot.rests import Rests
 
@@ -51,7 +58,7 @@ class Pose(NamedTuple):
     theta_2: Number
 
     @property
-    def theta_rad(self) -> FloatArray:
+    def theta_rad(self) -> Array:
         """Bending angles, (..., 2)."""
         return stacked(self.theta_1, self.theta_2)
 
@@ -109,7 +116,7 @@ def _lag_of(backlash_rad: Number, lag: Number, travel_rad: float) -> Number:
     return within(lag + travel_rad / at_least_rad, 1.0)
 
 
-def shifted(before: Parameters, after: Parameters, pose: Pose, theta: FloatArray) -> Pose:
+def shifted(before: Parameters, after: Parameters, pose: Pose, theta: Array) -> Pose:
     """The pose at the bending angles of a corrected model, (2,): sliding tendons keep sliding."""
     theta_1, theta_2 = theta.tolist()
     routes = zip(
@@ -122,7 +129,7 @@ def shifted(before: Parameters, after: Parameters, pose: Pose, theta: FloatArray
     return pose._replace(anchors=(first, second, third, fourth), theta_1=theta_1, theta_2=theta_2)
 
 
-def setpoint_for(p: Parameters, pose: Pose, shafts: tuple[float, float]) -> FloatArray:
+def setpoint_for(p: Parameters, pose: Pose, shafts: tuple[float, float]) -> Array:
     """Setpoint that turns the shafts from a pose to given angles, including backlash, (2,)."""
     lag, q_rad = np.array([pose.lag_1, pose.lag_2]), np.array([pose.q_1, pose.q_2])
     wanted = np.array([shafts[0] + p.zero_1_rad, shafts[1] + p.zero_2_rad])
@@ -184,7 +191,7 @@ def change_of(
     )
 
 
-def predicted_mm(p: Parameters, rests: Rests) -> FloatArray:
+def predicted_mm(p: Parameters, rests: Rests) -> Array:
     """M2 and M3 at the rests, (N, ..., 2, 3), for parameters that are floats or arrays (...)."""
     pose = first_pose(p, *rests.start_rad.tolist())
     markers = []

@@ -8,11 +8,10 @@ from collections.abc import Mapping, Sequence
 from typing import Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.description.simulation import Tracker
 
-FloatArray = NDArray[np.float64]
 P = TypeVar("P")
 Gravity = tuple[float, float, float]
 """Direction of gravity in the frame of (10)."""
@@ -34,10 +33,10 @@ _SHAFT_RAD = math.radians(0.5)
 class Prior(NamedTuple):
     """Mean, standard deviation and bounds of each parameter, (COUNT,)."""
 
-    mean: FloatArray
-    deviation: FloatArray
-    lower: FloatArray
-    upper: FloatArray
+    mean: Array
+    deviation: Array
+    lower: Array
+    upper: Array
 
 
 class Roles(NamedTuple):
@@ -63,11 +62,11 @@ class Roles(NamedTuple):
 class Mounting(NamedTuple):
     """How segments, servos and tendons of a robot are found to be."""
 
-    lengths_mm: FloatArray
+    lengths_mm: Array
     """Length of each segment, (S,)."""
-    take_up_rad: FloatArray
+    take_up_rad: Array
     """Motor angle that takes up the slack of a straight segment, (n,)."""
-    gain: FloatArray
+    gain: Array
     """Bending over motor angle with taut tendons, (n,); r_p / r_c in the description."""
 
 
@@ -114,11 +113,11 @@ class ParameterSpace(ABC, Generic[P]):
         return len(self.deviation)
 
     @abstractmethod
-    def parameters(self, score: FloatArray) -> P:
+    def parameters(self, score: Array) -> P:
         """The parameters of scores, (COUNT,)."""
 
     @abstractmethod
-    def perturbed(self, score: FloatArray, probe: float) -> P:
+    def perturbed(self, score: Array, probe: float) -> P:
         """Parameters with each score increased by ``probe`` in turn, then none: COUNT + 1 sets."""
 
     @property
@@ -128,28 +127,28 @@ class ParameterSpace(ABC, Generic[P]):
 
     @property
     @abstractmethod
-    def zero_rad(self) -> FloatArray:
+    def zero_rad(self) -> Array:
         """Zero of each servo over the scores, (n, COUNT): the setpoint at which the shaft is at 0.
 
         Different slack of the tendons of a segment has the same effect.
         """
 
     @abstractmethod
-    def mounting(self, score: FloatArray) -> Mounting:
+    def mounting(self, score: Array) -> Mounting:
         """What scores, (COUNT,), say about segments, servos and tendons."""
 
     @abstractmethod
-    def each(self, scores: FloatArray) -> P:
+    def each(self, scores: Array) -> P:
         """The parameters of several sets of scores, (K, COUNT)."""
 
     @abstractmethod
-    def starts(self) -> FloatArray:
+    def starts(self) -> Array:
         """Scores from which the fit to a robot before its setup may start, (K, M, COUNT).
 
         Of each K the nearest one of M is tried.
         """
 
-    def few_starts(self) -> FloatArray:
+    def few_starts(self) -> Array:
         """Scores from which to fit few rests, (K, COUNT), until one fit explains them."""
         return np.zeros((1, self.count))
 
@@ -161,18 +160,18 @@ class ParameterSpace(ABC, Generic[P]):
         """The prior for the few rests before a path, of a robot that may not be as described."""
         return self
 
-    def values(self, score: FloatArray) -> FloatArray:
+    def values(self, score: Array) -> Array:
         """The parameters as a vector, (COUNT,)."""
         return np.asarray(self._mean + self.deviation * score)
 
-    def zeros_deviation_rad(self, covariance: FloatArray) -> FloatArray:
+    def zeros_deviation_rad(self, covariance: Array) -> Array:
         """Standard deviation of the servos' zeros, (n,), by that of the scores."""
         by_score = self.zero_rad
-        deviation: FloatArray = np.sqrt(np.einsum("ni,ij,nj->n", by_score, covariance, by_score))
+        deviation: Array = np.sqrt(np.einsum("ni,ij,nj->n", by_score, covariance, by_score))
         return deviation
 
     @abstractmethod
-    def by_shaft(self, shaft_rad: float) -> FloatArray:
+    def by_shaft(self, shaft_rad: float) -> Array:
         """Scores that move the robot as this angle of each motor's shaft does, (COUNT, n)."""
 
     def priors(self) -> Sequence[Self]:
@@ -183,11 +182,11 @@ class ParameterSpace(ABC, Generic[P]):
         """The prior of a camera that is aligned with the robot; None if more is known of it."""
         return None
 
-    def deviation_mm(self, count: FloatArray) -> FloatArray:
+    def deviation_mm(self, count: Array) -> Array:
         """Standard deviation of a coordinate of rests that were measured ``count`` times, (N,)."""
-        deviation_mm: FloatArray = np.hypot(self._noise_mm / np.sqrt(count), _MODEL_MM)
+        deviation_mm: Array = np.hypot(self._noise_mm / np.sqrt(count), _MODEL_MM)
         return deviation_mm
 
-    def bounded(self, score: FloatArray) -> FloatArray:
+    def bounded(self, score: Array) -> Array:
         """The nearest scores within the bounds."""
         return np.clip(score, self._lower, self._upper)

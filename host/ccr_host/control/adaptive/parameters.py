@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.parameter_space import (
     BEFORE_SETUP_TURN_RAD,
@@ -19,11 +18,10 @@ from ccr_host.control.adaptive.parameter_space import (
     Prior,
     Roles,
 )
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description, Robot
 from ccr_host.description.simulation import Tracker
 from ccr_host.robot.arc import Number
-
-FloatArray = NDArray[np.float64]
 
 SEGMENT_1_SHARE, MARKER_2_SHARE, SEGMENT_2_SHARE = 0.4, 0.25, 0.35
 """Fractions of the weight without the tip, for a printed robot like the paper's. The stiffness
@@ -243,7 +241,7 @@ def up_in_sagittal_plane(p: Parameters) -> Number:
     return p.up_z - 1j * p.up_y
 
 
-def parameters_of(vector: FloatArray | Sequence[float]) -> Parameters:
+def parameters_of(vector: Array | Sequence[float]) -> Parameters:
     """Convert a vector, (COUNT,) or (FIELDS,), to floats."""
     return Parameters(*map(float, vector))
 
@@ -262,7 +260,7 @@ class Scaling(ParameterSpace[Parameters]):
     def __init__(
         self,
         robot: Robot,
-        turn_deviation_rad: FloatArray | float | None = None,
+        turn_deviation_rad: Array | float | None = None,
         zero_deviation_rad: float | None = None,
         noise_mm: float = Tracker().noise_mm,
     ) -> None:
@@ -298,21 +296,21 @@ class Scaling(ParameterSpace[Parameters]):
         return Parameters._fields[:COUNT]
 
     @property
-    def zero_rad(self) -> FloatArray:
+    def zero_rad(self) -> Array:
         return np.eye(COUNT)[ZEROS] * self.deviation
 
-    def mounting(self, score: FloatArray) -> Mounting:
+    def mounting(self, score: Array) -> Mounting:
         p = self.parameters(score)
         rows = (p.length_1_mm, p.length_2_mm), (p.slack_1_rad, p.slack_2_rad), (p.gain_1, p.gain_2)
         return Mounting(*map(np.array, rows))
 
-    def starts(self) -> FloatArray:
+    def starts(self) -> Array:
         scores = np.zeros((len(_ZEROS_1_RAD), len(_ZEROS_2_RAD), COUNT))
         scores[..., ZEROS[0]] = _ZEROS_1_RAD[:, None] / self.deviation[ZEROS[0]]
         scores[..., ZEROS[1]] = _ZEROS_2_RAD / self.deviation[ZEROS[1]]
         return scores
 
-    def few_starts(self) -> FloatArray:
+    def few_starts(self) -> Array:
         """The prior, then zeros of both signs."""
         scores = np.zeros((5, COUNT))
         scores[1:, ZEROS] = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) * _FEW_START_RAD
@@ -324,14 +322,14 @@ class Scaling(ParameterSpace[Parameters]):
         up = self._known[:3]
         return {way: self.mounted(way) for way in _MOUNTINGS if -(up @ way) < _SAME_DIRECTION}
 
-    def parameters(self, score: FloatArray) -> Parameters:
+    def parameters(self, score: Array) -> Parameters:
         """The parameters of scores, as floats."""
         return parameters_of(np.append(self._mean + self.deviation * score, self._known))
 
-    def perturbed(self, score: FloatArray, probe: float) -> Parameters:
+    def perturbed(self, score: Array, probe: float) -> Parameters:
         return self.each(score + probe * np.eye(COUNT + 1, COUNT))
 
-    def each(self, scores: FloatArray) -> Parameters:
+    def each(self, scores: Array) -> Parameters:
         """The parameters of several sets of scores, (n, COUNT), as arrays, (n,)."""
         known = np.broadcast_to(self._known, (len(scores), FIELDS - COUNT))
         return Parameters(*np.hstack([self._mean + self.deviation * scores, known]).T)
@@ -342,7 +340,7 @@ class Scaling(ParameterSpace[Parameters]):
         other._known = np.append(-np.array(gravity), self._known[3])
         return other
 
-    def by_shaft(self, shaft_rad: float) -> FloatArray:
+    def by_shaft(self, shaft_rad: float) -> Array:
         scores = np.zeros((COUNT, len(ZEROS)))
         scores[ZEROS, range(len(ZEROS))] = shaft_rad / self.deviation[ZEROS]
         return scores

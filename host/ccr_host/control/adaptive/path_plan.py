@@ -11,15 +11,21 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ccr_host.control.adaptive.arithmetic import FloatArray, Two, split, stacked, within
+from ccr_host.control.adaptive.arithmetic import (
+    Two,
+    split,
+    stacked,
+    within,
+)
 from ccr_host.control.adaptive.parameters import Parameters
 from ccr_host.control.adaptive.static_model import PathPlan
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import straight_tip_mm, tip_of
+from ccr_host.core.arrays import Array
 from ccr_host.robot.arc import Number
 from ccr_host.robot.workspace import MotorLimits
 
-Polish = Callable[[Parameters, FloatArray, FloatArray, int], FloatArray]
+Polish = Callable[[Parameters, Array, Array, int], Array]
 
 _GRID_STEP_RAD = np.radians(5.0)
 _MOST_BENDING_RAD = np.radians(200.0)
@@ -47,7 +53,7 @@ class Atlas:
         allowed = np.all(limits.clip(q_rad) == q_rad, axis=-1, keepdims=True)
         self._tip_mm = np.where(allowed, straight_tip_mm(p, *split(self._theta)), np.inf)
 
-    def nearest(self, target_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def nearest(self, target_mm: Array) -> tuple[Array, Array]:
         """Locally nearest poses of a target: angles (C, 2) and distances (C,), nearest first."""
         distance = np.linalg.norm(self._tip_mm - target_mm, axis=-1)
         inner = distance[1:-1, 1:-1]
@@ -67,9 +73,9 @@ class Atlas:
 def plan_path(
     p: Parameters,
     limits: MotorLimits,
-    target_mm: FloatArray,
-    knots: FloatArray,
-    near: FloatArray,
+    target_mm: Array,
+    knots: Array,
+    near: Array,
     polish: Polish,
 ) -> PathPlan:
     """Choose the branch and refine its poses.
@@ -97,9 +103,7 @@ def plan_path(
     return PathPlan(knots, _cheapest(theta, squared_mm2, near))
 
 
-def polished(
-    p: Parameters, theta_rad: FloatArray, target_mm: FloatArray, iterations: int
-) -> FloatArray:
+def polished(p: Parameters, theta_rad: Array, target_mm: Array, iterations: int) -> Array:
     """Damped Gauss-Newton towards the nearest pose, from a start close by; (..., 2).
 
     Args:
@@ -135,7 +139,7 @@ def polished_of(
     return theta_1, theta_2
 
 
-def _cheapest(theta: FloatArray, squared_mm2: FloatArray, near: FloatArray) -> FloatArray:
+def _cheapest(theta: Array, squared_mm2: Array, near: Array) -> Array:
     cost = squared_mm2[0] + _STEP_PRICE_MM2_RAD2 * ((theta[0] - near) ** 2).sum(axis=-1)
     came_from = []
     for before, here, error in zip(theta[:-1], theta[1:], squared_mm2[1:], strict=True):
@@ -147,5 +151,5 @@ def _cheapest(theta: FloatArray, squared_mm2: FloatArray, near: FloatArray) -> F
     chosen = [int(cost.argmin())]
     for best in reversed(came_from):
         chosen.append(int(best[chosen[-1]]))
-    picked: FloatArray = theta[np.arange(len(theta)), chosen[::-1]]
+    picked: Array = theta[np.arange(len(theta)), chosen[::-1]]
     return picked

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
+from ccr_host.core.arrays import Array
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
-
-FloatArray = NDArray[np.float64]
 
 PROBE = 1e-5
 """Perturbation of scores and setpoints, for derivatives."""
@@ -33,14 +31,14 @@ _LOOKS_AT_POSE, _FARTHEST_RAD = 3, 0.5
 class Sensitivity(NamedTuple):
     """``tip`` (3, COUNT + 1), ``theta_rad`` (D, COUNT + 1): a column for each score, then time."""
 
-    tip: FloatArray
-    theta_rad: FloatArray
+    tip: Array
+    theta_rad: Array
 
 
 class Hold(NamedTuple):
     """Setpoints that hold a pose, (n,), and which tendon of each motor's pair pulls: 1 or -1."""
 
-    setpoint_rad: FloatArray
+    setpoint_rad: Array
     sides: tuple[float, ...]
 
 
@@ -48,10 +46,10 @@ class Hold(NamedTuple):
 class PathPlan:
     """Bending angles at the knots of a path, (K, D), and the knots' step indices, (K,)."""
 
-    knots: FloatArray
-    theta_rad: FloatArray
+    knots: Array
+    theta_rad: Array
 
-    def bending_rad(self, index: float) -> FloatArray:
+    def bending_rad(self, index: float) -> Array:
         """Bending angles at a fractional step, (D,), interpolated linearly."""
         return np.array([np.interp(index, self.knots, column) for column in self.theta_rad.T])
 
@@ -60,7 +58,7 @@ class Resting(Protocol):
     """A pose at rest."""
 
     @property
-    def theta_rad(self) -> FloatArray:
+    def theta_rad(self) -> Array:
         """Bending angles, (D,)."""
         ...
 
@@ -73,32 +71,30 @@ class StaticModel(ABC, Generic[P, S]):
     """Rest poses of a robot, their derivatives and their inverse."""
 
     @abstractmethod
-    def first_pose(self, p: P, setpoint_rad: FloatArray) -> S:
+    def first_pose(self, p: P, setpoint_rad: Array) -> S:
         """The pose at setpoints, (n,), without a history of motion."""
 
     @abstractmethod
-    def moved(self, p: P, pose: S, *setpoints_rad: FloatArray) -> S:
+    def moved(self, p: P, pose: S, *setpoints_rad: Array) -> S:
         """The pose after straight motions of the setpoints, to each of these in turn, (n,)."""
 
     @abstractmethod
-    def turned(self, p: P, pose: S, setpoint_rad: FloatArray) -> S:
+    def turned(self, p: P, pose: S, setpoint_rad: Array) -> S:
         """``moved`` as far as what the pose remembers needs it: bending angles may stay behind."""
 
     @abstractmethod
-    def shifted(self, before: P, after: P, pose: S, theta_rad: FloatArray) -> S:
+    def shifted(self, before: P, after: P, pose: S, theta_rad: Array) -> S:
         """The pose at the bending angles of a corrected model, (D,)."""
 
     @abstractmethod
-    def tip_mm(self, p: P, theta_rad: FloatArray) -> FloatArray:
+    def tip_mm(self, p: P, theta_rad: Array) -> Array:
         """Tip in the camera's frame at bending angles, (D,) -> (3,)."""
 
     @abstractmethod
-    def markers_mm(self, p: P, theta_rad: FloatArray) -> FloatArray:
+    def markers_mm(self, p: P, theta_rad: Array) -> Array:
         """M2 and the tip in the camera's frame, (K, 2, 3), at bending angles, (K, D)."""
 
-    def seen_pose(
-        self, p: P, theta_rad: FloatArray, seen_mm: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def seen_pose(self, p: P, theta_rad: Array, seen_mm: Array) -> tuple[Array, Array]:
         """The pose that markers show, whatever the motors and loads.
 
         Args:
@@ -120,16 +116,16 @@ class StaticModel(ABC, Generic[P, S]):
         return theta_rad, seen_mm - self.markers_mm(p, theta_rad[None])[0]
 
     @abstractmethod
-    def turned_back_mm(self, p: P, seen_mm: FloatArray) -> FloatArray:
+    def turned_back_mm(self, p: P, seen_mm: Array) -> Array:
         """A vector of the camera's frame in the robot's, (3,)."""
 
     @abstractmethod
-    def predicted_mm(self, p: P, rests: Rests) -> FloatArray:
+    def predicted_mm(self, p: P, rests: Rests) -> Array:
         """M2 and the tip at the rests, (N, ..., 2, 3), for one or several (...) sets ``p``."""
 
     @abstractmethod
     def sensitivity(
-        self, space: ParameterSpace[P], score: FloatArray, p: P, pose: S, rate_rad_s: FloatArray
+        self, space: ParameterSpace[P], score: Array, p: P, pose: S, rate_rad_s: Array
     ) -> Sensitivity:
         """Derivatives of the tip and the bending angles at rest in parameters and setpoints.
 
@@ -146,7 +142,7 @@ class StaticModel(ABC, Generic[P, S]):
         self,
         p: P,
         pose: S,
-        theta_rad: FloatArray,
+        theta_rad: Array,
         sides: tuple[float, ...],
         change_over: tuple[float, ...],
     ) -> Hold:
@@ -161,13 +157,11 @@ class StaticModel(ABC, Generic[P, S]):
         """
 
     @abstractmethod
-    def unhindered_rad(self, p: P, theta_rad: FloatArray) -> FloatArray:
+    def unhindered_rad(self, p: P, theta_rad: Array) -> Array:
         """Setpoints that hold bending angles without friction and backlash, (..., n)."""
 
     @abstractmethod
-    def nearest(
-        self, p: P, planned_rad: FloatArray, shift_rad: FloatArray, aim_mm: FloatArray
-    ) -> FloatArray:
+    def nearest(self, p: P, planned_rad: Array, shift_rad: Array, aim_mm: Array) -> Array:
         """Bending angles of the pose nearest to a point, (D,).
 
         Args:
@@ -178,11 +172,11 @@ class StaticModel(ABC, Generic[P, S]):
         """
 
     @abstractmethod
-    def plan(self, p: P, limits: MotorLimits, reference: Reference, knots: FloatArray) -> PathPlan:
+    def plan(self, p: P, limits: MotorLimits, reference: Reference, knots: Array) -> PathPlan:
         """A continuous sequence of poses along a path; ``knots`` are step indices, (K,)."""
 
     @abstractmethod
-    def tour_rad(self, p: P, limits: MotorLimits) -> FloatArray:
+    def tour_rad(self, p: P, limits: MotorLimits) -> Array:
         """Motor angles of rests at which the parameters are observable, (N, n)."""
 
 

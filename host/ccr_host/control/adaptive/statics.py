@@ -12,7 +12,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ccr_host.control.adaptive.arithmetic import (
-    FloatArray,
     Four,
     Two,
     anywhere,
@@ -25,6 +24,7 @@ from ccr_host.control.adaptive.arithmetic import (
 )
 from ccr_host.control.adaptive.loads import Forces, loads_of
 from ccr_host.control.adaptive.parameters import Parameters
+from ccr_host.core.arrays import Array
 from ccr_host.robot.arc import Number
 
 _NEWTON_LIMIT = 15
@@ -208,7 +208,7 @@ def _side(pull: Number, before: Number, change_over: Number) -> Number:
     return stays * before + (1 - stays) * (1.0 - 2.0 * (pull < 0.0))
 
 
-def unhindered_setpoints_for(p: Parameters, theta_rad: FloatArray) -> FloatArray:
+def unhindered_setpoints_for(p: Parameters, theta_rad: Array) -> Array:
     """Setpoints that hold given bending angles without friction and backlash, (..., 2)."""
     theta_1, theta_2 = split(theta_rad)
     routes = routes_of(p, theta_1, theta_2)
@@ -216,7 +216,7 @@ def unhindered_setpoints_for(p: Parameters, theta_rad: FloatArray) -> FloatArray
     return stacked(shaft_1 + p.zero_1_rad, shaft_2 + p.zero_2_rad)
 
 
-def zeros_rad(p: Parameters) -> FloatArray:
+def zeros_rad(p: Parameters) -> Array:
     """Setpoints at which the shafts are at 0, (..., 2)."""
     return stacked(p.zero_1_rad, p.zero_2_rad)
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccr_host.control.adaptive.arithmetic import FloatArray, split
+from ccr_host.control.adaptive.arithmetic import split
 from ccr_host.control.adaptive.identification import identification_of, identified_rests
 from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.motion import first_pose
 from ccr_host.control.adaptive.parameters import Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import straight_tip_mm
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -73,6 +74,6 @@ class IdentifiedSurface:
             miss_mm = np.linalg.norm(tip_mm[:, axes] - points, axis=1)
         return Nearest(q_rad, tip_mm, miss_mm)
 
-    def _rests_rad(self, q_rad: FloatArray) -> FloatArray:
+    def _rests_rad(self, q_rad: Array) -> Array:
         """Bending angles at rest, (N, 2), for motor angles, (N, 2)."""
         return first_pose(self._p, *split(q_rad)).theta_rad

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ccr_host.control.adaptive.arithmetic import (
-    FloatArray,
     Three,
     Two,
     positive,
@@ -20,6 +19,7 @@ from ccr_host.control.adaptive.arithmetic import (
 )
 from ccr_host.control.adaptive.loads import Beyond, Lifts, given_way, hung_of, lifts_of, uneven_of
 from ccr_host.control.adaptive.parameters import Parameters, up_in_sagittal_plane
+from ccr_host.core.arrays import Array
 from ccr_host.robot.arc import LEAST_SOFTENED, SHORTER_BY_SAG, Number, arc_at
 
 
@@ -39,13 +39,13 @@ class Tip(NamedTuple):
     middle: Number
 
 
-def tip_mm(p: Parameters, theta_1: Number, theta_2: Number) -> FloatArray:
+def tip_mm(p: Parameters, theta_1: Number, theta_2: Number) -> Array:
     """Tip in the camera's frame, (..., 3)."""
     tip = tip_of(p, theta_1, theta_2)
     return stacked(*seen_of(p, tip.across, tip.sagittal))
 
 
-def straight_tip_mm(p: Parameters, theta_1: Number, theta_2: Number) -> FloatArray:
+def straight_tip_mm(p: Parameters, theta_1: Number, theta_2: Number) -> Array:
     """Tip in the robot's frame, (..., 3)."""
     tip = tip_of(p, theta_1, theta_2)
     return stacked(tip.across, -tip.sagittal.real, tip.sagittal.imag)
@@ -62,7 +62,7 @@ def seen_of(p: Parameters, across: Number, sagittal: Number) -> Three:
     return _turned(_turn_of(p, 1.0), (across, -sagittal.real, sagittal.imag))
 
 
-def turned_back_mm(p: Parameters, seen_mm: FloatArray) -> FloatArray:
+def turned_back_mm(p: Parameters, seen_mm: Array) -> Array:
     """Convert a vector from the camera's frame to the robot's, (3,)."""
     x, y, z = (float(coordinate) for coordinate in seen_mm)
     return np.array(_turned(_turn_of(p, -1.0), (x, y, z)))

@@ -10,25 +10,23 @@ from typing import Any
 
 import numpy as np
 from numba.extending import overload
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ccr_host.control import jit
 from ccr_host.control.mpc import plan, problem, qp, sqp
 from ccr_host.control.mpc.plan import Settings, StepResult
 from ccr_host.control.mpc.problem import Constants, Expansion, Weights
 from ccr_host.control.mpc.sqp import Bounds
+from ccr_host.core.arrays import Array, IntArray
 from ccr_host.robot import chain, kinematics
 from ccr_host.robot.chain import NODES, STUMPFF, TERMS
 from ccr_host.robot.kinematics import Chain
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SOURCES: tuple[ModuleType, ...] = (chain, kinematics, problem, qp, sqp, plan)
 _plan_step: Callable[..., StepResult] = plan.plan_step
 
 
-def _planar_functions(theta_rad: FloatArray) -> FloatArray:
+def _planar_functions(theta_rad: Array) -> Array:
     rows, columns = theta_rad.shape
     waves = np.empty((columns, rows, 2 * len(NODES)))
     for n in range(rows):
@@ -39,7 +37,7 @@ def _planar_functions(theta_rad: FloatArray) -> FloatArray:
     return waves
 
 
-def _spatial_functions(bend_rad: FloatArray, count: int) -> FloatArray:
+def _spatial_functions(bend_rad: Array, count: int) -> Array:
     functions, stumpff = np.empty((len(bend_rad), count)), np.empty(STUMPFF.shape[1])
     for n in range(len(bend_rad)):
         x, y = bend_rad[n, 0], bend_rad[n, 1]
@@ -55,7 +53,7 @@ def _spatial_functions(bend_rad: FloatArray, count: int) -> FloatArray:
     return functions
 
 
-def _chosen(rows: FloatArray, numbers: IntArray) -> FloatArray:
+def _chosen(rows: Array, numbers: IntArray) -> Array:
     some = np.empty((len(rows), len(numbers), rows.shape[2]))
     for n in range(len(rows)):
         for i in range(len(numbers)):
@@ -64,7 +62,7 @@ def _chosen(rows: FloatArray, numbers: IntArray) -> FloatArray:
     return some
 
 
-def _accumulated(rows: FloatArray) -> FloatArray:
+def _accumulated(rows: Array) -> Array:
     sums = rows.copy()
     for n in range(1, len(rows)):
         for k in range(rows.shape[1]):
@@ -73,7 +71,7 @@ def _accumulated(rows: FloatArray) -> FloatArray:
 
 
 @jit.compiled
-def _add_product(left: FloatArray, right: FloatArray, both: FloatArray) -> None:
+def _add_product(left: Array, right: Array, both: Array) -> None:
     for i in range(left.shape[0]):
         for j in range(left.shape[1]):
             weight = left[i, j]
@@ -81,27 +79,27 @@ def _add_product(left: FloatArray, right: FloatArray, both: FloatArray) -> None:
                 both[i, k] += weight * right[j, k]
 
 
-def _product(left: FloatArray, right: FloatArray) -> FloatArray:
+def _product(left: Array, right: Array) -> Array:
     both = np.zeros((left.shape[0], right.shape[1]))
     _add_product(left, right, both)
     return both
 
 
-def _products_by_one(left: FloatArray, right: FloatArray) -> FloatArray:
+def _products_by_one(left: Array, right: Array) -> Array:
     both = np.zeros((right.shape[0], left.shape[0], right.shape[2]))
     for n in range(len(right)):
         _add_product(left, right[n], both[n])
     return both
 
 
-def _products_with_one(left: FloatArray, right: FloatArray) -> FloatArray:
+def _products_with_one(left: Array, right: Array) -> Array:
     both = np.zeros((left.shape[0], left.shape[1], right.shape[1]))
     for n in range(len(left)):
         _add_product(left[n], right, both[n])
     return both
 
 
-def _products(left: FloatArray, right: FloatArray) -> FloatArray:
+def _products(left: Array, right: Array) -> Array:
     both = np.zeros((left.shape[0], left.shape[1], right.shape[2]))
     for n in range(len(left)):
         _add_product(left[n], right[n], both[n])
@@ -109,8 +107,8 @@ def _products(left: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _left_to_python(
-    expansion: Expansion, blend: float, ridge: float, lower: FloatArray, upper: FloatArray
-) -> tuple[int, FloatArray, float]:
+    expansion: Expansion, blend: float, ridge: float, lower: Array, upper: Array
+) -> tuple[int, Array, float]:
     return qp.BOUND, lower[0].copy(), 0.0
 
 
@@ -159,14 +157,14 @@ def _entry() -> jit.Entry[StepResult]:
     """The function that Python calls. Arguments are few and flat, as each costs time in numba."""
     fingerprint = jit.fingerprint(*SOURCES, jit)
 
-    def plan_step_compiled(numbers: FloatArray, counts: IntArray, *arguments: object) -> StepResult:
+    def plan_step_compiled(numbers: Array, counts: IntArray, *arguments: object) -> StepResult:
         _ = fingerprint
         return _plan_step(_unpacked(numbers, counts), *arguments)
 
     return jit.compiled_on_disk(plan_step_compiled)
 
 
-def _packed(settings: Settings) -> tuple[FloatArray, IntArray]:
+def _packed(settings: Settings) -> tuple[Array, IntArray]:
     """All numbers of the settings, and all sizes and indices, for ``_unpacked``."""
     constants, bounds = settings
     robot = constants.chain
@@ -187,7 +185,7 @@ def _packed(settings: Settings) -> tuple[FloatArray, IntArray]:
 
 
 @jit.callable_when_compiled
-def _unpacked(numbers: FloatArray, sizes: IntArray) -> Settings:
+def _unpacked(numbers: Array, sizes: IntArray) -> Settings:
     n, freedoms, segments = sizes[0], sizes[1], sizes[2]
     table = sizes[4 : 4 + 5 * segments].reshape(segments, 5)
     index = 4 + 5 * segments
@@ -218,6 +216,6 @@ def _unpacked(numbers: FloatArray, sizes: IntArray) -> Settings:
 
 
 @jit.callable_when_compiled
-def _matrix(numbers: FloatArray, place: int, rows: int, columns: int) -> tuple[FloatArray, int]:
+def _matrix(numbers: Array, place: int, rows: int, columns: int) -> tuple[Array, int]:
     end = place + rows * columns
     return numbers[place:end].reshape(rows, columns), end

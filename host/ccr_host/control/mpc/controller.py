@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.base import Command, Observation, Outcome
 from ccr_host.control.mpc import sqp
 from ccr_host.control.mpc.plan import Planner, Settings
 from ccr_host.control.mpc.problem import Constants, Weights
 from ccr_host.control.mpc.sqp import Bounds
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.workspace import MotorLimits
-
-FloatArray = NDArray[np.float64]
 
 _FAILURES = {
     sqp.COST_NOT_FINITE: "the cost is not finite",
@@ -58,7 +56,7 @@ class ModelPredictive:
         self._planner.interrupt(self._last_rad)
         self.plan_rad = self._last_rad[None, :]
         """The angles planned by the last step, (M, n)."""
-        self._last_seen: tuple[FloatArray, FloatArray] | None = None
+        self._last_seen: tuple[Array, Array] | None = None
         predicted_mm = self._model.tip_mm(self._last_rad)[None, :]
         return Command(self._last_rad.copy(), predicted_mm, Outcome.SOLVED)
 
@@ -86,9 +84,7 @@ class ModelPredictive:
         detail = "" if status == sqp.CONVERGED else f"stopped after {iterations} iterations"
         return Command(self._last_rad.copy(), plan[:, -3:], outcome, detail, iterations=iterations)
 
-    def _position(
-        self, tip_mm: FloatArray | None, commanded_rad: FloatArray
-    ) -> tuple[FloatArray, Outcome]:
+    def _position(self, tip_mm: Array | None, commanded_rad: Array) -> tuple[Array, Outcome]:
         if tip_mm is not None:
             self._last_seen = np.array(tip_mm, dtype=np.float64), commanded_rad
             return self._last_seen[0], Outcome.SOLVED

@@ -7,18 +7,16 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.mpc import sqp
 from ccr_host.control.mpc.problem import Constants, Tracking, squared
 from ccr_host.control.mpc.qp import solved
 from ccr_host.control.mpc.sqp import Bounds, Solution
+from ccr_host.core.arrays import Array
 from ccr_host.core.plugins import import_optional
 from ccr_host.robot.kinematics import jets, products
 
-FloatArray = NDArray[np.float64]
-
-StepResult = tuple[int, int, FloatArray]
+StepResult = tuple[int, int, Array]
 """Status and iterations, see ``sqp.Solution``; the plan (M, n + 3), angles (rad) and predicted tip
 (mm) of each step."""
 
@@ -35,12 +33,12 @@ class Settings(NamedTuple):
 
 def plan_step(
     settings: Settings,
-    path: FloatArray,
-    last_plan: FloatArray,
+    path: Array,
+    last_plan: Array,
     now: int,
     steps: int,
-    commanded_rad: FloatArray,
-    position_mm: FloatArray,
+    commanded_rad: Array,
+    position_mm: Array,
 ) -> StepResult:
     """Plan ahead from one measurement.
 
@@ -64,11 +62,11 @@ def plan_step(
 
 def resume(
     settings: Settings,
-    path: FloatArray,
+    path: Array,
     now: int,
     steps: int,
-    commanded_rad: FloatArray,
-    position_mm: FloatArray,
+    commanded_rad: Array,
+    position_mm: Array,
     unfinished: StepResult,
 ) -> StepResult:
     """Go on from a plan with the status NEEDS_QP."""
@@ -80,18 +78,18 @@ def resume(
 
 def tracking(
     settings: Settings,
-    path: FloatArray,
+    path: Array,
     now: int,
     steps: int,
-    commanded_rad: FloatArray,
-    position_mm: FloatArray,
+    commanded_rad: Array,
+    position_mm: Array,
 ) -> Tracking:
     """Set up the problem of ``plan_step``."""
     offsets_mm = position_mm - path[now : now + steps, :3]
     return Tracking(settings.constants, commanded_rad, offsets_mm)
 
 
-def shift(last_plan: FloatArray, path: FloatArray, now: int, steps: int) -> FloatArray:
+def shift(last_plan: Array, path: Array, now: int, steps: int) -> Array:
     """The last plan without its first step, extended along the reachable path, (M, n)."""
     kept = min(len(last_plan) - 1, steps)
     guess = path[now : now + steps, 3:].copy()
@@ -100,7 +98,7 @@ def shift(last_plan: FloatArray, path: FloatArray, now: int, steps: int) -> Floa
     return guess
 
 
-def correction(problem: Tracking, error_mm: FloatArray) -> FloatArray:
+def correction(problem: Tracking, error_mm: Array) -> Array:
     """Angles, (n,), that the guess is off by, given the error of the tip against the last plan.
 
     A single damped least-squares step through J for the whole plan saves about a third of the
@@ -120,7 +118,7 @@ def correction(problem: Tracking, error_mm: FloatArray) -> FloatArray:
 
 
 def _result(
-    bounds: Bounds, path: FloatArray, now: int, solution: Solution, problem: Tracking
+    bounds: Bounds, path: Array, now: int, solution: Solution, problem: Tracking
 ) -> StepResult:
     rollout = solution.rollout
     plan = np.empty((len(rollout.angles), rollout.angles.shape[1] + 3))
@@ -146,17 +144,15 @@ class Planner:
 
             self._plan_step = compiled_plan_step(settings)
 
-    def begin(self, path: FloatArray) -> None:
+    def begin(self, path: Array) -> None:
         """Begin a path (T, 3 + n), see ``plan_step``."""
         self._path = path
 
-    def interrupt(self, q_rad: FloatArray) -> None:
+    def interrupt(self, q_rad: Array) -> None:
         """Discard the plan, as ``q_rad`` (n,) was commanded instead."""
         self._last_plan = np.concatenate([q_rad, np.full(3, math.nan)])[None, :]
 
-    def plan(
-        self, now: int, steps: int, commanded_rad: FloatArray, position_mm: FloatArray
-    ) -> StepResult:
+    def plan(self, now: int, steps: int, commanded_rad: Array, position_mm: Array) -> StepResult:
         """Make a ``plan_step`` from the last plan."""
         settings, path = self._settings, self._path
         situation = now, steps, commanded_rad, position_mm

@@ -21,20 +21,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array, IntArray
 from ccr_host.description.schema import Robot
 from ccr_host.robot.kinematics import (
     Chain,
     ConstantCurvature,
-    IntArray,
     chosen,
     jet_index,
     jets,
     products,
 )
-
-FloatArray = NDArray[np.float64]
 
 
 class Weights(NamedTuple):
@@ -51,7 +48,7 @@ class Constants(NamedTuple):
     """
 
     weights: Weights
-    sizes: FloatArray
+    sizes: Array
     """sqrt(2 Q), three times, and sqrt(2 R), n times: what residuals are over errors and moves."""
     by_model: bool
     """Whether e_k is predicted by f(q_k) instead of (14)'s sum."""
@@ -59,16 +56,16 @@ class Constants(NamedTuple):
     further: IntArray
     """Where the jets have each derivative up to the second order, differentiated once more by each
     coordinate, (D K,)."""
-    effect: FloatArray
+    effect: Array
     """sqrt(2 Q) times what J and its change along a move count by q_j and by q_(j-1), (2, 2)."""
-    bend: FloatArray
+    bend: Array
     """Likewise what the second derivatives and their change count by both of these, (4, 2)."""
-    square: FloatArray
+    square: Array
     """The second derivatives by the motor angles over a pose's, transposed, (K, n^2)."""
-    transition: FloatArray
+    transition: Array
     """The constant entries of a stage's outcome (dq_j, de_j, 1) over z = (dq_j, dq_(j-1), de_(j-1),
     1), with errors e in shares of sqrt(2 Q), (n + 4, 2n + 4)."""
-    linear: FloatArray
+    linear: Array
     """The constant entries of a stage's residuals over z, transposed, (2n + 4, 3 + n)."""
 
     @classmethod
@@ -114,26 +111,26 @@ class Tracking(NamedTuple):
     """An instance of the problem: where the robot is and where it should be."""
 
     constants: Constants
-    start_rad: FloatArray
+    start_rad: Array
     """q_0, the last commanded angles, (n,)."""
-    offsets_mm: FloatArray
+    offsets_mm: Array
     """f_m - f_k for k = 1..M, (M, 3), the errors without any motion; ``by_model`` d - f_k."""
 
 
 class Rollout(NamedTuple):
     """The prediction (14) for one choice of angles, and its cost (15)."""
 
-    angles: FloatArray
+    angles: Array
     """(M, n)."""
-    moves_rad: FloatArray
+    moves_rad: Array
     """Increments, (M, n)."""
-    turns_rad: FloatArray
+    turns_rad: Array
     """Increments of the bending, (M, 1, D)."""
-    jets: FloatArray
+    jets: Array
     """The model at the poses where the moves begin, or ``by_model`` where they end."""
-    errors_mm: FloatArray
+    errors_mm: Array
     """(M, 3)."""
-    residuals: FloatArray
+    residuals: Array
     """sqrt(2 Q) e_j and sqrt(2 R) u_j, (M, 3 + n)."""
     cost: float
     """Half the sum of their squares."""
@@ -147,16 +144,16 @@ class Expansion(NamedTuple):
     """
 
     constants: Constants
-    residuals: FloatArray
+    residuals: Array
     """Those of the rollout that was expanded, (M, 3 + n)."""
-    effects: FloatArray
+    effects: Array
     """Derivatives of sqrt(2 Q) (e_j - e_(j-1)), or ``by_model`` sqrt(2 Q) e_j, by q_j and by
     q_(j-1), (M, 2n, 3)."""
-    curvature: FloatArray
+    curvature: Array
     """By q_j twice, by q_j and q_(j-1), by q_(j-1) and q_j, and by q_(j-1) twice, (M, 4, n, n)."""
 
 
-def roll_out(problem: Tracking, angles: FloatArray) -> Rollout:
+def roll_out(problem: Tracking, angles: Array) -> Rollout:
     """Predict the tip for commanded angles, (M, n), and the cost."""
     constants, start_rad, offsets_mm = problem
     by_model, chain = constants.by_model, constants.chain
@@ -202,12 +199,12 @@ def expand(problem: Tracking, rollout: Rollout) -> Expansion:
     return Expansion(constants, residuals, effects.reshape(steps, 2 * n, 3), curvature)
 
 
-def accumulated(rows: FloatArray) -> FloatArray:
+def accumulated(rows: Array) -> Array:
     """Sum of each row and all before it, (N, k)."""
     return np.add.accumulate(rows)
 
 
-def squared(numbers: FloatArray) -> float:
+def squared(numbers: Array) -> float:
     """Sum of squares of any array."""
     flat = numbers.ravel()
     return float(np.dot(flat, flat))

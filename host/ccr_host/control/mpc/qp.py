@@ -14,14 +14,11 @@ from typing import NamedTuple
 
 import daqp
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
 from ccr_host.control.mpc.problem import Expansion
+from ccr_host.core.arrays import Array, IntArray
 from ccr_host.robot.kinematics import products
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 OPTIMAL, NOT_CONVEX, FAILED, BOUND = 0, 1, 2, 3
 """BOUND, in machine code only: a bound is active, so DAQP must solve the program."""
@@ -33,8 +30,8 @@ _DAQP_NOT_CONVEX = -5
 
 
 def minimise(
-    expansion: Expansion, blend: float, ridge: float, lower: FloatArray, upper: FloatArray
-) -> tuple[int, FloatArray, float]:
+    expansion: Expansion, blend: float, ridge: float, lower: Array, upper: Array
+) -> tuple[int, Array, float]:
     """Minimise the sum over all stages of the residuals' squares / 2 + ``blend`` z' C z / 2.
 
     Args:
@@ -65,9 +62,7 @@ def is_short(angles: int) -> bool:
     return angles <= _SHORT
 
 
-def minimise_freely(
-    expansion: Expansion, blend: float, ridge: float
-) -> tuple[int, FloatArray, float]:
+def minimise_freely(expansion: Expansion, blend: float, ridge: float) -> tuple[int, Array, float]:
     """``minimise`` without bounds.
 
     With x' V x / 2 as the cost of all later stages for an outcome x of a stage with the Hessian H,
@@ -108,7 +103,7 @@ def minimise_freely(
     return OPTIMAL if math.isfinite(minimum) else FAILED, changes, minimum
 
 
-def solved(matrix: FloatArray, right: FloatArray) -> tuple[bool, FloatArray]:
+def solved(matrix: Array, right: Array) -> tuple[bool, Array]:
     """Divide by a symmetric matrix.
 
     Args:
@@ -122,7 +117,7 @@ def solved(matrix: FloatArray, right: FloatArray) -> tuple[bool, FloatArray]:
     return failure == 0, solution
 
 
-def solved_by_loops(matrix: FloatArray, right: FloatArray) -> tuple[bool, FloatArray]:
+def solved_by_loops(matrix: Array, right: Array) -> tuple[bool, Array]:
     """``solved`` in machine code, where LAPACK takes longer for such small matrices."""
     n, columns = right.shape
     factor, solution = matrix.copy(), right.copy()
@@ -153,8 +148,8 @@ def solved_by_loops(matrix: FloatArray, right: FloatArray) -> tuple[bool, FloatA
 
 
 def minimise_within(
-    expansion: Expansion, blend: float, ridge: float, lower: FloatArray, upper: FloatArray
-) -> tuple[int, FloatArray, float]:
+    expansion: Expansion, blend: float, ridge: float, lower: Array, upper: Array
+) -> tuple[int, Array, float]:
     """``minimise`` by DAQP."""
     hessian, gradient = condensed(expansion, blend, ridge)
     # eps_prox = 0: DAQP's Cholesky must reject an indefinite Hessian, not repair it.
@@ -175,7 +170,7 @@ def minimise_within(
     return OPTIMAL, changes, minimum
 
 
-def condensed(expansion: Expansion, blend: float, ridge: float) -> tuple[FloatArray, FloatArray]:
+def condensed(expansion: Expansion, blend: float, ridge: float) -> tuple[Array, Array]:
     """Hessian and gradient by all angles, (M n, M n) and (M n,)."""
     constants, residuals, effects, curvature = expansion
     steps, _, n, _ = curvature.shape
@@ -186,7 +181,7 @@ def condensed(expansion: Expansion, blend: float, ridge: float) -> tuple[FloatAr
     if not constants.by_model:
         np.add.accumulate(rows[:, :3], out=rows[:, :3])
     flat = rows.reshape(-1, steps * n)
-    hessian: FloatArray = flat.T @ flat
+    hessian: Array = flat.T @ flat
     bent = np.bincount(layout.curvature, (blend * curvature).ravel(), hessian.size + 1)[:-1]
     hessian += bent.reshape(hessian.shape)
     if ridge > 0.0:
@@ -197,9 +192,9 @@ def condensed(expansion: Expansion, blend: float, ridge: float) -> tuple[FloatAr
 class _Layout(NamedTuple):
     """Where the condensed program has what an expansion has, and in the end what is left out."""
 
-    differences: FloatArray
+    differences: Array
     """The rows that convert dq_j to dq_j - dq_(j-1), (M n, M n)."""
-    moves: FloatArray
+    moves: Array
     """Residuals u_j by the angles, of (M, 3 + n, M, n) numbers and 0."""
     effects: IntArray
     """Places in these of (M, 2n, 3)."""

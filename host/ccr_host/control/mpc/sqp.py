@@ -11,14 +11,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.mpc.problem import Rollout, Tracking, expand, roll_out, squared
 from ccr_host.control.mpc.qp import BOUND, FAILED, OPTIMAL, minimise
+from ccr_host.core.arrays import Array
 from ccr_host.robot.kinematics import products
 from ccr_host.robot.workspace import MotorLimits
-
-FloatArray = NDArray[np.float64]
 
 CONVERGED, STOPPED, COST_NOT_FINITE, HESSIAN_NOT_CONVEX, QP_FAILED, NEEDS_QP = 0, 1, 2, 3, 4, 5
 
@@ -41,9 +39,9 @@ _LEFT_OVER_PER_RAD2 = 13.0
 class Bounds(NamedTuple):
     """Bounds on the motor angles and on their change per step."""
 
-    lower_rad: FloatArray
+    lower_rad: Array
     """(n,)."""
-    upper_rad: FloatArray
+    upper_rad: Array
     """(n,)."""
     step_rad: float
     """Largest |u| of (15)."""
@@ -57,7 +55,7 @@ class Bounds(NamedTuple):
 class Newton(NamedTuple):
     """A step to be tried."""
 
-    changes_rad: FloatArray
+    changes_rad: Array
     """Changes of the angles, (M, n)."""
     predicted_reduction: float
     """Reduction of the cost predicted by the expansion."""
@@ -72,7 +70,7 @@ class Solution(NamedTuple):
     rollout: Rollout
 
 
-def feasible(bounds: Bounds, start_rad: FloatArray, angles: FloatArray) -> FloatArray:
+def feasible(bounds: Bounds, start_rad: Array, angles: Array) -> Array:
     """The angles, each changed as little as the bounds and its predecessor require.
 
     ``start_rad`` is within the limits.
@@ -88,7 +86,7 @@ def feasible(bounds: Bounds, start_rad: FloatArray, angles: FloatArray) -> Float
     return inside
 
 
-def room(bounds: Bounds, rollout: Rollout) -> tuple[FloatArray, FloatArray]:
+def room(bounds: Bounds, rollout: Rollout) -> tuple[Array, Array]:
     """Lower and upper bounds of a step from these angles, in the form of ``minimise``."""
     angles, moves = rollout.angles, rollout.moves_rad
     lower, upper = np.empty((2, *angles.shape)), np.empty((2, *angles.shape))
@@ -97,7 +95,7 @@ def room(bounds: Bounds, rollout: Rollout) -> tuple[FloatArray, FloatArray]:
     return lower, upper
 
 
-def solve(problem: Tracking, bounds: Bounds, guess: FloatArray, first: int = 1) -> Solution:
+def solve(problem: Tracking, bounds: Bounds, guess: Array, first: int = 1) -> Solution:
     """Descend from a feasible guess, (M, n), to a local minimum, from iteration ``first`` on.
 
     The status is CONVERGED or STOPPED with a feasible solution that costs no more than the guess,
