@@ -21,11 +21,10 @@ def test_run_builds_a_firmware_that_works(pio, project):
 def test_hex_and_elf_hold_the_same_program(pio, project):
     pio(project, "run")
     build = project / ".pio/build/uno"
-    flashes = [
-        SimavrBoard(read_flash_image(build / name)).mcu.flash.tobytes()
-        for name in ("firmware.elf", "firmware.hex")
-    ]
-    assert flashes[0] == flashes[1]
+    names = ("firmware.elf", "firmware.hex")
+    boards = [SimavrBoard(read_flash_image(build / name)) for name in names]
+    from_elf, from_hex = (board.mcu.flash.tobytes() for board in boards)
+    assert from_elf == from_hex
 
 
 def test_native_tests_that_pass(pio, project):

@@ -156,6 +156,8 @@ class Statistics(ctypes.Structure):
 class Mcu:
     """The chip of a board at 16 MHz with erased flash and EEPROM, held at cycle 0.
 
+    ``flash``, ``eeprom`` and ``memory`` are views of the simulator, which last no longer than it.
+
     Raises:
         DeviceError: the shim cannot be built or loaded.
     """
