@@ -94,9 +94,9 @@ class Rests:
         moved_mm: Array = np.linalg.norm(by_motor, axis=1) * np.ptp(self.q_rad, axis=0)
         return moved_mm
 
-    def are_one_picture(self) -> bool:
-        """Whether the markers stand at the same places although a motor was turned."""
-        is_led = bool((np.ptp(self.q_rad, axis=0) > _SHOWS_RAD).any())
+    def are_one_picture(self, led_rad: float = _SHOWS_RAD) -> bool:
+        """Whether the markers stand at the same places although a motor turned by ``led_rad``."""
+        is_led = bool((np.ptp(self.q_rad, axis=0) > led_rad).any())
         return is_led and not (np.ptp(self.markers_mm, axis=0) > _ONE_PICTURE_MM).any()
 
     def last(self, number: int) -> Rests:

@@ -36,7 +36,7 @@ whose axes are left-handed besides; and of the description, where something else
 
 _TURNED = (
     "the camera stands otherwise than registered, or was never registered",
-    "set [registration]",
+    "find out how it stands: ccr-host register",
 )
 
 
@@ -163,8 +163,8 @@ class MotorResponses:
             if len(idle := self.idle()):
                 return (
                     f"motor {_numbers(idle)} hardly move{'s' * (len(idle) == 1)} it",
-                    "check the servo's supply and the tendons: loose, off the pulley, or wound the "
-                    "other way",
+                    "check the servo's supply, its zero (ccr-host calibrate) and the tendons: "
+                    "loose, off the pulley, or wound the other way",
                 )
             if found := self.likeliest().cause_and_cure():
                 return f"most likely {found[0]}", found[1]

@@ -17,6 +17,7 @@ import numpy as np
 from ccr_host.control.adaptive.identification import RestSurvey, StaticsFit
 from ccr_host.control.adaptive.law import AdaptiveLaw
 from ccr_host.control.adaptive.misfit import (
+    REPEATED,
     MisfitError,
     is_doubtful,
     is_misfit,
@@ -63,6 +64,8 @@ _FOR_US, _FORGIVEN = 3_000_000, 0.5
 """Time for which poses may be unexplained, and how fast explained ones make up for it."""
 _MOST_COUNTED_US = 1_000_000
 """Time that a look counts for, at most: what happened while the markers were hidden is unknown."""
+_STIRS_RAD = math.radians(2.0)
+"""Travel of a motor beyond backlash and deadband: along the path few degrees pass in `_FOR_US`."""
 _KEPT = 12
 """Number of looks from which the cause is determined."""
 _ALONG_PATH = (
@@ -259,7 +262,8 @@ class RobotCheck:
 
     def _cause_of(self, odd: Rests) -> MisfitError:
         if self._seen:
-            return not_as_described(*(self._change_of(odd) or _ALONG_PATH))
+            repeats = odd.are_one_picture(_STIRS_RAD)
+            return not_as_described(*(REPEATED if repeats else self._change_of(odd) or _ALONG_PATH))
         if (still := standing_still(odd)) is not None:
             return still
         if not self._description.robot.segments:

@@ -146,6 +146,24 @@ def test_a_picture_that_is_repeated_is_named_before_the_path(path: str) -> None:
     assert "the tracker repeats one picture" in str(result.failure)
 
 
+def test_a_picture_that_is_repeated_along_the_path_is_no_marker_that_shifted() -> None:
+    last: list[np.ndarray] = []
+
+    def repeated(tracker: TwinTracker, sample: Sample) -> Sample:
+        if not begun or not last:
+            last[:] = [sample.markers_mm]
+        return Sample(sample.exposed_us, last[0])
+
+    begun: list[int] = []
+    with (
+        patch.object(TwinTracker, "_turned", repeated),
+        patch.object(TwinRobot, "start_path_clock", lambda robot, time_us: begun.append(time_us)),
+    ):
+        result, _ = checked("8shape", controller="open-loop")
+    assert "the tracker repeats one picture" in str(result.failure)
+    assert result.records
+
+
 def test_what_no_model_explains_along_the_path_ends_the_run(path: str) -> None:
     hand = "twin.push={force_n = [0.0, 0.0, 2.0], start_s = 2, end_s = 60}"
     result, witness = checked(path, hand)

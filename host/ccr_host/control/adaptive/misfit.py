@@ -156,10 +156,10 @@ def misfit_of(fit: Fit, space: ParameterSpace[Any], *, zeros_are_known: bool = T
             (also for kind, also in _ALSO.items() if space.names[odd].startswith(kind)), ""
         )
         return not_as_described(f"most likely {cause}", cure)
-    return not_as_described(
-        f"no usual cause explains it: {fit.residual}",
-        "check that nothing holds it, its tendons on the pulleys, and [[robot.segments]]",
-    )
+    cure = "check that nothing holds it, its tendons on the pulleys, and [[robot.segments]]"
+    if zeros_are_known:
+        cure += "; find out how the camera stands: ccr-host register"
+    return not_as_described(f"no usual cause explains it: {fit.residual}", cure)
 
 
 def misfit(

@@ -162,17 +162,17 @@ class MarkerCheck:
         return False
 
     def _strange(self, markers_mm: Array, told: str) -> tuple[str, str]:
-        """Cause and cure for markers that are not this robot's, unless in other units than mm."""
+        """Cause and cure for markers that are not this robot's, or no longer."""
         strange = f"the markers are not those of this robot: {told}"
         units = [unit for unit, mm in _UNITS_MM.items() if self._fits(mm * markers_mm)]
         if units:
             fitting = " or ".join(units)
             return f"{strange}; {fitting} instead of mm would fit", "let the tracker give mm"
-        return (
-            strange,
-            f"check the lengths in [robot], which body is {', '.join(self.names)}, and "
-            "tracker.tag_size_mm",
-        )
+        cure = f"check the lengths in [robot], which body is {', '.join(self.names)}, and "
+        cure += "tracker.tag_size_mm"
+        if self._last is not None:
+            cure = "see with ccr-host monitor which one came off, stands still, or is another body"
+        return strange, cure
 
     def trouble(self, markers_mm: Array) -> tuple[str, str] | None:
         """Cause and cure if markers, (S + 1, 3), NaN if lost, cannot be this robot's, else None."""

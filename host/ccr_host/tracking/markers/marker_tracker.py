@@ -106,8 +106,7 @@ class MarkerTracker:
             if outside:
                 told.append(f"{outside} of them outside the camera's volume")
             unnamed = len(frame.points_mm) - outside
-            base, *_ = self._markers
-            if unnamed >= len(self._markers) and base in self._lost and not self._names_markers:
+            if unnamed >= len(self._markers) and not self._names_markers:
                 told.append("if they are the robot's, find out how the camera stands: register")
         return "; ".join(text for text in told if text)
 

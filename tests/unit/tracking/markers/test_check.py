@@ -84,6 +84,13 @@ def test_a_tracker_that_gives_other_units_is_told(at_rest, unit) -> None:
     assert cure == "let the tracker give mm"
 
 
+def test_the_lengths_are_not_blamed_for_a_marker_that_fitted_before(at_rest) -> None:
+    check, stretched = MarkerCheck(ROBOT), at_rest + np.outer([0, 0, 1], [0, -20, 0])
+    assert "the lengths in [robot]" in check.trouble(stretched)[1]
+    assert check.accepts(Sample(0, at_rest))
+    assert "which one came off, stands still" in check.trouble(stretched)[1]
+
+
 def test_one_sample_that_does_not_fit_is_left_out_and_several_end_it(at_rest) -> None:
     check = MarkerCheck(ROBOT)
     wrong = at_rest[[2, 1, 0]]

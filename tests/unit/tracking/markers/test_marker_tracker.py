@@ -86,6 +86,15 @@ def test_a_frame_without_tip_leaves_the_older_sample(camera, rest_mm) -> None:
     assert tracker.newest().exposed_us == 19 * FRAME_US
     assert "M3" in tracker.lost
     assert "lacks" in tracker.trouble()
+    assert "register" not in tracker.trouble()
+
+
+def test_points_that_follow_no_motor_are_asked_for_a_registration(camera, rest_mm) -> None:
+    tracker = tracker_of(camera, np.eye(3))
+    play(camera, tracker, range(1, 20), points_mm=rest_mm)
+    play(camera, tracker, range(20, 30), points_mm=rest_mm + np.outer([0, 1, 2], [30, 0, 0]))
+    assert "M1" not in tracker.lost
+    assert "how the camera stands: register" in tracker.trouble()
 
 
 def test_named_bodies_are_the_markers_and_m2_may_be_absent(camera, rest_mm) -> None:
