@@ -229,8 +229,8 @@ class NdiTracker(StartsAndStops):
         self._damaged_before += self._log.damaged_replies
         self._log = log = SessionLog()
         self._frames.begin_session(log, has_baud=port.has_baud)
-        script = session(port, self._settings.tools, log, self._frames.take)
-        return Conversation(port, script)
+        tools, take = self._settings.tools, self._frames.take
+        return Conversation(port, lambda line: session(line, tools, log, take))
 
     def _give_up_session(self, error: TrackerError) -> None:
         self._last_error = str(error)

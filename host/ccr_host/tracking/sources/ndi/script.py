@@ -1,15 +1,16 @@
 """Sequential scripts of a protocol, and their execution without waiting.
 
-A script is a generator. It yields the next step, and is resumed with its result or exception as
-soon as that is known. So a sequence can be read in one place, while the run continues in between.
+A script is a generator. It acts on the port and yields what it waits for; it is resumed with the
+reply or exception as soon as that is known. So a sequence can be read in one place, while the run
+continues in between.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from ccr_host.core.errors import TrackerError
 from ccr_host.tracking.sources.ndi.port import Port
@@ -24,39 +25,14 @@ from ccr_host.tracking.tracker import ForeignPeerError
 _SHOWN_BYTES = 24
 
 
-@dataclass(frozen=True)
-class Say:
-    """Send bytes without waiting; unread replies, which answer something else, are discarded."""
+class Wait(NamedTuple):
+    """What a script waits for: some time, or the next reply, at most for that time.
 
-    data: bytes
-
-
-@dataclass(frozen=True)
-class Hear:
-    """Wait for the next reply; silence, damage and refusals raise exceptions."""
-
-    timeout_us: int
-
-
-@dataclass(frozen=True)
-class Pause:
-    """Wait for some time."""
+    In place of a reply, silence, damage and refusals raise exceptions.
+    """
 
     duration_us: int
-
-
-@dataclass(frozen=True)
-class SetBaud:
-    """Change the host's rate; raises an exception if the port does not support it."""
-
-    baud: int
-
-
-@dataclass(frozen=True)
-class SetBreak:
-    """Begin or end a break of the line."""
-
-    on: bool
+    for_reply: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,8 +45,7 @@ class Reply:
     """Bytes on the wire, with CRC and carriage return."""
 
 
-Step: TypeAlias = Say | Hear | Pause | SetBaud | SetBreak
-Script: TypeAlias = Generator[Step, Reply | None, None]
+Script: TypeAlias = Generator[Wait, Reply | None, None]
 
 
 class NoReplyError(TrackerError):
@@ -93,20 +68,22 @@ class NotACameraError(ForeignPeerError):
 
 
 class Conversation:
-    """Executes a script on a port.
+    """Executes a script, made for this conversation, on a port that is open."""
 
-    The port is open, and the script has not started.
-    """
-
-    def __init__(self, port: Port, script: Script) -> None:
-        self._port = port
-        self._script = script
+    def __init__(self, port: Port, make_script: Callable[[Conversation], Script]) -> None:
+        self.port = port
+        self._script = make_script(self)
         self._splitter = ReplySplitter()
         self._replies: deque[bytes] = deque()
-        self._step: Step | None = None
-        self._deadline_us = 0
-        self._failure: TrackerError | None = None
-        """Error of a step that ends immediately."""
+        self._awaited = Wait(0)
+        self.next_turn_us = 0
+        """Time of the next turn if nothing arrives."""
+
+    def say(self, data: bytes) -> None:
+        """Send bytes; unread replies, which answer something else, are discarded."""
+        self._splitter.clear()
+        self._replies.clear()
+        self.port.write(data)
 
     def advance_to(self, time_us: int) -> None:
         """Advance the script as far as possible.
@@ -114,58 +91,20 @@ class Conversation:
         Raises:
             TrackerError: an error that the script does not handle, or the port is lost.
         """
-        self._replies.extend(self._splitter.feed(self._port.read()))
-        if self._step is None:
-            self._take(next(self._script), time_us)
+        self._replies.extend(self._splitter.feed(self.port.read()))
         while True:
-            result = self._result(time_us)
-            if result is _PENDING:
+            heard: Reply | TrackerError | None = None
+            if self._awaited.for_reply and self._replies:
+                heard = _understand(self._replies.popleft(), time_us)
+            elif time_us < self.next_turn_us:
                 return
-            self._take(self._resume(result), time_us)
-
-    @property
-    def next_turn_us(self) -> int:
-        """Time of the next turn if nothing arrives."""
-        return self._deadline_us if isinstance(self._step, Hear | Pause) else 0
-
-    def _take(self, step: Step, time_us: int) -> None:
-        """Begin a step."""
-        self._step = step
-        match step:
-            case Say(data):
-                self._splitter.clear()
-                self._replies.clear()
-                self._port.write(data)
-            case Hear(duration_us) | Pause(duration_us):
-                self._deadline_us = time_us + duration_us
-            case SetBaud(baud):
-                try:
-                    self._port.set_baud(baud)
-                except TrackerError as error:
-                    self._failure = error
-            case SetBreak(on):
-                self._port.set_break(on)
-
-    def _result(self, time_us: int) -> object:
-        """Result of the current step: a `Reply`, an error, None, or `_PENDING`."""
-        match self._step:
-            case Hear():
-                if self._replies:
-                    return _understand(self._replies.popleft(), time_us)
-                is_over = time_us >= self._deadline_us
-                return NoReplyError(self._splitter.unfinished) if is_over else _PENDING
-            case Pause():
-                return None if time_us >= self._deadline_us else _PENDING
-        failure, self._failure = self._failure, None
-        return failure
-
-    def _resume(self, result: object) -> Step:
-        if isinstance(result, TrackerError):
-            return self._script.throw(result)
-        return self._script.send(result if isinstance(result, Reply) else None)
-
-
-_PENDING = object()
+            elif self._awaited.for_reply:
+                heard = NoReplyError(self._splitter.unfinished)
+            if isinstance(heard, TrackerError):
+                self._awaited = self._script.throw(heard)
+            else:
+                self._awaited = self._script.send(heard)
+            self.next_turn_us = time_us + self._awaited.duration_us
 
 
 def _understand(line: bytes, time_us: int) -> Reply | TrackerError:

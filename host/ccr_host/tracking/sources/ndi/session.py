@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from ccr_host.core.errors import TrackerError
 from ccr_host.tracking.sources.ndi.device_errors import BAD_COMMAND_CRC, NOT_INITIALISED
-from ccr_host.tracking.sources.ndi.port import Port
 from ccr_host.tracking.sources.ndi.replies import (
     REPLY_MODE,
     CommandRefusedError,
@@ -19,16 +18,12 @@ from ccr_host.tracking.sources.ndi.replies import (
 )
 from ccr_host.tracking.sources.ndi.rom import dummy_passive_rom, rom_blocks
 from ccr_host.tracking.sources.ndi.script import (
-    Hear,
+    Conversation,
     NoReplyError,
     NotACameraError,
-    Pause,
     Reply,
-    Say,
     Script,
-    SetBaud,
-    SetBreak,
-    Step,
+    Wait,
 )
 
 RESET_BAUD = 9600
@@ -65,7 +60,7 @@ _HANDLES = re.compile("[0-9A-F]{2}([0-9A-F]{5})*")
 """Their number, then handle and status of each."""
 _SHOWN_CHARACTERS = 24
 
-Talk = Generator[Step, Reply | None, Reply]
+Talk = Generator[Wait, Reply | None, Reply]
 ReplySink = Callable[[TxReply, Reply], int]
 """Called with a reply; returns the pause until the next poll, us."""
 
@@ -93,33 +88,35 @@ class SessionLog:
     """Tool names by port handle."""
 
 
-def session(port: Port, tools: Sequence[Tool], log: SessionLog, on_reply: ReplySink) -> Script:
+def session(
+    line: Conversation, tools: Sequence[Tool], log: SessionLog, on_reply: ReplySink
+) -> Script:
     """Make a device in any state track, and poll it forever.
 
-    ``port`` states its capabilities; its bytes pass through the steps. ``tools`` are tracked in
-    addition to strays; if empty, a dummy lights the illuminators. ``on_reply`` is called with every
-    parsed TX reply and returns the pause until the next poll in us.
+    ``tools`` are tracked in addition to strays; if empty, a dummy lights the illuminators.
+    ``on_reply`` is called with every parsed TX reply and returns the pause until the next poll in
+    us.
 
     Raises:
         TrackerError: no camera, or one that refuses or fell silent; start a new session.
     """
     log.doing = "looking for the camera"
-    log.baud = yield from _make_contact(port)
+    log.baud = yield from _make_contact(line)
     log.doing = "initialising"
-    yield from _initialise()
-    if port.has_baud:
-        yield from _hasten(log)
+    yield from _initialise(line)
+    if line.port.has_baud:
+        yield from _hasten(line, log)
     log.doing = "loading tools"
-    yield from _free_all_handles()
+    yield from _free_all_handles(line)
     log.handles = {}
     for tool in tools or (Tool("", dummy_passive_rom()),):
-        handle = yield from _load(tool)
+        handle = yield from _load(line, tool)
         log.handles[handle] = tool.name
     log.doing = "starting to track"
-    yield from _order("TSTART", _FRESH_FRAMES)
+    yield from _order(line, "TSTART", _FRESH_FRAMES)
     log.doing = "tracking"
     log.tracking = True
-    yield from _poll_for_ever(log, on_reply)
+    yield from _poll_for_ever(line, log, on_reply)
 
 
 def farewell() -> bytes:
@@ -127,27 +124,28 @@ def farewell() -> bytes:
     return encode_command("TSTOP")
 
 
-def _make_contact(port: Port) -> Generator[Step, Reply | None, int]:
+def _make_contact(line: Conversation) -> Generator[Wait, Reply | None, int]:
     """Make the device ready for initialisation at the host's rate; returns that rate.
 
     A device that an earlier program left at another rate is reset by a break; if there is no break
     or it has no effect, the known rates are tried.
     """
+    port = line.port
     if port.has_break:
-        yield SetBaud(RESET_BAUD)
-        yield SetBreak(True)
-        yield Pause(_BREAK_US)
-        yield SetBreak(False)
+        port.set_baud(RESET_BAUD)
+        port.set_break(True)
+        yield Wait(_BREAK_US)
+        port.set_break(False)
         if (yield from _is_reset_heard()):
             return RESET_BAUD
     command, heard = encode_command("INIT"), b""
     for baud in _KNOWN_BAUDS if port.has_baud else (0,):
         try:
-            yield SetBaud(baud)
+            port.set_baud(baud)
         except TrackerError:  # not every adapter has every rate
             continue
         for _ in range(2):  # a first command may be spoilt by what the wrong rates left behind
-            yield Say(command)
+            line.say(command)
             try:
                 if (yield from _hear(_PROBE_TIMEOUT_US)).text == _DONE:
                     return baud
@@ -161,7 +159,7 @@ def _make_contact(port: Port) -> Generator[Step, Reply | None, int]:
     raise NotACameraError(heard) if heard else NoReplyError()
 
 
-def _is_reset_heard() -> Generator[Step, Reply | None, bool]:
+def _is_reset_heard() -> Generator[Wait, Reply | None, bool]:
     for _ in range(_LINES_BEFORE_RESET):
         try:
             if (yield from _hear(_RESET_TIMEOUT_US)).text == _RESET:
@@ -174,65 +172,65 @@ def _is_reset_heard() -> Generator[Step, Reply | None, bool]:
 
 
 def _hear(timeout_us: int) -> Talk:
-    reply = yield Hear(timeout_us)
+    reply = yield Wait(timeout_us, for_reply=True)
     assert reply is not None
     return reply
 
 
-def _initialise() -> Generator[Step, Reply | None, None]:
+def _initialise(line: Conversation) -> Generator[Wait, Reply | None, None]:
     try:
-        yield from _order("INIT")
+        yield from _order(line, "INIT")
     except CommandRefusedError:  # still tracking for an earlier program
-        yield from _order("TSTOP")
-        yield from _order("INIT")
+        yield from _order(line, "TSTOP")
+        yield from _order(line, "INIT")
 
 
-def _hasten(log: SessionLog) -> Generator[Step, Reply | None, None]:
+def _hasten(line: Conversation, log: SessionLog) -> Generator[Wait, Reply | None, None]:
     """Request the fast rate; a camera that refuses it stays at its present rate."""
     try:
-        yield from _order("COMM", _FAST_BAUD_ARGUMENTS)
+        yield from _order(line, "COMM", _FAST_BAUD_ARGUMENTS)
     except CommandRefusedError as refusal:
         log.warnings += (
             f"it stays at {log.baud} baud, with fewer frames a second: {refusal.cause}",
         )
         return
-    yield Pause(_BAUD_CHANGE_US)
-    yield SetBaud(FAST_BAUD)
+    yield Wait(_BAUD_CHANGE_US)
+    line.port.set_baud(FAST_BAUD)
     log.baud = FAST_BAUD
 
 
-def _free_all_handles() -> Generator[Step, Reply | None, None]:
+def _free_all_handles(line: Conversation) -> Generator[Wait, Reply | None, None]:
     """Free all port handles, including those of an earlier program, which would fill the table."""
-    handles = (yield from _talk("PHSR", "00")).text
+    handles = (yield from _talk(line, "PHSR", "00")).text
     if not _HANDLES.fullmatch(handles):
         raise _odd_answer(handles, "PHSR")
     for at in range(2, len(handles), 5):
-        yield from _order("PHF", handles[at : at + 2])
+        yield from _order(line, "PHF", handles[at : at + 2])
 
 
-def _load(tool: Tool) -> Generator[Step, Reply | None, int]:
+def _load(line: Conversation, tool: Tool) -> Generator[Wait, Reply | None, int]:
     """Upload, initialise and enable a passive tool; return its port handle."""
-    handle = (yield from _talk("PHRQ", "*********1****")).text
+    handle = (yield from _talk(line, "PHRQ", "*********1****")).text
     if not _HANDLE.fullmatch(handle):
         raise _odd_answer(handle, "PHRQ")
     for address, block in rom_blocks(tool.rom):
-        yield from _order("PVWR", f"{handle}{address:04X}{block.hex().upper()}")
-    outcome = yield from _talk("PINIT", handle)
+        yield from _order(line, "PVWR", f"{handle}{address:04X}{block.hex().upper()}")
+    outcome = yield from _talk(line, "PINIT", handle)
     if outcome.text not in (_DONE, _WARNING_RESERVED_BITS):
         raise TrackerError(
             f"tool {tool.name or 'dummy'} cannot be initialised: {outcome.text}",
             "check its .rom file",
         )
-    yield from _order("PENA", f"{handle}D")
+    yield from _order(line, "PENA", f"{handle}D")
     return int(handle, 16)
 
 
-def _poll_for_ever(log: SessionLog, on_reply: ReplySink) -> Script:
+def _poll_for_ever(line: Conversation, log: SessionLog, on_reply: ReplySink) -> Script:
     command = encode_command("TX", REPLY_MODE)
     timeout_us = _TX_TIMEOUT_US if log.baud >= FAST_BAUD else _TIMEOUT_US
     silent = damaged = 0
     while True:
-        yield Say(command)
+        line.say(command)
         text = ""
         try:
             reply = yield from _hear(timeout_us)
@@ -252,25 +250,22 @@ def _poll_for_ever(log: SessionLog, on_reply: ReplySink) -> Script:
                 raise
         else:
             silent = damaged = 0
-            yield Pause(on_reply(parsed, reply))
+            yield Wait(on_reply(parsed, reply))
 
 
-def _talk(name: str, arguments: str = "") -> Talk:
+def _talk(line: Conversation, name: str, arguments: str = "") -> Talk:
     """Request until a complete reply comes; every command used here may be repeated."""
     command = encode_command(name, arguments)
-    for _ in range(_ATTEMPTS - 1):
-        yield Say(command)
+    for attempt in range(1, _ATTEMPTS + 1):
+        line.say(command)
         try:
-            return _unless_reset((yield from _hear(_TIMEOUT_US)))
+            reply = yield from _hear(_TIMEOUT_US)
+            break
         except (DamagedReplyError, NoReplyError, CommandRefusedError) as error:
             _pass_on_unless_noise(error)
-    yield Say(command)
-    return _unless_reset((yield from _hear(_TIMEOUT_US)))
-
-
-def _unless_reset(reply: Reply) -> Reply:
-    """A reply, unless it says that the camera was reset meanwhile."""
-    if reply.text == _RESET:
+            if attempt == _ATTEMPTS:
+                raise
+    if reply.text == _RESET:  # the camera was reset meanwhile
         raise CommandRefusedError(NOT_INITIALISED)
     return reply
 
@@ -280,9 +275,11 @@ def _odd_answer(text: str, command: str) -> TrackerError:
     return TrackerError(f"the camera answered {shown!r} to {command}", "power it off and on")
 
 
-def _order(name: str, arguments: str = "") -> Generator[Step, Reply | None, None]:
+def _order(
+    line: Conversation, name: str, arguments: str = ""
+) -> Generator[Wait, Reply | None, None]:
     """Make a request whose reply must be OKAY."""
-    answer = (yield from _talk(name, arguments)).text
+    answer = (yield from _talk(line, name, arguments)).text
     if answer != _DONE:
         raise _odd_answer(answer, name)
 
