@@ -16,20 +16,13 @@ from numpy.typing import NDArray
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.core.plugins import import_optional
 from ccr_host.tracking.sources.camera_model import CameraModel
-from ccr_host.tracking.tracker import (
-    FloatArray,
-    FrameCount,
-    MarkerFrame,
-    Pose,
-    StartsAndStops,
-    TrackerHealth,
-)
+from ccr_host.tracking.sources.reopened import ReopenedCamera
+from ccr_host.tracking.tracker import FloatArray, Pose, TrackerHealth
 
 Image = NDArray[np.uint8]
 
 DEFAULT_LATENCY_US = 60_000
 """Estimated time from the middle of an exposure to its image in the host: two frames at 30 Hz."""
-_RETRY_US = 1_000_000
 _PIXEL_CENTRE_PX = 0.5
 """That refinement counts from a pixel's corner, the rest of OpenCV from its centre."""
 _POLL_NS = 1
@@ -62,9 +55,6 @@ class ImageSource(Protocol):
 
     def close(self) -> None:
         """Close the camera."""
-
-
-CameraOpener = Callable[[], ImageSource]
 
 
 class TagDetector:
@@ -136,35 +126,27 @@ class TagDetector:
         return Pose.of(np.ravel(position_mm).astype(np.float64), turn)
 
 
-class ArucoTracker(StartsAndStops):
+class ArucoTracker(ReopenedCamera[ImageSource]):
     """Tags under a camera; each image with at least one known tag is a frame.
 
-    ``open_camera`` is called again after the image source was lost; ``latency_us`` is the time from
-    the middle of an exposure to its image.
+    ``latency_us`` is the time from the middle of an exposure to its image.
     """
 
     def __init__(
         self,
         name: str,
-        open_camera: CameraOpener,
+        open_camera: Callable[[], ImageSource],
         detector: TagDetector,
         latency_us: int = DEFAULT_LATENCY_US,
     ) -> None:
-        self.name = name
-        self._open_camera = open_camera
+        super().__init__(name, open_camera)
         self._detector = detector
         self._latency_us = latency_us
-        self._camera: ImageSource | None = None
-        self._frames = FrameCount()
         self._images = 0
-        self._openings = 0
-        self._retry_us = 0
-        self._running = False
-        self._last_error = ""
 
     @property
     def health(self) -> TrackerHealth:
-        tracking = self._camera is not None and self._frames.count > 0
+        tracking = self._connection is not None and self._frames.count > 0
         state = "stopped" if not self._running else ("tracking" if tracking else "looking for tags")
         return TrackerHealth(
             state=state,
@@ -172,31 +154,12 @@ class ArucoTracker(StartsAndStops):
             rate_hz=self._frames.rate_hz,
             frames=self._frames.count,
             lost_frames=self._images - self._frames.count,
-            reconnections=max(0, self._openings - 1),
+            reconnections=self._reconnections,
             last_error=self._last_error,
         )
 
-    def start(self) -> None:
-        """Open the camera.
-
-        Raises:
-            TrackerError: there is none.
-        """
-        self._open()
-        self._running = True
-
-    def advance_to(self, time_us: int) -> None:
-        """Process an image that has arrived; reopen the camera if it was lost."""
-        if not self._running or time_us < self._retry_us:
-            return
-        try:
-            camera = self._camera or self._open()
-            image = camera.newest_image()
-        except TrackerError as error:
-            self._last_error = str(error)
-            self._close()
-            self._retry_us = time_us + _RETRY_US
-            return
+    def _process(self, connection: ImageSource, time_us: int) -> None:
+        image = connection.newest_image()
         if image is None:
             return
         self._images += 1
@@ -210,23 +173,6 @@ class ArucoTracker(StartsAndStops):
             raise ConfigError(f"{self.name}: {error.cause}", error.cure) from None
         if poses:
             self._frames.add_poses(time_us - self._latency_us, poses)
-
-    def newest_frame(self) -> MarkerFrame | None:
-        return self._frames.newest
-
-    def stop(self) -> None:
-        self._running = False
-        self._close()
-
-    def _open(self) -> ImageSource:
-        self._camera = camera = self._open_camera()
-        self._openings += 1
-        return camera
-
-    def _close(self) -> None:
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = None
 
 
 class Webcam:

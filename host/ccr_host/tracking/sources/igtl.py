@@ -18,16 +18,8 @@ import scipy
 from ccr_host.core.addresses import joined
 from ccr_host.core.errors import TrackerError
 from ccr_host.tracking.sources.igtl_stream import POSE_TYPES, Message, igtl_opener
-from ccr_host.tracking.tracker import (
-    ClockFit,
-    FloatArray,
-    ForeignPeerError,
-    FrameCount,
-    MarkerFrame,
-    Pose,
-    StartsAndStops,
-    TrackerHealth,
-)
+from ccr_host.tracking.sources.reopened import Connection, ReopenedCamera
+from ccr_host.tracking.tracker import ClockFit, FloatArray, Pose, TrackerHealth
 
 DEFAULT_LATENCY_US = 60_000
 """Time from exposure to stamp plus the fastest transmission, an estimate; PLUS adds buffers."""
@@ -45,14 +37,13 @@ _STATUS_KEYS = "transformstatus", "toolstatus", "status"
 _VALID_KEYS = "transformvalid", "toolvalid", "valid"
 _FINE, _TRUE = ("OK", "TOOL_OK"), ("TRUE", "1")
 _SILENCE_US = 2_000_000
-_RETRY_US = 1_000_000
 _STAMPS_REMEMBERED = 4096
 _SENDS_NOTHING = "check address and port (18944 is usual), and that the server has markers to send"
 _HANGS = "see what the server sends, and whether it hangs"
 _NO_STAMPS = "messages without time stamp are ignored; switch time stamps on in the server"
 
 
-class Stream(Protocol):
+class Stream(Connection, Protocol):
     """A connection to a server; see `IgtlStream`."""
 
     is_silent: bool
@@ -62,11 +53,8 @@ class Stream(Protocol):
     def messages(self) -> list[Message]:
         """Poses and points that have arrived since the last call."""
 
-    def close(self) -> None:
-        """Close the connection."""
 
-
-class IgtlTracker(StartsAndStops):
+class IgtlTracker(ReopenedCamera[Stream]):
     """Markers from an OpenIGTLink server.
 
     A device name such as `M1ToTracker` gives the tool `M1`. Messages whose stamps differ by no more
@@ -89,16 +77,11 @@ class IgtlTracker(StartsAndStops):
         latency_us: int = DEFAULT_LATENCY_US,
         open_stream: Callable[[], Stream] | None = None,
     ) -> None:
-        self.name = f"igtl://{joined(host, port)}"
-        self._open_stream = open_stream or igtl_opener(host, port)
+        super().__init__(f"igtl://{joined(host, port)}", open_stream or igtl_opener(host, port))
         self._expected = tuple(expected_tools)
         self._latency_us = latency_us
-        self._stream: Stream | None = None
-        self._streams_opened = 0
-        self._retry_us = 0
         self._heard_us = 0
-        self._running = self._tracking = False
-        self._last_error = ""
+        self._tracking = False
         self._damaged = 0
         self._unstamped = False
         self._tool_names: set[str] = set()
@@ -106,7 +89,6 @@ class IgtlTracker(StartsAndStops):
         self._statuses: dict[str, str] = {}
         self._stamps = _Stamps()
         self._fit = ClockFit()
-        self._frames = FrameCount()
         self._clear_frame()
 
     def _clear_frame(self) -> None:
@@ -122,55 +104,27 @@ class IgtlTracker(StartsAndStops):
             state = "stopped"
         else:
             state = "tracking" if self._tracking else "waiting for messages"
+        damaged = 0 if self._connection is None else self._connection.damaged
         return TrackerHealth(
             state=state,
             tracking=self._tracking,
             rate_hz=self._frames.rate_hz if self._tracking else 0.0,
             frames=self._frames.count,
-            damaged_replies=self._damaged + (0 if self._stream is None else self._stream.damaged),
-            reconnections=max(0, self._streams_opened - 1),
+            damaged_replies=self._damaged + damaged,
+            reconnections=self._reconnections,
             warnings=tuple(self._warnings()),
             last_error=self._last_error,
         )
 
-    def start(self) -> None:
-        """Connect to the server.
+    def _process(self, connection: Stream, time_us: int) -> None:
+        messages = connection.messages()
+        self._skipped_types |= connection.skipped_types
+        for message in sorted(messages, key=lambda one: float(one.timestamp)):
+            self._take(message, time_us)
+        self._require_news(connection, time_us)
 
-        Raises:
-            TrackerError: no server is listening there.
-        """
-        self._connect(0)
-        self._running = True
-
-    def advance_to(self, time_us: int) -> None:
-        """Process what has arrived; reconnect if the server is gone or sends nothing new."""
-        if not self._running or time_us < self._retry_us:
-            return
-        try:
-            stream = self._stream or self._connect(time_us)
-            messages = stream.messages()
-            self._skipped_types |= stream.skipped_types
-            for message in sorted(messages, key=lambda one: float(one.timestamp)):
-                self._take(message, time_us)
-            self._require_news(stream, time_us)
-        except TrackerError as error:
-            self._let_go()
-            if isinstance(error, ForeignPeerError) and not self._frames.count:
-                self._running = False
-                raise
-            self._last_error = str(error)
-            self._retry_us = time_us + _RETRY_US
-
-    def newest_frame(self) -> MarkerFrame | None:
-        return self._frames.newest
-
-    def stop(self) -> None:
-        self._running = False
-        self._let_go()
-
-    def _connect(self, time_us: int) -> Stream:
-        self._stream = stream = self._open_stream()
-        self._streams_opened += 1
+    def _open(self, time_us: int) -> Stream:
+        stream = super()._open(time_us)
         self._heard_us = time_us
         self._stamps.begin_connection()
         return stream
@@ -178,10 +132,9 @@ class IgtlTracker(StartsAndStops):
     def _let_go(self) -> None:
         self._tracking = False
         self._clear_frame()
-        if self._stream is not None:
-            self._damaged += self._stream.damaged
-            self._stream.close()
-            self._stream = None
+        if self._connection is not None:
+            self._damaged += self._connection.damaged
+        super()._let_go()
 
     def _require_news(self, stream: Stream, time_us: int) -> None:
         if time_us - self._heard_us <= _SILENCE_US:

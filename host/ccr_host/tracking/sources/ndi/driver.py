@@ -18,13 +18,13 @@ from ccr_host.tracking.sources.ndi.replies import (
 )
 from ccr_host.tracking.sources.ndi.script import Conversation, Reply
 from ccr_host.tracking.sources.ndi.session import SessionLog, Tool, farewell, session
+from ccr_host.tracking.sources.reopened import ReopenedCamera
 from ccr_host.tracking.tracker import (
     ClockFit,
     ForeignPeerError,
     FrameCount,
     MarkerFrame,
     Pose,
-    StartsAndStops,
     TrackerHealth,
 )
 
@@ -97,7 +97,6 @@ class PollPace:
 DEFAULT_LATENCY_US = 40_000
 """Time from an exposure to its data being available: the least of the estimated 40 to 100 ms."""
 
-_RETRY_US = 1_000_000
 _RESYNCHRONISE_US = 1_000_000
 _NOTHING_NEW_US = 3_000_000
 """Time of good replies without a new frame, after which the camera is started again."""
@@ -118,136 +117,100 @@ class NdiSettings:
     """The measurement volume; points outside are marked."""
 
 
-class NdiTracker(StartsAndStops):
+class NdiTracker(ReopenedCamera[Port]):
     """Driver of one camera.
 
     A camera that falls silent, is reset or unplugged is restarted each time; `health` reports it.
-    ``open_port`` is called again after the port was lost.
     """
 
     def __init__(
         self, name: str, open_port: PortOpener, settings: NdiSettings | None = None
     ) -> None:
-        self.name = name
-        self._open_port = open_port
+        super().__init__(name, open_port)
         self._settings = settings or NdiSettings()
-        self._port: Port | None = None
         self._arrivals: ForeseesArrivals | None = None
         self._conversation: Conversation | None = None
         self._log = SessionLog()
-        self._frames = _FrameMaker(self._settings)
+        self._maker = _FrameMaker(self._settings, self._frames)
         self._damaged_before = 0
-        self._sessions = 0
-        self._retry_us = 0
-        self._last_error = ""
-        self._running = False
 
     @property
     def health(self) -> TrackerHealth:
-        frames, log = self._frames, self._log
+        maker, log = self._maker, self._log
         return TrackerHealth(
             state=log.doing,
             tracking=log.tracking,
-            rate_hz=frames.made.rate_hz if log.tracking else 0.0,
-            frames=frames.made.count,
-            lost_frames=frames.lost,
+            rate_hz=self._frames.rate_hz if log.tracking else 0.0,
+            frames=self._frames.count,
+            lost_frames=maker.lost,
             damaged_replies=self._damaged_before + log.damaged_replies,
-            reconnections=max(0, self._sessions - 1),
-            odd_frame_numbers=frames.odd_numbers,
+            reconnections=self._reconnections,
+            odd_frame_numbers=maker.odd_numbers,
             warnings=tuple(self._warnings()),
             last_error=self._last_error,
         )
 
     def _warnings(self) -> Iterator[str]:
         yield from self._log.warnings
-        yield from system_warnings(self._frames.system_status)
-        if count := self._frames.odd_numbers:
+        yield from system_warnings(self._maker.system_status)
+        if count := self._maker.odd_numbers:
             yield f"the camera's frame counter has jumped, {count} times so far; tracking goes on"
 
-    def start(self) -> None:
-        """Open the port; the session begins when the clock advances.
-
-        Raises:
-            TrackerError: the port cannot be opened.
-        """
-        self._open()
-        self._running = True
-
-    def _open(self) -> Port:
-        port = self._port = self._open_port()
+    def _open(self, time_us: int) -> Port:
+        """Open the port; the session begins when the clock advances."""
+        port = super()._open(time_us)
         # Found out here: a look takes longer than all else in a turn.
         self._arrivals = port if isinstance(port, ForeseesArrivals) else None
+        self._damaged_before += self._log.damaged_replies
+        self._log = log = SessionLog()
+        self._maker.begin_session(log, has_baud=port.has_baud)
+        tools, take = self._settings.tools, self._maker.take
+        self._conversation = Conversation(port, lambda line: session(line, tools, log, take))
         return port
 
-    def advance_to(self, time_us: int) -> None:
-        """Process what has arrived, continue the session, restart it if it has failed."""
-        if not self._running or time_us < self._retry_us:
-            return
+    def _process(self, connection: Port, time_us: int) -> None:
+        assert self._conversation is not None
         try:
-            port = self._open() if self._port is None else self._port
-            if self._conversation is None:
-                self._conversation = self._begin_session(port)
             self._conversation.advance_to(time_us)
-        except TrackerError as error:
-            is_hopeless = self._port is not None and not self._port.has_baud
-            self._give_up_session(error)
-            if isinstance(error, ForeignPeerError) and is_hopeless and not self._frames.made.count:
-                self._running = False
-                raise ForeignPeerError(f"{self.name}: {error.cause}", error.cure) from None
-            self._retry_us = time_us + _RETRY_US
+        except ForeignPeerError as error:
+            if connection.has_baud or self._frames.count:  # perhaps it only has another rate
+                raise TrackerError(error.cause, error.cure) from None
+            raise ForeignPeerError(f"{self.name}: {error.cause}", error.cure) from None
 
     @property
     def next_turn_us(self) -> int:
         """Time of the next arrival or deadline; 0, which is past, on a port that cannot tell."""
         if not self._running:
             return NEVER_US
-        if self._port is None or self._conversation is None:
+        if self._conversation is None:
             return self._retry_us
         if self._arrivals is None:
             return 0
         return min(self._conversation.next_turn_us, self._arrivals.next_arrival_us)
 
-    def newest_frame(self) -> MarkerFrame | None:
-        return self._frames.made.newest
-
     def stop(self) -> None:
         """End tracking and close the port."""
-        self._running = False
-        self._conversation = None
-        if self._port is None:
-            return
-        try:
-            self._port.write(farewell())
-        except TrackerError as error:
-            self._last_error = str(error)
-        self._port.close()
-        self._port = None
+        if self._connection is not None:
+            try:
+                self._connection.write(farewell())
+            except TrackerError as error:
+                self._last_error = str(error)
+        super().stop()
         self._log = SessionLog("stopped")
 
-    def _begin_session(self, port: Port) -> Conversation:
-        self._sessions += 1
-        self._damaged_before += self._log.damaged_replies
-        self._log = log = SessionLog()
-        self._frames.begin_session(log, has_baud=port.has_baud)
-        tools, take = self._settings.tools, self._frames.take
-        return Conversation(port, lambda line: session(line, tools, log, take))
-
-    def _give_up_session(self, error: TrackerError) -> None:
-        self._last_error = str(error)
+    def _let_go(self) -> None:
         self._log.doing = "trying again"
         self._log.tracking = False
         self._conversation = None
-        if self._port is not None:
-            self._port.close()  # a cable that was pulled comes back as another device
-            self._port = None
+        super()._let_go()  # a cable that was pulled comes back as another device
 
 
 class _FrameMaker:
     """Converts TX replies to frames: no repeats, exposure times, volume check, pace of polls."""
 
-    def __init__(self, settings: NdiSettings) -> None:
+    def __init__(self, settings: NdiSettings, made: FrameCount) -> None:
         self._settings = settings
-        self.made = FrameCount()
+        self._made = made
         self.lost = 0
         self.odd_numbers = 0
         self.system_status = SystemStatus(0)
@@ -279,9 +242,9 @@ class _FrameMaker:
         self._clock.see(_counted_us(number), seen_us)
         available_us = self._clock.host_us(_counted_us(number))
         exposed_us = available_us - self._settings.latency_us
-        self.made.add(
+        self._made.add(
             MarkerFrame(
-                exposed_us=self.made.not_before_last(exposed_us),
+                exposed_us=self._made.not_before_last(exposed_us),
                 frame_number=number,
                 points_mm=reply.strays_mm,
                 out_of_volume=~self._settings.volume.contains(reply.strays_mm),
