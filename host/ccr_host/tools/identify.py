@@ -24,6 +24,7 @@ from ccr_host.description.file import Sections
 from ccr_host.description.schema import Description, Segment
 from ccr_host.robot.rest_model import tip_alone
 from ccr_host.robot.rests import Rests
+from ccr_host.robot.workspace import MotorLimits
 from ccr_host.tools.chain_fit import ChainFit, ChainModel, fit_chain
 from ccr_host.tools.measured import FEWEST_ROWS, Measured
 from ccr_host.tools.survey import IDENTIFIED, identified_section
@@ -43,6 +44,10 @@ _EXPLAINED = 0.25
 _MOST_ASIDE_RAD = math.radians(40.0)
 """A third of the angle between three tendons: beyond it a description names the wrong one."""
 _MOST_RATIO = 1.5
+_TIP_MOVES = (0.02, 2.5)
+"""Shares of the robot's length between which the tip's motion lies, at most twice its length."""
+_MOTORS_TURN = (0.05, 8.0)
+"""Shares of the motors' limits: degrees taken for radians, or the reverse, are 57 times off."""
 _CURE = "check robot.segments: which motor winds which tendon, its angle and its winding"
 
 
@@ -128,6 +133,8 @@ def identify(
             f"{rows} rows are left, too few or without motion of some motor",
             "leave out fewer patterns with --leave-out",
         )
+    if slip := _wrong_unit(description, measured):
+        raise ConfigError(slip, "correct the unit in the header, or the description")
     if segments:
         return _identify_chain(description, measured, train_share, one_plane=one_plane)
     if one_plane:
@@ -135,6 +142,23 @@ def identify(
             "--one-plane is for robots described by robot.segments", "omit --one-plane"
         )
     return _identify_two_motors(description, measured, train_share, date)
+
+
+def _wrong_unit(description: Description, measured: Measured) -> str:
+    """What no such robot does, as if it were in another unit; empty if all is plausible."""
+    length_mm = sum(segment.length_mm for segment in description.robot.chain)
+    moved_mm = float(np.ptp(measured.tip_mm, axis=0).max())
+    least, most = _TIP_MOVES
+    if not least * length_mm < moved_mm < most * length_mm:
+        return f"the tip moves by {moved_mm:.3g} mm, of a robot that is {length_mm:g} mm long"
+    limits = MotorLimits.of(description.servo)
+    limit_rad = float(np.abs([limits.lower_rad, limits.upper_rad]).max())
+    turned_rad = float(np.abs(measured.command).max())
+    least, most = _MOTORS_TURN
+    if measured.unit == "rad" and not least * limit_rad < turned_rad < most * limit_rad:
+        turned_deg, limit_deg = np.degrees([turned_rad, limit_rad])
+        return f"motors turn by up to {turned_deg:.3g} deg, where the limit is {limit_deg:.3g} deg"
+    return ""
 
 
 def _split(time_s: FloatArray, rows: Rows, train_share: float) -> tuple[Rows, Rows]:

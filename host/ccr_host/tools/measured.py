@@ -30,8 +30,9 @@ _COLUMN = re.compile(rf"(t|q[1-9]\d*|(?:tip|{MIDDLE}|m[2-9]|m1\d)_[xyz]){UNIT}")
 _NOT_SEEN = ("", "nan")
 """In place of a coordinate of a marker below the tip."""
 _UNITS = {"t": _SECONDS, "q": _COMMANDS, **dict.fromkeys(("tip", MIDDLE, "m"), _MILLIMETRES)}
-_MOST = {"t": 1e8, "q": 1e3, "tip": 1e5, MIDDLE: 1e5, "m": 1e5}
-"""Plausible values in s, rad or mm, to either side: beyond, it is a slip or another unit."""
+_MOST = {"t": 1e10, "q": 1e3, "tip": 1e5, MIDDLE: 1e5, "m": 1e5}
+"""Plausible values in s (since 1970, too), rad or mm, to either side: beyond, it is a slip or
+another unit."""
 _WORDS = ("pattern", "count")
 _TIP = ("tip_x", "tip_y", "tip_z")
 _MOST_BYTES = 100_000_000

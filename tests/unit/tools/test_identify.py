@@ -156,6 +156,25 @@ def test_described_clocking_moves_the_robot_as_fitted_clocking_does():
     assert np.abs(fitted_mm - as_described_mm).max() > 1.0
 
 
+@pytest.mark.parametrize(
+    ("unit", "command_factor", "tip_factor", "told"),
+    [
+        ("mm", 1.0, 1e-3, "the tip moves by 0"),
+        ("mm", 1.0, 1e1, "the tip moves by"),
+        ("rad", np.degrees(0.2), 1.0, "motors turn by up to"),
+        ("rad", np.radians(0.2), 1.0, "motors turn by up to"),
+    ],
+)
+def test_a_unit_that_makes_no_sense_is_told_instead_of_a_robot_that_is_not_described(
+    unit, command_factor, tip_factor, told
+):
+    travel = travel_mm()
+    tip_mm = tip_factor * 10.0 * travel[:, :3]
+    with pytest.raises(ConfigError, match=told) as refused:
+        identify(described(), measured_of(command_factor * travel, unit, tip_mm))
+    assert "the unit in the header" in refused.value.cure
+
+
 def test_another_robot_is_told_so_and_not_identified():
     measured, _ = truth_of(described(), 1)
     with pytest.raises(WrongRobotError, match="does not move as described"):

@@ -27,6 +27,8 @@ def test_units_are_those_of_the_header(tmp_path):
     assert measured.time_s[1] == pytest.approx(5e-4)
     assert measured.command[3] == pytest.approx([math.radians(3), -3.0])
     assert measured.tip_mm[3] == pytest.approx([3000.0, 2.0, 30.0])
+    since_1970 = [f"{1_790_000_000 + n},{n},{-n},{n},2,3" for n in range(30)]
+    assert read_measured(written(tmp_path, HEADER, since_1970)).time_s[3] == 1_790_000_003.0
     travel = read_measured(written(tmp_path, HEADER.replace("deg", "mm")))
     assert travel.unit == "mm"
     assert travel.command[3] == pytest.approx([3.0, -3.0])
