@@ -1,8 +1,10 @@
-"""Measured rest poses of the robot."""
+"""Measured rest poses of the robot, and motors that led it there otherwise than described."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy
@@ -116,3 +118,50 @@ class Rests:
             expected_mm[seen] @ handed, self.vectors_mm[seen]
         )
         return self.turned(handed @ turn.as_matrix())
+
+
+def numbered(motors: Iterable[int]) -> str:
+    """Motors, from 0, by the numbers that users know."""
+    return " and ".join(str(motor + 1) for motor in motors)
+
+
+class Motors(NamedTuple):
+    """A hypothesis on the motors."""
+
+    signs: tuple[float, ...]
+    """-1 for a reversed motor, else 1."""
+    order: tuple[int, ...]
+    """The motor, from 0, that acts as each described one."""
+
+    @classmethod
+    def as_described(cls, count: int) -> Self:
+        """As many motors, all as described."""
+        return cls((1.0,) * count, tuple(range(count)))
+
+    @property
+    def exchanged(self) -> list[int]:
+        """Motors that act as another one, from 0."""
+        return [motor for motor, acting in enumerate(self.order) if motor != acting]
+
+    @property
+    def reversed(self) -> list[int]:
+        """Motors that turn the other way, from 0."""
+        return [motor for motor, sign in enumerate(self.signs) if sign < 0.0]
+
+    def told(self) -> str:
+        """What is not as described, for users; "" if all is."""
+        told = []
+        if self.exchanged:
+            told.append(f"motors {numbered(self.exchanged)} are exchanged")
+        if self.reversed:
+            told.append(f"motor {numbered(self.reversed)} reversed")
+        return ", ".join(told)
+
+    def drive(self, rests: Rests) -> Rests:
+        """The rests with the setpoints that the model's motors get if the real ones are so."""
+        signs, order = np.array(self.signs), list(self.order)
+        return replace(
+            rests,
+            start_rad=(signs * rests.start_rad)[order],
+            q_rad=(signs * rests.q_rad)[:, order],
+        )

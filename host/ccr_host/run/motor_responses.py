@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares, linear_sum_assignment
 
-from ccr_host.control.adaptive.misfit import LEFT_HANDED
+from ccr_host.control.adaptive.misfit import LEFT_HANDED, SWAP_CURE
 from ccr_host.core.arrays import Array, IntArray
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
-from ccr_host.robot.rests import Rests
+from ccr_host.robot.rests import Motors, Rests, numbered
 
 _SAG_RAD = 0.35
 """Standard deviation of the bending that load and slack add to the commanded one."""
@@ -66,12 +66,7 @@ class Responses(NamedTuple):
 class Explanation(NamedTuple):
     """Which motors move the robot, and in which frame, at what cost."""
 
-    motors: IntArray
-    """(m,): the motors that were moved, numbers from 0."""
-    acting: IntArray
-    """(m,): the described motor that each one acts as."""
-    signs: Array
-    """(m,): 1, or -1 if it turns the other way."""
+    motors: Motors
     of_camera: tuple[str, str] | None
     """Cause and cure if the camera stands otherwise than known."""
     cost: float
@@ -79,23 +74,14 @@ class Explanation(NamedTuple):
 
     def cause_and_cure(self) -> tuple[str, str] | None:
         """The differences from the description in words, None if there are none."""
-        causes, cures = [], []
-        exchanged = self.motors[self.motors != self.acting]
-        reversed_ = self.motors[self.signs < 0.0]
-        if len(exchanged):
-            causes.append(f"motors {_numbers(exchanged)} are exchanged")
-            cures.append("exchange the leads of the servos, or the tendons between the pulleys")
-        if len(reversed_):
-            causes.append(f"motor {_numbers(reversed_)} reversed")
+        cures = []
+        if self.motors.exchanged:
+            cures.append(SWAP_CURE)
+        if self.motors.reversed:
             cures.append("negate its servo.pulse_per_90_deg_us, or the winding of its tendons")
-        if self.of_camera:
-            causes.append(self.of_camera[0])
-            cures.append(self.of_camera[1])
-        return (", ".join(causes), "; ".join(cures)) if causes else None
-
-
-def _numbers(motors: IntArray) -> str:
-    return " and ".join(str(motor + 1) for motor in motors)
+        cause, cure = self.of_camera or ("", "")
+        causes = ", ".join(filter(None, (self.motors.told(), cause)))
+        return (causes, "; ".join(filter(None, (*cures, cure)))) if causes else None
 
 
 def _best_rests(rests: Rests) -> list[int]:
@@ -130,10 +116,9 @@ class MotorResponses:
 
     def as_described(self) -> Explanation:
         """The description itself."""
-        count = len(self.motors)
         off_rad = np.arccos(np.diag(self.responses.cosines()))
         cost = float(((off_rad / _OFF_RAD) ** 2).sum()) + self._pose_cost
-        return Explanation(self.motors, self.motors, np.ones(count), None, cost)
+        return Explanation(Motors.as_described(self._model.motors), None, cost)
 
     def likeliest(self) -> Explanation:
         """What explains the responses best."""
@@ -162,7 +147,7 @@ class MotorResponses:
         if self.is_odd():
             if len(idle := self.idle()):
                 return (
-                    f"motor {_numbers(idle)} hardly move{'s' * (len(idle) == 1)} it",
+                    f"motor {numbered(idle)} hardly move{'s' * (len(idle) == 1)} it",
                     "check the servo's supply, its zero (ccr-host calibrate) and the tendons: "
                     "loose, off the pulley, or wound the other way",
                 )
@@ -178,9 +163,13 @@ class MotorResponses:
         backward = (np.arccos(-cosines) / _OFF_RAD) ** 2 + _PRICE
         costs = np.minimum(forward, backward) + 0.5 * _PRICE * (1.0 - np.eye(len(cosines)))
         motors, acting = linear_sum_assignment(costs)
-        signs = np.where(forward[motors, acting] <= backward[motors, acting], 1.0, -1.0)
+        is_reversed = forward[motors, acting] > backward[motors, acting]
+        order, signs = np.arange(self._model.motors), np.ones(self._model.motors)
+        order[self.motors[acting]] = self.motors[motors]
+        signs[self.motors[motors[is_reversed]]] = -1.0
         total = cost + float(costs[motors, acting].sum())
-        return Explanation(self.motors[motors], self.motors[acting], signs, of_camera, total)
+        found = Motors(tuple(signs.tolist()), tuple(order.tolist()))
+        return Explanation(found, of_camera, total)
 
     def _responses(self, rests: Rests) -> tuple[Responses, float]:
         """Responses, and how unlikely the robot's pose at the first rest is."""

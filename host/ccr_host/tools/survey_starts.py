@@ -21,13 +21,13 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.identification import Fit, Predict, StaticsFit
-from ccr_host.control.adaptive.misfit import Motors, motors_exchanged
+from ccr_host.control.adaptive.misfit import motors_exchanged
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.static_model import StaticModel
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
-from ccr_host.robot.rests import Rests
+from ccr_host.robot.rests import Motors, Rests
 
 Array = NDArray[np.float64]
 P = TypeVar("P")

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ccr_host.control.adaptive.misfit import MisfitError, Motors
+from ccr_host.control.adaptive.misfit import MisfitError
 from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.description import schema
 from ccr_host.description.schema import Robot, Servo
-from ccr_host.robot.rests import Rests
+from ccr_host.robot.rests import Motors, Rests
 from ccr_host.tools.survey import (
     corrected,
     identification_stops_rad,

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccr_host.control.adaptive.misfit import MisfitError, Motors
+from ccr_host.control.adaptive.misfit import MisfitError
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
-from ccr_host.robot.rests import Rests
+from ccr_host.robot.rests import Motors, Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig

@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice, product
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from ccr_host.control.adaptive.statics import zeros_rad
 from ccr_host.core.arrays import Array
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
-from ccr_host.robot.rests import Rests
+from ccr_host.robot.rests import Motors, Rests, numbered
 
 _MOST_ZERO_RAD = math.radians(5.6)
 """Angle at which a zero is certainly wrong: half a tooth of the servo's spline is 7.2 deg."""
@@ -73,7 +73,7 @@ REPEATED = (
     "start its program again; see with ccr-host monitor whether it follows a marker moved by hand",
 )
 _CALIBRATE = "ccr-host calibrate"
-_SWAP_CURE = "exchange the leads of the servos, or the tendons between the pulleys"
+SWAP_CURE = "exchange the leads of the servos, or the tendons between the pulleys"
 _PRICE = 6.0
 """Minus twice the log odds that a motor is reversed, or that two are swapped; a freed parameter is
 penalised likewise."""
@@ -203,12 +203,12 @@ def standing_still(rests: Rests) -> MisfitError | None:
     if rests.are_one_picture():
         return not_as_described(*REPEATED)
     is_led = np.ptp(rests.q_rad, axis=0) > BEYOND_SLACK_RAD
-    still = [str(motor + 1) for motor in np.flatnonzero(is_led & (rests.moved_mm() < STILL_MM))]
-    if not still:
+    still = np.flatnonzero(is_led & (rests.moved_mm() < STILL_MM))
+    if not len(still):
         return None
+    motor = f"motor {numbered(still)}"
     return not_as_described(
-        f"motor {' and '.join(still)} moved nothing: its servo does not turn, or no tendon of "
-        f"motor {' and '.join(still)} pulls",
+        f"{motor} moved nothing: its servo does not turn, or no tendon of {motor} pulls",
         "check the servo's supply and leads, and that its tendons are on its pulley; tighten them",
     )
 
@@ -218,39 +218,14 @@ def not_as_described(cause: str, cure: str) -> MisfitError:
     return MisfitError(f"the robot does not move as described; {cause}", cure)
 
 
-class Motors(NamedTuple):
-    """A hypothesis on the motors."""
-
-    signs: tuple[float, ...]
-    """-1 for a reversed motor, else 1."""
-    order: tuple[int, ...]
-    """The motor, from 0, that acts as each described one."""
-
-    @classmethod
-    def as_described(cls, count: int) -> Self:
-        """As many motors, all as described."""
-        return cls((1.0,) * count, tuple(range(count)))
-
-    @property
-    def exchanged(self) -> list[int]:
-        """Motors that act as another one, from 0."""
-        return [motor for motor, acting in enumerate(self.order) if motor != acting]
-
-    def drive(self, rests: Rests) -> Rests:
-        """The rests with the setpoints that the model's motors get if the real ones are so."""
-        signs, order = np.array(self.signs), list(self.order)
-        return replace(
-            rests,
-            start_rad=(signs * rests.start_rad)[order],
-            q_rad=(signs * rests.q_rad)[:, order],
-        )
-
-
 def motors_exchanged(motors: Motors) -> MisfitError:
-    """The error for exchanged motors."""
-    numbers = " and ".join(str(motor + 1) for motor in motors.exchanged)
-    cure = f"{_SWAP_CURE}; left-handed axes of the tracker may look alike"
-    return not_as_described(f"most likely motors {numbers} are exchanged", cure)
+    """The error for exchanged motors, whatever their directions."""
+    cause = motors._replace(signs=(1.0,) * len(motors.signs)).told()
+    cure = f"{SWAP_CURE}; left-handed axes of the tracker may look alike"
+    return not_as_described(f"most likely {cause}", cure)
+
+
+_AS_DESCRIBED = Motors.as_described(2)
 
 
 @dataclass(frozen=True)
@@ -260,9 +235,7 @@ class _Hypothesis:
     name: str
     """Text for the user, with fields of `Parameters` in braces, and `zeros`."""
     cure: str
-    reversed: tuple[int, ...] = ()
-    """The reversed motors, 0 or 1."""
-    swapped: bool = False
+    motors: Motors = _AS_DESCRIBED
     turned: bool = False
     mirrored: bool = False
     gravity: Gravity | None = None
@@ -325,14 +298,11 @@ def wrongly_mounted(gravity: Gravity) -> MisfitError:
 def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
     geometry = description.robot
     servo_cure = "negate its servo.pulse_per_90_deg_us, or exchange its tendons on the pulley"
-    for swapped, cure in ((False, servo_cure), (True, _SWAP_CURE)):
-        exchanged = "motors 1 and 2 are exchanged" if swapped else ""
-        for turned in ((), (0,), (1,), (0, 1)):
-            motors = " and ".join(str(motor + 1) for motor in turned)
-            wrong = f"motor {motors} reversed" if turned else ""
-            name = ", ".join(filter(None, (exchanged, wrong)))
-            if name:
-                yield _Hypothesis(name, cure, turned, swapped)
+    for order, *signs in product(((0, 1), (1, 0)), (1.0, -1.0), (1.0, -1.0)):
+        motors = Motors(tuple(signs), order)
+        if motors != _AS_DESCRIBED:
+            cure = SWAP_CURE if motors.exchanged else servo_cure
+            yield _Hypothesis(motors.told(), cure, motors)
     zeros = ("zero_1_rad", "zero_2_rad")
     for freed in (zeros[:1], zeros[1:], zeros):
         yield _Hypothesis("the zero {zeros}", _CALIBRATE, freed=freed)
@@ -366,8 +336,8 @@ def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
 def _hypotheses_before_setup(description: Description) -> Iterator[_Hypothesis]:
     """Those that a survey does not correct; the rests are turned to suit each of them."""
     for hypothesis in _hypotheses(description):
-        is_corrected = hypothesis.reversed or hypothesis.turned or hypothesis.cure == _CALIBRATE
-        if not is_corrected:
+        is_corrected = hypothesis.motors.reversed or hypothesis.turned
+        if not is_corrected and hypothesis.cure != _CALIBRATE:
             yield replace(hypothesis, turned=True)
 
 
@@ -378,24 +348,15 @@ def _trials(
     under = scaling.freed(freed, _FREEDOM)
     if hypothesis.gravity is not None:
         under = under.mounted(hypothesis.gravity)
-    supposed = _as_supposed(hypothesis, rests, under, predict)
-    price = _PRICE * (len(hypothesis.reversed) + hypothesis.swapped + hypothesis.turned)
-    price += _PRICE * (hypothesis.mirrored + (hypothesis.gravity is not None))
-    price += 2.0 * math.log(_FREEDOM) * len(freed)
+    motors = hypothesis.motors
+    supposed = motors.drive(rests)
+    if hypothesis.turned:
+        expected_mm = predict(under.parameters(np.zeros(COUNT)), supposed)
+        supposed = supposed.turned_onto(expected_mm, mirrored=hypothesis.mirrored)
+    odd = len(motors.reversed) + bool(motors.exchanged)
+    odd += hypothesis.turned + hypothesis.mirrored + (hypothesis.gravity is not None)
+    price = _PRICE * odd + 2.0 * math.log(_FREEDOM) * len(freed)
     for scores in product(*((-_START, _START) if i in ZEROS else (0.0,) for i in freed)):
         start = np.zeros(COUNT)
         start[freed] = scores
         yield _Trial(hypothesis, StaticsFit(under, supposed, predict, start), price)
-
-
-def _as_supposed(
-    hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, predict: Predict[Parameters]
-) -> Rests:
-    """The rests with the setpoints and the frame that the hypothesis implies."""
-    sign_1, sign_2 = (-1.0 if motor in hypothesis.reversed else 1.0 for motor in (0, 1))
-    order = (1, 0) if hypothesis.swapped else (0, 1)
-    led = Motors((sign_1, sign_2), order).drive(rests)
-    if not hypothesis.turned:
-        return led
-    expected_mm = predict(scaling.parameters(np.zeros(COUNT)), led)
-    return led.turned_onto(expected_mm, mirrored=hypothesis.mirrored)
