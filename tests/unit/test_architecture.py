@@ -53,6 +53,11 @@ def test_every_arrow_of_the_drawing_is_an_import_and_every_import_follows_from_a
     assert set(re.findall(r"^ +(\w+) --> (\w+)$", section("The layers"), re.M)) == needed
 
 
+def test_no_file_is_too_long_to_be_read_at_once_but_the_generated_one() -> None:
+    lines = {f: len(f.read_text("utf-8").splitlines()) for f in HOUSE.rglob("*.py")}
+    assert {file.name for file, count in lines.items() if count > 400} == {"messages.py"}
+
+
 def sample_steps() -> list[tuple[str, str, str]]:
     rows = re.findall(r"^\| .*? \| `(\S+)` \| `(\S+)` \| (.*?) \|$", PAGE, re.M)
     assert len(rows) > 20

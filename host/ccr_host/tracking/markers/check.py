@@ -90,14 +90,17 @@ class MarkerCheck:
         self._as_named: Order = tuple(range(len(robot.markers)))
         self._turned_round = self._as_named[::-1]
         self._exchanges = _exchanges(self._as_named)
-        self._from, self._to = np.array(list(combinations(self._as_named, 2))).T
+        pairs = list(combinations(self._as_named, 2))
+        self._from, self._to = np.array(pairs).T
         """The pairs of markers."""
         self._points_away = in_robot_frame
         """Whether M3 must be where the backbone leaves the base for."""
         noise_mm = _SIGMAS * description.tracker.noise_mm
         self._most_away_mm = _BASE_MM + noise_mm
         tolerance_mm = 2 * _GLUE_MM + noise_mm
-        self._low_mm, self._high_mm = self._bounds_mm(tolerance_mm)
+        least_mm, most_mm = np.array([_extremes_mm(robot, *pair) for pair in pairs]).T
+        self._low_mm = least_mm * (1 - _LENGTH_TOLERANCE) - tolerance_mm
+        self._high_mm = most_mm * (1 + _LENGTH_TOLERANCE) + tolerance_mm
         self._moves = False
         self._last: Array | None = None
         """(S + 1, 3): markers that fitted."""
@@ -301,25 +304,6 @@ class MarkerCheck:
         *most, last = (self.names[place] for place in self._as_named if order[place] != place)
         return f"{', '.join(most)} and {last}"
 
-    def _bounds_mm(self, tolerance_mm: float) -> tuple[Array, Array]:
-        """Least and greatest distances of the pairs, each segment bent up to the limit.
-
-        The least ones over more than two segments are not used.
-        """
-        near = {
-            (first, end): _extremes_mm(self._robot, first, end)
-            for first, end in zip(self._from, self._to, strict=True)
-            if end - first <= _LEADING
-        }
-        low, high = [], []
-        for first, end in zip(self._from, self._to, strict=True):
-            least_mm, most_mm = near.get((first, end), (-math.inf, 0.0))
-            if (first, end) not in near:
-                most_mm = sum(near[place, place + 1][1] for place in range(first, end))
-            low.append(least_mm * (1 - _LENGTH_TOLERANCE) - tolerance_mm)
-            high.append(most_mm * (1 + _LENGTH_TOLERANCE) + tolerance_mm)
-        return np.array(low), np.array(high)
-
 
 def _exchanges(as_named: Order) -> tuple[Order, ...]:
     """Names given to the wrong markers, in a fixed order."""
@@ -334,7 +318,13 @@ def _exchanges(as_named: Order) -> tuple[Order, ...]:
 
 
 def _extremes_mm(robot: Robot, first: int, end: int) -> tuple[float, float]:
-    """Least and greatest distance of two markers over a grid of poses of the segments between."""
+    """Least and greatest distance of two markers over a grid of poses of the segments between.
+
+    Over more than `_LEADING` segments the least one is not used, the greatest is the sum of theirs.
+    """
+    if end - first > _LEADING:
+        ones = (_extremes_mm(robot, place, place + 1) for place in range(first, end))
+        return -math.inf, sum(most_mm for _, most_mm in ones)
     freedom = freedom_of(robot.chain[first:end])
     steps = int(_MOST_POSES ** (1.0 / len(freedom))) // 2
     angles = np.linspace(-_REST_BENDING_RAD, _REST_BENDING_RAD, 2 * min(steps, _FINEST) + 1)
