@@ -25,9 +25,8 @@ from ccr_host.link import messages as m
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.link.framing import Frame, FrameDecoder, encode_frame
-from ccr_host.sim.simavr.board import Pulse, SimavrBoard
+from ccr_host.sim.simavr.board import Pulse, SimavrBoard, SimavrLine
 from ccr_host.sim.simavr.flash_image import read_flash_image
-from ccr_host.sim.simavr.line import SimavrLine
 from ccr_host.sim.simavr.mcu import CYCLES_PER_US
 
 ROOT = Path(__file__).parents[1]

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccr_host.core.errors import DeviceError
-from ccr_host.sim.board.board import UnoEmulator
-from ccr_host.sim.board.serial_line import SerialLine
+from ccr_host.sim.board.board import SerialLine, UnoEmulator
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import Protocol
 
 from ccr_host.link import messages as m
-from ccr_host.sim.board.board import UnoEmulator
+from ccr_host.sim.board.board import SerialLine, UnoEmulator
 from ccr_host.sim.board.eeprom import EepromImage
-from ccr_host.sim.board.serial_line import SerialLine
-from ccr_host.sim.simavr.board import Pulse, SimavrBoard
+from ccr_host.sim.simavr.board import Pulse, SimavrBoard, SimavrLine
 from ccr_host.sim.simavr.flash_image import read_flash_image
-from ccr_host.sim.simavr.line import SimavrLine
 from tests.conformance.firmware_build import firmware_elf
 
 AXES = 2

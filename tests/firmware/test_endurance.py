@@ -14,9 +14,8 @@ from ccr_host.link.board import drawn_session
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.link.device_errors import LinkLossError
-from ccr_host.sim.simavr.board import SimavrBoard
+from ccr_host.sim.simavr.board import SimavrBoard, SimavrLine
 from ccr_host.sim.simavr.flash_image import read_flash_image
-from ccr_host.sim.simavr.line import SimavrLine
 from tests.conformance.firmware_build import firmware_elf
 
 HOUR_S = 3600

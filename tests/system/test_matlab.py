@@ -18,8 +18,7 @@ from ccr_host.link.messages import Capabilities
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.record.log.tables import arrays, tables_of
 from ccr_host.robot.kinematics import ConstantCurvature
-from ccr_host.sim.board.board import UnoEmulator
-from ccr_host.sim.board.serial_line import SerialLine
+from ccr_host.sim.board.board import SerialLine, UnoEmulator
 from ccr_host.sim.serving.ports import TcpPort
 from ccr_host.sim.serving.server import BoardServer
 from tests.patience import PATIENCE_S

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.tracking.tracker import (
-    FloatArray,
     FrameCount,
     MarkerFrame,
     Pose,
@@ -79,7 +79,7 @@ class ReplayTracker(StartsAndStops):
         self._running = False
 
 
-def _read(path: Path, markers: int) -> list[tuple[int, FloatArray]]:
+def _read(path: Path, markers: int) -> list[tuple[int, Array]]:
     """Exposure times in us and markers, (markers, 3), in order of time."""
     recorded = RunRecording(path).messages(topics.SAMPLE)
     samples = [_sample(path, message.content, markers) for message in recorded]
@@ -88,7 +88,7 @@ def _read(path: Path, markers: int) -> list[tuple[int, FloatArray]]:
     return sorted(samples, key=lambda sample: sample[0])
 
 
-def _sample(path: Path, content: dict[str, Any], markers: int) -> tuple[int, FloatArray]:
+def _sample(path: Path, content: dict[str, Any], markers: int) -> tuple[int, Array]:
     try:
         markers_mm = np.array(content["markers_mm"], dtype=np.float64)
         exposed_us = content["exposed_us"]

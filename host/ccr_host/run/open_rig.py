@@ -36,14 +36,12 @@ from ccr_host.run.recording import (
 )
 from ccr_host.run.rig import Rig
 from ccr_host.run.tracker_rig import TrackerRig
-from ccr_host.sim.board.board import UnoEmulator
-from ccr_host.sim.board.serial_line import SerialLine
+from ccr_host.sim.board.board import SerialLine, UnoEmulator
 from ccr_host.sim.robot.scene import CoSimulation, TwinScene
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.server import BoardServer
-from ccr_host.sim.simavr.board import SimavrBoard
+from ccr_host.sim.simavr.board import SimavrBoard, SimavrCoSimulation, SimavrLine
 from ccr_host.sim.simavr.flash_image import board_for, find_firmware, read_flash_image
-from ccr_host.sim.simavr.line import SimavrCoSimulation, SimavrLine
 from ccr_host.tracking.uri import parse_tracker_uri
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.robot import Robot
 from ccr_host.description.schema import Description, Servo
@@ -16,7 +16,6 @@ from ccr_host.run.rig import Rig
 from ccr_host.tools.jog import JogView, jog
 from ccr_host.tools.survey_fit import Survey
 
-Array = NDArray[np.float64]
 Pair = tuple[float, float]
 
 ANGLES_DEG = (0.0, 45.0, -45.0)

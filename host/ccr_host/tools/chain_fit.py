@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from ccr_host.core.arrays import Array, BoolArray, IntArray
 from ccr_host.description.schema import Segment
 from ccr_host.robot.rest_model import Markers, RestModel
-
-FloatArray = NDArray[np.float64]
 
 _MODEL_SHARE = 0.015
 """Assumed error of a coordinate, over the length of the robot: what constant curvature leaves on
@@ -44,42 +42,38 @@ class ChainModel(RestModel):
     def __init__(
         self,
         segments: tuple[Segment, ...],
-        travel_mm: FloatArray,
+        travel_mm: Array,
         markers: Markers | None = None,
     ) -> None:
         super().__init__(segments, markers)
         self._wound_mm = travel_mm @ self.winding.T
 
-    def rest(
-        self, score: FloatArray, rows: NDArray[np.intp], start: FloatArray | None = None
-    ) -> FloatArray:
+    def rest(self, score: Array, rows: IntArray, start: Array | None = None) -> Array:
         """Degrees of freedom of some rows from a guess, both (n, D)."""
         return self.robot(score).rest(self._travel_mm(rows, score), start)
 
-    def predicted_mm(
-        self, score: FloatArray, rows: NDArray[np.intp], start: FloatArray | None = None
-    ) -> FloatArray:
+    def predicted_mm(self, score: Array, rows: IntArray, start: Array | None = None) -> Array:
         """Markers of some rows in the frame of the measurement, (n, ends, 3)."""
         return self.robot(score).seen_mm(self.rest(score, rows, start))
 
-    def bend_rad(self, score: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
+    def bend_rad(self, score: Array, rows: IntArray) -> Array:
         """Bending vectors of some rows, (n, S, 2)."""
         return self.robot(score).bend_rad(self.rest(score, rows))
 
-    def in_one_plane(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    def in_one_plane(self, rows: IntArray) -> BoolArray:
         """Whether the description bends all segments within one plane there, (n,)."""
         sizes = np.linalg.svd(self.bend_rad(self.nothing, rows), compute_uv=False)
         across = sizes[:, 1] if sizes.shape[1] > 1 else np.zeros(len(rows))
         return np.asarray(across <= _ONE_PLANE * sizes[:, 0])
 
-    def slope(self, score: FloatArray, rows: NDArray[np.intp], y: FloatArray) -> FloatArray:
+    def slope(self, score: Array, rows: IntArray, y: Array) -> Array:
         """Derivatives of the markers at rest, y, by the scores, (n, ends, 3, P)."""
         return self.slopes(score, self.robot(score), y, partial(self._travel_mm, rows)).markers
 
-    def _travel_mm(self, rows: NDArray[np.intp], score: FloatArray) -> FloatArray:
+    def _travel_mm(self, rows: IntArray, score: Array) -> Array:
         return self.travel_mm(score, self._wound_mm[0], self._wound_mm)[rows]
 
-    def align(self, seen_mm: FloatArray, rows: NDArray[np.intp]) -> None:
+    def align(self, seen_mm: Array, rows: IntArray) -> None:
         """Place the robot so that its markers are nearest to those seen, (n, ends, 3)."""
         self.frame = np.eye(3), np.zeros(3)
         expected_mm = self.predicted_mm(self.nothing, rows).reshape(-1, 3)
@@ -98,15 +92,15 @@ class ChainFit:
     """The fitted model: ``score`` (P,), its ``covariance`` (P, P)."""
 
     model: ChainModel
-    score: FloatArray
-    covariance: FloatArray
+    score: Array
+    covariance: Array
 
-    def predicted_mm(self, rows: NDArray[np.intp]) -> FloatArray:
+    def predicted_mm(self, rows: IntArray) -> Array:
         """Markers of some rows, (n, ends, 3)."""
         return self.model.predicted_mm(self.score, rows)
 
 
-def fit_chain(model: ChainModel, seen_mm: FloatArray, rows: NDArray[np.intp]) -> ChainFit:
+def fit_chain(model: ChainModel, seen_mm: Array, rows: IntArray) -> ChainFit:
     """Fit to some rows.
 
     The covariance counts rows with errors alike as one, and takes the residual for the error of the
@@ -123,11 +117,11 @@ def fit_chain(model: ChainModel, seen_mm: FloatArray, rows: NDArray[np.intp]) ->
     prior = np.eye(len(model.unknowns))
     rested = model.rest(model.nothing, fitted)
 
-    def residuals(score: FloatArray) -> FloatArray:
+    def residuals(score: Array) -> Array:
         off_mm = model.predicted_mm(score, fitted, rested) - seen_mm[fitted]
         return np.append(off_mm.ravel() / assumed_mm, score)
 
-    def slope(score: FloatArray) -> FloatArray:
+    def slope(score: Array) -> Array:
         nonlocal rested  # The next scores are near those at which slopes are asked for.
         rested = model.rest(score, fitted, rested)
         by_score = model.slope(score, fitted, rested).reshape(-1, len(score))
@@ -150,7 +144,7 @@ def fit_chain(model: ChainModel, seen_mm: FloatArray, rows: NDArray[np.intp]) ->
     return ChainFit(model, found.x, np.asarray(np.linalg.inv(information)))
 
 
-def _rows_alike(off_mm: FloatArray) -> float:
+def _rows_alike(off_mm: Array) -> float:
     """How many successive rows count as one, from the autocorrelation of their residuals."""
     centred = off_mm - off_mm.mean(axis=0)
     power = float((centred**2).sum()) or 1.0
@@ -163,5 +157,5 @@ def _rows_alike(off_mm: FloatArray) -> float:
     return rows
 
 
-def _thinned(rows: NDArray[np.intp]) -> NDArray[np.intp]:
+def _thinned(rows: IntArray) -> IntArray:
     return rows[:: max(1, -(-len(rows) // _MOST_ROWS))]

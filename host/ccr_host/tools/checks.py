@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.misfit import REPEATED
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
+from ccr_host.core.arrays import Array
 from ccr_host.core.clock import Clock
 from ccr_host.core.errors import CcrError, TrackerError
 from ccr_host.description.schema import Description, Robot
@@ -21,8 +21,6 @@ from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.rests import Rests
 from ccr_host.tracking.markers.check import MarkerCheck, seen_lengths_mm, wrong_segments
 from ccr_host.tracking.tracker import Sample, Tracker
-
-FloatArray = NDArray[np.float64]
 
 
 class Severity(enum.IntEnum):
@@ -159,7 +157,7 @@ def _age(ages_us: list[int], description: Description) -> Finding:
     )
 
 
-def _noise(tips_mm: FloatArray, description: Description) -> Finding:
+def _noise(tips_mm: Array, description: Description) -> Finding:
     noise_mm = float(np.sqrt(np.var(tips_mm, axis=0).sum()))
     expected_mm = description.tracker.noise_mm
     if expected_mm > 0.0 and not np.ptp(tips_mm, axis=0).any():
@@ -212,7 +210,7 @@ def _shape(samples: list[Sample], description: Description) -> Iterator[Finding]
     )
 
 
-def _deflection_deg(tip_mm: FloatArray, description: Description) -> tuple[float, float]:
+def _deflection_deg(tip_mm: Array, description: Description) -> tuple[float, float]:
     """Angle between measured and expected rest direction, and its largest expected value, deg."""
     model, space = make_static_model(description, is_new=True)
     rest_rad = np.radians(description.servo.rest_deg)
@@ -232,7 +230,7 @@ def _deflection_deg(tip_mm: FloatArray, description: Description) -> tuple[float
     return float(np.degrees(off_rad)), float(np.degrees(_SURPRISING * spread_mm / length_mm))
 
 
-def _known(space: ParameterSpace[Any], robot: Robot) -> FloatArray:
+def _known(space: ParameterSpace[Any], robot: Robot) -> Array:
     """Deviations of a robot after its setup.
 
     Tendons of other robots are just taut, which has no derivative, and gravity acts one way alone.

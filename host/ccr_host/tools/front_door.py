@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.base import Controller
 from ccr_host.control.registry import DEFAULT_CONTROLLER, rate_note
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError, DeviceError, TrackerError
 from ccr_host.core.plugins import Given
 from ccr_host.core.stop_signals import kill_interrupts
@@ -117,7 +117,7 @@ class Robot:
         self._is_open = self._is_armed = False
 
     @property
-    def angles_deg(self) -> NDArray[np.float64]:
+    def angles_deg(self) -> Array:
         """Motor angles in degrees, (motors,), as last accepted by the board.
 
         Raises:
@@ -131,7 +131,7 @@ class Robot:
         self._connected().client.arm()
         self._is_armed = True
 
-    def move(self, q_deg: Sequence[float] | NDArray[np.float64], settle_s: float = 0.5) -> None:
+    def move(self, q_deg: Sequence[float] | Array, settle_s: float = 0.5) -> None:
         """Move smoothly to motor angles and return when the robot is there.
 
         Args:
@@ -166,7 +166,7 @@ class Robot:
             command(rig, rig.client.accepted_rad)
         rig.clock.sleep_until_us(end_us)
 
-    def tip_mm(self) -> NDArray[np.float64]:
+    def tip_mm(self) -> Array:
         """Tip position as measured, f of (10), in mm, (3,): the y, x and z of paths and tables.
 
         Returns:
@@ -304,7 +304,7 @@ class Robot:
             raise DeviceError("the robot is not armed", "call arm() first")
         return self._connected()
 
-    def _checked(self, q_deg: object) -> NDArray[np.float64]:
+    def _checked(self, q_deg: object) -> Array:
         try:
             asked_deg = np.asarray(q_deg, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError, DeviceError, TrackerError
 from ccr_host.core.plugins import import_optional
 from ccr_host.robot.workspace import MotorLimits
@@ -31,7 +32,6 @@ from ccr_host.tools.sweep.random_twin import as_overrides, draw_twin
 
 gymnasium: Any = import_optional("gymnasium", "gym", "ccr_host.tools.gym")
 
-Array = NDArray[np.float64]
 
 _EPISODE_S = 5.0
 _PREVIEW = 3

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.adaptive.identification import StaticsFit, identification_of
 from ccr_host.control.adaptive.misfit import misfit
 from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.parameters import COUNT, PUSHES, Parameters, Scaling
+from ccr_host.core.arrays import Array, IntArray
 from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.description.file import Sections
 from ccr_host.description.schema import Description, Segment
@@ -28,9 +28,6 @@ from ccr_host.robot.workspace import MotorLimits
 from ccr_host.tools.chain_fit import ChainFit, ChainModel, fit_chain
 from ccr_host.tools.measured import FEWEST_ROWS, Measured
 from ccr_host.tools.survey import IDENTIFIED, identified_section
-
-FloatArray = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 _LEARNT = 0.5
 """A parameter is identified if its deviation is at most this share of the prior's."""
@@ -65,7 +62,7 @@ class Residual:
     p95_mm: float
 
     @classmethod
-    def of(cls, off_mm: FloatArray) -> Residual:
+    def of(cls, off_mm: Array) -> Residual:
         """Statistics of differences, (n, 3)."""
         distance_mm = np.linalg.norm(off_mm.reshape(-1, 3), axis=1)
         return cls(
@@ -161,7 +158,7 @@ def _wrong_unit(description: Description, measured: Measured) -> str:
     return ""
 
 
-def _split(time_s: FloatArray, rows: Rows, train_share: float) -> tuple[Rows, Rows]:
+def _split(time_s: Array, rows: IntArray, train_share: float) -> tuple[IntArray, IntArray]:
     first, last = time_s[rows[0]], time_s[rows[-1]]
     until = first + train_share * (last - first)
     train, held = rows[time_s[rows] < until], rows[time_s[rows] >= until]
@@ -182,11 +179,11 @@ def _identify_two_motors(
     train, held = _split(measured.time_s, np.arange(len(q_rad)), train_share)
     predict = make_model(description.control).predicted_mm
 
-    def rests_at(rows: Rows) -> Rests:
+    def rests_at(rows: IntArray) -> Rests:
         markers_mm = np.stack([measured.middle_mm[rows], measured.tip_mm[rows]], axis=1)
         return Rests.of_vectors(q_rad[0], q_rad[rows], markers_mm, np.ones(len(rows)))
 
-    def fitted(rows: Rows) -> StaticsFit[Parameters]:
+    def fitted(rows: IntArray) -> StaticsFit[Parameters]:
         found = identification_of(Scaling.of(description), rests_at(rows), predict)
         if found is None:
             raise misfit(rests_at(rows[:: -(-len(rows) // _RESTS_FOR_CAUSE)]), description)
@@ -222,7 +219,7 @@ def _identify_two_motors(
     )
 
 
-def _rests_to_keep(q_rad: FloatArray) -> Rows:
+def _rests_to_keep(q_rad: Array) -> IntArray:
     """Rows that tell most: all turns of a motor, as the friction remembers them, and some between.
 
     A row is a turn if a motor goes on in the other direction, or begins or ceases to move.
@@ -292,7 +289,7 @@ def _implausible(fit: ChainFit) -> str:
 
 
 def _found(
-    names: list[str], values: FloatArray, prior_deviation: FloatArray, covariance: FloatArray
+    names: list[str], values: Array, prior_deviation: Array, covariance: Array
 ) -> list[Found]:
     """All parameters, with the covariance of their scores, (P, P)."""
     share = np.sqrt(np.diag(covariance))

@@ -13,8 +13,8 @@ from functools import reduce
 from typing import Self, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError, DeviceError
 from ccr_host.description.schema import Description
 from ccr_host.link.client import Client
@@ -154,10 +154,10 @@ ACTIONS = {
 class JogTarget:
     """Commanded motor angles, and the step of one key press."""
 
-    q_rad: NDArray[np.float64]
+    q_rad: Array
     """Commanded angles, (motors,)."""
     limits: MotorLimits
-    rest_rad: NDArray[np.float64]
+    rest_rad: Array
     """Rest pose, (motors,)."""
     step: int = _FIRST_STEP
     """Index into `STEPS_DEG`."""

@@ -15,10 +15,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array, BoolArray, IntArray
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.text_table import UNIT, TextTable, in_ascii, is_number, shown
-
-FloatArray = NDArray[np.float64]
 
 COLUMNS = "t_s,pattern,q1_deg,q2_deg,...,tip_x_mm,tip_y_mm,tip_z_mm"
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
@@ -44,19 +43,19 @@ _CONSTANT = 1e-9
 class Measured:
     """What was commanded and seen, one row each time, N rows in the order of time."""
 
-    time_s: FloatArray
+    time_s: Array
     """(N,)."""
-    command: FloatArray
+    command: Array
     """Motor angles in rad or travel of the motors' tendons in mm, (N, M)."""
     unit: Literal["rad", "mm"]
-    tip_mm: FloatArray
+    tip_mm: Array
     """(N, 3)."""
-    middle_mm: FloatArray
+    middle_mm: Array
     """M2, (N, 3); NaN if it was not measured."""
     pattern: NDArray[np.str_]
     """Name of the excitation, (N,); empty if it was not given."""
 
-    def kept(self, rows: NDArray[np.bool_]) -> Measured:
+    def kept(self, rows: BoolArray) -> Measured:
         columns = ("time_s", "command", "tip_mm", "middle_mm", "pattern")
         return replace(self, **{name: getattr(self, name)[rows] for name in columns})
 
@@ -85,7 +84,7 @@ def read_measured(file: Path) -> Measured:
             f"give {FEWEST_ROWS} rows or more: rests over the whole workspace",
         )
     columns = table.columns
-    values: dict[str, FloatArray] = {name: np.full(rows, math.nan) for name in columns.names}
+    values: dict[str, Array] = {name: np.full(rows, math.nan) for name in columns.names}
     patterns = [""] * rows
     for row, (line, cells) in enumerate(table.rows()):
         described = zip(columns.names, columns.factors, table.written, cells, strict=True)
@@ -226,7 +225,7 @@ def sweeps_of(measured: Measured) -> list[Sweep]:
     return found
 
 
-def _runs(measured: Measured) -> list[NDArray[np.intp]]:
+def _runs(measured: Measured) -> list[IntArray]:
     """Rows of each motion in one direction, without those at which the motors stood."""
     command = measured.command
     still = _STILL_SHARE * float(np.ptp(command, axis=0).max())
@@ -246,7 +245,7 @@ def _runs(measured: Measured) -> list[NDArray[np.intp]]:
     return [np.array(run) for run in runs if len(run) > _FEWEST_STEPS]
 
 
-def _sweep(measured: Measured, there: NDArray[np.intp], back: NDArray[np.intp]) -> Sweep | None:
+def _sweep(measured: Measured, there: IntArray, back: IntArray) -> Sweep | None:
     if measured.pattern[there[0]] != measured.pattern[back[0]]:
         return None
     command, tip = measured.command, measured.tip_mm
@@ -276,7 +275,7 @@ def _sweep(measured: Measured, there: NDArray[np.intp], back: NDArray[np.intp]) 
     )
 
 
-def _interpolated(at: FloatArray, along: FloatArray, tip_mm: FloatArray) -> FloatArray:
+def _interpolated(at: Array, along: Array, tip_mm: Array) -> Array:
     order = np.argsort(along)
     return np.stack([np.interp(at, along[order], column[order]) for column in tip_mm.T], axis=-1)
 

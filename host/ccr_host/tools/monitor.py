@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.clock import Clock, CpuStopwatch, RealClock, Stopwatch
 from ccr_host.description.schema import Description
 from ccr_host.link.client import Client
@@ -203,6 +203,6 @@ def open_monitor(
         yield monitor
 
 
-def _listed(markers_mm: NDArray[np.float64]) -> list[list[float] | None]:
+def _listed(markers_mm: Array) -> list[list[float] | None]:
     """Positions as a list, with None for lost markers."""
     return [None if np.isnan(row).any() else row.tolist() for row in markers_mm]

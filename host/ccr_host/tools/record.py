@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import CcrError, ConfigError, TrackerError, why
 from ccr_host.core.user_file import keep_elsewhere
 from ccr_host.description.robot import Robot
@@ -30,8 +30,6 @@ from ccr_host.run.rig import Rig
 from ccr_host.tools.measured import MIDDLE
 from ccr_host.tools.survey import identification_stops_rad
 from ccr_host.tracking.markers.check import MarkerCheck
-
-Array = NDArray[np.float64]
 
 _LEVELS = np.linspace(-1.0, 1.0, 9)
 """Levels of a staircase; its steps have to outnumber those that `hysteresis` takes for a sweep."""

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from numpy.typing import NDArray
-from tomlkit.items import Array
+from tomlkit import items
 
 from ccr_host.control.adaptive.identification import (
     Fit,
@@ -22,6 +21,7 @@ from ccr_host.control.adaptive.identification import (
     identification_of,
 )
 from ccr_host.control.adaptive.model import make_static_model
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.description.file import file_to_keep_in, keep_in
 from ccr_host.description.schema import Description, Registration, Servo
@@ -63,7 +63,7 @@ _ALONE: tuple[float, ...] = (0.5, 1.0, 0.5, -1.0)
 robot rest is friction, which its model leaves out."""
 
 
-def safe_poses_rad(description: Description) -> NDArray[np.float64]:
+def safe_poses_rad(description: Description) -> Array:
     """Motor angles to visit, (K, n): small, of one motor after the other."""
     limits = MotorLimits.of(description.servo)
     reach_rad = np.maximum(_SHARE_OF_LIMITS * np.minimum(-limits.lower_rad, limits.upper_rad), 0.0)
@@ -78,7 +78,7 @@ def safe_poses_rad(description: Description) -> NDArray[np.float64]:
     return stops + 0.0  # No negative zeros in files.
 
 
-def identification_stops_rad(description: Description) -> NDArray[np.float64]:
+def identification_stops_rad(description: Description) -> Array:
     """Motor angles of the controller's tour, rad, (N, n)."""
     model, space = make_static_model(description)
     prior = space.parameters(np.zeros(space.count))
@@ -183,7 +183,7 @@ def identified_section(
     }
 
 
-def _rows(rows: list[list[float]]) -> Array:
+def _rows(rows: list[list[float]]) -> items.Array:
     array = tomlkit.array()
     array.extend(rows)
     return array.multiline(True)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.identification import Fit
@@ -27,6 +26,7 @@ from ccr_host.control.adaptive.misfit import (
 )
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.parameters import Scaling
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Rests
 from ccr_host.tools.survey_starts import (
@@ -37,8 +37,6 @@ from ccr_host.tools.survey_starts import (
     starts_of,
     where_tendons_pull,
 )
-
-Array = NDArray[np.float64]
 
 _STARTS = 3
 MAX_TURN_DEG = 3.0

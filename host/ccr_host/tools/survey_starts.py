@@ -16,7 +16,6 @@ from operator import attrgetter
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
@@ -25,11 +24,11 @@ from ccr_host.control.adaptive.misfit import motors_exchanged
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.static_model import StaticModel
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Motors, Rests
 
-Array = NDArray[np.float64]
 P = TypeVar("P")
 
 _MOST_HYPOTHESES = 8

@@ -10,8 +10,8 @@ from operator import index
 from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.core.clock import Clock
 from ccr_host.core.errors import TrackerError
 
@@ -25,25 +25,22 @@ class Sample:
 
     exposed_us: int
     """Time of exposure on the run's clock."""
-    markers_mm: NDArray[np.float64]
+    markers_mm: Array
     """(S + 1, 3): the positions of M1 (base) and of a marker at the end of every segment, one per
     row. A marker that is neither M1 nor the last one, the tip, may be lost: NaN."""
 
     @property
-    def tip_mm(self) -> NDArray[np.float64]:
+    def tip_mm(self) -> Array:
         """(3,): f_m of the paper, the last marker relative to M1."""
-        tip: NDArray[np.float64] = self.markers_mm[-1] - self.markers_mm[0]
+        tip: Array = self.markers_mm[-1] - self.markers_mm[0]
         return tip
 
     @property
-    def middle_mm(self) -> NDArray[np.float64]:
+    def middle_mm(self) -> Array:
         """(3,): the end of segment 1, M2 - M1."""
-        middle: NDArray[np.float64] = self.markers_mm[1] - self.markers_mm[0]
+        middle: Array = self.markers_mm[1] - self.markers_mm[0]
         return middle
 
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _FARTHEST_MM = 1e6
 """Coordinate beyond the volume of any camera."""
@@ -53,15 +50,15 @@ _FARTHEST_MM = 1e6
 class Pose:
     """Where a rigid body is, in the camera's frame."""
 
-    position_mm: FloatArray
+    position_mm: Array
     """(3,): origin of the body."""
-    quaternion: FloatArray
+    quaternion: Array
     """(4,): w, x, y, z; turns vectors of the body into the camera's frame."""
     error_mm: float = 0.0
     """RMS misfit of the body's markers as reported by the device; 0 if it reports none."""
 
     @classmethod
-    def of(cls, position_mm: FloatArray, turn: Rotation) -> Pose:
+    def of(cls, position_mm: Array, turn: Rotation) -> Pose:
         """A pose whose device reports no misfit."""
         return cls(position_mm, turn.as_quat(canonical=True, scalar_first=True))
 
@@ -74,7 +71,7 @@ class MarkerFrame:
     """Best estimate of the time of exposure on the run's clock."""
     frame_number: int
     """Frame number of the device since it was last started."""
-    points_mm: FloatArray
+    points_mm: Array
     """(n, 3): single markers in the camera's frame, one per row, in any order."""
     out_of_volume: BoolArray
     """(n,): whether a point is outside the volume in which the camera is accurate."""
@@ -112,7 +109,7 @@ def checked_frame(frame: object) -> MarkerFrame:
     )
 
 
-def _real(numbers: object) -> FloatArray:
+def _real(numbers: object) -> Array:
     """Unlike numpy's conversion, refuses complex numbers."""
     return np.asarray(numbers).astype(np.float64, casting="same_kind")
 
@@ -205,7 +202,7 @@ class FrameCount:
         self._exposures_us.append(frame.exposed_us)
 
     def add_poses(
-        self, exposed_us: int, tools: Mapping[str, Pose], points_mm: FloatArray | None = None
+        self, exposed_us: int, tools: Mapping[str, Pose], points_mm: Array | None = None
     ) -> None:
         """Add a new frame of a camera without frame numbers and volume."""
         points = np.zeros((0, 3)) if points_mm is None else points_mm

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ccr_host.sim.simavr.line import SimavrCoSimulation, SimavrLine
+from ccr_host.sim.simavr.board import SimavrCoSimulation, SimavrLine
 
 FRAME_US = 20_000
 

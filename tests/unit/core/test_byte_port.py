@@ -13,8 +13,7 @@ import serial
 from ccr_host.core.clock import RealClock
 from ccr_host.core.errors import DeviceError, TrackerError
 from ccr_host.link.transport import open_transport, parse_device_uri
-from ccr_host.sim.board.board import UnoEmulator
-from ccr_host.sim.board.serial_line import SerialLine
+from ccr_host.sim.board.board import SerialLine, UnoEmulator
 from ccr_host.sim.serving.ports import TcpPort
 from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tracking.sources.ndi.port import SerialPort

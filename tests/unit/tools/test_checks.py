@@ -21,8 +21,7 @@ from ccr_host.robot.rests import Rests
 from ccr_host.run.open_rig import mismatch_of
 from ccr_host.run.options import RigOptions
 from ccr_host.sim.board import dispatch
-from ccr_host.sim.board.board import UnoEmulator
-from ccr_host.sim.board.serial_line import SerialLine
+from ccr_host.sim.board.board import SerialLine, UnoEmulator
 from ccr_host.tools.checks import Finding, Severity, exit_status
 from ccr_host.tools.doctor import check_board, examine
 from ccr_host.tools.survey import identified_section

@@ -24,9 +24,8 @@ from ccr_host.link.messages import (
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
-from ccr_host.sim.board.board import UnoEmulator
+from ccr_host.sim.board.board import SerialLine, UnoEmulator
 from ccr_host.sim.board.eeprom import EepromImage
-from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.serving.ports import TcpPort
 from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tools.checks import Severity

@@ -15,6 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ccr_host.control.base import Command, Outcome, Phase
 from ccr_host.core import __version__
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.user_file import is_folder, is_there, read_bytes
 from ccr_host.description.schema import Description
@@ -35,7 +36,7 @@ from ccr_host.record.log.visuals import PHASE
 from ccr_host.robot.reference import Reference
 from ccr_host.run.observer import RunObserver, RunSetup, StepRecord
 from ccr_host.run.options import RunOptions
-from ccr_host.tracking.tracker import FloatArray, Sample
+from ccr_host.tracking.tracker import Sample
 
 _NS_PER_S = 1e9
 _REPEATED = frozenset(topic.name for topic in LOG_TOPICS if topic.repeated)
@@ -390,5 +391,5 @@ def _step(content: dict[str, Any], end_us: int, solve_us: float) -> StepRecord:
     )
 
 
-def _position(numbers: list[float] | None) -> FloatArray | None:
+def _position(numbers: list[float] | None) -> Array | None:
     return None if numbers is None else np.array(numbers)

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 from cobs import cobs
-from numpy.typing import NDArray
 from pydantic_core import PydanticSerializationError, to_json
 
 from ccr_host.control.base import Command, Observation, Phase
+from ccr_host.core.arrays import Array
 from ccr_host.core.stop_signals import signals_deferred
 from ccr_host.link.messages import MESSAGES, Arm, Fault, State, StateReport
 from ccr_host.record.folder import remove_earlier_run, versions
@@ -57,8 +57,6 @@ def open_run_log(folder: Path, *, realtime: bool) -> Iterator[RunLog]:
         with signals_deferred():
             run_log.close()
 
-
-Array = NDArray[np.float64]
 
 _SCENE_PERIOD_US = 200_000
 """Pictures for people: five a second, however fast the control loop is."""

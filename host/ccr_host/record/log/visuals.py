@@ -9,11 +9,10 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.robot.reference import Reference
 
-Array = NDArray[np.float64]
 Json = dict[str, Any]
 
 ROBOT_FRAME = "robot"

@@ -14,8 +14,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.description.simulation import Tracker
 from ccr_host.tracking.sources.twin import Shutter
 
@@ -79,7 +79,6 @@ def is_within(time_us: int, spans: tuple[Span, ...]) -> bool:
     return any(start <= time_us < end for start, end in spans)
 
 
-Array = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
 
 IN_FRONT_MM: Vector3 = (0.0, 50.0, -900.0)
@@ -129,7 +128,7 @@ class Image:
     """60 Hz counter since power-up."""
     markers_mm: Array
     """Measured positions in the camera frame, (n, 3); row i is marker i."""
-    visible: NDArray[np.bool_]
+    visible: BoolArray
     """Whether each marker is visible, (n,)."""
     phantoms_mm: Array
     """False points in the camera frame, (m, 3)."""
@@ -238,7 +237,7 @@ class StrayList:
     """Stray markers of a frame, (n, 3), and whether each is in the volume, (n,)."""
 
     positions_mm: Array
-    in_volume: NDArray[np.bool_]
+    in_volume: BoolArray
 
 
 def format_tx(

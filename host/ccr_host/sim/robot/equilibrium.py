@@ -11,16 +11,15 @@ from contextlib import suppress
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import CcrError
 from ccr_host.description.robot import tendons_of
 from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.mechanics import tendon_jacobian
 from ccr_host.sim.robot.mjcf import MARKERS, TIP, robot_model
-
-Array = NDArray[np.float64]
 
 _MM_PER_M = 1e3
 _KG_PER_G = 1e-3

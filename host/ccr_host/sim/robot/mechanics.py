@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.description.robot import tendons_of
 from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.memory import Memory, memories
 from ccr_host.sim.robot.mjcf import DISKS, MARKERS, TIP, robot_model
-
-Array = NDArray[np.float64]
 
 
 def linear_step_limit_s(

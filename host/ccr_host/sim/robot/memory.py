@@ -11,11 +11,9 @@ from typing import Protocol
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.description.simulation import Twin
-
-Array = NDArray[np.float64]
 
 _PART_OF_TIME = 0.02
 """Period of creep over its shortest time constant: the creep comes late by half of that."""

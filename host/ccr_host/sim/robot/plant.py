@@ -6,11 +6,9 @@ from abc import abstractmethod
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.plugins import Guard
-
-Array = NDArray[np.float64]
 
 TWIN = "twin"
 """Name of the default plant."""

@@ -8,14 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.description.robot import tendons_of
 from ccr_host.description.simulation import Twin
 from ccr_host.sim.robot.mechanics import Mechanics
 from ccr_host.sim.robot.plant import Plant
-
-Array = NDArray[np.float64]
 
 _LOOP_S = 0.02
 """Time constant of the position loop: an analogue servo drives its motor once per pulse."""

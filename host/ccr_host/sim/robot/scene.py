@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ccr_host.core.arrays import Array
 from ccr_host.core.plugins import is_plugin, make_plugin, unknown_plugin
 from ccr_host.description.schema import Description
-from ccr_host.sim.board.serial_line import SerialLine
+from ccr_host.sim.board.board import SerialLine
 from ccr_host.sim.robot.plant import TWIN, GuardedPlant, Plant
 from ccr_host.sim.robot.robot import TwinRobot
 
@@ -63,7 +61,7 @@ class ExposedCamera(Protocol):
     def next_exposure_us(self) -> int:
         """Time of the next call of ``expose``."""
 
-    def expose(self, time_us: int, markers_mm: NDArray[np.float64]) -> None:
+    def expose(self, time_us: int, markers_mm: Array) -> None:
         """Expose the markers, (S + 1, 3), in the robot frame."""
 
 
@@ -86,6 +84,6 @@ class TwinScene:
     def start_path_clock(self, time_us: int) -> None:
         self._robot.start_path_clock(time_us)
 
-    def true_tip_mm(self) -> NDArray[np.float64]:
+    def true_tip_mm(self) -> Array:
         """True f of (10), (3,): last marker - M1 without noise and latency."""
         return self._robot.tip_mm()

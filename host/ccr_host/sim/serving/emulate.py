@@ -10,9 +10,8 @@ import numpy as np
 from ccr_host.core.addresses import host_and_port
 from ccr_host.core.clock import RealClock
 from ccr_host.description.schema import Description
-from ccr_host.sim.board.board import UnoEmulator
+from ccr_host.sim.board.board import SerialLine, UnoEmulator
 from ccr_host.sim.board.eeprom import EepromFile
-from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.polaris.line import PolarisLine, faults_of, make_polaris
 from ccr_host.sim.robot.scene import CoSimulation, TwinScene, make_plant
 from ccr_host.sim.serving.ports import DEFAULT_HOST, PtyPort, TcpPort

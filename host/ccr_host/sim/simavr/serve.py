@@ -10,9 +10,8 @@ from ccr_host.core.errors import ConfigError
 from ccr_host.sim.board.eeprom import EepromFile
 from ccr_host.sim.serving.ports import PtyPort
 from ccr_host.sim.serving.server import BoardServer
-from ccr_host.sim.simavr.board import SimavrBoard
+from ccr_host.sim.simavr.board import SimavrBoard, SimavrLine
 from ccr_host.sim.simavr.flash_image import BoardName, FlashImage, read_flash_image
-from ccr_host.sim.simavr.line import SimavrLine
 from ccr_host.sim.simavr.mcu import compiled
 
 _CORES = (

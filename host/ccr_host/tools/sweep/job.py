@@ -11,9 +11,9 @@ from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccr_host.control.registry import make_controller
+from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.core.clock import CpuStopwatch, Stopwatch
 from ccr_host.core.wire import CDEG_PER_DEG
 from ccr_host.description.schema import Servo
@@ -23,7 +23,7 @@ from ccr_host.run.observer import RunObserver, RunSetup, StepRecord, true_errors
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import RunResult, ratio_to_twin_floor, summarise
 from ccr_host.run.twin_floor import twin_floor_mm
-from ccr_host.sim.board.serial_line import SerialLine
+from ccr_host.sim.board.board import SerialLine
 from ccr_host.sim.robot.mechanics import UnfitTwinError
 from ccr_host.sim.robot.scene import TwinScene
 from ccr_host.tools.sweep.plan import Drive, TwinJob
@@ -131,16 +131,16 @@ class LimitWatch(RunObserver):
         self._check("pulse", inside | (pulses_us == 0))
         self._last = report
 
-    def _check_angles(self, what: str, angles_deg: NDArray[np.float64], rounding: float) -> None:
+    def _check_angles(self, what: str, angles_deg: Array, rounding: float) -> None:
         low, high = self._low_deg - rounding, self._high_deg + rounding
         self._check(what, (angles_deg >= low) & (angles_deg <= high))
 
-    def _check(self, what: str, good: NDArray[np.bool_]) -> None:
+    def _check(self, what: str, good: BoolArray) -> None:
         if not good.all():
             self.violations.add(what)
 
 
-def _pulse_limits_us(servo: Servo) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _pulse_limits_us(servo: Servo) -> tuple[Array, Array]:
     """Shortest and longest pulse allowed by the angle and pulse limits, us, (2,) each."""
     at_limits_us = np.array(servo.neutral_pulse_us) + np.array(
         [servo.angle_min_deg, servo.angle_max_deg]

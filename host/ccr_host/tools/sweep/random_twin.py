@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description, Robot
 
 SLACK_MM = 2.0
@@ -200,7 +200,7 @@ def _spread(rng: np.random.Generator, value: float, share: float) -> float:
     return value * rng.uniform(1.0 - share, 1.0 + share)
 
 
-def _direction(rng: np.random.Generator) -> NDArray[np.float64]:
+def _direction(rng: np.random.Generator) -> Array:
     vector = rng.normal(size=3)
     return np.asarray(vector / np.linalg.norm(vector), dtype=np.float64)
 

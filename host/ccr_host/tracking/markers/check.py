@@ -26,14 +26,13 @@ from collections.abc import Callable
 from itertools import combinations, permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import TrackerError
 from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.kinematics import ConstantCurvature, chain_of, freedom_of, jets
 from ccr_host.tracking.tracker import Sample
 
-Array = NDArray[np.float64]
 Order = tuple[int, ...]
 """Which of the seen markers are M1, M2 and so on."""
 

@@ -12,11 +12,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.tracking.markers.motion_models import Belief, MotionModel
-
-Array = NDArray[np.float64]
 
 MISSING = -1
 """Index of a marker that is not among the points."""

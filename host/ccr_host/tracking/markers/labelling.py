@@ -15,8 +15,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Robot
 from ccr_host.tracking.markers.hypotheses import (
     FADED,
@@ -29,8 +30,6 @@ from ccr_host.tracking.markers.hypotheses import (
     jumps,
 )
 from ccr_host.tracking.markers.motion_models import ChainModel, FreeModel, MotionModel
-
-Array = NDArray[np.float64]
 
 DOUBT = 1e-4
 """Probability of being wrong above which a marker counts as lost."""

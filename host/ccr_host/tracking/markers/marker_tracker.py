@@ -6,15 +6,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.clock import NEVER_US
 from ccr_host.description.schema import Robot
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.tracking.markers.labelling import Labeller
 from ccr_host.tracking.tracker import MarkerFrame, NamedTracker, Sample, TrackerHealth
-
-Array = NDArray[np.float64]
 
 BelievedAngles = Callable[[], Array]
 """Returns the believed motor angles at present, rad, (n,)."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Robot
 from ccr_host.robot.kinematics import ConstantCurvature, bending_of_motors
 from ccr_host.tracking.markers.shapes import (
@@ -28,8 +28,6 @@ from ccr_host.tracking.markers.shapes import (
     steps,
     within,
 )
-
-Array = NDArray[np.float64]
 
 FRAME_S = 0.05
 """Process noise is stated for the 20 Hz of a Polaris and scaled to other intervals."""

@@ -12,14 +12,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array, BoolArray, IntArray
 from ccr_host.description.schema import Robot
 from ccr_host.robot.chain import PAPER_FRAME, bend_of
 from ccr_host.robot.kinematics import ConstantCurvature, freedom_of
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _BELIEVED_BENDING_SIGMA_RAD = 0.7
 """Slack, sag and servo lag between believed and true bending; 0.3 to 0.5 were seen on the twin."""
@@ -87,7 +84,7 @@ def _swung_offset_mm(geometry: Robot) -> Array:
     return swung
 
 
-def within(values: Array, bounds: Array) -> NDArray[np.bool_]:
+def within(values: Array, bounds: Array) -> BoolArray:
     """Whether values are in an interval, (..., 2), its ends included."""
     return np.asarray((values >= bounds[..., 0]) & (values <= bounds[..., 1]))
 

@@ -13,11 +13,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.core.plugins import import_optional
 from ccr_host.tracking.sources.camera_model import CameraModel
 from ccr_host.tracking.sources.reopened import ReopenedCamera
-from ccr_host.tracking.tracker import FloatArray, Pose, TrackerHealth
+from ccr_host.tracking.tracker import Pose, TrackerHealth
 
 Image = NDArray[np.uint8]
 
@@ -111,7 +112,7 @@ class TagDetector:
                     poses[name] = pose
         return poses
 
-    def _pose(self, corners_px: FloatArray) -> Pose | None:
+    def _pose(self, corners_px: Array) -> Pose | None:
         cv2, model = self._cv2, self._model
         solved, rotation, position_mm = cv2.solvePnP(
             self._corners_mm,

@@ -10,9 +10,9 @@ from typing import NoReturn
 
 import numpy as np
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.user_file import printable, read_text
-from ccr_host.tracking.tracker import FloatArray
 
 DISTORTION_COUNTS = (4, 5, 8, 12, 14)
 """Numbers of coefficients that OpenCV's models have."""
@@ -38,9 +38,9 @@ _NUMBERS = rf"((?:[\s,\[\]]|-(?=\s)|{_TOKEN}++(?![\"\s]*:))*+)"
 class CameraModel:
     """Pinhole model with distortion, as calibrated by OpenCV."""
 
-    matrix: FloatArray
+    matrix: Array
     """(3, 3), pixels."""
-    distortion: FloatArray
+    distortion: Array
     """(k,): OpenCV's coefficients, k one of `DISTORTION_COUNTS`."""
     size_px: tuple[int, int] | None = None
     """Width and height of the calibration images; None if the file does not state them."""
@@ -96,7 +96,7 @@ class CameraModel:
             return "its distortion moves the edges of the image by more than half the image"
         return ""
 
-    def _greatest_distortion(self, edge: FloatArray) -> float:
+    def _greatest_distortion(self, edge: Array) -> float:
         """Shift of a point at `edge` (x, y at depth 1), as a fraction of its distance."""
         k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, *_ = np.pad(self.distortion, (0, 12))
         square = float(edge @ edge)
@@ -142,7 +142,7 @@ def load_camera_file(path: Path) -> CameraModel:
     return model
 
 
-def _pinhole(matrix: FloatArray) -> bool:
+def _pinhole(matrix: Array) -> bool:
     others = matrix.copy()
     others[[0, 1, 0, 1], [0, 1, 2, 2]] = 0
     return bool((others == np.diag((0, 0, 1))).all())
@@ -162,7 +162,7 @@ def _size(text: str, refuse: Callable[[str], NoReturn]) -> tuple[int, int] | Non
     return sizes[0], sizes[1]
 
 
-def _numbers_of(name: str, text: str, refuse: Callable[[str], NoReturn]) -> FloatArray:
+def _numbers_of(name: str, text: str, refuse: Callable[[str], NoReturn]) -> Array:
     """The data of a matrix.
 
     OpenCV's own reader crashes the process on deeply nested files.

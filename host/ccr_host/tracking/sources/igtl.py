@@ -16,10 +16,11 @@ import numpy as np
 import scipy
 
 from ccr_host.core.addresses import joined
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import TrackerError
 from ccr_host.tracking.sources.igtl_stream import POSE_TYPES, Message, igtl_opener
 from ccr_host.tracking.sources.reopened import Connection, ReopenedCamera
-from ccr_host.tracking.tracker import ClockFit, FloatArray, Pose, TrackerHealth
+from ccr_host.tracking.tracker import ClockFit, Pose, TrackerHealth
 
 DEFAULT_LATENCY_US = 60_000
 """Time from exposure to stamp plus the fastest transmission, an estimate; PLUS adds buffers."""
@@ -94,7 +95,7 @@ class IgtlTracker(ReopenedCamera[Stream]):
     def _clear_frame(self) -> None:
         self._told: set[str] = set()
         self._tools: dict[str, Pose] = {}
-        self._points: list[FloatArray] = []
+        self._points: list[Array] = []
         self._stamp_s = math.nan
         self._arrived_us = 0
 

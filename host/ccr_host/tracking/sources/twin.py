@@ -7,13 +7,11 @@ from collections import deque
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.clock import Clock
 from ccr_host.description.simulation import Tracker
 from ccr_host.tracking.tracker import Sample, TrackerHealth
-
-Array = NDArray[np.float64]
 
 _LOOKS = 5
 """Looks at the moving markers in one exposure: their mean is that of a steady motion exactly, and
@@ -143,9 +141,7 @@ class TwinTracker:
 
     name = "twin:"
 
-    def __init__(
-        self, camera: Camera, clock: Clock, camera_to_robot: NDArray[np.float64] | None = None
-    ) -> None:
+    def __init__(self, camera: Camera, clock: Clock, camera_to_robot: Array | None = None) -> None:
         self._camera = camera
         self._clock = clock
         self._camera_to_robot = camera_to_robot

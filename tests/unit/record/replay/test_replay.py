@@ -22,9 +22,8 @@ from ccr_host.record.report import read_run
 from ccr_host.run.execute import reference_of
 from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import summarise
-from ccr_host.sim.board.board import UnoEmulator
+from ccr_host.sim.board.board import SerialLine, UnoEmulator
 from ccr_host.sim.board.eeprom import EepromImage
-from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.serving.ports import TcpPort
 from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tools.equipment import EquipmentChange, change_equipment

@@ -23,9 +23,10 @@ IDEAL = {
     "gravity_m_s2": 0.0,
     "slack_mm": 0.0,
     "bending_stiffness_nm_rad": 0.002,
-    "tendon_stiffness_n_m": 20_000.0,
+    "tendon_stiffness_n_m": 200_000.0,
 }
-"""Tendons that hardly stretch against a structure that hardly resists."""
+"""Tendons that hardly stretch against a structure that hardly resists: at a tenth of this stiffness
+their stretch moves the tip by up to 0.3 mm, which can hide the error of few flexures."""
 EVERYTHING = (
     *("twin.capstan_friction=0.15", "twin.friction=0.1", "twin.creep_share=0.05"),
     *("twin.stiffness_taper=0.1", "twin.stiffening=0.2", "twin.torsion_stiffness_nm_rad=0.1"),
@@ -98,7 +99,7 @@ def test_without_weight_slack_and_friction_the_tip_approaches_constant_curvature
     bending_rad = np.random.default_rng(seed).uniform(-0.7, 0.7, freedoms)
     length_mm = sum(part["length_mm"] for part in segments)
     coarse_mm, fine_mm = (off_model_mm(segments, n, bending_rad) for n in (4, 12))
-    assert fine_mm < 0.45 * coarse_mm + 0.1
+    assert fine_mm < 0.45 * coarse_mm + 0.05
     assert fine_mm < 0.025 * length_mm
 
 

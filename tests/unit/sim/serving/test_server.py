@@ -17,9 +17,8 @@ from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
 from ccr_host.link.framing import encode_frame
 from ccr_host.link.transport import open_transport, parse_device_uri
-from ccr_host.sim.board.board import UnoEmulator
+from ccr_host.sim.board.board import SerialLine, UnoEmulator
 from ccr_host.sim.board.eeprom import EepromFile
-from ccr_host.sim.board.serial_line import SerialLine
 from ccr_host.sim.serving.ports import PtyPort, TcpPort
 from ccr_host.sim.serving.server import BoardServer
 from tests.patience import PATIENCE_S, becomes_true

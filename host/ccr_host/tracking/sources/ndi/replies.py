@@ -16,10 +16,11 @@ from enum import Enum, IntFlag
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.core.errors import TrackerError
 from ccr_host.core.wire import crc16_arc
 from ccr_host.tracking.sources.ndi.device_errors import meaning_of
-from ccr_host.tracking.tracker import BoolArray, FloatArray, Pose
+from ccr_host.tracking.tracker import Pose
 
 CR = b"\r"
 _CRC_DIGITS = 4
@@ -227,7 +228,7 @@ class TxReply:
     """One parsed reply."""
 
     tools: tuple[ToolReport, ...]
-    strays_mm: FloatArray
+    strays_mm: Array
     """(n, 3), in the camera's frame."""
     out_of_volume_bits: int
     """As sent, and not used, as the assignment of bits to strays is disputed."""
@@ -294,6 +295,6 @@ def _hex_byte(text: str, at: int, what: str) -> tuple[int, int]:
     return int(match[0], 16), match.end()
 
 
-def _decimals(text: str, width: int, units_per_one: int) -> FloatArray:
+def _decimals(text: str, width: int, units_per_one: int) -> Array:
     numbers = [int(text[at : at + width]) for at in range(0, len(text), width)]
     return np.array(numbers, dtype=np.float64) / units_per_one

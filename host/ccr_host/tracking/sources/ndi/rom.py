@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError
 from ccr_host.core.user_file import read_bytes
-from ccr_host.tracking.tracker import FloatArray
 
 BLOCK_BYTES = 64
 MEMORY_BYTES = 1024
@@ -42,7 +42,7 @@ DUMMY_MARKERS_MM = ((0.0, 0.0, 0.0), (0.0, 230.0, 0.0), (310.0, 0.0, 0.0), (0.0,
 """Every distance exceeds the robot's 125 mm and all four must be seen: it matches nothing."""
 
 
-def make_passive_rom(markers_mm: FloatArray, part_number: str) -> bytes:
+def make_passive_rom(markers_mm: Array, part_number: str) -> bytes:
     """Definition of a rigid body of passive spheres.
 
     Args:
