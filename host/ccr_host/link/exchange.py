@@ -343,7 +343,7 @@ class Exchange:
 
 
 def message_in(frame: Frame) -> Message | None:
-    """The message that a frame carries; None if it is none of ours."""
+    """The message that a frame carries; None if it is not one of the protocol."""
     kind = MESSAGES.get(frame.id)
     try:
         return None if kind is None else kind.unpack(frame.payload)
