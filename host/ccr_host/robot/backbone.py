@@ -78,5 +78,4 @@ def turns_to(directions: Array) -> Array:
 def _hermite_speed(angle_rad: Array) -> Array:
     """Tangent length over arc length with which a cubic follows an arc best."""
     quarter = np.clip(angle_rad / 4.0, _STRAIGHT_RAD, _MOST_QUARTER_RAD)
-    speed: Array = np.tan(quarter) / quarter
-    return speed
+    return np.tan(quarter) / quarter

@@ -162,14 +162,12 @@ def derivative_index(coordinates: int, number: int) -> IntArray:
 
 def products(left: Array, right: Array) -> Array:
     """Matrix products, (N, i, j) or (i, j) times (N, j, k)."""
-    both: Array = left @ right
-    return both
+    return left @ right
 
 
 def chosen(rows: Array, numbers: IntArray) -> Array:
     """Rows of each matrix, (N, i, j) -> (N, numbers, j)."""
-    some: Array = rows.take(numbers, 1)
-    return some
+    return rows.take(numbers, 1)
 
 
 def jets(chain: Chain, y_rad: Array) -> Array:
@@ -236,8 +234,7 @@ class ConstantCurvature:
 
     def bending_rad(self, q_rad: ArrayLike) -> Array:
         """Degrees of freedom, theta = k L of planar segments (4), (5); (..., n) -> (..., D)."""
-        bending: Array = np.asarray(q_rad, dtype=np.float64) @ self._bending.T
-        return bending
+        return np.asarray(q_rad, dtype=np.float64) @ self._bending.T
 
     def markers_mm(self, bending_rad: Array) -> tuple[Array, Array]:
         """Markers relative to M1 and their derivatives by the degrees of freedom.
@@ -307,8 +304,7 @@ class ConstantCurvature:
 
     def bends_rad(self, bending_rad: Array) -> Array:
         """Bending vector of each segment, as long as its angle; (..., D) -> (..., S, 2)."""
-        bends: Array = np.tensordot(bending_rad, self._freedom, axes=1)
-        return bends
+        return np.tensordot(bending_rad, self._freedom, axes=1)
 
     def disk_turns(self, bending_rad: Array) -> Array:
         """Orientation of the base and of each segment's last disk in the frame of (10).
@@ -324,5 +320,4 @@ class ConstantCurvature:
     def _jets(self, q_rad: ArrayLike, order: int) -> Array:
         y = self.bending_rad(q_rad)
         flat = jets(self.chain(order), y.reshape(-1, y.shape[-1]))
-        shaped: Array = flat.reshape(*y.shape[:-1], -1, 3)
-        return shaped
+        return flat.reshape(*y.shape[:-1], -1, 3)

@@ -166,8 +166,7 @@ class RestModel:
 
     def group(self, score: Array, name: str) -> Array:
         """The parameters whose names begin with this one, in order, (..., number)."""
-        values: Array = self.values(score)[..., self._groups[name]]
-        return values
+        return self.values(score)[..., self._groups[name]]
 
     def robot(self, score: Array) -> MarkedRobot:
         """The robot that the parameters stand for, or several robots, (..., P)."""
@@ -212,8 +211,7 @@ class RestModel:
 
     def half_dead_mm(self, score: Array) -> Array:
         """Half the dead travel of each tendon, (..., T)."""
-        half: Array = 0.5 * self.group(score, "dead_travel")[..., self.segment_of]
-        return half
+        return 0.5 * self.group(score, "dead_travel")[..., self.segment_of]
 
     def travel_mm(self, score: Array, start_mm: Array, wound_mm: Array) -> Array:
         """Pull of each tendon behind its dead travel, (N, ..., T): the play operator over all rows.

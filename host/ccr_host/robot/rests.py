@@ -41,8 +41,7 @@ class Rests:
     @property
     def vectors_mm(self) -> Array:
         """M2 and so on relative to M1, (N, S, 3)."""
-        vectors: Array = self.markers_mm[:, 1:] - self.markers_mm[:, :1]
-        return vectors
+        return self.markers_mm[:, 1:] - self.markers_mm[:, :1]
 
     @property
     def tip_mm(self) -> Array:

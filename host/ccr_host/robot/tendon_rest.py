@@ -85,8 +85,7 @@ class TendonRobot:
     def _straight_levers_mm(self) -> Array:
         """(..., T, D)."""
         flat = self.lever_mm.reshape(*self.lever_mm.shape[:-2], -1)
-        levers: Array = flat @ self._flat_freedom.T
-        return levers
+        return flat @ self._flat_freedom.T
 
     @cached_property
     def _own_sag_mm(self) -> Array:
@@ -119,8 +118,7 @@ class TendonRobot:
 
     def bend_rad(self, y: Array) -> Array:
         """Bending vectors of degrees of freedom, (..., D) -> (..., S, 2)."""
-        bend: Array = (y @ self._flat_freedom).reshape(*y.shape[:-1], -1, 2)
-        return bend
+        return (y @ self._flat_freedom).reshape(*y.shape[:-1], -1, 2)
 
     def ends_mm(self, y: Array) -> list[tuple[Array, Array]]:
         """``chain.ends_mm`` of the segments at rest, (..., D)."""
@@ -174,8 +172,7 @@ class TendonRobot:
     def moments_by_travel(self, y: Array, travel_mm: Array) -> Array:
         """Derivatives of the moments by the travel of each tendon, (..., D, T)."""
         taut = (self.stretch_mm(y, travel_mm) > 0.0) * self.tendon_stiffness_mm2
-        by_travel: Array = -np.swapaxes(taut[..., None] * self.levers_mm(y), -1, -2)
-        return by_travel
+        return -np.swapaxes(taut[..., None] * self.levers_mm(y), -1, -2)
 
     def stiffness_matrix(self, y: Array, travel_mm: Array) -> Array:
         """Second derivatives of the energy, (..., D, D); those of the load by differences."""
@@ -188,8 +185,7 @@ class TendonRobot:
                 1
             ]
             matrix += (load_by[..., 1:, :] - load_by[..., :1, :]) / _PROBE_RAD
-        stiffness: Array = matrix
-        return stiffness
+        return matrix
 
     def compliance(self, y: Array, travel_mm: Array) -> Array:
         """Inverse of ``stiffness_matrix``, made positive definite, (..., D, D)."""
@@ -252,8 +248,7 @@ def steps_from_here(count: int, step: float) -> Array:
 
 def _times(matrix: Array, vector: Array) -> Array:
     """Matrices times vectors, (..., m, n), (..., n) -> (..., m)."""
-    product: Array = (matrix @ vector[..., None])[..., 0]
-    return product
+    return (matrix @ vector[..., None])[..., 0]
 
 
 def pulled_mm(travel_mm: Array, wound_mm: Array, half_dead_mm: Array) -> Array:

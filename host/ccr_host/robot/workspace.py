@@ -71,8 +71,7 @@ class MotorLimits:
 
     def clip(self, q_rad: ArrayLike) -> Array:
         """Motor angles clipped to the limits, rad; shape of ``q_rad``."""
-        clipped: Array = np.minimum(np.maximum(q_rad, self.lower_rad), self.upper_rad)
-        return clipped
+        return np.minimum(np.maximum(q_rad, self.lower_rad), self.upper_rad)
 
 
 @dataclass(frozen=True)

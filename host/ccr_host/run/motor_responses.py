@@ -197,5 +197,4 @@ class MotorResponses:
 
     def _ends_mm(self, bending_rad: Array) -> Array:
         """M2 and the tip, (N, 2, 3)."""
-        ends: Array = self._model.markers_mm(bending_rad)[0][:, [0, -1]]
-        return ends
+        return self._model.markers_mm(bending_rad)[0][:, [0, -1]]

@@ -279,8 +279,7 @@ class RobotCheck:
 
         def predict(q_rad: Array) -> Array:
             led = replace(odd, start_rad=q_rad[0], q_rad=q_rad)
-            predicted_mm: Array = self._statics.predicted_mm(self._model, led)
-            return predicted_mm
+            return self._statics.predicted_mm(self._model, led)
 
         limits = MotorLimits.of(self._description.servo)
         return likely_change(predict, limits, odd.q_rad, odd.vectors_mm)

@@ -282,5 +282,4 @@ class _SmallMoves(Generic[P]):
         )
 
     def _differed(self, vectors_mm: Array) -> Array:
-        differed: Array = np.tensordot(self._differences, vectors_mm, axes=1)
-        return differed
+        return np.tensordot(self._differences, vectors_mm, axes=1)

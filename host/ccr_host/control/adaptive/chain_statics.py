@@ -102,12 +102,10 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         return tip
 
     def markers_mm(self, p: ChainParameters, theta_rad: Array) -> Array:
-        markers: Array = p.rest.seen_mm(theta_rad) @ p.turn.T
-        return markers
+        return p.rest.seen_mm(theta_rad) @ p.turn.T
 
     def turned_back_mm(self, p: ChainParameters, seen_mm: Array) -> Array:
-        back: Array = p.turn.T @ seen_mm
-        return back
+        return p.turn.T @ seen_mm
 
     def predicted_mm(self, p: ChainParameters, rests: Rests) -> Array:
         """Those of robots near by are first-order changes of this robot's."""
@@ -115,8 +113,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         theta_rad = p.rest.rest(travel_of(p.score))
         here_mm = p.rest.seen_mm(theta_rad)
         if p.near is None:
-            predicted_mm: Array = here_mm @ p.turn.T
-            return predicted_mm
+            return here_mm @ p.turn.T
         slopes = self._model.slopes(p.score, p.rest, theta_rad, travel_of)
         more_mm = np.moveaxis(slopes.markers @ p.near.steps.T, -1, 1)
         return (here_mm[:, None] + more_mm) @ np.swapaxes(p.near.turns, 1, 2)
@@ -170,8 +167,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         rows = theta_rad.reshape(-1, theta_rad.shape[-1])
         balances = [_Balance(p.rest, row) for row in rows]
         shafts = [self._shafts_rad(each, self._tendons(each, free, free)[0]) for each in balances]
-        setpoints: Array = np.array(shafts).reshape(*theta_rad.shape[:-1], len(free))
-        return setpoints
+        return np.array(shafts).reshape(*theta_rad.shape[:-1], len(free))
 
     def nearest(
         self,
@@ -319,8 +315,7 @@ class _Balance:
     def moments(self, travel_mm: Array) -> Array:
         """Those left with the tendons pulled so far, (T,) -> (D,)."""
         taut_mm = np.maximum(travel_mm - self.taken_mm, 0.0)
-        left: Array = self._free - (self.rest.tendon_stiffness_mm2 * taut_mm) @ self.levers_mm
-        return left
+        return self._free - (self.rest.tendon_stiffness_mm2 * taut_mm) @ self.levers_mm
 
     def tensions(self, tendons: IntArray) -> Array:
         """Least tensions of some tendons that hold the pose, over k_1, 1/mm; 0 or more."""

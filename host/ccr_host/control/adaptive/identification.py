@@ -203,8 +203,7 @@ def _sizes(standardised: Array) -> Array:
 
 def _huber_weight(standardised: Array) -> Array:
     """Of each marker, (N, 2)."""
-    weight: Array = _HUBER_DEVIATIONS / np.maximum(_sizes(standardised), _HUBER_DEVIATIONS)
-    return weight
+    return _HUBER_DEVIATIONS / np.maximum(_sizes(standardised), _HUBER_DEVIATIONS)
 
 
 class RestSurvey:

@@ -121,8 +121,7 @@ def _leaves_much(fit: Fit, rests: Rests) -> bool:
 def _certain_zeros_rad(fit: Fit, space: ParameterSpace[Any]) -> Array:
     """Angles by which zeros are certainly off, (n,); less than 0 for those that may be right."""
     doubt_rad = np.maximum(space.zeros_deviation_rad(fit.covariance), _ZERO_DOUBT_RAD)
-    certain_rad: Array = np.abs(space.zero_rad @ fit.score) - doubt_rad
-    return certain_rad
+    return np.abs(space.zero_rad @ fit.score) - doubt_rad
 
 
 def _contradicted(fit: Fit, space: ParameterSpace[Any]) -> Array:

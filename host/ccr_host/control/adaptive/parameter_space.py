@@ -184,8 +184,7 @@ class ParameterSpace(ABC, Generic[P]):
 
     def deviation_mm(self, count: Array) -> Array:
         """Standard deviation of a coordinate of rests that were measured ``count`` times, (N,)."""
-        deviation_mm: Array = np.hypot(self._noise_mm / np.sqrt(count), _MODEL_MM)
-        return deviation_mm
+        return np.hypot(self._noise_mm / np.sqrt(count), _MODEL_MM)
 
     def bounded(self, score: Array) -> Array:
         """The nearest scores within the bounds."""

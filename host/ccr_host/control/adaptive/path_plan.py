@@ -151,5 +151,4 @@ def _cheapest(theta: Array, squared_mm2: Array, near: Array) -> Array:
     chosen = [int(cost.argmin())]
     for best in reversed(came_from):
         chosen.append(int(best[chosen[-1]]))
-    picked: Array = theta[np.arange(len(theta)), chosen[::-1]]
-    return picked
+    return theta[np.arange(len(theta)), chosen[::-1]]

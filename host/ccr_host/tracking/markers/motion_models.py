@@ -150,8 +150,7 @@ class ChainModel:
         return mean_mm, np.concatenate([slopes[0], self._by_offsets], axis=2)
 
     def surprise(self, correction: Array) -> Array:
-        surprise: Array = np.abs(correction[: self._freedoms]) - self._noise_rad
-        return surprise
+        return np.abs(correction[: self._freedoms]) - self._noise_rad
 
     def holds(self, belief: Belief) -> bool:
         offsets = belief.mean[self._freedoms :].reshape(-1, 3)

@@ -80,8 +80,7 @@ def levers_mm(geometry: Robot) -> Array:
 
 def _swung_offset_mm(geometry: Robot) -> Array:
     """Part of the markers' offset that a degree of freedom turns, per segment, (D, S)."""
-    swung: Array = geometry.marker_offset_mm * np.abs(freedom_of(geometry.chain)[..., 1])
-    return swung
+    return geometry.marker_offset_mm * np.abs(freedom_of(geometry.chain)[..., 1])
 
 
 def within(values: Array, bounds: Array) -> BoolArray:
@@ -98,8 +97,7 @@ Misfit = Callable[[Array, Array, Array], Array]
 def steps(places_mm: Array, seen_mm: Array, deviation_mm: Array) -> Array:
     """Misfit of the vectors from each marker to the next, in the robot's frame, (..., K, 3)."""
     apart_mm = np.diff(places_mm - seen_mm, axis=-2, prepend=0.0)
-    misfits: Array = apart_mm / deviation_mm[: apart_mm.shape[-2], None]
-    return misfits
+    return apart_mm / deviation_mm[: apart_mm.shape[-2], None]
 
 
 def distances(places_mm: Array, seen_mm: Array, deviation_mm: Array) -> Array:
