@@ -20,7 +20,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ccr_host.core.clock import Stopwatch
+from ccr_host.core.clock import wall_ns
 from ccr_host.record.keep import execute_logged
 from ccr_host.run.observer import RunObserver, StepRecord
 from ccr_host.run.options import RunOptions
@@ -69,7 +69,7 @@ def measure(options: RunOptions, *, with_page: bool) -> Table:
     """Execute a run and observe it."""
     steps = round(options.laps * LAP_S * options.rate_hz)
     usage = Usage(steps, 1.0 / options.rate_hz)
-    watch = Stopwatch()
+    start_ns = wall_ns()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory()))
         onlookers: list[RunObserver] = [usage]
@@ -88,7 +88,7 @@ def measure(options: RunOptions, *, with_page: bool) -> Table:
     rows = {
         "steps": f"{summary['steps']} of {steps}",
         "ended by": str(result.failure or "the end of the path"),
-        "wall time": f"{watch.elapsed_us() * 1e-6:.0f} s",
+        "wall time": f"{(wall_ns() - start_ns) * 1e-9:.0f} s",
         "memory at the first step, half-way, at the end": " / ".join(
             f"{usage.resident_kb[at] / 1024:.0f}" for at in (0, middle, -1)
         )

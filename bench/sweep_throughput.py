@@ -12,7 +12,7 @@ import argparse
 
 import numpy as np
 
-from ccr_host.core.clock import Stopwatch
+from ccr_host.core.clock import wall_ns
 from ccr_host.robot.paths import PAPER_PATHS
 from ccr_host.tools.sweep.job import Row
 from ccr_host.tools.sweep.plan import SweepPlan
@@ -32,9 +32,9 @@ def main() -> None:
     rows: list[Row] = []
     for workers in arguments.workers:
         with local_workers(workers) as client:
-            stopwatch = Stopwatch()
+            start_ns = wall_ns()
             rows = [row for of_a_twin in run_jobs(client, jobs) for row in of_a_twin]
-            minutes = stopwatch.elapsed_us() * 1e-6 / 60
+            minutes = (wall_ns() - start_ns) * 1e-9 / 60
         print(f"{workers} workers: {len(rows) / minutes:.1f} runs per minute")
     print_costs(rows)
 

@@ -8,6 +8,7 @@ i - 1.
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
@@ -135,20 +136,19 @@ def checked(answer: object, motors: int) -> Command:
         raise ValueError(f"outcome {answer.outcome!r} instead of an Outcome")
     if not 0.0 <= answer.ramp_s <= LONGEST_RAMP_S:
         raise ValueError(f"ramp_s = {answer.ramp_s}, which is not in 0..{LONGEST_RAMP_S:g}")
-    q_rad = _finite("q_rad", answer.q_rad)
-    predicted_mm = _finite("predicted_mm", answer.predicted_mm)
+    arrays: list[Array] = []
+    for name in ("q_rad", "predicted_mm"):
+        numbers = getattr(answer, name)
+        try:
+            array = np.asarray(numbers).astype(np.float64, casting="same_kind")
+        except (TypeError, ValueError):
+            raise ValueError(f"{name} = {numbers!r} instead of numbers") from None
+        if not all(map(math.isfinite, array.flat)):
+            raise ValueError(f"{name} = {array.tolist()}, which is not finite")
+        arrays.append(array)
+    q_rad, predicted_mm = arrays
     if q_rad.shape != (motors,):
         raise ValueError(f"q_rad of shape {q_rad.shape} instead of {(motors,)}")
     if predicted_mm.shape[1:] != (3,):
         raise ValueError(f"predicted_mm of shape {predicted_mm.shape} instead of (k, 3)")
     return replace(answer, q_rad=q_rad, predicted_mm=predicted_mm)
-
-
-def _finite(name: str, numbers: object) -> Array:
-    try:
-        array = np.asarray(numbers).astype(np.float64, casting="same_kind")
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} = {numbers!r} instead of numbers") from None
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} = {array.tolist()}, which is not finite")
-    return array

@@ -267,23 +267,7 @@ class LaggingClock(RealClock):
         return self._now_us
 
 
-class Stopwatch:
-    """Measures computing time; never used for control, which sees only the :class:`Clock`."""
-
-    def __init__(self) -> None:
-        self._start_ns = time.perf_counter_ns()
-
-    def elapsed_us(self) -> float:
-        """Time since this stopwatch was created, us."""
-        return (time.perf_counter_ns() - self._start_ns) / 1000
-
-
-class CpuStopwatch:
-    """Measures the CPU time of this thread, independent of the load of the machine."""
-
-    def __init__(self) -> None:
-        self._start_ns = time.thread_time_ns()
-
-    def elapsed_s(self) -> float:
-        """CPU time since this stopwatch was created, s."""
-        return (time.thread_time_ns() - self._start_ns) * 1e-9
+wall_ns = time.perf_counter_ns
+"""Measures computing time; never used for control, which sees only the :class:`Clock`."""
+cpu_ns = time.thread_time_ns
+"""Measures the CPU time of this thread, independent of the load of the machine."""

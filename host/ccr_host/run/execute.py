@@ -7,7 +7,7 @@ from functools import lru_cache
 from ccr_host.control.adaptive.surface import IdentifiedSurface
 from ccr_host.control.base import Phase
 from ccr_host.control.registry import make_controller
-from ccr_host.core.clock import Stopwatch
+from ccr_host.core.clock import wall_ns
 from ccr_host.core.errors import DeviceError, TrackerError, full_text
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -65,7 +65,7 @@ def execute(
     Raises:
         ConfigError: the options are unusable; nothing was started.
     """
-    stopwatch = Stopwatch()
+    start_ns = wall_ns()
     description = options.description()
     reference = reference_of(options)
     controller = make_controller(options.controller, description)
@@ -107,7 +107,7 @@ def execute(
         records=records,
         link=rig.client.statistics if rig else None,
         failure=failure,
-        wall_s=stopwatch.elapsed_us() * 1e-6,
+        wall_s=(wall_ns() - start_ns) * 1e-9,
         jumped_pictures=0 if markers is None else markers.jumped,
     )
 

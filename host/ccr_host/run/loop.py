@@ -25,7 +25,7 @@ from ccr_host.control.base import (
     checked,
 )
 from ccr_host.core.arrays import Array
-from ccr_host.core.clock import Stopwatch
+from ccr_host.core.clock import wall_ns
 from ccr_host.core.errors import CcrError, CodeError, code_error
 from ccr_host.description.schema import Description
 from ccr_host.link.device_errors import LinkLossError
@@ -136,15 +136,16 @@ class PathRun:
         return self._records
 
     def _follow(self, command: Command, starts_with_step: bool) -> None:
-        solve_us, late = 0.0, False
+        now_us, solve_us, late = self._start_us, 0.0, False
         while (step := len(self._records)) < self._steps:
-            now_us, due_us = self.rig.clock.now_us(), self._start_us + step * self._period_us
+            due_us = self._start_us + step * self._period_us
             if now_us - due_us >= self._period_us:
                 self._skip_missed_steps(command)
                 continue
             if self.operator.wants_pause:
                 self._start_us += self._pause(command)
                 self.rig.start_path_clock(self._start_us)
+                now_us = self.rig.clock.now_us()
                 continue
             if step > 0 or starts_with_step:
                 command, solve_us, late = self._next_command(step, now_us, due_us, command)
@@ -196,9 +197,9 @@ class PathRun:
         """
 
         def ask() -> tuple[object, float]:
-            stopwatch = Stopwatch()
+            start_ns = wall_ns()
             try:  # As `blaming` does, without its three calls a step.
-                return method(argument), stopwatch.elapsed_us()
+                return method(argument), (wall_ns() - start_ns) / 1000
             except (CcrError, KeyboardInterrupt):
                 raise
             except BaseException as error:
@@ -206,7 +207,7 @@ class PathRun:
 
         def feed() -> None:
             if held is not None:
-                self._feed(held)
+                self._send(held, self.rig.clock.now_us())
 
         return self.rig.clock.beside(ask, self._feed_us, feed)
 
@@ -218,14 +219,14 @@ class PathRun:
         """
         clock = self.rig.clock
         now_us = self._sent_us = clock.now_us()
-        self._put(command, command.ramp_s)
+        self._send(command, now_us)
         self._watch.setpoints.append((now_us, command.q_rad))
         while True:
             clock.sleep_until_us(min(end_us, now_us + self._feed_us))
             now_us = clock.now_us()
             if now_us >= end_us:
                 return now_us
-            self._feed(command)
+            self._send(command, now_us)
 
     def _approach(self, controller: Approaching, command: Command, phase: Phase) -> Command:
         """Let the controller lead the robot to the first point; return its last command."""
@@ -243,7 +244,7 @@ class PathRun:
                 self.observer.phase(due_us, command.phase or phase)
                 self.observer.control(due_us, observation, command)
             self._sent_us = clock.now_us()
-            self._put(command, command.ramp_s)
+            self._send(command, self._sent_us)
             clock.sleep_until_us(due_us + round(APPROACH_PERIOD_S * 1e6))
 
     def _pause(self, command: Command) -> int:
@@ -253,7 +254,7 @@ class PathRun:
         self._begin("paused")
         while self.operator.wants_pause and not self.operator.wants_stop:
             if clock.now_us() >= resend_us:
-                self._feed(command)
+                self._send(command, clock.now_us())
                 resend_us = clock.now_us() + self._feed_us
             self._watch.fresh_sample(clock.now_us())
             clock.idle()
@@ -296,14 +297,11 @@ class PathRun:
         age_us = time_us - sample.exposed_us
         return Observation(step, time_us, sample.tip_mm, age_us, q_rad, sample.middle_mm, earlier)
 
-    def _feed(self, command: Command) -> None:
-        """Resend the last command, with the remainder of its ramp."""
-        gone_s = (self.rig.clock.now_us() - self._sent_us) * 1e-6
-        self._put(command, max(0.0, command.ramp_s - gone_s))
-
-    def _put(self, command: Command, ramp_s: float) -> None:
+    def _send(self, command: Command, now_us: int) -> None:
+        """Send a command, with what remains of its ramp since it was first sent."""
+        left_s = max(0.0, command.ramp_s - (now_us - self._sent_us) * 1e-6)
         self.rig.client.set_target(
-            command.q_rad, ramp_ms=round(ramp_s * 1e3), validity_ms=self._validity_ms
+            command.q_rad, ramp_ms=round(left_s * 1e3), validity_ms=self._validity_ms
         )
 
     def _judge(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -137,7 +138,8 @@ def open_rig(
         eyes.wait_until_tracking(clock)
         hosts_tracker.advance_to(clock.now_us())
         hosts_clock.wake()
-        yield Rig(hosts_clock, client, hosts_tracker, tape, eyes.start_path_clock, eyes.true_tip_mm)
+        rig = Rig(hosts_clock, client, hosts_tracker, tape, eyes.start_path_clock)
+        yield replace(rig, true_tip_mm=eyes.scene.true_tip_mm) if eyes.scene else rig
 
 
 def meet_board(client: Client, description: Description, device: DeviceUri) -> None:

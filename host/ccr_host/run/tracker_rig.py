@@ -133,10 +133,6 @@ class TrackerRig:
         if self.camera is not None:
             wait_until_tracking(self.camera, clock)
 
-    def true_tip_mm(self) -> Array | None:
-        """True f, (3,); None if the robot is real."""
-        return None if self.scene is None else self.scene.true_tip_mm()
-
     def start_path_clock(self, time_us: int) -> None:
         """Set the time from which the description's timed disturbances count."""
         if self.scene is not None:

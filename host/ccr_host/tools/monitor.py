@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ccr_host.core.arrays import Array
-from ccr_host.core.clock import Clock, CpuStopwatch, RealClock, Stopwatch
+from ccr_host.core.clock import Clock, RealClock, cpu_ns, wall_ns
 from ccr_host.description.schema import Description
 from ccr_host.link.client import Client
 from ccr_host.link.transport import parse_device_uri
@@ -108,7 +108,7 @@ class Monitor:
         self._board = board
         self._registered = registered
         self._opened_us = clock.now_us()
-        self._wall, self._cpu = Stopwatch(), CpuStopwatch()
+        self._wall_ns, self._cpu_ns = wall_ns(), cpu_ns()
         self._samples = 0
         self._last: Sample | None = None
         self._arrivals: deque[tuple[int, int]] = deque()
@@ -140,7 +140,7 @@ class Monitor:
             arrival_age_ms=float(np.median(ages_ms)) if ages_ms else None,
             rate_hz=len(self._arrivals) * 1e6 / window_us,
             samples=self._samples,
-            cpu_share=self._cpu.elapsed_s() * 1e6 / max(1.0, self._wall.elapsed_us()),
+            cpu_share=(cpu_ns() - self._cpu_ns) / max(1, wall_ns() - self._wall_ns),
             link=None if self._board is None else _link_view(*self._board),
         )
 

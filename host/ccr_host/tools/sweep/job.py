@@ -14,7 +14,7 @@ import numpy as np
 
 from ccr_host.control.registry import make_controller
 from ccr_host.core.arrays import Array, BoolArray
-from ccr_host.core.clock import CpuStopwatch, Stopwatch
+from ccr_host.core.clock import cpu_ns, wall_ns
 from ccr_host.core.wire import CDEG_PER_DEG
 from ccr_host.description.schema import Servo
 from ccr_host.link.messages import TICK_US, StateReport
@@ -40,15 +40,15 @@ class CpuSeconds:
     """
 
     def __init__(self) -> None:
-        self.wall_us: dict[str, float] = defaultdict(float)
-        self.total_wall_us = 0.0
+        self.wall_ns: dict[str, int] = defaultdict(int)
+        self.total_wall_ns = 0
         self.total = 0.0
 
     @property
     def parts(self) -> dict[str, float]:
         """CPU seconds of ``twin``, ``emulator`` and ``controller``."""
-        share = self.total / self.total_wall_us
-        return {name: self.wall_us[name] * share for name in ("twin", "emulator", "controller")}
+        share = self.total / self.total_wall_ns
+        return {name: self.wall_ns[name] * share for name in ("twin", "emulator", "controller")}
 
 
 _running: ContextVar[CpuSeconds | None] = ContextVar("cpu seconds of this thread's run")
@@ -65,11 +65,12 @@ def cpu_seconds_of(options: RunOptions) -> Iterator[CpuSeconds]:
             _time(controller, name, "controller")
     spent = CpuSeconds()
     token = _running.set(spent)
-    cpu, wall = CpuStopwatch(), Stopwatch()
+    start_cpu_ns, start_ns = cpu_ns(), wall_ns()
     try:
         yield spent
     finally:
-        spent.total, spent.total_wall_us = cpu.elapsed_s(), wall.elapsed_us()
+        spent.total = (cpu_ns() - start_cpu_ns) * 1e-9
+        spent.total_wall_ns = wall_ns() - start_ns
         _running.reset(token)
 
 
@@ -86,11 +87,11 @@ def _timed(method: Callable[..., Any], part: str) -> Callable[..., Any]:
         spent = _running.get(None)
         if spent is None:
             return method(*args, **kwargs)
-        stopwatch = Stopwatch()
+        start_ns = wall_ns()
         try:
             return method(*args, **kwargs)
         finally:
-            spent.wall_us[part] += stopwatch.elapsed_us()
+            spent.wall_ns[part] += wall_ns() - start_ns
 
     return timed
 
