@@ -32,7 +32,7 @@ from ccr_host.tracking.sources.ndi.driver import NdiTracker
 from ccr_host.tracking.sources.ndi.port import SerialPort
 from ccr_host.tracking.sources.ndi.replies import decode_reply, parse_tx
 from ccr_host.tracking.tracker import wait_until_tracking
-from tests.exposer import Exposer
+from tests.exposer import Exposer, running
 
 MARKERS_MM = np.array([(0.0, 0.0, 15.0), (1.0, -58.0, 12.0), (20.0, -90.0, 10.0)])
 LATENCY_MS = 40.0
@@ -96,7 +96,7 @@ def virtual_run(seconds: float) -> tuple[Array, Array]:
     for part in (Exposer(line.device.sensor, lambda _: MARKERS_MM), line, tracker):
         clock.attach(part)
     ages_ms, errors_ms = [], []
-    with tracker:
+    with running(tracker):
         wait_until_tracking(tracker, clock)
         clock.sleep_until_us(clock.now_us() + 2_000_000)
         end_us = clock.now_us() + round(seconds * 1e6)
@@ -124,7 +124,7 @@ def real_run(seconds: float) -> tuple[float, float, float]:
         clock = RealClock()
         tracker = NdiTracker(f"ndi:{path}", lambda: SerialPort(path))
         clock.attach(tracker)
-        with tracker:
+        with running(tracker):
             wait_until_tracking(tracker, clock)
             before = tracker.health.frames
             share = share_of_core(clock, seconds)

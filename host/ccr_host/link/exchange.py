@@ -98,8 +98,6 @@ class LinkCounts:
     retries: int = 0
     lost_telemetry: int = 0
     clamped_targets: int = 0
-    unusable: int = 0
-    """Complete frames that are not a message known to this host."""
     framing_errors: Counter[FramingError] = field(default_factory=Counter)
     round_trips_us: list[int] = field(default_factory=list)
     board_at_start: CountersReply | None = None
@@ -330,7 +328,6 @@ class Exchange:
             )
         message = message_in(frame)
         if message is None:
-            self._counts.unusable += 1
             return
         self._heard_board |= not isinstance(message, Request)  # an echo is not an answer
         if not isinstance(message, Telemetry):

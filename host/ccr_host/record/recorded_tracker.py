@@ -13,18 +13,12 @@ from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
-from ccr_host.tracking.tracker import (
-    FrameCount,
-    MarkerFrame,
-    Pose,
-    StartsAndStops,
-    TrackerHealth,
-)
+from ccr_host.tracking.tracker import FrameCount, MarkerFrame, Pose, TrackerHealth
 
 _UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-class ReplayTracker(StartsAndStops):
+class ReplayTracker:
     """Delivers each recorded sample once its time has come; time 0 is the first exposure.
 
     The markers were labelled when they were recorded, so they come as tools with their names.

@@ -37,7 +37,6 @@ from ccr_host.tracking.tracker import (
     MarkerFrame,
     NamedTracker,
     RawTracker,
-    StartsAndStops,
     TrackerHealth,
     WatchedTracker,
     checked_frame,
@@ -104,7 +103,8 @@ class TrackerRig:
             if self._polaris is not None:
                 clock.attach(self._polaris)
             if self.camera is not None:
-                stack.enter_context(self.camera)
+                self.camera.start()
+                stack.callback(self.camera.stop)
                 clock.attach(self.camera)
             yield
 
@@ -173,7 +173,7 @@ def _tools(description: Description) -> list[Tool]:
     return tools
 
 
-class _Guarded(StartsAndStops):
+class _Guarded:
     """A camera that may be a plug-in, whose failures are reported as such."""
 
     def __init__(self, camera: RawTracker, name: str) -> None:

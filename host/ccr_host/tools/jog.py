@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import os
 import select
 import sys
@@ -127,27 +126,9 @@ _MOVES = {UP: (0, 1), DOWN: (0, -1), RIGHT: (1, 1), LEFT: (1, -1)}
 """Which of both motors an arrow moves, and its direction."""
 
 
-class KeyAction(enum.Enum):
-    """What a key does that does not move."""
-
-    STOP = enum.auto()
-    CLEAR = enum.auto()
-    ENTER = enum.auto()
-    BACK = enum.auto()
-    QUIT = enum.auto()
-
-
-ACTIONS = {
-    " ": KeyAction.STOP,
-    ESCAPE: KeyAction.STOP,
-    "c": KeyAction.CLEAR,
-    "q": KeyAction.QUIT,
-    "\n": KeyAction.ENTER,
-    "\r": KeyAction.ENTER,
-    "b": KeyAction.BACK,
-    "\b": KeyAction.BACK,
-    "\x7f": KeyAction.BACK,
-}
+STOP, CLEAR, QUIT = {" ", ESCAPE}, {"c"}, {"q"}
+ENTER, BACK = {"\n", "\r"}, {"b", "\b", "\x7f"}
+"""Keys that do not move."""
 
 
 @dataclass(frozen=True)
@@ -252,23 +233,22 @@ def jog(
     while not done:
         due_us = rig.clock.now_us()
         keys = list(pressed())
-        actions = [ACTIONS.get(key) for key in keys]
         target = reduce(JogTarget.after, keys, target)
         try:
-            if KeyAction.STOP in actions:
+            if STOP.intersection(keys):
                 rig.client.stop()
                 trouble = "stopped by key"
-            elif KeyAction.QUIT in actions:
+            elif QUIT.intersection(keys):
                 break
-            elif KeyAction.BACK in actions:
+            elif BACK.intersection(keys):
                 back()
-            elif KeyAction.CLEAR in actions and trouble:
+            elif CLEAR.intersection(keys) and trouble:
                 rig.client.clear_fault()
                 target, trouble = replace(target, q_rad=rest_rad), _armed(rig.client)
             if not trouble:
                 ramp_ms = _PERIOD_US // 1000
                 rig.client.set_target(target.q_rad, ramp_ms=ramp_ms, validity_ms=_VALIDITY_MS)
-                if KeyAction.ENTER in actions:
+                if ENTER.intersection(keys):
                     done = entered(rig.client.read_state())
             show(_view(rig, target, trouble))
             rig.clock.sleep_until_us(due_us + _PERIOD_US)

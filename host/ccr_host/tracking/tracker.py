@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from operator import index
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -250,34 +249,13 @@ class RawTracker(Protocol):
 
 
 class NamedTracker(RawTracker, Protocol):
-    """A camera with a name and a state, which a context manager starts and stops."""
+    """A camera with a name and a state."""
 
     name: str
 
     @property
     def health(self) -> TrackerHealth:
         """Present state of the tracker."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-
-class StartsAndStops(ABC):
-    """Makes a camera a context manager that starts it on entry and stops it on exit."""
-
-    @abstractmethod
-    def start(self) -> None: ...
-
-    @abstractmethod
-    def stop(self) -> None: ...
-
-    def __enter__(self) -> Self:
-        self.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
 
 
 class Tracker(Protocol):

@@ -13,6 +13,7 @@ from ccr_host.record.log.files import LOG_PREFIX, LogFiles
 from ccr_host.record.log.sinks import DirectSink
 from ccr_host.record.log.topics import LOG_TOPICS
 from ccr_host.record.recorded_tracker import ReplayTracker
+from tests.exposer import running
 
 
 def replaying(path, latency_ms=40.0):
@@ -44,7 +45,7 @@ def log(tmp_path):
 def test_samples_come_in_order_at_their_pace_and_after_the_latency(log):
     tracker = replaying(log)
     seen = {}
-    with tracker:
+    with running(tracker):
         for time_us in range(500_000, 1_000_000, 1000):
             tracker.advance_to(time_us)
             frame = tracker.newest_frame()
@@ -68,7 +69,7 @@ def test_health_tells_the_end_of_the_recording(log):
 
 def test_one_file_of_a_log_does_as_well(log):
     tracker = replaying(log / "log_0000.mcap")
-    with tracker:
+    with running(tracker):
         tracker.advance_to(0)
         tracker.advance_to(10_000_000)
     assert tracker.health.frames == 3
@@ -79,7 +80,7 @@ def test_a_lost_marker_stays_lost(tmp_path):
     content["markers_mm"][1] = [None, None, None]
     write_log(tmp_path, [content])
     tracker = replaying(tmp_path, latency_ms=0)
-    with tracker:
+    with running(tracker):
         tracker.advance_to(0)
     assert np.isnan(tracker.newest_frame().tools["M2"].position_mm).all()
     assert np.isfinite(tracker.newest_frame().tools["M3"].position_mm).all()

@@ -10,12 +10,12 @@ from ccr_host.record.keep import execute_logged
 from ccr_host.record.log import topics
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.run.options import RunOptions
-from ccr_host.tracking.tracker import MarkerFrame, Pose, StartsAndStops, TrackerHealth
+from ccr_host.tracking.tracker import MarkerFrame, Pose, TrackerHealth
 
 FAILS_AT_US = 1_500_000
 
 
-class Mine(StartsAndStops):
+class Mine:
     """Sees a robot that stands still, until it does something else."""
 
     health = TrackerHealth("tracking", tracking=True)

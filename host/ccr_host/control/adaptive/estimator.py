@@ -90,7 +90,6 @@ class Estimator(Generic[P, S]):
         self._usual_offset_mm = self._state[self._offset].copy()
         self._mean_innovation = np.zeros(3)
         self.parameters: P = space.parameters(self._state[:count])
-        self.releases = 0
 
     @property
     def offset_mm(self) -> Array:
@@ -198,7 +197,6 @@ class Estimator(Generic[P, S]):
             self._mean_innovation = np.zeros(3)
             # The part of it that the offset has absorbed is removed, for the load to explain.
             self._state[self._offset] = self._usual_offset_mm
-            self.releases += 1
 
 
 def _settled(fit: Fit, roles: Roles) -> list[int]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
 from ccr_host.core.errors import TrackerError
-from ccr_host.tracking.tracker import ForeignPeerError, FrameCount, MarkerFrame, StartsAndStops
+from ccr_host.tracking.tracker import ForeignPeerError, FrameCount, MarkerFrame
 
 _RETRY_US = 1_000_000
 
@@ -22,7 +22,7 @@ class Connection(Protocol):
 C = TypeVar("C", bound=Connection)
 
 
-class ReopenedCamera(StartsAndStops, Generic[C]):
+class ReopenedCamera(ABC, Generic[C]):
     """Opens the connection of a camera at the start, and a second after each `TrackerError`."""
 
     def __init__(self, name: str, open_connection: Callable[[], C]) -> None:

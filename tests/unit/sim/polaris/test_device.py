@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ccr_host.description.simulation import Tracker
 from ccr_host.sim.polaris.device import Mode, PolarisDevice
 from ccr_host.sim.polaris.sensor import Placement, PolarisFaults, PositionSensor
-from ccr_host.tracking.sources.ndi.replies import ToolState, encode_command, parse_tx
+from ccr_host.tracking.sources.ndi.replies import encode_command, parse_tx
 from ccr_host.tracking.sources.ndi.rom import (
     DUMMY_MARKERS_MM,
     dummy_passive_rom,
@@ -67,7 +67,7 @@ def test_start_up_and_tracking():
     host.track()
     host.wait_ms(100)
     reply = parse_tx(host("TX", "1801"))
-    assert [tool.state for tool in reply.tools] == [ToolState.MISSING]
+    assert [tool.pose for tool in reply.tools] == [None]
     assert reply.frame == 6
     assert len(reply.strays_mm) == 3
     assert host("TSTOP") == "OKAY"
@@ -86,9 +86,7 @@ def test_tools_by_name_are_at_the_markers_of_a_robot_of_any_size(segments):
     assert host("TSTART", "80") == "OKAY"
     host.wait_ms(200)
     reply = parse_tx(host("TX", "1801"))
-    *seen, absent = (tool.state for tool in reply.tools)
-    assert seen == [ToolState.TRACKED] * (segments + 1)
-    assert absent is ToolState.MISSING
+    assert [tool.pose is None for tool in reply.tools] == [False] * (segments + 1) + [True]
     assert len(reply.strays_mm) == 0
     places_mm = [tool.pose.position_mm for tool in reply.tools[:-1]]
     np.testing.assert_allclose(places_mm, Placement().to_camera(markers_mm), atol=0.01)

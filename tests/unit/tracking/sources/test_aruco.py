@@ -12,6 +12,7 @@ from ccr_host.tracking.sources.aruco import (
     TagDetector,
 )
 from ccr_host.tracking.sources.camera_model import CameraModel, load_camera_file
+from tests.exposer import running
 
 TAG_MM = 20.0
 CELLS = 10
@@ -120,7 +121,7 @@ def test_each_image_with_a_tag_is_a_frame(scene, detector):
     source = Images(scene, None, blank, scene)
     tracker = ArucoTracker("aruco:0", lambda: source, detector, latency_us=60_000)
     times_us = []
-    with tracker:
+    with running(tracker):
         for time_us in range(100_000, 500_000, 50_000):
             tracker.advance_to(time_us)
             if tracker.newest_frame() is not None:
@@ -231,7 +232,7 @@ def test_calibration_of_other_images_ends_it_before_the_first_frame(scene, size_
     image = cv2.resize(scene, (640, 480))
     detector = TagDetector(CameraModel(MATRIX, DISTORTION, size_px), ArucoSettings(TAG_MM))
     tracker = ArucoTracker("aruco:0", lambda: Images(image), detector)
-    with tracker, pytest.raises(ConfigError, match=f"aruco:0.*{told}"):
+    with running(tracker), pytest.raises(ConfigError, match=f"aruco:0.*{told}"):
         tracker.advance_to(0)
     tracker.advance_to(50_000)
 
@@ -241,7 +242,7 @@ def test_camera_that_changes_the_shape_of_its_images_in_mid_run_is_lost_and_says
     model = CameraModel(MATRIX, DISTORTION, (1280, 960))
     detector = TagDetector(model, ArucoSettings(TAG_MM))
     tracker = ArucoTracker("aruco:0", lambda: Images(scene, cropped, cropped), detector)
-    with tracker:
+    with running(tracker):
         for time_us in (0, 50_000, 100_000):
             tracker.advance_to(time_us)
         assert tracker.health.frames == 1

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ccr_host.core.clock import RealClock, VirtualClock
 from ccr_host.tracking.sources.igtl import IgtlTracker
+from tests.exposer import running
 from tests.patience import PATIENCE_S
 
 STEP_US = 50_000
@@ -328,7 +329,7 @@ def test_real_server_that_goes_away_and_comes_back():
 
     tracker = IgtlTracker("127.0.0.1", port, expected_tools=MARKERS)
     clock.attach(tracker)
-    with tracker:
+    with running(tracker):
         stream_until(6)
         assert tracker.health.frames >= 6
         assert tracker.newest_frame().tools["M2"].position_mm[1] == 2

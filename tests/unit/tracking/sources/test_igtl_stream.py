@@ -12,6 +12,7 @@ from ccr_host.core.errors import TrackerError
 from ccr_host.tracking.sources.igtl import IgtlTracker
 from ccr_host.tracking.sources.igtl_stream import IgtlStream, igtl_opener
 from ccr_host.tracking.tracker import ForeignPeerError, wait_until_tracking
+from tests.exposer import running
 from tests.foreign_servers import FOREIGN, foreign_server
 from tests.patience import PATIENCE_S
 
@@ -146,7 +147,7 @@ def test_foreign_server_is_one_clear_error(kind, capfd):
         clock = RealClock()
         tracker = IgtlTracker("127.0.0.1", port, expected_tools=("M1", "M2", "M3"))
         clock.attach(tracker)
-        with tracker, pytest.raises(TrackerError) as refusal:
+        with running(tracker), pytest.raises(TrackerError) as refusal:
             wait_until_tracking(tracker, clock, timeout_us=patience_us)
     assert told in str(refusal.value)
     assert capfd.readouterr() == ("", "")

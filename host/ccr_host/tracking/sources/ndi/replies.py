@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from enum import Enum, IntFlag
+from enum import IntFlag
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -116,16 +116,6 @@ class SystemStatus(IntFlag):
     TEMPERATURE = 1 << 9
 
 
-class PortStatus(IntFlag):
-    """Port status, the eight digits after a tool's transform."""
-
-    OCCUPIED = 1 << 0
-    INITIALISED = 1 << 4
-    ENABLED = 1 << 5
-    OUT_OF_VOLUME = 1 << 6
-    PARTIALLY_OUT_OF_VOLUME = 1 << 7
-
-
 _WARNINGS = {
     SystemStatus.SYNC_ERROR: "the camera lost synchronisation; power it off and on",
     SystemStatus.EXTERNAL_INFRARED: "too much infrared light; shade lamps and the sun",
@@ -192,23 +182,12 @@ _TOOL = re.compile(
     r"(?P<handle>[0-9A-F]{2})"
     r"(?:UNOCCUPIED|"
     r"(?:(?P<q>(?:[+-][0-9]{5}){4})(?P<t>(?:[+-][0-9]{6}){3})(?P<error>[+-][0-9]{5})"
-    r"|(?P<absent>MISSING|DISABLED))"
-    r"(?P<status>[0-9A-F]{8})(?P<frame>[0-9A-F]{8}))\n"
+    r"|(?:MISSING|DISABLED))"
+    r"[0-9A-F]{8}(?P<frame>[0-9A-F]{8}))\n"
 )
 _STRAYS = re.compile(r"(?P<bits>[0-9A-F]*)(?P<markers>(?:[+-][0-9]{6})*)")
+"""The bits are not used, as their assignment to strays is disputed."""
 _STATUS = re.compile(r"[0-9A-F]{4}")
-
-
-_NO_STATUS = PortStatus(0)
-
-
-class ToolState(Enum):
-    """Whether a tool has a pose, and if not, why."""
-
-    TRACKED = "tracked"
-    MISSING = "MISSING"
-    DISABLED = "DISABLED"
-    UNOCCUPIED = "UNOCCUPIED"
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,11 +195,10 @@ class ToolReport:
     """One tool in one frame."""
 
     handle: int
-    state: ToolState
-    status: PortStatus = _NO_STATUS
-    frame: int | None = None
+    frame: int | None
     """Counts at 60 Hz from TSTART; None for an unoccupied handle."""
     pose: Pose | None = None
+    """None if it is missing, disabled or unoccupied."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,8 +208,6 @@ class TxReply:
     tools: tuple[ToolReport, ...]
     strays_mm: Array
     """(n, 3), in the camera's frame."""
-    out_of_volume_bits: int
-    """As sent, and not used, as the assignment of bits to strays is disputed."""
     system_status: SystemStatus
 
     @property
@@ -265,18 +241,15 @@ def parse_tx(text: str) -> TxReply:
     return TxReply(
         tools=tuple(tools),
         strays_mm=_decimals(match["markers"], _COORDINATE_CHARS, _UNITS_PER_MM).reshape(-1, 3),
-        out_of_volume_bits=int(match["bits"] or "0", 16),
         system_status=SystemStatus(int(text[strays_end:], 16)),
     )
 
 
 def _tool(match: re.Match[str]) -> ToolReport:
     handle = int(match["handle"], 16)
-    if match["status"] is None:
-        return ToolReport(handle, ToolState.UNOCCUPIED)
-    status, frame = PortStatus(int(match["status"], 16)), int(match["frame"], 16)
-    if match["absent"]:
-        return ToolReport(handle, ToolState(match["absent"]), status, frame)
+    frame = int(match["frame"], 16) if match["frame"] else None
+    if not match["q"]:
+        return ToolReport(handle, frame)
     quaternion = _decimals(match["q"], _RATIO_CHARS, _UNITS_PER_ONE)
     if abs(float(quaternion @ quaternion) - 1) > _NORM_TOLERANCE:
         raise DamagedReplyError("a quaternion that is not of unit length")
@@ -285,7 +258,7 @@ def _tool(match: re.Match[str]) -> ToolReport:
         quaternion=quaternion,
         error_mm=int(match["error"]) / _UNITS_PER_ONE,
     )
-    return ToolReport(handle, ToolState.TRACKED, status, frame, pose)
+    return ToolReport(handle, frame, pose)
 
 
 def _hex_byte(text: str, at: int, what: str) -> tuple[int, int]:

@@ -20,6 +20,7 @@ from ccr_host.tracking.sources.ndi.rom import (
 )
 from ccr_host.tracking.sources.ndi.session import Tool
 from ccr_host.tracking.tracker import wait_until_tracking
+from tests.exposer import running
 from tests.unit.tracking.sources.ndi.conftest import MARKERS_MM
 
 CAMERA_MM = Placement().to_camera(MARKERS_MM)
@@ -335,7 +336,10 @@ def test_no_camera_is_one_clear_line_with_what_was_tried():
 
     tracker = NdiTracker("ndi:/dev/ttyUSB0", DeadLine)
     clock.attach(tracker)
-    with tracker, pytest.raises(TrackerError, match="ndi:/dev/ttyUSB0: no frame") as refusal:
+    with (
+        running(tracker),
+        pytest.raises(TrackerError, match="ndi:/dev/ttyUSB0: no frame") as refusal,
+    ):
         wait_until_tracking(tracker, clock)
     assert "does not answer" in refusal.value.cure
 
@@ -377,7 +381,7 @@ def test_what_is_no_camera_is_called_so_with_what_it_said(says, shown, has_baud)
     clock = VirtualClock()
     tracker = NdiTracker("ndi:there", lambda: Speaker(says, has_baud=has_baud))
     clock.attach(tracker)
-    with tracker, pytest.raises(TrackerError, match="no NDI camera") as refusal:
+    with running(tracker), pytest.raises(TrackerError, match="no NDI camera") as refusal:
         wait_until_tracking(tracker, clock)
     assert shown in str(refusal.value)
     if not has_baud:  # on a serial line a camera may still be starting
@@ -392,7 +396,7 @@ def test_what_closes_the_connection_again_and_again_is_given_up_within_seconds()
     clock = VirtualClock()
     tracker = NdiTracker("ndi+tcp://there", lambda: Closing(b"", has_baud=False))
     clock.attach(tracker)
-    with tracker, pytest.raises(TrackerError, match=r"no frame within [345] s") as refusal:
+    with running(tracker), pytest.raises(TrackerError, match=r"no frame within [345] s") as refusal:
         wait_until_tracking(tracker, clock)
     assert "closed the connection" in refusal.value.cure
 

@@ -14,7 +14,7 @@ from ccr_host.sim.serving.server import BoardServer
 from ccr_host.tracking.sources.ndi.driver import NdiTracker
 from ccr_host.tracking.sources.ndi.port import SerialPort, TcpPort
 from ccr_host.tracking.tracker import wait_until_tracking
-from tests.exposer import Exposer
+from tests.exposer import Exposer, running
 from tests.served import wait_until_left
 from tests.unit.tracking.sources.ndi.conftest import MARKERS_MM
 
@@ -35,7 +35,7 @@ def test_driver_tracks_and_leaves_the_camera_for_the_next_one(kind):
             opener = SerialPort if kind == "pty" else TcpPort
             tracker = NdiTracker("ndi", lambda: opener(address))  # noqa: B023
             clock.attach(tracker)
-            with tracker:
+            with running(tracker):
                 wait_until_tracking(tracker, clock)
                 clock.sleep_until_us(clock.now_us() + 500_000)
                 frame = tracker.newest_frame()

@@ -11,9 +11,7 @@ from ccr_host.core.errors import TrackerError
 from ccr_host.core.wire import crc16_arc
 from ccr_host.tracking.sources.ndi.replies import (
     DamagedReplyError,
-    PortStatus,
     SystemStatus,
-    ToolState,
     TxReply,
     decode_reply,
     parse_tx,
@@ -38,26 +36,23 @@ def same(a: TxReply, b: TxReply) -> bool:
 
 def parts(reply: TxReply) -> tuple:
     tools = tuple(
-        (t.handle, t.state, t.status, t.frame)
+        (t.handle, t.frame)
         + (() if t.pose is None else (tuple(t.pose.position_mm), tuple(t.pose.quaternion)))
         for t in reply.tools
     )
-    return tools, reply.strays_mm.tobytes(), reply.out_of_volume_bits, reply.system_status
+    return tools, reply.strays_mm.tobytes(), reply.system_status
 
 
 def test_example_by_hand():
     reply = parse_tx(EXAMPLE)
     first, second, third = reply.tools
-    assert first.state is ToolState.TRACKED
     np.testing.assert_array_equal(first.pose.position_mm, (12.34, -56.78, -900))
     np.testing.assert_array_equal(first.pose.quaternion, (1, 0, 0, 0))
     assert first.pose.error_mm == 0.0915
-    assert first.status == PortStatus.OCCUPIED | PortStatus.INITIALISED | PortStatus.ENABLED
-    assert (second.state, second.pose) == (ToolState.MISSING, None)
-    assert (third.state, third.pose) == (ToolState.DISABLED, None)
+    assert (second.pose, second.frame) == (None, 300)
+    assert (third.pose, third.frame) == (None, 0)
     assert reply.frame == 300
     np.testing.assert_array_equal(reply.strays_mm, [(10, -20, -1000), (-0.01, 0, -1400)])
-    assert reply.out_of_volume_bits == 0b0100
     assert reply.system_status == SystemStatus.TEMPERATURE | SystemStatus.DIAGNOSTIC_PENDING
 
 
@@ -68,9 +63,9 @@ def test_reply_without_tools_and_strays():
     assert reply.strays_mm.shape == (0, 3)
 
 
-def test_unoccupied_handle_has_neither_status_nor_frame():
+def test_unoccupied_handle_has_no_frame():
     (tool,) = parse_tx("01" + "0AUNOCCUPIED\n" + "00" + "0000").tools
-    assert (tool.handle, tool.state, tool.frame) == (10, ToolState.UNOCCUPIED, None)
+    assert (tool.handle, tool.pose, tool.frame) == (10, None, None)
 
 
 @pytest.mark.long
@@ -86,7 +81,7 @@ def check(sent: Contents, got: TxReply) -> None:
     assert got.system_status == sent.status
     assert len(got.tools) == len(sent.tools)
     for tool, line in zip(got.tools, sent.tools, strict=True):
-        assert (tool.handle, tool.status, tool.frame) == (line.handle, line.status, line.frame)
+        assert (tool.handle, tool.frame) == (line.handle, line.frame)
         assert (tool.pose is None) == (line.position_mm is None)
         if tool.pose is not None:
             assert np.array_equal(tool.pose.position_mm, line.position_mm)
