@@ -219,13 +219,7 @@ def comparison_table(
             "floor": [_hundredths(summary["twin_floor_mean_error_mm"]) for summary in summaries],
             "ratio": [_hundredths(ratio_to_twin_floor(summary)) for summary in summaries],
         }
-    table = Table(
-        title=f"tip error (mm){options[0].on_surface}",
-        title_justify="left",
-        box=box.SIMPLE,
-        collapse_padding=True,
-        pad_edge=False,
-    )
+    table = _narrow_table(f"tip error (mm){options[0].on_surface}")
     for heading in ("path", "controller"):
         table.add_column(heading, no_wrap=True)
     for heading in columns:
@@ -239,16 +233,23 @@ def comparison_table(
     return _explained(table, "tip error", *(term for term in _TERMS if term in columns))
 
 
-def sweep_table(groups: Sequence[Mapping[str, Any]]) -> Table:
-    """Distributions over random twins, one row per controller and rate."""
-    table = Table(
-        title="mean true error over the floor of the same twin",
+def _narrow_table(title: str, caption: str = "") -> Table:
+    return Table(
+        title=title,
         title_justify="left",
         box=box.SIMPLE,
         collapse_padding=True,
         pad_edge=False,
-        caption="excess: median above the floor (mm); limits: exceeded; early: ended by a fault",
+        caption=caption or None,
         caption_justify="left",
+    )
+
+
+def sweep_table(groups: Sequence[Mapping[str, Any]]) -> Table:
+    """Distributions over random twins, one row per controller and rate."""
+    table = _narrow_table(
+        "mean true error over the floor of the same twin",
+        "excess: median above the floor (mm); limits: exceeded; early: ended by a fault",
     )
     table.add_column("Hz", justify="right")
     table.add_column("controller", no_wrap=True)

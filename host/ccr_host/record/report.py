@@ -21,7 +21,7 @@ from ccr_host.record.folder import METRICS_FILE
 from ccr_host.record.log.reader import RunRecording, play_run
 from ccr_host.record.log.topics import NUMBER, OBJECT, TEXT, array, nullable, record, validator
 from ccr_host.run.observer import RunObserver, RunSetup, StepRecord
-from ccr_host.run.summary import error_figures
+from ccr_host.run.summary import error_figures, ratio_to_twin_floor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -196,7 +196,7 @@ def report_page(runs: Sequence[RecordedRun]) -> str:
     environment = Environment(loader=PackageLoader("ccr_host.record", "."), autoescape=True)
     environment.filters |= {
         "mm": _mm,
-        "ratio": _ratio,
+        "ratio": ratio_to_twin_floor,
         "dash": _dash,
         "configuration": _configuration,
         "why_measured_differs": why_measured_differs,
@@ -222,11 +222,6 @@ def _mm(value: float | Undefined | None) -> str:
 
 def _dash(value: int | Undefined | None) -> str:
     return str(value) if isinstance(value, int) else _DASH
-
-
-def _ratio(metrics: Mapping[str, Any]) -> str:
-    truth, floor = metrics.get("true_mean_error_mm"), metrics.get("twin_floor_mean_error_mm")
-    return f"{truth / floor:.2f}" if truth and floor else _DASH
 
 
 def _configuration(run: RecordedRun) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,10 +19,10 @@ from ccr_host.run.options import RunOptions
 
 LATERAL = [PATH_AXES["y"], PATH_AXES["z"]]
 
-
 _ERROR_KEYS = (
     "mean_error_mm", "rmse_mm", "p95_error_mm", "max_error_mm", "mean_lateral_error_mm",
 )  # fmt: skip
+_LINK_KEYS = ("sent", "received", "crc_errors", "retries", "rtt_us_median", "rtt_us_p99")
 
 
 def statistics_of(errors_mm: Array, prefix: str = "") -> dict[str, float | None]:
@@ -86,6 +87,7 @@ def summarise(
     """Summarise a run, with the error figures of the open loop if that was run too."""
     reference, records = result.reference, result.records
     solved_us = [record.solve_us for record in records if record.solve_us > 0]
+    outcomes, link = Counter(record.outcome for record in records), result.link
     return {
         "path": reference.name,
         "controller": result.options.controller,
@@ -106,13 +108,13 @@ def summarise(
         "missed_deadlines": sum(record.late for record in records),
         "tracker_lost_steps": sum(record.measured_mm is None for record in records),
         "jumped_pictures": result.jumped_pictures,
-        "coasted_steps": _count(records, Outcome.COASTED),
-        "held_steps": _count(records, Outcome.HELD),
-        "skipped_steps": _count(records, Outcome.SKIPPED),
-        "clamped_commands": None if result.link is None else result.link.clamped_targets,
-        "board_holds": None if result.link is None else result.link.holds,
-        "board_relaxes": None if result.link is None else result.link.relaxes,
-        "link": _link_figures(result.link),
+        "coasted_steps": outcomes[Outcome.COASTED],
+        "held_steps": outcomes[Outcome.HELD],
+        "skipped_steps": outcomes[Outcome.SKIPPED],
+        "clamped_commands": None if link is None else link.clamped_targets,
+        "board_holds": None if link is None else link.holds,
+        "board_relaxes": None if link is None else link.relaxes,
+        "link": None if link is None else {key: getattr(link, key) for key in _LINK_KEYS},
         "wall_s": result.wall_s,
         "faults": [full_text(result.failure)] if isinstance(result.failure, Exception) else [],
     }
@@ -131,26 +133,10 @@ def ratio_to_twin_floor(summary: Mapping[str, Any]) -> float | None:
 
     None without a twin, or if it can reach the whole path.
     """
-    error_mm, floor_mm = summary.get("true_mean_error_mm"), summary["twin_floor_mean_error_mm"]
-    is_meaningful = error_mm is not None and floor_mm is not None and floor_mm > REACHABLE_MM
-    return error_mm / floor_mm if is_meaningful else None
-
-
-def _count(records: Sequence[StepRecord], outcome: Outcome) -> int:
-    return sum(record.outcome is outcome for record in records)
-
-
-def _link_figures(link: LinkStatistics | None) -> dict[str, float | None] | None:
-    if link is None:
+    error_mm, floor_mm = summary.get("true_mean_error_mm"), summary.get("twin_floor_mean_error_mm")
+    if error_mm is None or floor_mm is None or floor_mm <= REACHABLE_MM:
         return None
-    return {
-        "sent": link.sent,
-        "received": link.received,
-        "crc_errors": link.crc_errors,
-        "retries": link.retries,
-        "rtt_us_median": link.rtt_us_median,
-        "rtt_us_p99": link.rtt_us_p99,
-    }
+    return float(error_mm / floor_mm)
 
 
 def error_figures(records: Sequence[StepRecord]) -> dict[str, float | None]:

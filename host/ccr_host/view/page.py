@@ -5,9 +5,9 @@ It lives in the server's thread, see `in_servers_thread`; there viser calls what
 
 from __future__ import annotations
 
-import html
 import math
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -230,9 +230,9 @@ def status_html(setup: RunSetup, moment: Moment, dropped_batches: int = 0) -> st
     rows = [
         (
             "run",
-            _text(f"{setup.reference.name}, {setup.options.controller}{setup.options.on_surface}"),
+            escape(f"{setup.reference.name}, {setup.options.controller}{setup.options.on_surface}"),
         ),
-        ("phase", f"<b>{_text(_phase(moment))}</b>"),
+        ("phase", f"<b>{escape(_phase(moment))}</b>"),
         ("step", _step(setup, moment)),
         ("error", _error(moment)),
         ("board", _board(moment)),
@@ -256,7 +256,7 @@ def legend_html(full_scale_mm: float, setup: RunSetup) -> str:
         (palette.MARKER, f"markers {', '.join(markers)}"),
         (palette.DESIRED, "desired path"),
         (palette.UNREACHABLE, "desired path out of reach"),
-        (palette.of_controller(controller), f"target, and plan of {_text(controller)}"),
+        (palette.of_controller(controller), f"target, and plan of {escape(controller)}"),
     )
     swatches = "".join(
         f'<div><span style="display:inline-block;width:1.6em;height:0.55em;margin-right:0.6em;'
@@ -336,12 +336,8 @@ def _tracker(setup: RunSetup, moment: Moment) -> str:
         return _coloured(f"no markers for {moment.markers_age_us * 1e-6:.1f} s", _BAD)
     ages_us = [age for age in moment.steps.age_us[-1:] if not math.isnan(age)]
     age = f"age {ages_us[0] / 1000:.0f} ms, " if ages_us else ""
-    return f"{_text(setup.options.tracker)} {age}{lost_text}"
+    return f"{escape(setup.options.tracker)} {age}{lost_text}"
 
 
 def _coloured(text: str, colour: str) -> str:
-    return f'<span style="color:{colour}">{_text(text)}</span>'
-
-
-def _text(text: str) -> str:
-    return html.escape(text)
+    return f'<span style="color:{colour}">{escape(text)}</span>'

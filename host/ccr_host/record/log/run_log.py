@@ -135,27 +135,12 @@ class RunLog(RunObserver):
             self._write(topics.DIAGNOSTICS, time_us, self._diagnostics(time_us, report))
 
     def marker_frame(self, time_us: int, frame: MarkerFrame) -> None:
-        tools = {
-            name: {
-                "position_mm": tool.position_mm.tolist(),
-                "quaternion": tool.quaternion.tolist(),
-                "error_mm": tool.error_mm,
-            }
-            for name, tool in frame.tools.items()
-        }
-        content = {
-            "exposed_us": frame.exposed_us,
-            "frame_number": frame.frame_number,
-            "points_mm": frame.points_mm.tolist(),
-            "out_of_volume": frame.out_of_volume.tolist(),
-            "tools": tools,
-        }
-        self._write(topics.MARKER_FRAME, time_us, content)
+        tools = {name: vars(tool) for name, tool in frame.tools.items()}
+        self._write(topics.MARKER_FRAME, time_us, {**vars(frame), "tools": tools})
 
     def tracker_sample(self, time_us: int, sample: Sample) -> None:
         self._sample = sample
-        content = {"exposed_us": sample.exposed_us, "markers_mm": sample.markers_mm.tolist()}
-        self._write(topics.SAMPLE, time_us, content)
+        self._write(topics.SAMPLE, time_us, vars(sample))
 
     def control(self, time_us: int, observation: Observation | None, command: Command) -> None:
         seen = observation
@@ -235,9 +220,10 @@ class RunLog(RunObserver):
 
     def _write(self, topic: Topic, time_us: int, content: dict[str, Any]) -> None:
         try:
-            packed = to_json(content, inf_nan_mode="null")
+            packed = to_json(content, inf_nan_mode="null", fallback=np.ndarray.tolist)
         except PydanticSerializationError:  # a file's name that is not UTF-8
-            packed = json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")
+            text = json.dumps(content, ensure_ascii=False, default=np.ndarray.tolist)
+            packed = text.encode("utf-8", "replace")
         message = (topic, time_us, packed)
         if self._log is None:
             self._waiting.append(message)
@@ -253,12 +239,8 @@ class RunLog(RunObserver):
     def _write_reference(self, reference: Reference) -> None:
         for start in range(0, len(reference), _REFERENCE_PIECE):
             piece = slice(start, start + _REFERENCE_PIECE)
-            content = {
-                "time_s": reference.time_s[piece].tolist(),
-                "target_mm": reference.target_mm[piece].tolist(),
-                "q_rad": reference.q_rad[piece].tolist(),
-                "unavoidable_mm": reference.unavoidable_mm[piece].tolist(),
-            }
+            columns = ("time_s", "target_mm", "q_rad", "unavoidable_mm")
+            content = {name: getattr(reference, name)[piece] for name in columns}
             self._write(topics.REFERENCE, 0, content)
 
     def _draw(self, record: StepRecord) -> None:

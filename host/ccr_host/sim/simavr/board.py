@@ -200,10 +200,6 @@ class SimavrBoard:
         """
         self.mcu.send(self.cycle, data, CLOCK_HZ // baud if baud else 0)
 
-    def forget_unsent(self) -> None:
-        """Drop bytes to the board whose transmission has not started."""
-        self.mcu.forget_unsent()
-
     def take_output(self) -> bytes:
         """Remove and return the bytes that the board has sent."""
         return self.mcu.take_departures()["value"].tobytes()
@@ -356,5 +352,5 @@ class SimavrLine:
 
         ``boot_loader_us`` is ignored: the board has a real boot loader or none.
         """
-        self.board.forget_unsent()
+        self.board.mcu.forget_unsent()
         self.board.reset(ResetCause.EXTERNAL)

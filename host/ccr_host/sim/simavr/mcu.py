@@ -227,6 +227,7 @@ class Mcu:
         self._shim.rig_set_voltage(self._rig, voltage_mv)
 
     def forget_unsent(self) -> None:
+        """Drop bytes to the board whose transmission has not started."""
         self._shim.rig_forget_unsent(self._rig)
 
     def take_departures(self) -> Records:
