@@ -11,7 +11,7 @@ docs/control-baselines.md describes how the constants were found.
 
 from __future__ import annotations
 
-from typing import Protocol
+from abc import abstractmethod
 
 import numpy as np
 
@@ -85,22 +85,11 @@ class PidIk(Law):
         return Plan(q_rad, self._model.tip_mm(reachable_rad)[None])
 
 
-class JacobianEstimator(Protocol):
-    """Estimates J, (3, n) in mm/rad, from secants."""
-
-    jacobian_mm_rad: Array
-
-    def start(self, guess_mm_rad: Array) -> None:
-        """Reset the estimate to a first guess."""
-        ...
-
-    def correct(self, turn_rad: Array, move_mm: Array) -> None:
-        """Process a secant: turn of the motors, (n,), not zero, and move of the tip, (3,)."""
-        ...
-
-
 class JacobianFeedback(Law):
-    """q += J^+ (path's step + part of the error), with damped J^+ and J estimated during motion."""
+    """q += J^+ (path's step + part of the error), with damped J^+ and J estimated during motion.
+
+    ``jacobian_mm_rad`` is J, (3, n).
+    """
 
     _INTEGRAL_TIME_S = 0.06
     """An error seen for T is corrected by the share T / (T + this): 0.94 at 1 Hz, 0.45 at 20 Hz."""
@@ -113,15 +102,14 @@ class JacobianFeedback(Law):
     _MOTION_THRESHOLD_RAD = 0.03
     """Shorter motions, 3 mm of the tip, are not informative at 0.25 mm of noise."""
 
-    def __init__(self, description: Description, estimator: JacobianEstimator) -> None:
+    def __init__(self, description: Description) -> None:
         self._model = ConstantCurvature(description.robot)
         self._limits = MotorLimits.of(description.servo)
-        self._estimator = estimator
 
     def start(self, path: PathView, history: SetpointHistory) -> None:
         """Begin a path with the model's J at the first point."""
         super().start(path, history)
-        self._estimator.start(self._model.jacobian_mm_rad(path.reachable_rad(0.0)))
+        self.guess(self._model.jacobian_mm_rad(path.reachable_rad(0.0)))
         self._newest: Measurement | None = None
         self._elapsed_s = path.period_s
         self._anchor: Measurement | None = None
@@ -144,7 +132,7 @@ class JacobianFeedback(Law):
         target_mm = self.path.target_mm(index)
         wanted_mm = target_mm - self._target_mm + self._correction_mm
         self._target_mm, self._correction_mm = target_mm, np.zeros(3)
-        jacobian = self._estimator.jacobian_mm_rad
+        jacobian = self.jacobian_mm_rad
         turn_rad = damped_inverse(jacobian, self._DAMPING_MM) @ wanted_mm
         longest_rad = min(self._LONGEST_MOVE_RAD, self._FASTEST_RAD_S * self._elapsed_s)
         turn_rad = turn_rad * min(1.0, longest_rad / max(float(np.abs(turn_rad).max()), 1e-9))
@@ -159,27 +147,32 @@ class JacobianFeedback(Law):
             turn_rad = measurement.setpoint_rad - self._anchor.setpoint_rad
             if float(np.linalg.norm(turn_rad)) < self._MOTION_THRESHOLD_RAD:
                 return
-            self._estimator.correct(turn_rad, measurement.tip_mm - self._anchor.tip_mm)
+            self.correct(turn_rad, measurement.tip_mm - self._anchor.tip_mm)
         self._anchor = measurement
 
+    def guess(self, jacobian_mm_rad: Array) -> None:
+        """Reset the estimate of J."""
+        self.jacobian_mm_rad = jacobian_mm_rad
 
-class BroydenEstimator:
-    """J += rate (dx - J dq) dq' / (dq'dq + regularisation^2).
+    @abstractmethod
+    def correct(self, turn_rad: Array, move_mm: Array) -> None:
+        """Process a secant: turn of the motors, (n,), not zero, and move of the tip, (3,)."""
+
+
+class Broyden(JacobianFeedback):
+    """Visual servoing with J += rate (dx - J dq) dq' / (dq'dq + regularisation^2).
 
     As in uncalibrated visual servoing (Jagersand, Fuentes, Nelson, ICRA 1997); the least change of
     J that explains a motion, as Yip and Camarillo estimate it (IEEE T-RO 30(4), 2014), is Broyden's
     update as long as no constraint is active.
     """
 
+    name = "broyden"
+
     _RATE = 0.5
     """1 fits the newest secant, a lower rate averages several."""
     _REGULARISATION_RAD = 0.03
     """Turns well below this change J little."""
-
-    jacobian_mm_rad: Array
-
-    def start(self, guess_mm_rad: Array) -> None:
-        self.jacobian_mm_rad = guess_mm_rad
 
     def correct(self, turn_rad: Array, move_mm: Array) -> None:
         residual_mm = move_mm - self.jacobian_mm_rad @ turn_rad
@@ -187,13 +180,15 @@ class BroydenEstimator:
         self.jacobian_mm_rad = self.jacobian_mm_rad + weight * np.outer(residual_mm, turn_rad)
 
 
-class KalmanEstimator:
-    """Kalman filter whose state is the entries of J.
+class KalmanJacobian(JacobianFeedback):
+    """Visual servoing with a Kalman filter whose state is the entries of J.
 
     As in model-free control of continuum robots (Li, Kang, Branson, Dai, IEEE/ASME T-Mech 23(1),
     2018): the entries follow random walks, each motion dx = J dq + noise measures them. The
     rows of J share one covariance, (n, n): their regressors and noises are the same.
     """
+
+    name = "kalman-jacobian"
 
     _DEVIATION_MM_RAD = 40.0
     """Standard deviation of the first guess."""
@@ -202,11 +197,9 @@ class KalmanEstimator:
     _NOISE_MM = 1.5
     """Noise of a measured motion, including nonlinearity."""
 
-    jacobian_mm_rad: Array
-
-    def start(self, guess_mm_rad: Array) -> None:
-        self.jacobian_mm_rad = guess_mm_rad
-        self._covariance = self._DEVIATION_MM_RAD**2 * np.eye(guess_mm_rad.shape[1])
+    def guess(self, jacobian_mm_rad: Array) -> None:
+        super().guess(jacobian_mm_rad)
+        self._covariance = self._DEVIATION_MM_RAD**2 * np.eye(jacobian_mm_rad.shape[1])
 
     def correct(self, turn_rad: Array, move_mm: Array) -> None:
         turned_rad = float(np.linalg.norm(turn_rad))
@@ -217,24 +210,6 @@ class KalmanEstimator:
         innovation_mm = move_mm - self.jacobian_mm_rad @ turn_rad
         self.jacobian_mm_rad = self.jacobian_mm_rad + np.outer(innovation_mm, gain)
         self._covariance = covariance - variance_mm2 * np.outer(gain, gain)
-
-
-class Broyden(JacobianFeedback):
-    """Visual servoing with Broyden's rank-one update."""
-
-    name = "broyden"
-
-    def __init__(self, description: Description) -> None:
-        super().__init__(description, BroydenEstimator())
-
-
-class KalmanJacobian(JacobianFeedback):
-    """Visual servoing with a Kalman filter."""
-
-    name = "kalman-jacobian"
-
-    def __init__(self, description: Description) -> None:
-        super().__init__(description, KalmanEstimator())
 
 
 class OffsetFreeMpc(Law):

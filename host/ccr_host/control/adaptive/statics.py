@@ -248,12 +248,11 @@ def forces_of(
     led_2 = theta_2 + p.plane_1_rad * theta_1
     ahead_1, ahead_2 = p.gain_1 * shafts[0] - theta_1, gain_2 * shafts[1] - led_2
     lever_1, lever_2 = sign(ahead_1) + sag_1_slope, sign(ahead_2) + sag_2_slope
-    taut = _taut(
+    tension_1, tension_2, spring_11, spring_12, spring_22 = _taut(
         p,
         abs(ahead_1) - p.gain_1 * p.slack_1_rad - sag_1,
         abs(ahead_2) - gain_2 * p.slack_2_rad - sag_2,
     )
-    tension_1, tension_2, spring_11, spring_12, spring_22 = taut
     lever_21 = sag_1_slope + sign(ahead_2) * p.plane_1_rad
     along_1 = spring_11 * lever_1 + spring_12 * lever_21
     along_2 = spring_12 * lever_1 + spring_22 * lever_21
@@ -284,20 +283,15 @@ def forces_of(
     return Forces(moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22)
 
 
-class _Taut(NamedTuple):
-    """Tensions of the two pairs, and their derivatives in both excesses."""
-
-    tension_1: Number
-    tension_2: Number
-    spring_11: Number
-    spring_12: Number
-    spring_22: Number
-
-
-def _taut(p: Parameters, excess_1: Number, excess_2: Number) -> _Taut:
+def _taut(
+    p: Parameters, excess_1: Number, excess_2: Number
+) -> tuple[Number, Number, Number, Number, Number]:
     """Tensions at lengths by which the tendons of motors 1 and 2 are wound too short; at least 0.
 
     Each stretches its tendon and shortens the segments that it passes, which slackens both.
+
+    Returns:
+        Both tensions, then their derivatives in both excesses: 11, 12 and 22.
     """
     yields_1 = p.compliance_1 + p.shortening
     yields_2 = _yields_2(p)
@@ -308,7 +302,7 @@ def _taut(p: Parameters, excess_1: Number, excess_2: Number) -> _Taut:
     tension_2 = positive(excess_2 - both * tension_1) / yields_2
     pulls_1, pulls_2 = 1.0 * (tension_1 > 0.0), 1.0 * (tension_2 > 0.0)
     share = 1.0 / (yields_1 * yields_2 - pulls_1 * pulls_2 * both * both)
-    return _Taut(
+    return (
         tension_1,
         tension_2,
         pulls_1 * yields_2 * share,

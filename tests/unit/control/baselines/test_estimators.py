@@ -3,20 +3,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.control.baselines import (
-    BroydenEstimator,
-    KalmanEstimator,
-    damped_inverse,
-)
+from ccr_host.control.baselines import Broyden, KalmanJacobian, damped_inverse
+from ccr_host.description.schema import Description
 
 TRUE = np.array([[0.0, 80.0], [60.0, -10.0], [90.0, 25.0]])
-ESTIMATORS = [BroydenEstimator, KalmanEstimator]
+ESTIMATORS = [Broyden, KalmanJacobian]
 
 
 @pytest.mark.parametrize("estimator_type", ESTIMATORS)
 def test_motions_of_a_linear_robot_teach_its_jacobian(estimator_type):
-    estimator = estimator_type()
-    estimator.start(np.array([[0.0, 110.0], [20.0, 20.0], [120.0, -10.0]]))
+    estimator = estimator_type(Description())
+    estimator.guess(np.array([[0.0, 110.0], [20.0, 20.0], [120.0, -10.0]]))
     rng = np.random.default_rng(3)
     for turn in rng.normal(scale=0.1, size=(60, 2)):
         estimator.correct(turn, TRUE @ turn)
@@ -32,8 +29,8 @@ def test_a_correction_explains_more_and_leaves_the_direction_across_alone(
     estimator_type, turn, move
 ):
     turn, move = np.array(turn), np.array(move)
-    estimator = estimator_type()
-    estimator.start(TRUE)
+    estimator = estimator_type(Description())
+    estimator.guess(TRUE)
     estimator.correct(turn, move)
     unexplained_before = np.linalg.norm(move - TRUE @ turn)
     unexplained_after = np.linalg.norm(move - estimator.jacobian_mm_rad @ turn)
@@ -44,8 +41,8 @@ def test_a_correction_explains_more_and_leaves_the_direction_across_alone(
 
 @pytest.mark.parametrize("estimator_type", ESTIMATORS)
 def test_one_wild_motion_is_forgotten_after_a_few_good_ones(estimator_type):
-    estimator = estimator_type()
-    estimator.start(TRUE)
+    estimator = estimator_type(Description())
+    estimator.guess(TRUE)
     estimator.correct(np.array([0.03, 0.0]), np.array([80.0, -80.0, 80.0]))
     rng = np.random.default_rng(4)
     for turn in rng.normal(scale=0.1, size=(60, 2)):
