@@ -35,16 +35,7 @@ from types import MappingProxyType
 from typing import ClassVar, Final
 
 from ccr_host.link import payload
-from ccr_host.link.payload import (
-    AXES,
-    BySize,
-    Message,
-    Payload,
-    PayloadError,
-    by_id,
-    nested,
-    wire,
-)
+from ccr_host.link.payload import AXES, BySize, Message, Payload, PayloadError, by_id, nested, wire
 
 __all__ = ["Message", "Payload", "PayloadError"]  # re-exported; all else is public as it stands
 '''
@@ -282,7 +273,5 @@ def _class_docstring(name: str, prose: str) -> list[str]:
 
 
 def _docstring(text: str, indent: str) -> list[str]:
-    if len(f'{indent}"""{text}"""') <= _WIDTH:
-        return [f'{indent}"""{text}"""']
-    first, *more = textwrap.wrap(text, _WIDTH - len(indent) - 3)
-    return [f'{indent}"""{first}', *(indent + line for line in more), f'{indent}"""']
+    quoted = f'"""{text}"""'
+    return textwrap.wrap(quoted, _WIDTH, initial_indent=indent, subsequent_indent=indent)

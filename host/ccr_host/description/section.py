@@ -75,7 +75,8 @@ def one_for_all(value: object, count: int) -> object:
     return (value,) * count if is_number else value
 
 
-def _pair(value: object) -> object:
+def pair(value: object) -> object:
+    """Repeat a single number once."""
     return one_for_all(value, 2)
 
 
@@ -83,9 +84,9 @@ def _four(value: object) -> object:
     return one_for_all(value, 4)
 
 
-PerMotor = Annotated[tuple[T, ...], Per("motor"), BeforeValidator(_pair)]
+PerMotor = Annotated[tuple[T, ...], Per("motor"), BeforeValidator(pair)]
 """One value per motor, or one for all."""
-PerSegment = Annotated[tuple[T, ...], Per("segment"), BeforeValidator(_pair)]
+PerSegment = Annotated[tuple[T, ...], Per("segment"), BeforeValidator(pair)]
 """One value per segment from the base, or one for all."""
 PerTendon = Annotated[tuple[T, ...], Per("tendon", 4), BeforeValidator(_four)]
 """One value per tendon, in the order of `Robot.tendons`, or one for all."""

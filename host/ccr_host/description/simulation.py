@@ -22,7 +22,7 @@ from ccr_host.description.section import (
     TendonRadius,
     Turn,
     as_in,
-    one_for_all,
+    pair,
     within,
 )
 
@@ -32,7 +32,6 @@ _Share = Annotated[float, within(0, 1)]
 _Force = Annotated[float, within(-100, 100)]
 _Flexures = Annotated[int, within(1, 40)]
 _Slack = Annotated[float, within(0, 100)]
-_CreepShare = Annotated[float, within(0, 1)]
 _CreepTime = Annotated[float, within(0.1, 1e5)]
 _Offset = Annotated[float, within(-500, 500)]
 GRAVITY_M_S2 = 9.81
@@ -41,11 +40,6 @@ _Acceleration = Annotated[float, within(-100, 100)]
 
 def _is_number(value: object) -> TypeGuard[int | float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _both_branches(value: object) -> object:
-    """Expand one number to both branches."""
-    return one_for_all(value, 2)
 
 
 def _one_branch(value: object) -> object:
@@ -128,16 +122,10 @@ class Twin(Section):
     """Force over shortening of a whole segment; 0: its length does not change."""
     joint_damping: Annotated[float, within(0, 1)] = 1.2e-3
     """Damping of each flexure, N m s/rad."""
-    creep_share: Annotated[tuple[_CreepShare, _CreepShare], BeforeValidator(_one_branch)] = (
-        0.0,
-        0.0,
-    )
+    creep_share: Annotated[tuple[_Share, _Share], BeforeValidator(_one_branch)] = (0.0, 0.0)
     """Creep of the flexures, for up to two branches: part of the bending under a constant load that
     is added as time goes by."""
-    creep_time_s: Annotated[tuple[_CreepTime, _CreepTime], BeforeValidator(_both_branches)] = (
-        5.0,
-        60.0,
-    )
+    creep_time_s: Annotated[tuple[_CreepTime, _CreepTime], BeforeValidator(pair)] = (5.0, 60.0)
     """Time constant of each branch, at constant bending."""
     friction: Annotated[float, within(0, 100)] = 0.0
     """Dry friction of each tendon, N, whatever its tension."""

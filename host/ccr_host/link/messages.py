@@ -8,16 +8,7 @@ from types import MappingProxyType
 from typing import ClassVar, Final
 
 from ccr_host.link import payload
-from ccr_host.link.payload import (
-    AXES,
-    BySize,
-    Message,
-    Payload,
-    PayloadError,
-    by_id,
-    nested,
-    wire,
-)
+from ccr_host.link.payload import AXES, BySize, Message, Payload, PayloadError, by_id, nested, wire
 
 __all__ = ["Message", "Payload", "PayloadError"]  # re-exported; all else is public as it stands
 
@@ -37,38 +28,31 @@ TICK_US: Final = 20000
 """Period of the control tick and of the servo pulses. [us]"""
 TICK_PHASE_US: Final = 18000
 """Time from the start of a pulse frame to its control tick. No pulse is longer than 2.5 ms, so at
-the tick all pins are low and pulses can be switched on or off without cutting one short; the
-widths that the tick computes take effect 2 ms later, at the start of the next frame. [us]
-"""
+the tick all pins are low and pulses can be switched on or off without cutting one short; the widths
+that the tick computes take effect 2 ms later, at the start of the next frame. [us]"""
 BOOT_TICKS: Final = 5
 """Duration of the self-test after a reset: control tick 5, the sixth, ends it. [tick]"""
 RETRY_WINDOW_TICKS: Final = 50
 """A request repeated within this time is answered from memory instead of being executed again.
-[tick]
-"""
+[tick]"""
 WAY_TO_REST_MS: Final = 60000
 """Longest time to reach the rest pose with any configuration: 270 deg at the lowest slew and relax
-slew allowed, plus 6 s to brake and accelerate at the lowest acceleration. [ms]
-"""
+slew allowed, plus 6 s to brake and accelerate at the lowest acceleration. [ms]"""
 LISTENS_AFTER_US: Final = 2000
 """Time from a reset until the board accepts requests; anything received earlier is lost. [us]"""
 OUTSTANDING_REQUESTS: Final = 5
 """Number of requests that a host may have sent without having received their replies (REQ-5),
-unless the board announces another (`link_limits`): the longest replies to them and two reports
-fit into send_bytes. [request]
-"""
+unless the board announces another (`link_limits`): the longest replies to them and two reports fit
+into send_bytes. [request]"""
 OUTSTANDING_BYTES: Final = BySize(63, 127, 2)
 """Number of bytes that these requests may have in total, as encoded frames, unless the board
-announces another: they fit into the receive buffer. [byte]
-"""
+announces another: they fit into the receive buffer. [byte]"""
 SEND_BYTES: Final = BySize(255, 1023, 2)
 """Size of the send buffer. A frame that does not fit is dropped and counted. All frames except the
-reply to `stop` leave room for that reply. [byte]
-"""
+reply to `stop` leave room for that reply. [byte]"""
 SAG_TICKS: Final = 10
 """Number of consecutive ticks with too low a servo supply that raise the fault: longer than the
-inrush of starting servos. [tick]
-"""
+inrush of starting servos. [tick]"""
 FAULT_LOG_ADDRESS: Final = 320
 """Address of the fault log in EEPROM (LOG-1). [byte]"""
 FAULT_LOG_RECORDS: Final = 8
@@ -216,8 +200,7 @@ class NackCode(IntEnum):
     BUSY = 9
     """Repeat the request later. `arm`, `save_config` and requests that set a configuration group: a
     save is being written to EEPROM. `clear_fault`: no tick has switched off the pulses yet.
-    `get_fault_record`: a byte is being written to EEPROM.
-    """
+    `get_fault_record`: a byte is being written to EEPROM."""
     EMERGENCY_STOP_OPEN = 10
     """The emergency-stop input is open: close it before `clear_fault`."""
 
@@ -233,8 +216,7 @@ class EepromStatus(IntEnum):
     """One slot is corrupt; the other was loaded."""
     BOTH_BAD = 3
     """Nothing could be loaded and at least one slot is corrupt: arming is refused until the host
-    configures the board.
-    """
+    configures the board."""
 
 
 class StatusFlags(IntFlag):
@@ -247,8 +229,8 @@ class StatusFlags(IntFlag):
     MOVING = 0x04
     """The setpoint has not reached its goal: the target in `active`, otherwise the rest pose."""
     CLAMPED = 0x08
-    """The last accepted target was clamped to the angle limits, or its pulse to the pulse limits.
-    """
+    """The last accepted target was clamped to the angle limits, or its pulse to the pulse
+    limits."""
     EEPROM_BUSY = 0x10
     """A save is being written."""
     CONFIGURED = 0x20
@@ -316,8 +298,7 @@ class Slew(Payload, name="slew"):
 
     slew_cdeg_tick: tuple[int, ...] = wire("H", 10, 2000, "deg/tick", 0.01, count=AXES)
     """Largest change of the setpoint in one 20 ms tick. The lowest value bounds the time to reach
-    rest (WDG-6).
-    """
+    rest (WDG-6)."""
 
 
 class Acceleration(Payload, name="acceleration"):
@@ -334,8 +315,7 @@ class Watchdog(Payload, name="watchdog"):
     """Duration of `hold` before `relaxing`."""
     relax_slew_cdeg_tick: int = wire("H", 10, 500, "deg/tick", 0.01)
     """Rate of the slow return to rest, also while arming and disarming. The lower of this and the
-    slew limit applies.
-    """
+    slew limit applies."""
     arm_axis_ms: int = wire("H", 20, 5000, "ms")
     """Pause after enabling each servo."""
 
@@ -426,14 +406,12 @@ class StateReport(Payload, name="state_report"):
     """Sequence number of the last accepted target; 0 before the first."""
     target_age_ms: int = wire("H", 0, 65535, "ms")
     """Time since the last accepted target in whole control ticks: 20 in the report of the first
-    tick after it; 65535 before the first target, or if longer.
-    """
+    tick after it; 65535 before the first target, or if longer."""
     target_cdeg: tuple[int, ...] = wire("h", -32768, 32767, "deg", 0.01, count=AXES)
     """Last accepted target, after clamping; 0 before the first."""
     setpoint_cdeg: tuple[int, ...] = wire("h", -32768, 32767, "deg", 0.01, count=AXES)
     """Angle that ramp and slew limit have reached. Clamping by `set_limits` is reported from the
-    next tick on.
-    """
+    next tick on."""
     pulse_half_us: tuple[int, ...] = wire("H", 0, 65535, "us", 0.5, count=AXES)
     """Pulses computed by the last tick, output from the start of the next frame; 0: no pulse."""
     link_errors: int = wire("H", 0, 65535)
@@ -510,8 +488,7 @@ class OpenSession(Request, name="open_session", number=0x02, reply=0x82, retry="
     """Hash of the spec the host was built from; must be that of the board."""
     session: int = wire("H", 1, 65535)
     """Chosen at random by the host. Every request that changes something carries it, so that the
-    board obeys neither noise nor a superseded host.
-    """
+    board obeys neither noise nor a superseded host."""
 
 
 class SessionReply(Message, name="session_reply", number=0x82):
@@ -688,8 +665,8 @@ class SetTarget(SessionRequest, name="set_target", number=0x20, reply=0xA0, retr
     target_cdeg: tuple[int, ...] = wire("h", -18000, 18000, "deg", 0.01, count=AXES)
     """Servo angles; clamped to the angle limits."""
     ramp_ms: int = wire("H", 0, 10000, "ms")
-    """The setpoint moves there linearly in this time, or more slowly if the slew limit requires it.
-    """
+    """The setpoint moves there linearly in this time, or more slowly if the slew limit requires
+    it."""
     validity_ms: int = wire("H", 20, 10000, "ms")
     """The board holds its pose if no other target follows within this time."""
 
@@ -717,8 +694,7 @@ class SetTargetAt(
     """As in `set_target`, from that tick on."""
     tick: int = wire("I", 0, 4294967295, "tick")
     """Tick at which it takes effect, numbered as in reports; refused with out_of_range unless it is
-    ahead.
-    """
+    ahead."""
 
 
 class TargetReply(Message, name="target_reply", number=0xA0):
