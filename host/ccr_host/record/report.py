@@ -129,11 +129,6 @@ def overlay_svgs(runs: Sequence[RecordedRun], names: Sequence[str]) -> Iterator[
             yield svg_element(run_figure(together))
 
 
-def path_svg(run: RecordedRun) -> str:
-    """Desired, measured and true path, and the error over time."""
-    return svg_element(run_figure([_plotted(run)]))
-
-
 def health_svg(run: RecordedRun) -> str:
     """Motor angles against their limits, computing time and age of the samples."""
     from matplotlib.figure import Figure  # noqa: PLC0415 - slow to import
@@ -201,7 +196,10 @@ def report_page(runs: Sequence[RecordedRun]) -> str:
         "configuration": _configuration,
         "why_measured_differs": why_measured_differs,
     }
-    figures = [(path_svg(run), health_svg(run)) if run.records else ("", "") for run in runs]
+    figures = [
+        (svg_element(run_figure([_plotted(run)])), health_svg(run)) if run.records else ("", "")
+        for run in runs
+    ]
     titles = [run.title for run in runs]
     names = [
         title if titles.count(title) == 1 else f"{title}, {run.folder.name}"

@@ -13,7 +13,6 @@ from ccr_host.core.errors import CcrError, TrackerError
 from ccr_host.robot.rests import Rests
 from ccr_host.run.rig import Rig
 from ccr_host.tracking.markers.check import MarkerCheck
-from ccr_host.tracking.tracker import Sample
 
 OnPose = Callable[[int, int], None]
 """Called with the number of poses done and the total."""
@@ -65,13 +64,13 @@ def visit(
     """
     rig.client.arm()
     start_rad = np.array(rig.client.accepted_rad)
-    motion = _RestMotion(rig, check, start_rad)
+    q_rad = start_rad
     shape = len(start_rad), len(check.names)
     rests = Rests(start_rad, np.empty((0, shape[0])), np.empty((0, shape[1], 3)), np.empty(0))
     for done, stop_rad in enumerate(stops_rad):
         on_pose(done, len(stops_rad))
-        motion.move_to(stop_rad)
-        seen_mm = motion.measure_at_rest()
+        q_rad = move_to(rig, q_rad, stop_rad)
+        seen_mm = _measured_at_rest(rig, check, q_rad)
         if seen_mm is not None:
             on_rest(done, seen_mm)
             here = stop_rad[None], seen_mm.mean(axis=0)[None], np.array([float(len(seen_mm))])
@@ -80,7 +79,7 @@ def visit(
                 raise TrackerError(*REPEATED)
         check.robot_moves()
         judge(done + 1, rests)
-    motion.move_to(start_rad)
+    move_to(rig, q_rad, start_rad)
     rig.client.disarm()
     on_pose(len(stops_rad), len(stops_rad))
     return rests
@@ -114,64 +113,40 @@ def command(rig: Rig, q_rad: Array) -> None:
     rig.clock.sleep_until_us(rig.clock.now_us() + _COMMAND_PERIOD_US)
 
 
-class _RestMotion:
-    """Moves an armed robot slowly and averages its markers at rest.
+def _measured_at_rest(rig: Rig, check: MarkerCheck, q_rad: Array) -> Array | None:
+    """Wait for rest; return the markers of all exposures, None if they are not seen.
 
-    Meanwhile, it keeps the board's watchdog fed and listens to the tracker.
+    Their shape is (exposures, S + 1, 3).
+
+    Raises:
+        RestError: the robot does not come to rest.
     """
-
-    def __init__(self, rig: Rig, check: MarkerCheck, q_rad: Array) -> None:
-        self._rig = rig
-        self._check = check
-        self._q_rad = q_rad
-
-    def move_to(self, target_rad: Array) -> None:
-        """Go to motor angles, (n,), smoothly.
-
-        Raises:
-            DeviceError: the board was lost or latched a fault.
-        """
-        self._q_rad = move_to(self._rig, self._q_rad, target_rad)
-
-    def measure_at_rest(self) -> Array | None:
-        """Wait for rest; return the markers of all exposures, None if they are not seen.
-
-        Their shape is (exposures, S + 1, 3).
-
-        Raises:
-            RestError: the robot does not come to rest.
-        """
-        self._listen(_SETTLE_US)
-        for _ in range(_ATTEMPTS_TO_REST):
-            samples = self._listen(_AVERAGE_US)
-            if len(samples) < _MIN_SAMPLES:
-                return None
-            markers = _without_outliers(np.array([sample.markers_mm for sample in samples]))
-            if _is_at_rest(markers):
-                return markers
-        raise RestError(
-            "the robot does not come to rest",
-            "keep hands and draughts off the robot; check that the servos do not hunt",
-        )
-
-    def _listen(self, duration_us: int) -> list[Sample]:
-        """Hold the pose for a while; return the samples exposed meanwhile."""
-        clock, tracker = self._rig.clock, self._rig.tracker
-        start_us = clock.now_us()
-        samples: dict[int, Sample] = {}
-        while clock.now_us() < start_us + duration_us:
-            command(self._rig, self._q_rad)
-            sample = tracker.newest()
-            if sample is None or sample.exposed_us < start_us or sample.exposed_us in samples:
-                continue
-            if self._check.accepts(sample) and _is_complete(sample):
-                samples[sample.exposed_us] = sample
-        return list(samples.values())
+    _listen(rig, check, q_rad, _SETTLE_US)
+    for _ in range(_ATTEMPTS_TO_REST):
+        samples_mm = _listen(rig, check, q_rad, _AVERAGE_US)
+        if len(samples_mm) < _MIN_SAMPLES:
+            return None
+        markers = _without_outliers(np.array(samples_mm))
+        if _is_at_rest(markers):
+            return markers
+    raise RestError(
+        "the robot does not come to rest",
+        "keep hands and draughts off the robot; check that the servos do not hunt",
+    )
 
 
-def _is_complete(sample: Sample) -> bool:
-    """Whether no marker is lost, which would be NaN."""
-    return bool(np.all(np.isfinite(sample.markers_mm)))
+def _listen(rig: Rig, check: MarkerCheck, q_rad: Array, duration_us: int) -> list[Array]:
+    """Hold a pose for a while; return the markers of each exposure meanwhile that shows all."""
+    start_us = rig.clock.now_us()
+    seen_mm: dict[int, Array] = {}
+    while rig.clock.now_us() < start_us + duration_us:
+        command(rig, q_rad)
+        sample = rig.tracker.newest()
+        if sample is None or sample.exposed_us < start_us or sample.exposed_us in seen_mm:
+            continue
+        if check.accepts(sample) and np.isfinite(sample.markers_mm).all():
+            seen_mm[sample.exposed_us] = sample.markers_mm
+    return list(seen_mm.values())
 
 
 def _without_outliers(markers_mm: Array) -> Array:

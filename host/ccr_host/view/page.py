@@ -100,11 +100,11 @@ class Page:
 
             @disks.on_update
             async def _(_: object) -> None:
-                self._scene.show_disks(disks.value)
+                self._scene.disks.visible = disks.value
 
             @ideal.on_update
             async def _(_: object) -> None:
-                self._scene.show_model(ideal.value)
+                self._scene.ideal.visible = ideal.value
 
         plots = gui.add_panel()
         with plots.add_tab("Plots", Icon.CHART_LINE):

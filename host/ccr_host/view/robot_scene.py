@@ -130,8 +130,9 @@ class RobotScene:
         draw_surroundings(scene, setup.description)
         draw_desired(scene, setup.reference)
         plan = palette.of_controller(setup.options.controller)
-        self._commanded = _line(scene, "/model", palette.MODEL, 5)
-        self._commanded.visible = False
+        self.ideal = _line(scene, "/model", palette.MODEL, 5)
+        """Where an ideal robot would be at the commanded angles; not shown at first."""
+        self.ideal.visible = False
         self._measured = _line(scene, "/measured", palette.MEASURED, 6)
         self._stalks = _line(scene, "/markers/stalks", palette.MEASURED, 2)
         self._horizon = _line(scene, "/horizon", plan, 4)
@@ -144,25 +145,17 @@ class RobotScene:
         self._target = scene.add_icosphere(
             "/target", radius, plan, subdivisions=1, wireframe=True, visible=False
         )
-        self._disks = _add_disks(scene, setup.description)
+        self.disks = _add_disks(scene, setup.description)
         self._disk_points = np.linspace(
-            0, _BACKBONE_POINTS - 1, len(self._disks.batched_positions) + 1
+            0, _BACKBONE_POINTS - 1, len(self.disks.batched_positions) + 1
         ).round().astype(int)[1:]  # fmt: skip
-
-    def show_disks(self, shown: bool) -> None:
-        """Draw the disks or leave them out."""
-        self._disks.visible = shown
-
-    def show_model(self, shown: bool) -> None:
-        """Draw where an ideal robot would be at the commanded angles, or leave it out."""
-        self._commanded.visible = shown
 
     def show(self, moment: Moment) -> None:
         """Move robot, target and horizon to a moment."""
         board, straight_rad = moment.board, np.zeros(self._model.motors)
         commanded_rad = straight_rad if board is None else board.setpoint_rad
         backbone_mm = self._model.backbone_mm(commanded_rad, _BACKBONE_POINTS)
-        self._commanded.points = joined(backbone_mm)
+        self.ideal.points = joined(backbone_mm)
         for measured in (self._measured, self._stalks, *self._markers):
             measured.visible = moment.markers_mm is not None
         if moment.markers_mm is not None:
@@ -198,8 +191,8 @@ class RobotScene:
         along = np.gradient(backbone_mm, axis=0)[self._disk_points]
         directions = along / np.linalg.norm(along, axis=1, keepdims=True)
         positions = backbone_mm[self._disk_points] / SCENE_UNIT_MM
-        self._disks.batched_positions = positions.astype(np.float32)
-        self._disks.batched_wxyzs = turns_to(directions).astype(np.float32)
+        self.disks.batched_positions = positions.astype(np.float32)
+        self.disks.batched_wxyzs = turns_to(directions).astype(np.float32)
 
 
 def _line(scene: SceneApi, name: str, colour: palette.Rgb, pixels: float) -> LineSegmentsHandle:
