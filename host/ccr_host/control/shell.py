@@ -171,8 +171,7 @@ class Shell:
         self._limits = MotorLimits.of(description.servo)
         self._slew_rad_s = np.radians(description.servo.slew_deg_s)
         robot = description.robot
-        lengths_mm = [segment.length_mm for segment in robot.chain]
-        length_mm = sum(lengths_mm) + 2.0 * robot.marker_offset_mm
+        length_mm = sum(robot.segment_lengths_mm) + 2.0 * robot.marker_offset_mm
         self._farthest_mm = _FARTHEST_LENGTHS * length_mm
 
     def start(self, reference: Reference) -> Command:

@@ -61,12 +61,15 @@ def split_uri(role: Role, text: str) -> tuple[str, str]:
     """Scheme in lower case, and the text after the colon.
 
     Raises:
-        ConfigError: not a scheme of this role; the cure suggests what was probably meant.
+        ConfigError: not a scheme of this role, or one without an address that has one; the cure
+            suggests what was probably meant.
     """
     scheme, colon, rest = text.partition(":")
     scheme = scheme.lower()
     if not colon or scheme not in _FORMS[role]:
         raise _unknown_form(role, text)
+    if rest and _FORMS[role][scheme] == f"{scheme}:":
+        raise ConfigError(f"{role.value} {text}: nothing may follow the colon", f"write {scheme}:")
     if scheme == _SERIAL[role] and _HOST_AND_PORT.fullmatch(rest):
         raise ConfigError(
             f"{role.value} {text}: a host and a port, not a serial port",

@@ -53,27 +53,11 @@ def parse_device_uri(text: str) -> DeviceUri:
     """
     scheme, rest = split_uri(Role.DEVICE, text)
     kind = DeviceKind(scheme)
-    match kind:
-        case DeviceKind.EMULATOR | DeviceKind.EMULATOR_PTY:
-            return _without_address(kind, text, rest)
-        case DeviceKind.SIMAVR:
-            return DeviceUri(kind, rest)
-        case DeviceKind.SERIAL:
-            return _serial(text, rest)
-        case DeviceKind.TCP:
-            return DeviceUri(kind, tcp_address(rest, f"device {text}", "tcp://localhost:5025"))
-
-
-def _without_address(kind: DeviceKind, text: str, rest: str) -> DeviceUri:
-    if rest:
-        raise ConfigError(f"device {text}: nothing may follow the colon", f"write {kind.value}:")
-    return DeviceUri(kind)
-
-
-def _serial(text: str, port: str) -> DeviceUri:
-    if not port:
+    if kind is DeviceKind.SERIAL and not rest:
         raise ConfigError(f"device {text}: the port is missing", "write e.g. serial:/dev/ttyACM0")
-    return DeviceUri(DeviceKind.SERIAL, port)
+    if kind is DeviceKind.TCP:
+        rest = tcp_address(rest, f"device {text}", "tcp://localhost:5025")
+    return DeviceUri(kind, rest)
 
 
 _BOARD = Peer("board", DeviceError, if_refused="start the server: ccr-host emulate")
@@ -88,9 +72,7 @@ def open_transport(uri: DeviceUri, baud: int = BAUD) -> Transport:
         ConfigError: the URI names an emulator, which has to be made first.
         DeviceError: the port cannot be opened; the cure says what to do.
     """
-    match uri.kind:
-        case DeviceKind.SERIAL:
-            return BytePort(str(uri), uri.address, _BOARD, baud)
-        case DeviceKind.TCP:
-            return BytePort(str(uri), uri.address, _BOARD, baud=None)
-    raise ConfigError(f"device {uri}: not a port", "use serial:PORT or tcp://HOST:PORT")
+    if not uri.is_outside:
+        raise ConfigError(f"device {uri}: not a port", "use serial:PORT or tcp://HOST:PORT")
+    has_rate = uri.kind is DeviceKind.SERIAL
+    return BytePort(str(uri), uri.address, _BOARD, baud if has_rate else None)

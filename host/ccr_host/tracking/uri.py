@@ -126,10 +126,6 @@ def parse_tracker_uri(text: str) -> TrackerUri:
         raise
     kind = TrackerKind(scheme)
     if kind in _WITHOUT_ADDRESS:
-        if rest:
-            raise ConfigError(
-                f"tracker {text}: nothing may follow the colon", f"write {kind.value}:"
-            )
         return TrackerUri(kind)
     example = _EXAMPLES[kind]
     if not rest:
