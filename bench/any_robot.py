@@ -19,7 +19,7 @@ import tomlkit
 
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Robot, Segment, Tendon
-from ccr_host.description.source import text_of, tree_of
+from ccr_host.description.source import text_and_encoding_of, tree_of
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.observer import true_errors_mm
@@ -85,7 +85,7 @@ def _turn(angle_deg: float) -> float:
 
 def description_text(robot: Robot) -> str:
     """The robot with the faults of `default`, as TOML."""
-    faults = dict(tree_of(text_of(None))["twin"])
+    faults = dict(tree_of(text_and_encoding_of(None)[0])["twin"])
     del faults["servo_neutral_us"]
     reach_mm = sum(segment.length_mm for segment in robot.segments)
     faults["bending_stiffness_nm_rad"] = 0.02 * (reach_mm / 100.0) ** 2

@@ -36,7 +36,7 @@ from ccr_host.description.section import (
     within,
 )
 from ccr_host.description.simulation import GRAVITY_M_S2, PolarisFaults, Tracker, Twin
-from ccr_host.description.source import text_of, tree_of, tree_with
+from ccr_host.description.source import text_and_encoding_of, tree_of, tree_with
 
 __all__ = [
     "Control",
@@ -326,7 +326,8 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Descriptio
     Raises:
         ConfigError: states the file or key, what is wrong with it, and what is allowed.
     """
-    tree = tree_of(text_of(source), source)
+    text, _ = text_and_encoding_of(source)
+    tree = tree_of(text, source)
     return _validated(tree_with(tree, overrides), source)
 
 

@@ -34,19 +34,14 @@ def own_file(source: str | None) -> Path | None:
     return None if (source or _DEFAULT) in shipped_descriptions() else Path(source or _DEFAULT)
 
 
-def text_of(source: str | None) -> str:
-    """TOML text of a description, with its original line endings.
+def text_and_encoding_of(source: str | None) -> tuple[str, str]:
+    """TOML text of a description, with its original line endings, and the encoding of its file.
 
     ``source`` is a TOML file or the name of a shipped description; None for the default.
 
     Raises:
         ConfigError: the file does not exist or is not text.
     """
-    return text_and_encoding_of(source)[0]
-
-
-def text_and_encoding_of(source: str | None) -> tuple[str, str]:
-    """Text of a description, and the encoding of its file; see `text_of`."""
     file = own_file(source)
     if file is None:
         shipped = resources.files("ccr_host.description") / "shipped" / f"{source or _DEFAULT}.toml"

@@ -8,7 +8,7 @@ import pytest
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema
 from ccr_host.description.file import file_to_keep_in, keep_in, updated
-from ccr_host.description.source import text_of
+from ccr_host.description.source import text_and_encoding_of
 
 REGISTRATION = {
     "camera_to_robot_deg": [1.5, -170.25, 0.0],
@@ -119,7 +119,8 @@ def test_an_unreadable_description_is_reported_and_left_unchanged(tmp_path, cont
 def test_a_file_that_is_not_there_is_made_from_the_described_robot(tmp_path, robot) -> None:
     file = tmp_path / "robot.toml"
     keep_in(file, NEW, robot)
-    assert file.read_text(encoding="utf-8").startswith(text_of(robot).rstrip())
+    text, encoding = text_and_encoding_of(robot)
+    assert file.read_text(encoding).startswith(text.rstrip())
     old, new = schema.load(robot), schema.load(str(file))
     assert new.servo.neutral_pulse_us == (1520.5, 1490.0)
     assert new.twin.friction == old.twin.friction

@@ -87,12 +87,6 @@ def checksum(rom: bytes) -> int:
     return sum(rom[_SUMMED_FROM:_FILE_BYTES]) & 0xFFFF
 
 
-def part_number(rom: bytes) -> str:
-    """Part number in the file."""
-    field = rom[_PART_NUMBER_AT : _PART_NUMBER_AT + _PART_NUMBER_BYTES]
-    return field.split(b"\0")[0].decode("ascii", "replace")
-
-
 def load_rom(path: Path) -> bytes:
     """Read a lab's own tool definition.
 
