@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,6 +54,14 @@ class TwinJob:
         return shlex.join(["ccr-host", "track", run.path, *words, *robot, *sets])
 
 
+class GivenTwin(NamedTuple):
+    """A twin of the user's."""
+
+    where: str
+    """File and line, for messages."""
+    settings: Settings
+
+
 @dataclass(frozen=True)
 class SweepPlan:
     """Definition of a sweep's twins, without their number, rates and controllers.
@@ -65,7 +73,7 @@ class SweepPlan:
     paths: tuple[str, ...]
     robot: str | None = None
     overrides: tuple[str, ...] = ()
-    twins: tuple[Settings, ...] | None = None
+    twins: tuple[GivenTwin, ...] | None = None
     """Given twins; None for random ones."""
     plant: str = TWIN
     """Simulated robot created from each twin."""
@@ -98,7 +106,7 @@ class SweepPlan:
             "seed": self.seed,
             "paths": list(self.paths),
             "description": schema.load(self.robot, self.overrides).model_dump(mode="json"),
-            "twins": None if self.twins is None else list(self.twins),
+            "twins": None if self.twins is None else [twin.settings for twin in self.twins],
             "plant": self.plant,
         }
 
@@ -112,11 +120,15 @@ class SweepPlan:
         twin_seed, run_seed = np.random.SeedSequence(self.seed, spawn_key=(index,)).spawn(2)
         path = self.paths[index % len(self.paths)]
         if self.twins is None:
-            settings = draw_twin(np.random.default_rng(twin_seed), base, durations_s[path])
+            drawn = draw_twin(np.random.default_rng(twin_seed), base, durations_s[path])
+            where, settings = f"twin {index}", drawn
         else:
-            settings = self.twins[index]
+            where, settings = self.twins[index]
         overrides = self.overrides + as_overrides(settings)
-        schema.load(self.robot, overrides)
+        try:
+            schema.load(self.robot, overrides)
+        except ConfigError as error:
+            raise ConfigError(f"{where}: {error.cause}", error.cure) from error
         seed = int(run_seed.generate_state(1)[0])
         run = RunOptions(
             path=path, robot=self.robot, overrides=overrides, plant=self.plant, seed=seed
@@ -124,27 +136,36 @@ class SweepPlan:
         return TwinJob(index, run, drives)
 
 
-def read_twins(file: Path) -> tuple[Settings, ...]:
+def read_twins(file: Path) -> tuple[GivenTwin, ...]:
     """Read the user's twins: one JSON object with dotted keys per line.
 
     Raises:
-        ConfigError: the file cannot be read, or a line is not such an object.
+        ConfigError: the file cannot be read, or a line is not such an object, or names a key twice.
     """
     text, _ = read_text(file, "--twins", "give a file of JSON lines", _MOST_BYTES)
-    twins = [_twin(file, n, line) for n, line in enumerate(lines_of(text), 1) if line.strip()]
+    lines = [(f"--twins {file}, line {n}", line) for n, line in enumerate(lines_of(text), 1)]
+    twins = tuple(GivenTwin(where, _settings(where, line)) for where, line in lines if line.strip())
     if not twins:
         raise ConfigError(f"--twins {file}: empty", "give one JSON object per line")
-    return tuple(twins)
+    return twins
 
 
-def _twin(file: Path, number: int, line: str) -> Settings:
+def _settings(where: str, line: str) -> Settings:
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = {key.strip(): value for key, value in pairs}
+        if len(found) < len(pairs):
+            keys = [key.strip() for key, _ in pairs]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise ConfigError(f"{where}: {twice} stands there twice", "keep one of them")
+        return found
+
     try:
-        twin = json.loads(line)
+        settings = json.loads(line, object_pairs_hook=once)
     except (ValueError, RecursionError):
-        twin = None
-    if not isinstance(twin, dict):
+        settings = None
+    if not isinstance(settings, dict):
         raise ConfigError(
-            f"--twins {file}, line {number}: not a JSON object",
+            f"{where}: not a JSON object",
             'write e.g. {"twin.slack_mm": 0.8, "tracker.latency_ms": 60}',
         )
-    return twin
+    return settings

@@ -49,7 +49,16 @@ def test_twins_of_ones_own_are_taken_in_order(short_path, tmp_path):
 
 @pytest.mark.parametrize(
     ("content", "named"),
-    [("", "empty"), ("[1]\n", "line 1"), ('{"a": 1}\n{"twin.slack', "line 2")],
+    [
+        ("", "empty"),
+        ("[1]\n", "line 1"),
+        ('{"a": 1}\n{"twin.slack', "line 2"),
+        (
+            '{}\n{"twin.slack_mm": 1, "twin.slack_mm": 2}',
+            "line 2: twin.slack_mm stands there twice",
+        ),
+        ('{"twin.push": {"start_s": 1, "start_s": 2}}', "line 1: start_s stands there twice"),
+    ],
 )
 def test_an_unusable_file_of_twins_is_named_with_its_line(tmp_path, content, named):
     file = tmp_path / "twins.jsonl"
@@ -63,6 +72,6 @@ def test_an_unusable_file_of_twins_is_named_with_its_line(tmp_path, content, nam
 )
 def test_a_twin_that_makes_no_robot_is_refused_before_anything_runs(short_path, tmp_path, setting):
     file = tmp_path / "twins.jsonl"
-    file.write_text(setting)
-    with pytest.raises(ConfigError, match=r"twin\.sla"):
-        SweepPlan(1, (short_path,), twins=read_twins(file)).jobs([0], ONE_HZ)
+    file.write_text("\n{}\n" + setting)
+    with pytest.raises(ConfigError, match=r"twins\.jsonl, line 3: .*twin\.sla"):
+        SweepPlan(1, (short_path,), twins=read_twins(file)).jobs([0, 1], ONE_HZ)
