@@ -2,6 +2,7 @@
 
 python -m bench.misfits                  # the table of misfits
 python -m bench.misfits --matching 100   # random robots that do match, at 1 and 20 Hz
+python -m bench.misfits --matching 60 --segments   # those of 1 to 4 planar or spatial segments
 """
 
 from __future__ import annotations
@@ -11,11 +12,14 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.any_robot import built, description_text, path_text
 from ccr_host.description import schema
 from ccr_host.run.execute import execute
 from ccr_host.run.observer import RunObserver
@@ -202,18 +206,45 @@ def matching(count: int, controller: str, rate_hz: float) -> Iterator[RunOptions
         )
 
 
+def matching_of_segments(
+    count: int, controller: str, rate_hz: float, folder: Path
+) -> Iterator[RunOptions]:
+    """Random robots of 1 to 4 segments with 0 to 2.5 mm of slack, alike or of each tendon."""
+    for index in range(1, count + 1):
+        rng = np.random.default_rng([31, index])
+        robot = built(rng, 1 + index % 4)
+        alike_mm, tendons = rng.choice([0.3, 1.2, 2.0]), len(robot.tendons)
+        slack_mm = np.full(tendons, alike_mm)
+        if index % 2 == 0:
+            slack_mm = np.abs(rng.normal(0.0, 1.0, tendons)).clip(0.0, 2.5)
+        described, path = folder / f"{index}.toml", folder / f"{index}.csv"
+        described.write_text(description_text(robot))
+        path.write_text(path_text(robot, rng))
+        yield RunOptions(
+            path=str(path),
+            robot=str(described),
+            controller=controller,
+            rate_hz=rate_hz,
+            overrides=(_slack(*slack_mm.round(2).tolist()),),
+            checks="motion",
+        )
+
+
 def main() -> None:
     """Print a table as Markdown."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--controller", default="adaptive")
     parser.add_argument("--matching", type=int, default=0)
+    parser.add_argument("--segments", action="store_true")
     parser.add_argument("--rate", type=float, action="append", help="by default 1 and 20 Hz")
     parser.add_argument("--workers", type=int, default=2)
     words = parser.parse_args()
-    with ProcessPoolExecutor(words.workers) as pool:
+    with ProcessPoolExecutor(words.workers) as pool, TemporaryDirectory() as folder:
         if words.matching:
             for rate_hz in words.rate or (1.0, 20.0):
-                runs = list(matching(words.matching, words.controller, rate_hz))
+                asked = words.matching, words.controller, rate_hz
+                drawn = matching_of_segments(*asked, Path(folder))
+                runs = list(drawn if words.segments else matching(*asked))
                 alarms = [seen for seen in pool.map(run, runs) if seen.when != "not"]
                 print(f"{rate_hz:g} Hz: {len(runs)} runs, {len(alarms)} alarms", flush=True)
                 for seen in alarms:

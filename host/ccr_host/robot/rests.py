@@ -128,7 +128,7 @@ class Motors(NamedTuple):
     """A hypothesis on the motors."""
 
     signs: tuple[float, ...]
-    """-1 for a reversed motor, else 1."""
+    """-1 for a reversed motor, 0 for one that does not turn, else 1."""
     order: tuple[int, ...]
     """The motor, from 0, that acts as each described one."""
 
@@ -146,6 +146,11 @@ class Motors(NamedTuple):
     def reversed(self) -> list[int]:
         """Motors that turn the other way, from 0."""
         return [motor for motor, sign in enumerate(self.signs) if sign < 0.0]
+
+    @property
+    def idle(self) -> list[int]:
+        """Motors that do not turn, from 0."""
+        return [motor for motor, sign in enumerate(self.signs) if sign == 0.0]
 
     def told(self) -> str:
         """What is not as described, for users; "" if all is."""

@@ -8,6 +8,7 @@ markers show.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -72,8 +73,28 @@ class Explanation(NamedTuple):
     cost: float
     """Minus twice the log likelihood, prices included, up to a constant."""
 
+    @property
+    def price(self) -> float:
+        """Minus twice the log odds of what is not as described."""
+        motors = self.motors
+        odd = len(motors.idle) + len(motors.reversed) + bool(motors.exchanged)
+        return _PRICE * (odd + (self.of_camera is not None))
+
+    def supposed(self, rests: Rests, predicted_mm: Callable[[Rests], Array]) -> Rests:
+        """The rests as the described robot would make them, which ``predicted_mm`` knows."""
+        led = self.motors.drive(rests)
+        if self.of_camera is None:
+            return led
+        return led.turned_onto(predicted_mm(led), mirrored=self.of_camera is LEFT_HANDED)
+
     def cause_and_cure(self) -> tuple[str, str] | None:
         """The differences from the description in words, None if there are none."""
+        if idle := self.motors.idle:
+            return (
+                f"motor {numbered(idle)} hardly move{'s' * (len(idle) == 1)} it",
+                "check the servo's supply, its zero (ccr-host calibrate) and the tendons: "
+                "loose, off the pulley, or wound the other way",
+            )
         cures = []
         if self.motors.exchanged:
             cures.append(SWAP_CURE)
@@ -81,7 +102,8 @@ class Explanation(NamedTuple):
             cures.append("negate its servo.pulse_per_90_deg_us, or the winding of its tendons")
         cause, cure = self.of_camera or ("", "")
         causes = ", ".join(filter(None, (self.motors.told(), cause)))
-        return (causes, "; ".join(filter(None, (*cures, cure)))) if causes else None
+        told = f"most likely {causes}", "; ".join(filter(None, (*cures, cure)))
+        return told if causes else None
 
 
 def _best_rests(rests: Rests) -> list[int]:
@@ -130,11 +152,6 @@ class MotorResponses:
             found.append(self._explained(responses, of_camera, cost + _PRICE * (1 + mirrored)))
         return min(found, key=lambda one: one.cost)
 
-    def is_odd(self) -> bool:
-        """Whether other motors or another camera explain the responses better."""
-        gain = self.as_described().cost - self.likeliest().cost
-        return gain > _PRICE or len(self.idle()) > 0
-
     def idle(self) -> IntArray:
         """Motors, from 0, that hardly move the robot."""
         moved_mm = np.linalg.norm(self.responses.seen_mm, axis=1)
@@ -142,18 +159,15 @@ class MotorResponses:
         idle: IntArray = self.motors[is_idle]
         return idle
 
-    def cause_and_cure(self) -> tuple[str, str] | None:
+    def explanation(self) -> Explanation | None:
         """What is likely wrong with the motors or the camera, None if they act as described."""
-        if self.is_odd():
-            if len(idle := self.idle()):
-                return (
-                    f"motor {numbered(idle)} hardly move{'s' * (len(idle) == 1)} it",
-                    "check the servo's supply, its zero (ccr-host calibrate) and the tendons: "
-                    "loose, off the pulley, or wound the other way",
-                )
-            if found := self.likeliest().cause_and_cure():
-                return f"most likely {found[0]}", found[1]
-        return None
+        if len(idle := self.idle()):
+            signs = np.ones(self._model.motors)
+            signs[idle] = 0.0
+            described = self.as_described()
+            return described._replace(motors=described.motors._replace(signs=tuple(signs.tolist())))
+        likeliest = self.likeliest()
+        return likeliest if self.as_described().cost - likeliest.cost > _PRICE else None
 
     def _explained(
         self, responses: Responses, of_camera: tuple[str, str] | None, cost: float

@@ -146,6 +146,24 @@ class StaticsFit(Generic[P]):
             self._cost + self._log_variance,
         )
 
+    def uncertain_mm2(self, q_rad: Array) -> Array:
+        """Covariance of M2 and the tip, (6, 6), at other motor angles, (n,), by what is not known.
+
+        The model's errors are not in it.
+        """
+        there = Rests.of_vectors(q_rad, q_rad[None], np.zeros((1, 2, 3)), np.ones(1))
+        (slope,) = self._slopes(there)
+        covariance: Array = slope @ np.linalg.inv(self._information) @ slope.T
+        return covariance
+
+    def _slopes(self, rests: Rests) -> Array:
+        """Derivatives of the markers by the scores, (N, 6, COUNT)."""
+        near_mm = self._predict(self.scaling.perturbed(self._score, _PROBE), rests)
+        slopes: Array = np.moveaxis(near_mm[:, :-1] - near_mm[:, -1:], 1, -1) / _PROBE
+        slopes = slopes.reshape(-1, 6, self.scaling.count)
+        slopes[..., self.scaling.roles.pushes] = 0.0
+        return slopes
+
     def _surprise(self) -> float:
         return math.sqrt(float((self._standardised**2).sum()) / self._coordinates)
 
@@ -154,10 +172,7 @@ class StaticsFit(Generic[P]):
 
         An unexplained angle of a shaft moves both markers, as an error of its zero does.
         """
-        near_mm = self._predict(self.scaling.perturbed(self._score, _PROBE), self.rests)
-        slope = np.moveaxis(near_mm[:, :-1] - near_mm[:, -1:], 1, -1) / _PROBE
-        slope = slope.reshape(-1, 6, self.scaling.count)
-        slope[..., self.scaling.roles.pushes] = 0.0
+        slope = self._slopes(self.rests)
         by_shaft = slope @ self.scaling.by_shaft(self._shaft_rad)
         covariance_mm2 = self._variance_mm2 + by_shaft @ by_shaft.transpose(0, 2, 1)
         self._whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))

@@ -55,7 +55,7 @@ _FIRST_STEPS = 8
 _FINALISTS = 5
 """All hypotheses make the first steps of their fits, only the best ones the rest. After 5 steps the
 right one was still among the last in one of forty misfits, after 8 it was first."""
-_RIVAL = 2.0 * math.log(100.0)
+RIVAL = 2.0 * math.log(100.0)
 """Minus twice the log odds up to which another cause than the likeliest is named as well."""
 _ALSO = {
     "tendon_radius": "; check servo.pulse_per_90_deg_us and robot.pulley_radius_mm",
@@ -127,14 +127,16 @@ def _certain_zeros_rad(fit: Fit, space: ParameterSpace[Any]) -> Array:
 def _contradicted(fit: Fit, space: ParameterSpace[Any]) -> Array:
     """By how many deviations the rests contradict the prior of each parameter, (COUNT,).
 
-    Rests that alone say ``m`` with variance ``v`` leave the score ``s = m / (1 + v)`` and the
-    variance ``c = v / (1 + v)``. Before they were known, ``m`` had the variance ``1 + v``.
+    Rests that take the share T = 1 - C of the prior's variance leave a score of covariance T, if
+    robots scatter as the prior. What scatters more adds to it through T, for its own score and for
+    those that the rests tell from it only by the prior.
     """
-    told = np.maximum(1.0 - np.diag(fit.covariance), _LEAST_TOLD)
-    variance = 1.0 / told
-    turns = space.roles.turns
-    variance[turns] += (_TURN_DOUBT_RAD / space.deviation[turns]) ** 2
-    contradicted: Array = np.abs(fit.score) / told / np.sqrt(variance)
+    taken = np.eye(len(fit.score)) - fit.covariance
+    more = np.zeros_like(fit.score)
+    more[space.roles.varying] = space.varying_by**2 - 1.0
+    more[space.roles.turns] = (_TURN_DOUBT_RAD / space.deviation[space.roles.turns]) ** 2
+    variance = np.maximum(np.diag(taken), _LEAST_TOLD) + taken**2 @ more
+    contradicted: Array = np.abs(fit.score) / np.sqrt(variance)
     contradicted[space.roles.varying] = 0.0
     return contradicted
 
@@ -187,7 +189,7 @@ def misfit(
     rivals = (
         trial
         for trial in finalists
-        if trial.cost() < best.cost() + _RIVAL
+        if trial.cost() < best.cost() + RIVAL
         and trial.hypothesis.kind != best.hypothesis.kind
         and trial.hypothesis.cure != _CALIBRATE  # Some zero is off in all robots.
     )

@@ -89,6 +89,9 @@ class ParameterSpace(ABC, Generic[P]):
     """Ratio of residual to expected residual above which the model does not explain the robot. Its
     logarithm, if normal, is greater in one of 2000 random robots that match."""
 
+    varying_by = 1.0
+    """Deviation of parameters that vary from robot to robot, over that of their prior."""
+
     farther_moves_tell = False
     """Whether the model is good enough for farther moves to decide where few rests do not."""
 
@@ -148,8 +151,11 @@ class ParameterSpace(ABC, Generic[P]):
         Of each K the nearest one of M is tried.
         """
 
+    has_modes = False
+    """Whether a fit that explains few rests may be one of several, so that all starts are tried."""
+
     def few_starts(self) -> Array:
-        """Scores from which to fit few rests, (K, COUNT), until one fit explains them."""
+        """Scores from which to fit few rests, (K, COUNT): all, or until one fit explains them."""
         return np.zeros((1, self.count))
 
     def mountings(self) -> Mapping[Gravity, Self]:

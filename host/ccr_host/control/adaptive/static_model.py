@@ -42,6 +42,17 @@ class Hold(NamedTuple):
     sides: tuple[float, ...]
 
 
+class SeenPose(NamedTuple):
+    """The pose that markers show, whatever the motors and loads."""
+
+    theta_rad: Array
+    """Bending angles that bring the markers nearest to where they are, (D,)."""
+    left_mm: Array
+    """What then is left between them, (2, 3), NaN if not seen. No bending explains that."""
+    by_markers: Array
+    """Derivatives of the bending angles by the coordinates of the markers, (D, 6); 0 if unseen."""
+
+
 @dataclass(frozen=True)
 class PathPlan:
     """Bending angles at the knots of a path, (K, D), and the knots' step indices, (K,)."""
@@ -94,26 +105,26 @@ class StaticModel(ABC, Generic[P, S]):
     def markers_mm(self, p: P, theta_rad: Array) -> Array:
         """M2 and the tip in the camera's frame, (K, 2, 3), at bending angles, (K, D)."""
 
-    def seen_pose(self, p: P, theta_rad: Array, seen_mm: Array) -> tuple[Array, Array]:
-        """The pose that markers show, whatever the motors and loads.
+    def seen_pose(self, p: P, theta_rad: Array, seen_mm: Array) -> SeenPose:
+        """The pose that markers show.
 
         Args:
             p: parameters of the robot.
             theta_rad: bending angles near by, (D,).
             seen_mm: M2, NaN if not seen, and the tip in the camera's frame, (2, 3).
-
-        Returns:
-            Bending angles that bring the markers nearest to where they are, (D,), and what then is
-            left between them, (2, 3), NaN if not seen. No bending explains that.
         """
         seen = np.isfinite(seen_mm)
+        by_markers = np.zeros((len(theta_rad), seen.size))
         steps = PROBE * np.eye(len(theta_rad) + 1, len(theta_rad))
         for _ in range(_LOOKS_AT_POSE):
             near_mm = self.markers_mm(p, theta_rad + steps)[:, seen]
             slopes = (near_mm[:-1] - near_mm[-1]).T / PROBE
-            change_rad, *_ = np.linalg.lstsq(slopes, seen_mm[seen] - near_mm[-1], rcond=1e-3)
+            by_seen = np.linalg.pinv(slopes, rcond=1e-3)
+            change_rad = by_seen @ (seen_mm[seen] - near_mm[-1])
             theta_rad = theta_rad + np.clip(change_rad, -_FARTHEST_RAD, _FARTHEST_RAD)
-        return theta_rad, seen_mm - self.markers_mm(p, theta_rad[None])[0]
+        by_markers[:, seen.ravel()] = by_seen
+        left_mm = seen_mm - self.markers_mm(p, theta_rad[None])[0]
+        return SeenPose(theta_rad, left_mm, by_markers)
 
     @abstractmethod
     def turned_back_mm(self, p: P, seen_mm: Array) -> Array:

@@ -60,13 +60,18 @@ def test_a_pose_is_seen_whatever_bends_it_and_a_turned_camera_is_left(robot, see
     seen_mm = model.markers_mm(p, theta_rad[None])[0]
     assert model.tip_mm(p, theta_rad) == pytest.approx(seen_mm[-1])
     near_rad = theta_rad + rng.uniform(-0.2, 0.2, freedom)
-    found_rad, left_mm = model.seen_pose(p, near_rad, seen_mm)
+    found_rad, left_mm, by_markers = model.seen_pose(p, near_rad, seen_mm)
     assert found_rad == pytest.approx(theta_rad, abs=0.02)
     assert np.abs(left_mm).max() < 0.1
+    farther_mm = model.markers_mm(p, theta_rad[None] + 1e-4)[0] - seen_mm
+    assert by_markers @ farther_mm.ravel() == pytest.approx(1e-4, rel=0.1)
     turned_mm = seen_mm @ Rotation.from_rotvec([0, 0, 10], degrees=True).as_matrix().T
-    assert np.linalg.norm(model.seen_pose(p, theta_rad, turned_mm)[1]) > 1.0
+    assert np.linalg.norm(model.seen_pose(p, theta_rad, turned_mm).left_mm) > 1.0
     without = np.stack([np.full(3, np.nan), seen_mm[1]])
-    assert np.isnan(model.seen_pose(p, near_rad, without)[1]).any(axis=1).tolist() == [True, False]
+    assert np.isnan(model.seen_pose(p, near_rad, without).left_mm).any(axis=1).tolist() == [
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
