@@ -12,10 +12,12 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 
 import numpy as np
 import scipy
 
+from ccr_host.control.adaptive.misfit import RIVAL
 from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.robot.workspace import MotorLimits
 
@@ -29,7 +31,8 @@ _PRICE = 4.0
 _EXPLAINED, _BETTER = 0.3, 0.6
 """Shares of the deviation, RMS, that the likely cause, or a possible one, may leave."""
 _MOVED_RAD = math.radians(5.0)
-"""Travel of a motor without which it is not known whether markers that rest should move."""
+"""Travel of a motor without which it is not known whether markers that rest should move, and two
+poses are one."""
 _SERVO = (
     "check its servo and the supply, its horn and its tendons, and that nothing holds the robot"
 )
@@ -46,15 +49,19 @@ class _Explained:
     """What it leaves unexplained, (N, 2, 3)."""
     unknowns: int
 
-    def cost(self) -> float:
-        left = self.left_mm[np.isfinite(self.left_mm)]
-        return len(left) * math.log(_MODEL_MM**2 + float(np.mean(left**2))) + _PRICE * self.unknowns
+    def cost(self, poses: int) -> float:
+        """Minus twice the log likelihood of looks at so many poses."""
+        coordinates = poses * np.count_nonzero(np.isfinite(self.left_mm)) / len(self.left_mm)
+        spread_mm2 = _MODEL_MM**2 + float(np.nanmean(self.left_mm**2))
+        return coordinates * math.log(spread_mm2) + _PRICE * self.unknowns
 
 
 def likely_change(
     predict: Predict, limits: MotorLimits, q_rad: Array, seen_mm: Array
 ) -> tuple[str, str] | None:
     """Cause and cure of poses that the model does not explain, or None if nothing usual does.
+
+    Another cause is named as well if it is nearly as likely, as where motors hardly move.
 
     Args:
         predict: the model of the robot as it was before.
@@ -66,12 +73,28 @@ def likely_change(
     found = [*_of_camera(expected_mm, seen_mm), *_of_motors(predict, limits, q_rad, seen_mm)]
     if np.ptp(q_rad, axis=0).max() > _MOVED_RAD:
         found.append(_standing(seen_mm))
-    best = min(found, key=_Explained.cost)
+    poses = _poses(q_rad)
+    best, *others = sorted(found, key=lambda one: one.cost(poses))
     share = _rms(best.left_mm) / _rms(seen_mm - expected_mm)
     if share > _BETTER:
         return None
     likely = "most likely" if share < _EXPLAINED else "no usual cause explains it; perhaps"
-    return f"{likely} {best.cause}", best.cure
+    rivals = (one for one in others if one.cure != best.cure)
+    named = [
+        best,
+        *(one for one in islice(rivals, 1) if one.cost(poses) < best.cost(poses) + RIVAL),
+    ]
+    cause, cure = ", or ".join(o.cause for o in named), "; or ".join(o.cure for o in named)
+    return f"{likely} {cause}", cure
+
+
+def _poses(q_rad: Array) -> int:
+    """Number of looks, (N, n), that are poses apart: at others the model's errors are the same."""
+    apart: list[Array] = []
+    for q in q_rad:
+        if all(np.abs(q - other).max() > _MOVED_RAD for other in apart):
+            apart.append(q)
+    return len(apart)
 
 
 def _of_motors(

@@ -88,5 +88,19 @@ def test_markers_that_stand_still_are_the_trackers_or_all_servos(case) -> None:
     assert "repeats its picture, or no servo turns" in case.change(seen_mm)
 
 
+def test_a_servo_that_stopped_is_not_taken_for_a_marker_alone_while_the_motors_hardly_move() -> (
+    None
+):
+    case = Case("two-spatial")
+    case.q_rad = 0.05 * case.q_rad + np.array((0.1, 0.0, 0.3, 0.0))
+    led_rad = case.q_rad.copy()
+    led_rad[:, 2] = -0.1
+    named = case.change(case.seen_mm(led_rad))
+    assert "motor 3" in named
+    assert "or the last marker has shifted" in named
+    assert "check its servo" in named
+    assert "ccr-host register" in named
+
+
 def test_what_nothing_usual_explains_is_not_explained(case) -> None:
     assert case.change(case.rng.normal(0.0, 60.0, (LOOKS, 2, 3))) == ""
