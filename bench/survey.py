@@ -86,7 +86,7 @@ def measured(out: Path, seed: int) -> None:
         with open_rig(options, description, Observers(), in_camera_frame=True) as rig:
             rests = survey_rests(rig, description, lambda *_: None)
         line = {
-            "start_rad": rests.start_rad.tolist(),
+            "from_rad": rests.from_rad.tolist(),
             "q_rad": rests.q_rad.tolist(),
             "markers_mm": rests.markers_mm.round(4).tolist(),
             "count": rests.count.tolist(),

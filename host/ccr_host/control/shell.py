@@ -306,21 +306,21 @@ def believable(error_mm: Array) -> Array:
 
 
 def smooth_moves(
-    start_rad: Array, stops_rad: Array, rest_s: float, tick_s: float = APPROACH_PERIOD_S
+    start_rad: Array, stops_rad: Array, rest_s: Array | float, tick_s: float = APPROACH_PERIOD_S
 ) -> Array:
-    """Setpoints, one per tick, (K, n), from stop to stop, (N, n), with a rest at each.
+    """Setpoints, one per tick, (K, n), from stop to stop, (N, n), with a rest at each, (N,) or ().
 
     Rate and acceleration of the moves are continuous.
     """
     setpoints = []
     here = start_rad
-    for stop in stops_rad:
+    for stop, stays_s in zip(stops_rad, np.broadcast_to(rest_s, len(stops_rad)), strict=True):
         farthest = float(np.abs(stop - here).max())
         ticks = int(np.ceil(max(_SHORTEST_MOVE_S, farthest / _MEAN_RATE_RAD_S) / tick_s))
         share = np.arange(1, ticks + 1) / ticks
         smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
         setpoints.append(here + smooth[:, None] * (stop - here))
-        setpoints.append(np.repeat(stop[None], int(np.ceil(rest_s / tick_s)), axis=0))
+        setpoints.append(np.repeat(stop[None], int(np.ceil(stays_s / tick_s)), axis=0))
         here = stop
     return np.concatenate(setpoints)
 

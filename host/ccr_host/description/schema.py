@@ -197,6 +197,9 @@ class Identified(Section):
     """Motor angles before the first rest."""
     setpoint_rad: Annotated[tuple[_Pose, ...], Field(min_length=10)]
     """Motor angles of each rest, in the order of the tour."""
+    from_rad: tuple[_Pose, ...] = ()
+    """Motor angles from which the robot moved straight to each rest, if not those of the rest
+    before it."""
     tip_mm: tuple[_Place, ...]
     """Mean measured tip position at each rest."""
     middle_mm: tuple[_Place, ...] = ()
@@ -210,14 +213,17 @@ class Identified(Section):
 
     @model_validator(mode="after")
     def _rows_belong_together(self) -> Identified:
-        columns = self.tip_mm, self.middle_mm or self.tip_mm, self.count
+        optional = self.from_rad or self.tip_mm, self.middle_mm or self.tip_mm
+        columns = self.tip_mm, *optional, self.count
         if any(len(column) != len(self.setpoint_rad) for column in columns):
             raise ValueError(
-                "identified.setpoint_rad, tip_mm, middle_mm and count have different numbers of "
-                "rows"
+                "identified.setpoint_rad, from_rad, tip_mm, middle_mm and count have different "
+                "numbers of rows"
             )
-        if any(len(pose) != len(self.start_rad) for pose in self.setpoint_rad):
-            raise ValueError("identified.setpoint_rad and start_rad differ in the number of motors")
+        if any(len(pose) != len(self.start_rad) for pose in self.setpoint_rad + self.from_rad):
+            raise ValueError(
+                "identified.setpoint_rad, from_rad and start_rad differ in the number of motors"
+            )
         return self
 
 

@@ -213,17 +213,17 @@ class RestModel:
         """Half the dead travel of each tendon, (..., T)."""
         return 0.5 * self.group(score, "dead_travel")[..., self.segment_of]
 
-    def travel_mm(self, score: Array, start_mm: Array, wound_mm: Array) -> Array:
+    def travel_mm(self, score: Array, from_mm: Array, wound_mm: Array) -> Array:
         """Pull of each tendon behind its dead travel, (N, ..., T): the play operator over all rows.
 
         Args:
             score: of the robot, or of several, (..., P).
-            start_mm: pull of each before the first row, (T,).
-            wound_mm: what the motors have wound up at each row, (N, T).
+            from_mm: what the motors had wound up where they came from, straight, (N, T).
+            wound_mm: what they have wound up at each row, (N, T).
         """
-        half_mm, behind, rows = self.half_dead_mm(score), start_mm, []
-        for wound in wound_mm:
-            behind = pulled_mm(behind, wound, half_mm)
+        half_mm, behind, rows = self.half_dead_mm(score), from_mm[0], []
+        for before, wound in zip(from_mm, wound_mm, strict=True):
+            behind = pulled_mm(pulled_mm(behind, before, half_mm), wound, half_mm)
             rows.append(behind)
         return np.array(rows)
 

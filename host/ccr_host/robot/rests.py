@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -21,10 +21,10 @@ _ONE_PICTURE_MM = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Rests:
-    """Rests in the order in which the robot visited them, moving straight from one to the next."""
+    """Rests in the order in which the robot visited them."""
 
-    start_rad: Array
-    """Motor angles before the first rest, (n,)."""
+    from_rad: Array
+    """Motor angles from which the robot moved straight to each rest, (N, n)."""
     q_rad: Array
     """Motor angles commanded at each rest, (N, n)."""
     markers_mm: Array
@@ -33,10 +33,15 @@ class Rests:
     """Number of exposures averaged at each rest, (N,)."""
 
     @classmethod
-    def of_vectors(cls, start_rad: Array, q_rad: Array, vectors_mm: Array, count: Array) -> Rests:
+    def in_turn(cls, start_rad: Array, q_rad: Array, markers_mm: Array, count: Array) -> Rests:
+        """Rests that were each reached straight from the one before, the first from (n,)."""
+        return cls(np.concatenate([start_rad[None], q_rad])[:-1], q_rad, markers_mm, count)
+
+    @classmethod
+    def of_vectors(cls, from_rad: Array, q_rad: Array, vectors_mm: Array, count: Array) -> Rests:
         """Rests from M2 and so on relative to M1, (N, S, 3), with M1 as the origin."""
         markers_mm = np.concatenate([np.zeros_like(vectors_mm[:, :1]), vectors_mm], axis=1)
-        return cls(start_rad, q_rad, markers_mm, count)
+        return cls(from_rad, q_rad, markers_mm, count)
 
     @property
     def vectors_mm(self) -> Array:
@@ -53,21 +58,30 @@ class Rests:
         return replace(self, markers_mm=self.markers_mm[:, [0, 1, -1]])
 
     def chosen(self, rows: BoolArray | list[int] | slice) -> Rests:
-        parts = (getattr(self, key)[rows] for key in ("q_rad", "markers_mm", "count"))
-        return Rests(self.start_rad, *parts)
+        return Rests(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def then(self, later: Rests) -> Rests:
         """These rests and those of a later tour."""
-        columns = ("q_rad", "markers_mm", "count")
-        joined = {key: np.concatenate([getattr(self, key), getattr(later, key)]) for key in columns}
-        return replace(self, **joined)
+        both = ((getattr(self, each.name), getattr(later, each.name)) for each in fields(self))
+        return Rests(*map(np.concatenate, both))
 
     def ways(self) -> Array:
         """Sign of each motor's last motion before each rest, (N, n); 0 before it moved."""
-        ways = np.sign(np.diff(self.q_rad, axis=0, prepend=self.start_rad[None]))
+        ways = np.sign(self.q_rad - self.from_rad)
         for number in range(1, len(ways)):
             ways[number] += (ways[number] == 0.0) * ways[number - 1]
         return ways
+
+    def from_both_sides(self) -> list[int]:
+        """Rests, not overlapping, whose next one is the same pose reached from the other side."""
+        found: list[int] = []
+        travel_rad = self.q_rad - self.from_rad
+        for here in range(len(self.q_rad) - 1):
+            apart_rad = np.abs(self.q_rad[here + 1] - self.q_rad[here]).max()
+            is_new = not found or here > found[-1] + 1
+            if is_new and apart_rad < _SAME_RAD and (travel_rad[here] @ travel_rad[here + 1]) < 0.0:
+                found.append(here)
+        return found
 
     def hysteresis_mm(self) -> Array:
         """Half the distance between the tips of a pose that a motor approached from both sides.
@@ -101,9 +115,7 @@ class Rests:
         return is_led and not (np.ptp(self.markers_mm, axis=0) > _ONE_PICTURE_MM).any()
 
     def last(self, number: int) -> Rests:
-        first = max(len(self.q_rad) - number, 0)
-        start_rad = self.q_rad[first - 1] if first else self.start_rad
-        return replace(self.chosen(slice(first, None)), start_rad=start_rad)
+        return self.chosen(slice(max(len(self.q_rad) - number, 0), None))
 
     def turned(self, rotation: Array) -> Rests:
         """The rests in another frame; ``rotation`` (3, 3) maps vectors of this frame to it."""
@@ -166,6 +178,6 @@ class Motors(NamedTuple):
         signs, order = np.array(self.signs), list(self.order)
         return replace(
             rests,
-            start_rad=(signs * rests.start_rad)[order],
+            from_rad=(signs * rests.from_rad)[:, order],
             q_rad=(signs * rests.q_rad)[:, order],
         )

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ccr_host.control.adaptive.misfit import REPEATED
-from ccr_host.core.arrays import Array
+from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.core.errors import CcrError, TrackerError
 from ccr_host.robot.rests import Rests
 from ccr_host.run.rig import Rig
@@ -50,10 +50,12 @@ def visit(
     on_pose: OnPose,
     on_rest: OnRest = lambda *_: None,
     judge: Judge = lambda *_: None,
+    are_rests: BoolArray | None = None,
 ) -> Rests:
     """Arm, measure at each stop, (K, n), return to the pose reached by arming, disarm.
 
-    Stops at which a marker was not seen are left out; vectors are in the tracker's frame.
+    Stops at which a marker was not seen are left out; vectors are in the tracker's frame. If only
+    some stops ``are_rests``, (K,), the robot passes the others, which do not count as poses.
 
     An error or Ctrl-C ends the tour where it is; the rig disarms the robot on its way out.
 
@@ -64,24 +66,28 @@ def visit(
     """
     rig.client.arm()
     start_rad = np.array(rig.client.accepted_rad)
-    q_rad = start_rad
-    shape = len(start_rad), len(check.names)
-    rests = Rests(start_rad, np.empty((0, shape[0])), np.empty((0, shape[1], 3)), np.empty(0))
-    for done, stop_rad in enumerate(stops_rad):
-        on_pose(done, len(stops_rad))
-        q_rad = move_to(rig, q_rad, stop_rad)
+    q_rad, no_q_rad = start_rad, np.empty((0, len(start_rad)))
+    rests = Rests(no_q_rad, no_q_rad, np.empty((0, len(check.names), 3)), np.empty(0))
+    to_rest = np.ones(len(stops_rad), dtype=np.bool_) if are_rests is None else are_rests
+    done, poses = 0, int(np.count_nonzero(to_rest))
+    for stop_rad, is_rest in zip(stops_rad, to_rest, strict=True):
+        on_pose(done, poses)
+        from_rad, q_rad = q_rad, move_to(rig, q_rad, stop_rad)
+        if not is_rest:
+            continue
         seen_mm = _measured_at_rest(rig, check, q_rad)
         if seen_mm is not None:
             on_rest(done, seen_mm)
             here = stop_rad[None], seen_mm.mean(axis=0)[None], np.array([float(len(seen_mm))])
-            rests = rests.then(Rests(start_rad, *here))
+            rests = rests.then(Rests(from_rad[None], *here))
             if len(rests.count) >= _ALIKE_POSES and rests.last(_ALIKE_POSES).are_one_picture():
                 raise TrackerError(*REPEATED)
         check.robot_moves()
-        judge(done + 1, rests)
+        done += 1
+        judge(done, rests)
     move_to(rig, q_rad, start_rad)
     rig.client.disarm()
-    on_pose(len(stops_rad), len(stops_rad))
+    on_pose(poses, poses)
     return rests
 
 

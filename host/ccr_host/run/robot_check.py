@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Generator, Iterator
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -128,9 +127,11 @@ class ProbeLaw(Law):
 
     def stages(self) -> Iterator[Stage]:
         """Moves, then a fit, during which the robot stays where it is; more moves if in doubt."""
-        here_rad = self._survey.start_rad = self.history.at(math.inf)
+        here_rad = self.history.at(math.inf)
+        self._survey = RestSurvey(here_rad)
         for reach_rad in _REACHES_RAD:
             stops_rad = self._limits.clip(here_rad + reach_rad * self._stops)
+            self._survey.visit(stops_rad)
             yield Stage(self.name, smooth_moves(self.history.at(math.inf), stops_rad, _REST_S))
             if not len(self.rests.count):
                 return
@@ -144,7 +145,7 @@ class ProbeLaw(Law):
         """Fit the rests, then as other motors or another camera would have made them, if likely."""
         self.fits = yield from self._fitting(rests)
         self.explanation, self._is_undecided = None, False
-        was_led = len(rests.q_rad) > 1 and np.array_equal(rests.q_rad[0], rests.start_rad)
+        was_led = len(rests.q_rad) > 1 and np.array_equal(rests.q_rad[0], rests.from_rad[0])
         if not (self._description.robot.segments and was_led):
             return
         likely = MotorResponses(self._description, rests).explanation()
@@ -276,7 +277,7 @@ class RobotCheck:
             return None
         setpoints_rad, markers = (np.array(column) for column in zip(*self._seen, strict=True))
         count = np.ones(len(markers))
-        return Rests.of_vectors(setpoints_rad[0], setpoints_rad, markers, count)
+        return Rests.of_vectors(setpoints_rad, setpoints_rad, markers, count)
 
     def _is_odd(self, belief: _Belief, q_rad: Array, seen_mm: Array) -> bool:
         """Whether markers, (2, 3), are not where a robot at these motor angles has them."""
@@ -327,7 +328,7 @@ class RobotCheck:
         """Cause and cure of poses along the path, of a robot that matched before it."""
 
         def predict(q_rad: Array) -> Array:
-            led = replace(odd, start_rad=q_rad[0], q_rad=q_rad)
+            led = Rests.in_turn(q_rad[0], q_rad, odd.markers_mm, odd.count)
             return self._statics.predicted_mm(self._beliefs[0].p, led)
 
         limits = MotorLimits.of(self._description.servo)

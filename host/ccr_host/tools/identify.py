@@ -181,7 +181,8 @@ def _identify_two_motors(
 
     def rests_at(rows: IntArray) -> Rests:
         markers_mm = np.stack([measured.middle_mm[rows], measured.tip_mm[rows]], axis=1)
-        return Rests.of_vectors(q_rad[0], q_rad[rows], markers_mm, np.ones(len(rows)))
+        before_rad = q_rad[np.maximum(rows - 1, 0)]
+        return Rests.of_vectors(before_rad, q_rad[rows], markers_mm, np.ones(len(rows)))
 
     def fitted(rows: IntArray) -> StaticsFit[Parameters]:
         found = identification_of(Scaling.of(description), rests_at(rows), predict)

@@ -135,7 +135,10 @@ def measure_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
         TrackerError: the markers are not those of the robot, or are swapped.
     """
     check = MarkerCheck(description)
-    return visit(rig, check, identification_stops_rad(description), on_pose)
+    model, space = make_static_model(description)
+    prior = space.parameters(np.zeros(space.count))
+    stops_rad, are_rests = model.tour(prior, MotorLimits.of(description.servo))
+    return visit(rig, check, stops_rad, on_pose, are_rests=are_rests)
 
 
 def trial_fit(rests: Rests, description: Description) -> Fit:
@@ -173,7 +176,8 @@ def identified_section(
 ) -> dict[str, Any]:
     """The keys of ``[identified]``, rounded below the resolution of board and camera."""
     return {
-        "start_rad": rests.start_rad.round(_ANGLE_DECIMALS).tolist(),
+        "start_rad": rests.from_rad[0].round(_ANGLE_DECIMALS).tolist(),
+        "from_rad": _rows(rests.from_rad.round(_ANGLE_DECIMALS).tolist()),
         "setpoint_rad": _rows(rests.q_rad.round(_ANGLE_DECIMALS).tolist()),
         "tip_mm": _rows(rests.tip_mm.round(_LENGTH_DECIMALS).tolist()),
         "middle_mm": _rows(rests.vectors_mm[:, 0].round(_LENGTH_DECIMALS).tolist()),
@@ -221,8 +225,8 @@ def recalibrated(rests: Rests, before: Servo, after: Servo) -> Rests:
     ratio = np.array(before.pulse_per_90_deg_us) / after.pulse_per_90_deg_us
     moved_us = np.subtract(before.neutral_pulse_us, after.neutral_pulse_us)
     moved_rad = np.radians(90.0) * moved_us / after.pulse_per_90_deg_us
-    start_rad, q_rad = (ratio * angles + moved_rad for angles in (rests.start_rad, rests.q_rad))
-    return replace(rests, start_rad=start_rad, q_rad=q_rad)
+    from_rad, q_rad = (ratio * angles + moved_rad for angles in (rests.from_rad, rests.q_rad))
+    return replace(rests, from_rad=from_rad, q_rad=q_rad)
 
 
 def file_for_calibration(robot: str | None, out: Path | None) -> Path:

@@ -130,7 +130,7 @@ def nearest_motors(rests: Rests, space: ParameterSpace[Any], predict: Predict[An
         SurveyError: neither distances nor fits tell it from another one.
         MisfitError: motors are exchanged.
     """
-    count = len(rests.start_rad)
+    count = rests.q_rad.shape[1]
     judged, judge, supposed, doubt = rests, predict, _all_hypotheses(count), 1.0
     if not supposed:
         judge = moves = _SmallMoves(predict, rests)
@@ -219,7 +219,7 @@ class _SmallMoves(Generic[P]):
         )
         more = moves.then(moves.chosen([0]))
         self.rests = Rests.of_vectors(
-            more.start_rad, more.q_rad, self._differed(moves.vectors_mm), more.count
+            more.from_rad, more.q_rad, self._differed(moves.vectors_mm), more.count
         )
 
     def __call__(self, p: P, rests: Rests) -> Array:

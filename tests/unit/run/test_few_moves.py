@@ -41,10 +41,10 @@ def rests_of(described: Description, slack_mm: float, motors: Motors | None = No
     model, space, score = robot(described, slack_mm)
     q_rad = REACH_RAD * probe_stops(described.robot)
     count = np.full(len(q_rad), 13.0)
-    at_rest = Rests.of_vectors(q_rad[0], q_rad, np.zeros((len(q_rad), 2, 3)), count)
+    at_rest = Rests.of_vectors(q_rad, q_rad, np.zeros((len(q_rad), 2, 3)), count)
     led = at_rest if motors is None else motors.drive(at_rest)
     vectors_mm = model.predicted_mm(space.parameters(score), led)
-    return Rests.of_vectors(q_rad[0], q_rad, vectors_mm, count)
+    return Rests.of_vectors(q_rad, q_rad, vectors_mm, count)
 
 
 def judged(described: Description, rests: Rests) -> ProbeLaw:

@@ -37,7 +37,7 @@ def test_a_tour_tells_where_it_began_and_ends_there_disarmed(check: MarkerCheck)
     with open_rig(OPTIONS, OPTIONS.description(), witness) as rig:
         tour = visit(rig, check, STOPS_RAD, lambda *_: None)
         assert rig.client.read_state().state is State.DISARMED
-    np.testing.assert_allclose(np.degrees(tour.start_rad), REST_DEG, atol=0.01)
+    np.testing.assert_allclose(np.degrees(tour.from_rad[0]), REST_DEG, atol=0.01)
     np.testing.assert_allclose(tour.q_rad, STOPS_RAD)
     active = [report for report in witness.reports if report.state is State.ACTIVE]
     np.testing.assert_allclose(active[-1].target_cdeg, np.multiply(REST_DEG, 100), atol=1)

@@ -188,9 +188,10 @@ def _robot_with_rests(folder: Path, off_mm: float) -> str:
     p = Scaling.of(description).parameters(np.zeros(COUNT))
     stops_rad = unhindered_setpoints_for(p, tour_bending_rad())
     count = np.full(len(stops_rad), 20.0)
-    vectors_mm = predicted_mm(p, Rests(np.zeros(2), stops_rad, np.empty(0), count))
+    rests = Rests.in_turn(np.zeros(2), stops_rad, np.empty(0), count)
+    vectors_mm = predicted_mm(p, rests)
     vectors_mm += off_mm * np.random.default_rng(1).standard_normal(vectors_mm.shape)
-    seen = Rests.of_vectors(np.zeros(2), stops_rad, vectors_mm, count)
+    seen = Rests.of_vectors(rests.from_rad, stops_rad, vectors_mm, count)
     section = identified_section(seen, description, datetime.date(2026, 1, 2))
     file = folder / "robot.toml"
     file.write_text(tomlkit.dumps({"identified": section, "control": {"solver": "compiled"}}))

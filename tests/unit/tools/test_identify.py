@@ -190,7 +190,7 @@ def test_another_robot_is_told_so_and_not_identified():
 
 def rests_of(p: Parameters, q_rad: np.ndarray) -> np.ndarray:
     nothing = np.full((len(q_rad), 2, 3), np.nan)
-    return predicted_mm(p, Rests.of_vectors(q_rad[0], q_rad, nothing, np.ones(len(q_rad))))[:, 1]
+    return predicted_mm(p, Rests.of_vectors(q_rad, q_rad, nothing, np.ones(len(q_rad))))[:, 1]
 
 
 def two_motor_robot() -> tuple[np.ndarray, np.ndarray, Parameters]:

@@ -44,10 +44,10 @@ def seen(
     p = Scaling(robot).parameters(np.zeros(COUNT))._replace(**parameters)
     stops = stops_rad()
     count = np.full(len(stops), 30.0)
-    commanded = Rests(np.zeros(2), stops, np.zeros((len(stops), 3, 3)), count)
+    commanded = Rests.in_turn(np.zeros(2), stops, np.zeros((len(stops), 3, 3)), count)
     motors = Motors(signs, (1, 0) if swapped else (0, 1))
     vectors_mm = predicted_mm(p, motors.drive(commanded))
-    rests = Rests.of_vectors(np.zeros(2), stops, vectors_mm, count)
+    rests = Rests.of_vectors(commanded.from_rad, stops, vectors_mm, count)
     return rests.turned(Rotation.from_rotvec(turn).as_matrix().T)
 
 
@@ -122,10 +122,9 @@ def moved_base(markers_mm):
 
 def without_motor_2(markers_mm):
     only_1 = stops_rad() * (1.0, 0.0)
-    rests = seen(ASKEW)
-    p = Scaling(ROBOT).parameters(np.zeros(COUNT))
-    vectors_mm = predicted_mm(p, replace(rests, q_rad=only_1))
-    return Rests.of_vectors(np.zeros(2), only_1, vectors_mm, rests.count).markers_mm
+    rests = Rests.in_turn(np.zeros(2), only_1, markers_mm, np.ones(len(only_1)))
+    vectors_mm = predicted_mm(Scaling(ROBOT).parameters(np.zeros(COUNT)), rests)
+    return Rests.of_vectors(rests.from_rad, only_1, vectors_mm, rests.count).markers_mm
 
 
 @pytest.mark.parametrize(

@@ -44,13 +44,13 @@ def rests_of(
     tour_rad = identification_stops_rad(description) * motors.signs
     q_rad = safe_rad if only_moves else np.concatenate([safe_rad, tour_rad])
     nothing = np.zeros((len(q_rad), len(description.robot.markers), 3))
-    rests = Rests(np.zeros(q_rad.shape[1]), q_rad, nothing, np.full(len(q_rad), 30.0))
+    rests = Rests.in_turn(np.zeros(q_rad.shape[1]), q_rad, nothing, np.full(len(q_rad), 30.0))
     seen_mm = model.predicted_mm(
         space.parameters(true_score(name, seed, spread)), motors.drive(rests)
     )
     seen_mm = seen_mm + rng.normal(0.0, NOISE_MM, seen_mm.shape)
     turn = Rotation.random(random_state=seed).as_matrix()
-    return Rests.of_vectors(rests.start_rad, q_rad, seen_mm, rests.count).turned(turn.T)
+    return Rests.of_vectors(rests.from_rad, q_rad, seen_mm, rests.count).turned(turn.T)
 
 
 @cache
@@ -112,7 +112,7 @@ def test_reversed_motors_of_single_tendons_are_not_taken_for_exchanged_ones() ->
     seen_mm = np.loadtxt(Path(__file__).parent / "moves_of_three_spatial.csv", delimiter=",")
     q_rad = safe_poses_rad(description)
     markers_mm = seen_mm.reshape(len(q_rad), -1, 3)
-    rests = Rests(np.zeros(9), q_rad, markers_mm, np.full(len(q_rad), 30.0))
+    rests = Rests.in_turn(np.zeros(9), q_rad, markers_mm, np.full(len(q_rad), 30.0))
     found = likeliest_motors(rests, description)
     assert found == reversed_in("three-spatial", 1, 2, 4, 7, 9)
 
@@ -132,7 +132,7 @@ def test_fits_that_explain_nothing_do_not_tell_which_motors_are_reversed(
     monkeypatch.setattr(survey_starts, "_DISTINCT", 10.0)
     rests = rests_of("single", 2, only_moves=True)
     off_mm = np.random.default_rng(1).normal(0.0, 10.0, rests.vectors_mm.shape)
-    shaken = Rests.of_vectors(rests.start_rad, rests.q_rad, rests.vectors_mm + off_mm, rests.count)
+    shaken = Rests.of_vectors(rests.from_rad, rests.q_rad, rests.vectors_mm + off_mm, rests.count)
     with pytest.raises(SurveyError, match="do not tell"):
         likeliest_motors(shaken, description_of("single"))
 
@@ -180,6 +180,6 @@ def test_a_motor_that_moves_nothing_is_named_however_the_others_bend_the_robot(s
     model = ConstantCurvature(description.robot)
     led_rad = safe_rad * (np.arange(1, model.motors + 1) != still)
     markers_mm = model.markers_mm(model.bending_rad(led_rad))[0]
-    rests = Rests.of_vectors(safe_rad[0], safe_rad, markers_mm, np.ones(len(safe_rad)))
+    rests = Rests.of_vectors(safe_rad, safe_rad, markers_mm, np.ones(len(safe_rad)))
     with pytest.raises(SurveyError, match=f"motor {still} moved M3 by 0.0 mm only"):
         require_motion_so_far(rests, description, len(safe_rad), safe_rad)

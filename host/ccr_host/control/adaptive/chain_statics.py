@@ -236,8 +236,8 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
     def _travel_mm(self, rests: Rests, score: Array) -> Array:
         """Pull of each tendon at rests, (N, T)."""
-        start_mm, wound_mm = (q @ self._winding_mm.T for q in (rests.start_rad, rests.q_rad))
-        return self._model.travel_mm(score, start_mm, wound_mm)
+        from_mm, wound_mm = (q @ self._winding_mm.T for q in (rests.from_rad, rests.q_rad))
+        return self._model.travel_mm(score, from_mm, wound_mm)
 
     def _tendons(
         self, balance: _Balance, sides: tuple[float, ...], change_over: tuple[float, ...]

@@ -99,7 +99,7 @@ class CompiledModel(PlainModel):
     def predicted_mm(self, p: Parameters, rests: Rests) -> Array:
         rows = np.array(p).T
         markers_mm = self._entries.predicted_mm(
-            _contiguous(np.atleast_2d(rows)), rests.start_rad.copy(), _contiguous(rests.q_rad)
+            _contiguous(np.atleast_2d(rows)), _contiguous(rests.from_rad), _contiguous(rests.q_rad)
         )
         return markers_mm if rows.ndim > 1 else markers_mm[:, 0]
 
@@ -139,13 +139,14 @@ def _make_entries(fingerprint: int) -> _Entries:
             columns[:, i] = change_of(here, _parameters(near[i]), pose, travel_1, travel_2)
         return columns
 
-    def predicted_mm(rows: Array, start: Array, setpoints: Array) -> Array:
+    def predicted_mm(rows: Array, before: Array, setpoints: Array) -> Array:
         _ = fingerprint
         markers_mm = np.empty((len(setpoints), len(rows), 2, 3))
         for i in range(len(rows)):
             p = _parameters(rows[i])
-            pose = first_pose(p, start[0], start[1])
+            pose = first_pose(p, before[0, 0], before[0, 1])
             for j in range(len(setpoints)):
+                pose = moved_to(p, pose, before[j, 0], before[j, 1])
                 pose = moved_to(p, pose, setpoints[j, 0], setpoints[j, 1])
                 markers = markers_of(p, pose.theta_1, pose.theta_2)
                 markers_mm[j, i, 0], markers_mm[j, i, 1] = markers
@@ -171,7 +172,7 @@ def _ready_entries() -> _Entries:
     pose, pair, pairs = np.zeros(10), np.zeros(2), np.zeros((1, 2))
     entries.moved(anything, pose, pair)
     entries.changes(anything[None].copy(), pose, pair)
-    entries.predicted_mm(anything[None].copy(), pair, pairs)
+    entries.predicted_mm(anything[None].copy(), pairs, pairs)
     entries.polished(anything, pairs, np.zeros((1, 3)), 1)
     for entry in entries:
         entry.disable_compile()

@@ -101,11 +101,15 @@ class StaticsFit(Generic[P]):
         self.scaling = scaling
         self.rests = rests
         seen = np.all(np.isfinite(rests.vectors_mm), axis=-1, keepdims=True)
-        self._vectors_mm = np.where(seen, rests.vectors_mm, 0.0)
+        self._contrasts, is_difference = _contrasts_of(rests, seen)
+        self._vectors_mm = self._contrast(np.where(seen, rests.vectors_mm, 0.0))
         measured_mm = scaling.deviation_mm(rests.count)[:, None, None]
         deviation_mm = np.where(seen, measured_mm, _UNSEEN_MM).repeat(3, axis=-1)
         self._variance_mm2 = np.eye(6) * deviation_mm.reshape(-1, 6, 1) ** 2
-        self._coordinates = 3 * np.count_nonzero(seen)
+        hysteresis_mm2 = np.mean(self._vectors_mm**2, axis=(1, 2)) * is_difference
+        self._variance_mm2 += np.eye(6) * hysteresis_mm2[:, None, None]
+        self._counts = ~is_difference
+        self._coordinates = 3 * np.count_nonzero(seen[self._counts])
         self._score = np.zeros(scaling.count) if start is None else start
         self._damping = _DAMPING_FIRST
         self._steps_left = _ITERATIONS
@@ -141,7 +145,7 @@ class StaticsFit(Generic[P]):
             self._score,
             np.asarray(np.linalg.inv(self._information), dtype=np.float64),
             float(np.sqrt(3.0 * np.nanmean(residual_mm**2))),
-            np.any(_sizes(self._standardised) > _HUBER_DEVIATIONS, axis=1),
+            (self._contrasts != 0.0).T @ self._stand_out(),
             self._surprise(),
             self._cost + self._log_variance,
         )
@@ -151,7 +155,7 @@ class StaticsFit(Generic[P]):
 
         The model's errors are not in it.
         """
-        there = Rests.of_vectors(q_rad, q_rad[None], np.zeros((1, 2, 3)), np.ones(1))
+        there = Rests.of_vectors(q_rad[None], q_rad[None], np.zeros((1, 2, 3)), np.ones(1))
         (slope,) = self._slopes(there)
         covariance: Array = slope @ np.linalg.inv(self._information) @ slope.T
         return covariance
@@ -164,15 +168,20 @@ class StaticsFit(Generic[P]):
         slopes[..., self.scaling.roles.pushes] = 0.0
         return slopes
 
+    def _stand_out(self) -> BoolArray:
+        stand_out: BoolArray = np.any(_sizes(self._standardised) > _HUBER_DEVIATIONS, axis=1)
+        return stand_out
+
     def _surprise(self) -> float:
-        return math.sqrt(float((self._standardised**2).sum()) / self._coordinates)
+        counted = self._standardised[self._counts]
+        return math.sqrt(float((counted**2).sum()) / self._coordinates)
 
     def _look(self) -> None:
         """Find the slopes at the present scores, and with them how well each rest is known.
 
         An unexplained angle of a shaft moves both markers, as an error of its zero does.
         """
-        slope = self._slopes(self.rests)
+        slope = self._contrast(self._slopes(self.rests))
         by_shaft = slope @ self.scaling.by_shaft(self._shaft_rad)
         covariance_mm2 = self._variance_mm2 + by_shaft @ by_shaft.transpose(0, 2, 1)
         self._whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
@@ -201,14 +210,33 @@ class StaticsFit(Generic[P]):
 
     def _judge(self, score: Array) -> tuple[Array, float]:
         """Standardised residuals, (N, 6), and the cost."""
-        residual_mm = (self._vectors_mm - self._predicted(score)).reshape(-1, 6, 1)
+        residual_mm = (self._vectors_mm - self._contrast(self._predicted(score))).reshape(-1, 6, 1)
         standardised = (self._whitening @ residual_mm)[..., 0]
         size = _sizes(standardised)
         excess = np.maximum(size - _HUBER_DEVIATIONS, 0.0)
         return standardised, float((size**2 - excess**2).sum() + (score**2).sum())
 
+    def _contrast(self, rows: Array) -> Array:
+        return np.asarray(np.tensordot(self._contrasts, rows, axes=1))
+
     def _predicted(self, score: Array) -> Array:
         return self._predict(self.scaling.parameters(score), self.rests)
+
+
+def _contrasts_of(rests: Rests, seen: BoolArray) -> tuple[Array, BoolArray]:
+    """What of rests is fitted, (N, N), and which rows of it are differences, (N,).
+
+    Where a robot rests between reaching a stop from one side and from the other is known better
+    than by how much both differ, which every hole and gear adds to. So their mean and half their
+    difference are fitted, and the difference is only as certain as it is large.
+    """
+    contrasts, is_difference = np.eye(len(rests.q_rad)), np.zeros(len(rests.q_rad), dtype=bool)
+    for first in rests.from_both_sides():
+        pair = slice(first, first + 2)
+        if np.all(seen[pair] == seen[first]):
+            contrasts[pair, pair] = (0.5, 0.5), (0.5, -0.5)
+            is_difference[first + 1] = True
+    return contrasts, is_difference
 
 
 def _sizes(standardised: Array) -> Array:
@@ -222,33 +250,48 @@ def _huber_weight(standardised: Array) -> Array:
 
 
 class RestSurvey:
-    """Collects the measurements of a robot that goes from rest to rest, any robot's.
+    """Collects the measurements of a robot that goes from stop to stop, any robot's.
 
-    ``start_rad``, (n,), are the motor angles before the tour.
+    ``start_rad``, (n,), are the motor angles before the first tour.
     """
 
     def __init__(self, start_rad: Array) -> None:
-        self.start_rad = start_rad
-        self._setpoints_rad: list[Array] = []
-        self._markers_mm: list[list[Array]] = []
+        self._stops_rad = [start_rad]
+        self._markers_mm: dict[int, list[Array]] = {}
+        """What was seen, by the number of the stop."""
+        self._since_s = -math.inf
+
+    def visit(self, stops_rad: Array) -> None:
+        """Expect the robot at further stops, (N, n), in that order; not all need be rests."""
+        self._stops_rad.extend(stops_rad)
 
     def add(self, history: SetpointHistory, measurement: Measurement) -> None:
         """Keep a measurement if the setpoints had been at rest for long enough."""
-        if measurement.time_s - history.resting_since(measurement.time_s) < SETTLED_AFTER_S:
+        since_s = history.resting_since(measurement.time_s)
+        if measurement.time_s - since_s < SETTLED_AFTER_S:
             return
-        setpoint = measurement.setpoint_rad
-        if not self._setpoints_rad or not np.array_equal(setpoint, self._setpoints_rad[-1]):
-            self._setpoints_rad.append(setpoint)
-            self._markers_mm.append([])
-        self._markers_mm[-1].append(np.stack([measurement.middle_mm, measurement.tip_mm]))
+        setpoint_rad = measurement.setpoint_rad
+        came_rad = setpoint_rad - history.at(since_s - SETTLED_AFTER_S)
+        last = max(self._markers_mm, default=0)
+        for number in range(last + (since_s > self._since_s), len(self._stops_rad)):
+            stop_rad = self._stops_rad[number]
+            travel_rad = stop_rad - self._stops_rad[max(number - 1, 0)]
+            if np.array_equal(stop_rad, setpoint_rad) and travel_rad @ came_rad >= 0.0:
+                self._since_s = since_s
+                markers_mm = np.stack([measurement.middle_mm, measurement.tip_mm])
+                self._markers_mm.setdefault(number, []).append(markers_mm)
+                return
 
     def rests(self) -> Rests:
         """The rests measured so far; their markers are M1, M2 and the tip."""
+        stops_rad, numbers = np.array(self._stops_rad), list(self._markers_mm)
+        before = np.maximum(np.array(numbers, dtype=int) - 1, 0)
+        seen = self._markers_mm.values()
         return Rests.of_vectors(
-            self.start_rad,
-            np.array(self._setpoints_rad).reshape(-1, len(self.start_rad)),
-            np.array([np.median(seen, axis=0) for seen in self._markers_mm]).reshape(-1, 2, 3),
-            np.array([float(len(seen)) for seen in self._markers_mm]),
+            stops_rad[before],
+            stops_rad[numbers],
+            np.array([np.median(markers_mm, axis=0) for markers_mm in seen]).reshape(-1, 2, 3),
+            np.array([float(len(markers_mm)) for markers_mm in seen]),
         )
 
 
@@ -342,9 +385,8 @@ def identified_rests(description: Description) -> Rests | None:
         )
     not_seen = np.full_like(identified.tip_mm, np.nan)
     middle_mm = np.array(identified.middle_mm) if identified.middle_mm else not_seen
-    return Rests.of_vectors(
-        np.array(identified.start_rad),
-        np.array(identified.setpoint_rad),
-        np.stack([middle_mm, identified.tip_mm], axis=1),
-        np.array(identified.count, dtype=np.float64),
-    )
+    q_rad = np.array(identified.setpoint_rad)
+    from_rad = identified.from_rad or (identified.start_rad, *identified.setpoint_rad[:-1])
+    vectors_mm = np.stack([middle_mm, identified.tip_mm], axis=1)
+    count = np.array(identified.count, dtype=np.float64)
+    return Rests.of_vectors(np.array(from_rad), q_rad, vectors_mm, count)

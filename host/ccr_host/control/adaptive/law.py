@@ -142,9 +142,11 @@ class AdaptiveLaw(Law):
         if self._identified is not None:
             found = identification_of(self._space, self._identified, predict)
         if found is None:
-            self._survey.start_rad = here_rad
-            stops_rad = self._model.tour_rad(self._estimator.parameters, self._limits)
-            yield Stage("exploring the robot", smooth_moves(here_rad, stops_rad, _TOUR_REST_S))
+            self._survey = RestSurvey(here_rad)
+            stops_rad, are_rests = self._model.tour(self._estimator.parameters, self._limits)
+            self._survey.visit(stops_rad)
+            moves_rad = smooth_moves(here_rad, stops_rad, np.where(are_rests, _TOUR_REST_S, 0.0))
+            yield Stage("exploring the robot", moves_rad)
             found, here_rad = identification_of(self._space, self.rests, predict), stops_rad[-1]
             yield Stage("identifying the robot", here_rad[None], is_motion=False)
         while found is not None and found.improve():

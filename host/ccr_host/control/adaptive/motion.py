@@ -193,10 +193,10 @@ def change_of(
 
 def predicted_mm(p: Parameters, rests: Rests) -> Array:
     """M2 and M3 at the rests, (N, ..., 2, 3), for parameters that are floats or arrays (...)."""
-    pose = first_pose(p, *rests.start_rad.tolist())
+    pose = first_pose(p, *rests.from_rad[0].tolist())
     markers = []
-    for q_1, q_2 in rests.q_rad.tolist():
-        pose = moved(p, pose, q_1, q_2)
+    for before, here in zip(rests.from_rad.tolist(), rests.q_rad.tolist(), strict=True):
+        pose = moved(p, moved(p, pose, *before), *here)
         middle, tip = markers_of(p, pose.theta_1, pose.theta_2)
         markers.append(np.stack([stacked(*middle), stacked(*tip)], axis=-2))
     return np.array(markers)

@@ -14,7 +14,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
-from ccr_host.core.arrays import Array
+from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
@@ -78,8 +78,16 @@ P = TypeVar("P")
 S = TypeVar("S", bound=Resting)
 
 
+_FROM_BOTH_SIDES = np.array([[1.0], [0.0], [-1.0], [0.0]])
+"""Stops at each pose of a tour: past it, there, past it on the other side, there."""
+
+
 class StaticModel(ABC, Generic[P, S]):
     """Rest poses of a robot, their derivatives and their inverse."""
+
+    passed_rad = 0.0
+    """Angle by which all motors turn past a rest of the tour, so that it is reached from both
+    sides; 0 if it is reached straight from the one before."""
 
     @abstractmethod
     def first_pose(self, p: P, setpoint_rad: Array) -> S:
@@ -189,6 +197,15 @@ class StaticModel(ABC, Generic[P, S]):
     @abstractmethod
     def tour_rad(self, p: P, limits: MotorLimits) -> Array:
         """Motor angles of rests at which the parameters are observable, (N, n)."""
+
+    def tour(self, p: P, limits: MotorLimits) -> tuple[Array, BoolArray]:
+        """Motor angles of stops by which to reach those rests, (K, n); which are rests, (K,)."""
+        rests_rad = self.tour_rad(p, limits)
+        if not self.passed_rad:
+            return rests_rad, np.ones(len(rests_rad), dtype=np.bool_)
+        stops_rad = rests_rad[:, None] + self.passed_rad * _FROM_BOTH_SIDES
+        are_rests = np.tile(_FROM_BOTH_SIDES[:, 0] == 0.0, len(rests_rad))
+        return limits.clip(stops_rad.reshape(-1, rests_rad.shape[1])), are_rests
 
 
 class PoseFollower(Generic[P, S]):

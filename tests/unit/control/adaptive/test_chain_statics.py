@@ -137,10 +137,12 @@ def test_a_tour_of_another_robot_is_fitted_to_the_noise(robot, true_score):
     model, space = model_of(description)
     truth, prior = (space.parameters(s) for s in (true_score(space, 5), np.zeros(space.count)))
     stops_rad = model.tour_rad(prior, MotorLimits.of(description.servo))
-    rests = Rests(np.zeros_like(stops_rad[0]), stops_rad, np.empty(0), np.full(len(stops_rad), 6.0))
+    rests = Rests.in_turn(
+        np.zeros_like(stops_rad[0]), stops_rad, np.empty(0), np.full(len(stops_rad), 6.0)
+    )
     exact_mm = model.predicted_mm(truth, rests)
     seen_mm = exact_mm + np.random.default_rng(1).normal(scale=0.1, size=exact_mm.shape)
-    rests = Rests.of_vectors(rests.start_rad, stops_rad, seen_mm, rests.count)
+    rests = Rests.of_vectors(rests.from_rad, stops_rad, seen_mm, rests.count)
     fits = identification_of(space, rests, model.predicted_mm)
     assert fits is not None
     found = fits.finish().result()

@@ -59,8 +59,8 @@ def test_both_models_have_the_same_slopes(compiled, seed):
 @given(seed=seeds)
 def test_both_models_predict_the_same_rests(compiled, seed):
     rng, p = _drawn(seed)
-    stops_rad = rng.uniform(-LONGEST_RAD, LONGEST_RAD, (8, 2))
-    rests = Rests(np.array([0.1, 0.0]), stops_rad, np.zeros((8, 3, 3)), np.ones(8))
+    from_rad, stops_rad = rng.uniform(-LONGEST_RAD, LONGEST_RAD, (2, 8, 2))
+    rests = Rests(from_rad, stops_rad, np.zeros((8, 3, 3)), np.ones(8))
     plain_mm, again_mm = PLAIN.predicted_mm(p, rests), compiled.predicted_mm(p, rests)
     assert again_mm.shape == (8, 2, 3)
     assert again_mm == pytest.approx(plain_mm, abs=1e-5)

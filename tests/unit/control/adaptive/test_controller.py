@@ -32,7 +32,7 @@ def _approach(controller, tip_of, time_us):
         before_rad, q_rad = q_rad, command.q_rad
         calls, time_us = calls + 1, time_us + 50_000
         assert LIMITS.clip(q_rad) == pytest.approx(q_rad)
-        assert calls < 1200
+        assert calls < 2400
 
 
 def test_without_any_measurement_it_still_approaches_and_follows():

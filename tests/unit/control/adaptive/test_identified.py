@@ -23,8 +23,10 @@ TRUTH = PRIOR._replace(slack_1_rad=0.12, tip_per_mm=0.003)
 
 def _rests(count=20):
     stops = unhindered_setpoints_for(PRIOR, tour_bending_rad())[:count]
-    rests = Rests(np.zeros(2), stops, np.zeros((len(stops), 3, 3)), np.full(len(stops), 30.0))
-    return Rests.of_vectors(rests.start_rad, stops, predicted_mm(TRUTH, rests), rests.count)
+    rests = Rests.in_turn(
+        np.zeros(2), stops, np.zeros((len(stops), 3, 3)), np.full(len(stops), 30.0)
+    )
+    return Rests.of_vectors(rests.from_rad, stops, predicted_mm(TRUTH, rests), rests.count)
 
 
 def _identified(description=BELIEVED):
@@ -74,7 +76,7 @@ def test_an_identified_robot_is_known_without_a_tour():
     model, limits = ConstantCurvature(BELIEVED.robot), MotorLimits.of(BELIEVED.servo)
     controller.start(load_path("8shape", 1.0, Workspace(model, limits)))
     command, duration_us = _end_of_approach(controller)
-    there = Rests(np.zeros(2), command.q_rad[None], np.zeros((1, 3, 3)), np.ones(1))
+    there = Rests.in_turn(np.zeros(2), command.q_rad[None], np.zeros((1, 3, 3)), np.ones(1))
     known_mm, prior_mm = (predicted_mm(p, there)[0, 1] for p in (TRUTH, PRIOR))
     off_prior_mm = np.linalg.norm(prior_mm - known_mm)
     assert duration_us < 5_000_000

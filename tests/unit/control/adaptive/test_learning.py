@@ -1,4 +1,5 @@
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,10 +31,10 @@ STILL = np.zeros(2)
 
 def _tour_of(p, noise_mm=0.0, seed=1, count=6.0):
     stops = unhindered_setpoints_for(PRIOR, tour_bending_rad())
-    rests = Rests(STILL, stops, np.zeros((len(stops), 3, 3)), np.full(len(stops), count))
+    rests = Rests.in_turn(STILL, stops, np.zeros((len(stops), 3, 3)), np.full(len(stops), count))
     tips = predicted_mm(p, rests)
     noise = noise_mm / np.sqrt(count) * np.random.default_rng(seed).standard_normal(tips.shape)
-    return Rests.of_vectors(STILL, stops, tips + noise, rests.count)
+    return Rests.of_vectors(rests.from_rad, stops, tips + noise, rests.count)
 
 
 def _believable(seed):
@@ -67,6 +68,30 @@ def test_the_tour_tells_play_from_friction(compiled):
     )
     assert found.backlash_rad == pytest.approx(0.008, abs=0.003)
     assert found.friction_1 == pytest.approx(0.22, abs=0.06)
+
+
+def _turn_found_deg(compiled, from_rad, stops):
+    """The camera's turn found from rests of a robot that lags by a part of how far it is bent."""
+    rests = Rests(from_rad, stops, np.zeros((len(stops), 3, 3)), np.full(len(stops), 6.0))
+    lagging = stops - 0.02 * np.abs(stops) * np.sign(stops - from_rad)
+    seen_mm = predicted_mm(PRIOR, replace(rests, from_rad=lagging, q_rad=lagging))
+    rests = Rests.of_vectors(from_rad, stops, seen_mm, rests.count)
+    found = StaticsFit(SCALING, rests, compiled.predicted_mm).finish()
+    return np.degrees(SCALING.values(found.score)[TURNS]), found
+
+
+@pytest.mark.long
+def test_hysteresis_that_the_model_lacks_turns_no_camera_if_rests_are_reached_from_both_sides(
+    compiled,
+):
+    rests_rad = unhindered_setpoints_for(PRIOR, tour_bending_rad())
+    passed = PLAIN.passed_rad * np.tile((1.0, -1.0), len(rests_rad))[:, None]
+    stops = rests_rad.repeat(2, axis=0)
+    one_sided, _ = _turn_found_deg(compiled, np.vstack([STILL, rests_rad[:-1]]), rests_rad)
+    both_sided, found = _turn_found_deg(compiled, stops + passed, stops)
+    assert np.linalg.norm(both_sided) < 0.1
+    assert np.linalg.norm(one_sided) > 0.2
+    assert found.surprise < 0.5
 
 
 @pytest.mark.long

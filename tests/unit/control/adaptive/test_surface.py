@@ -41,8 +41,8 @@ def identified_as_short(
     """The description with the rests of the short robot, as a turned camera sees them."""
     stops_rad = unhindered_setpoints_for(PRIOR, tour_bending_rad())
     count = np.full(len(stops_rad), 30.0)
-    unseen = Rests(np.zeros(2), stops_rad, np.zeros((len(stops_rad), 3, 3)), count)
-    rests = Rests.of_vectors(np.zeros(2), stops_rad, predicted_mm(SHORT, unseen), count)
+    unseen = Rests.in_turn(np.zeros(2), stops_rad, np.zeros((len(stops_rad), 3, 3)), count)
+    rests = Rests.of_vectors(unseen.from_rad, stops_rad, predicted_mm(SHORT, unseen), count)
     section = identified_section(
         rests if turn is None else rests.turned(turn), description, "2026-01-02"
     )
@@ -57,7 +57,7 @@ def surface() -> IdentifiedSurface:
 
 def tips_mm(q_rad: np.ndarray) -> np.ndarray:
     """Where the short robot comes to rest."""
-    each = [Rests(q, q[None], np.zeros((1, 3, 3)), np.ones(1)) for q in q_rad]
+    each = [Rests.in_turn(q, q[None], np.zeros((1, 3, 3)), np.ones(1)) for q in q_rad]
     return np.array([predicted_mm(SHORT, rest)[0, 1] for rest in each])
 
 

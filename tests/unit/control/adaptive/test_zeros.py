@@ -59,7 +59,9 @@ def test_bending_planes_that_are_off_are_not_taken_for_a_registered_camera_that_
 def rests_of(truth: Parameters) -> Rests:
     """The tour of a robot of the model's form, without noise."""
     stops_rad = unhindered_setpoints_for(truth, tour_bending_rad())
-    rests = Rests(np.zeros(2), stops_rad, np.zeros((len(stops_rad), 3, 3)), np.full(20, 6.0))
+    rests = Rests.in_turn(
+        np.zeros(2), stops_rad, np.zeros((len(stops_rad), 3, 3)), np.full(20, 6.0)
+    )
     rests.markers_mm[:, 1:] = predicted_mm(truth, rests)
     return rests
 

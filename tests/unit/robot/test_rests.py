@@ -1,0 +1,34 @@
+import numpy as np
+import pytest
+
+from ccr_host.robot.rests import Rests
+
+NO_MM = np.zeros((4, 3, 3))
+START, HOME = np.array([0.3, -0.2]), np.zeros((4, 2))
+
+
+def test_rests_in_turn_were_each_reached_from_the_one_before() -> None:
+    q_rad = np.arange(8.0).reshape(4, 2)
+    rests = Rests.in_turn(START, q_rad, NO_MM, np.ones(4))
+    assert rests.from_rad == pytest.approx(np.vstack([START, q_rad[:-1]]))
+
+
+def test_chosen_rests_remember_from_where_they_were_reached() -> None:
+    rests = Rests.in_turn(START, np.arange(8.0).reshape(4, 2), NO_MM, np.ones(4))
+    assert rests.chosen([2]).from_rad == pytest.approx(rests.q_rad[[1]])
+    assert rests.last(1).from_rad == pytest.approx(rests.q_rad[[2]])
+    assert rests.chosen([0]).then(rests.last(1)).from_rad == pytest.approx(rests.from_rad[[0, 3]])
+
+
+@pytest.mark.parametrize(
+    ("from_sides", "pairs"),
+    [((1, -1, 1, -1), [0, 2]), ((1, 1, -1, 1), [1]), ((1, 1, 1, 1), []), ((0, 1, 0, -1), [])],
+)
+def test_two_rests_in_a_row_at_one_pose_reached_from_two_sides_are_a_pair(from_sides, pairs):
+    from_rad = 0.2 * np.array(from_sides)[:, None] * np.ones(2)
+    assert Rests(from_rad, HOME, NO_MM, np.ones(4)).from_both_sides() == pairs
+
+
+def test_rests_of_different_poses_are_no_pair() -> None:
+    q_rad = np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1], [0.1, 0.0]])
+    assert Rests(-q_rad, q_rad, NO_MM, np.ones(4)).from_both_sides() == []
