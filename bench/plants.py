@@ -44,7 +44,7 @@ from ccr_host.run.rest_motion import visit
 from ccr_host.tools.measured import Measured, home_of
 from ccr_host.tools.record import stops_of
 from ccr_host.tools.sweep.job import Row
-from ccr_host.tools.sweep.plan import SweepPlan, TwinJob
+from ccr_host.tools.sweep.plan import GivenTwin, SweepPlan, TwinJob
 from ccr_host.tracking.markers.check import MarkerCheck
 
 RANDOM = "random"
@@ -223,7 +223,11 @@ def main() -> None:
     paths, names = tuple(arguments.path), arguments.controller
     drives = [(rate, name) for rate in arguments.rate for name in [*names, *FEEDFORWARD]]
     campaigns = [
-        (name, SweepPlan(arguments.seed, paths, name, twins=({},) * len(paths)), len(paths))
+        (
+            name,
+            SweepPlan(arguments.seed, paths, name, twins=(GivenTwin({}),) * len(paths)),
+            len(paths),
+        )
         for name in arguments.robot
     ]
     if arguments.twins:

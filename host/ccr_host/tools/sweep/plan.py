@@ -55,11 +55,11 @@ class TwinJob:
 
 
 class GivenTwin(NamedTuple):
-    """A twin of the user's."""
+    """A twin that is given, not drawn."""
 
-    where: str
-    """File and line, for messages."""
     settings: Settings
+    where: str = "a given twin"
+    """File and line, for messages."""
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,9 @@ class SweepPlan:
         path = self.paths[index % len(self.paths)]
         if self.twins is None:
             drawn = draw_twin(np.random.default_rng(twin_seed), base, durations_s[path])
-            where, settings = f"twin {index}", drawn
+            settings, where = drawn, f"twin {index}"
         else:
-            where, settings = self.twins[index]
+            settings, where = self.twins[index]
         overrides = self.overrides + as_overrides(settings)
         try:
             schema.load(self.robot, overrides)
@@ -144,7 +144,7 @@ def read_twins(file: Path) -> tuple[GivenTwin, ...]:
     """
     text, _ = read_text(file, "--twins", "give a file of JSON lines", _MOST_BYTES)
     lines = [(f"--twins {file}, line {n}", line) for n, line in enumerate(lines_of(text), 1)]
-    twins = tuple(GivenTwin(where, _settings(where, line)) for where, line in lines if line.strip())
+    twins = tuple(GivenTwin(_settings(where, line), where) for where, line in lines if line.strip())
     if not twins:
         raise ConfigError(f"--twins {file}: empty", "give one JSON object per line")
     return twins

@@ -6,7 +6,7 @@ from ccr_host.run import twin_floor
 from ccr_host.run.execute import execute_quietly
 from ccr_host.run.summary import summarise
 from ccr_host.tools.sweep.job import LOST_MM, cpu_seconds_of, run_job
-from ccr_host.tools.sweep.plan import SweepPlan
+from ccr_host.tools.sweep.plan import GivenTwin, SweepPlan
 
 
 @pytest.mark.long
@@ -42,7 +42,7 @@ def test_timing_ends_with_the_run(plan):
 @pytest.mark.long
 def test_a_run_that_ends_far_from_its_path_has_diverged(short_path, narrow):
     away = {"tracker.rotation_deg": [0.0, 120.0, 0.0]}
-    plan = SweepPlan(1, (short_path,), overrides=narrow, twins=({}, away))
+    plan = SweepPlan(1, (short_path,), overrides=narrow, twins=(GivenTwin({}), GivenTwin(away)))
     at_home, lost = (run_job(job)[0] for job in plan.jobs([0, 1], [(4.0, "mpc")]))
     assert not at_home["diverged"]
     assert at_home["end_error_mm"] < at_home["twin_floor_mean_error_mm"] + LOST_MM
@@ -52,7 +52,7 @@ def test_a_run_that_ends_far_from_its_path_has_diverged(short_path, narrow):
 @pytest.mark.long
 def test_a_run_that_a_fault_ends_says_so_and_the_others_go_on(short_path, narrow):
     blind = {"tracker.latency_ms": 1000.0}
-    plan = SweepPlan(1, (short_path,), overrides=narrow, twins=(blind,))
+    plan = SweepPlan(1, (short_path,), overrides=narrow, twins=(GivenTwin(blind),))
     rows = run_job(plan.jobs([0], [(2.0, "mpc"), (2.0, "open-loop")])[0])
     assert [row["controller"] for row in rows] == ["mpc", "open-loop"]
     assert all("no markers" in row["fault"] for row in rows)
@@ -74,6 +74,6 @@ def test_a_twin_that_has_no_rest_is_run_without_floor(plan, monkeypatch):
 @pytest.mark.long
 def test_a_twin_that_cannot_be_simulated_is_a_row_and_the_others_go_on(short_path):
     stiff = {"twin.bending_stiffness_nm_rad": [100.0, 100.0]}
-    plan = SweepPlan(1, (short_path,), twins=(stiff, {}))
+    plan = SweepPlan(1, (short_path,), twins=(GivenTwin(stiff), GivenTwin({})))
     (row,) = run_job(plan.jobs([0], [(2.0, "open-loop")])[0])
     assert "time steps" in row["fault"]

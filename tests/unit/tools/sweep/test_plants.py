@@ -6,7 +6,7 @@ import pytest
 
 from bench.plants import FEEDFORWARD, errors_of, print_table, repeatability_mm
 from ccr_host.tools.sweep.job import Row
-from ccr_host.tools.sweep.plan import SweepPlan
+from ccr_host.tools.sweep.plan import GivenTwin, SweepPlan
 
 
 def row_of(index: int, controller: str, error_mm: float | None, fault: str = "") -> Row:
@@ -60,7 +60,7 @@ def test_friction_costs_repeatability(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bench.plants.HOME_PATTERNS", ("single",))
 
     def repeats_to(*overrides: str) -> float:
-        plan = SweepPlan(1, ("ellipse",), "ideal", overrides, twins=({},))
+        plan = SweepPlan(1, ("ellipse",), "ideal", overrides, twins=(GivenTwin({}),))
         (job,) = plan.jobs([0], [(1.0, "mpc")])
         found_mm = repeatability_mm(job)
         assert found_mm is not None

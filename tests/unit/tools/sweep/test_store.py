@@ -7,7 +7,7 @@ import pytest
 
 from ccr_host.core.errors import ConfigError
 from ccr_host.tools.sweep.job import run_job
-from ccr_host.tools.sweep.plan import SweepPlan
+from ccr_host.tools.sweep.plan import GivenTwin, SweepPlan
 from ccr_host.tools.sweep.store import SweepFolder
 
 DRIVES = [(2.0, "open-loop"), (4.0, "open-loop")]
@@ -69,7 +69,7 @@ def test_rows_are_ordered_whatever_the_order_they_came_in(tmp_path, plan, row):
         ({"seed": 8}, "seed"),
         ({"paths": ("8shape",)}, "paths"),
         ({"overrides": ("twin.friction=0.1",)}, "description"),
-        ({"twins": ({"twin.slack_mm": 1.0},)}, "twins"),
+        ({"twins": (GivenTwin({"twin.slack_mm": 1.0}),)}, "twins"),
     ],
 )
 def test_a_folder_of_other_twins_is_refused_and_the_difference_named(
