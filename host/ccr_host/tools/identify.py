@@ -35,6 +35,7 @@ _CONFOUNDED = 0.7
 """Correlation from which two parameters cannot be told apart."""
 _MOST_RESTS = 60
 """Rests kept in a description; `adaptive` fits to them before each path."""
+_RESTS_FOR_CAUSE = 30
 _EXPLAINED = 0.25
 """A model that leaves more than this share of the tip's motion is not that of this robot."""
 _MOST_ASIDE_RAD = math.radians(40.0)
@@ -186,7 +187,7 @@ def _identify_two_motors(
     def fitted(rows: IntArray) -> StaticsFit[Parameters]:
         found = identification_of(Scaling.of(description), rests_at(rows), predict)
         if found is None:
-            raise misfit(rests_at(rows), description)
+            raise misfit(rests_at(rows[:: -(-len(rows) // _RESTS_FOR_CAUSE)]), description)
         return found.finish()
 
     fit, everything = fitted(train), np.arange(len(q_rad))

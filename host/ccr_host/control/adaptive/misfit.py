@@ -163,11 +163,6 @@ def misfit_of(fit: Fit, space: ParameterSpace[Any], *, zeros_are_known: bool = T
     return not_as_described(f"no usual cause explains it: {fit.residual}", cure)
 
 
-_MOST_RESTS = 40
-"""More tell no cause better, and each hypothesis is fitted to all: of the tour of `adaptive`, which
-rests at each pose twice, every other one is taken."""
-
-
 def misfit(
     rests: Rests, description: Description, before_setup: Scaling | None = None
 ) -> MisfitError:
@@ -176,7 +171,6 @@ def misfit(
     ``before_setup`` is the prior for a robot whose camera and zeros are not known yet, so that they
     are no cause; by default it is that of the description.
     """
-    rests = rests.chosen(slice(None, None, -(-len(rests.count) // _MOST_RESTS)))
     scaling = (before_setup or Scaling.of(description)).strict()
     predict = make_model(description.control).predicted_mm
     if before_setup is None:
