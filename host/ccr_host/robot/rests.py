@@ -83,6 +83,19 @@ class Rests:
                 found.append(here)
         return found
 
+    def merged(self) -> Rests:
+        """The rests with one, at the mean place, for each pair of ``from_both_sides``.
+
+        It is the place without hysteresis, and counts as reached straight from the rest before.
+        """
+        from_rad, markers_mm = self.from_rad.copy(), self.markers_mm.copy()
+        rows = np.ones(len(self.q_rad), dtype=np.bool_)
+        for first in self.from_both_sides():
+            from_rad[first] = self.q_rad[first]
+            markers_mm[first] = markers_mm[first : first + 2].mean(axis=0)
+            rows[first + 1] = False
+        return replace(self, from_rad=from_rad, markers_mm=markers_mm).chosen(rows)
+
     def hysteresis_mm(self) -> Array:
         """Half the distance between the tips of a pose that a motor approached from both sides.
 

@@ -29,6 +29,16 @@ def test_two_rests_in_a_row_at_one_pose_reached_from_two_sides_are_a_pair(from_s
     assert Rests(from_rad, HOME, NO_MM, np.ones(4)).from_both_sides() == pairs
 
 
+def test_merged_rests_stand_at_the_means_of_their_pairs() -> None:
+    from_rad = 0.2 * np.array([[1.0], [1.0], [-1.0], [1.0]]) * np.ones(2)
+    markers_mm = np.arange(36.0).reshape(4, 3, 3)
+    merged = Rests(from_rad, HOME, markers_mm, np.ones(4)).merged()
+    assert merged.from_rad == pytest.approx(np.stack([from_rad[0], HOME[1], from_rad[3]]))
+    assert merged.markers_mm == pytest.approx(
+        np.stack([markers_mm[0], markers_mm[1:3].mean(axis=0), markers_mm[3]])
+    )
+
+
 def test_rests_of_different_poses_are_no_pair() -> None:
     q_rad = np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1], [0.1, 0.0]])
     assert Rests(-q_rad, q_rad, NO_MM, np.ones(4)).from_both_sides() == []

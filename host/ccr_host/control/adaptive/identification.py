@@ -44,7 +44,8 @@ class Fit:
     ``stands_out`` (N,): rests with a residual of more than three of its standard deviations;
     ``surprise``: RMS of the residuals over their standard deviations from noise, unexplained shaft
     angles and the model's usual error; ``cost``: minus twice the log likelihood, up to a constant,
-    of the rests (robust) and the scores.
+    of the rests (robust) and the scores. Of two rests at one pose, reached from either side, the
+    residuals are those of their mean.
     """
 
     score: Array
@@ -101,15 +102,14 @@ class StaticsFit(Generic[P]):
         self.scaling = scaling
         self.rests = rests
         seen = np.all(np.isfinite(rests.vectors_mm), axis=-1, keepdims=True)
-        self._contrasts, is_difference = _contrasts_of(rests, seen)
+        self._contrasts, are_differences = _contrasts_of(rests, seen)
         self._vectors_mm = self._contrast(np.where(seen, rests.vectors_mm, 0.0))
         measured_mm = scaling.deviation_mm(rests.count)[:, None, None]
         deviation_mm = np.where(seen, measured_mm, _UNSEEN_MM).repeat(3, axis=-1)
         self._variance_mm2 = np.eye(6) * deviation_mm.reshape(-1, 6, 1) ** 2
-        hysteresis_mm2 = np.mean(self._vectors_mm**2, axis=(1, 2)) * is_difference
+        hysteresis_mm2 = np.mean(self._vectors_mm**2, axis=(1, 2)) * are_differences
         self._variance_mm2 += np.eye(6) * hysteresis_mm2[:, None, None]
-        self._counts = ~is_difference
-        self._coordinates = 3 * np.count_nonzero(seen[self._counts])
+        self._are_places = seen[..., 0] & ~are_differences[:, None]
         self._score = np.zeros(scaling.count) if start is None else start
         self._damping = _DAMPING_FIRST
         self._steps_left = _ITERATIONS
@@ -140,12 +140,13 @@ class StaticsFit(Generic[P]):
 
     def result(self) -> Fit:
         """The fit so far."""
-        residual_mm = self.rests.vectors_mm - self._predicted(self._score)
+        residual_mm = self._vectors_mm - self._predicted(self._score)
+        stand_out = np.any(_sizes(self._standardised) > _HUBER_DEVIATIONS, axis=1)
         return Fit(
             self._score,
             np.asarray(np.linalg.inv(self._information), dtype=np.float64),
-            float(np.sqrt(3.0 * np.nanmean(residual_mm**2))),
-            (self._contrasts != 0.0).T @ self._stand_out(),
+            float(np.sqrt(3.0 * np.mean(residual_mm[self._are_places] ** 2))),
+            (self._contrasts != 0.0).T @ stand_out,
             self._surprise(),
             self._cost + self._log_variance,
         )
@@ -168,13 +169,9 @@ class StaticsFit(Generic[P]):
         slopes[..., self.scaling.roles.pushes] = 0.0
         return slopes
 
-    def _stand_out(self) -> BoolArray:
-        stand_out: BoolArray = np.any(_sizes(self._standardised) > _HUBER_DEVIATIONS, axis=1)
-        return stand_out
-
     def _surprise(self) -> float:
-        counted = self._standardised[self._counts]
-        return math.sqrt(float((counted**2).sum()) / self._coordinates)
+        places = self._standardised.reshape(-1, 2, 3)[self._are_places]
+        return math.sqrt(float(np.mean(places**2)))
 
     def _look(self) -> None:
         """Find the slopes at the present scores, and with them how well each rest is known.
@@ -210,7 +207,7 @@ class StaticsFit(Generic[P]):
 
     def _judge(self, score: Array) -> tuple[Array, float]:
         """Standardised residuals, (N, 6), and the cost."""
-        residual_mm = (self._vectors_mm - self._contrast(self._predicted(score))).reshape(-1, 6, 1)
+        residual_mm = (self._vectors_mm - self._predicted(score)).reshape(-1, 6, 1)
         standardised = (self._whitening @ residual_mm)[..., 0]
         size = _sizes(standardised)
         excess = np.maximum(size - _HUBER_DEVIATIONS, 0.0)
@@ -220,15 +217,16 @@ class StaticsFit(Generic[P]):
         return np.asarray(np.tensordot(self._contrasts, rows, axes=1))
 
     def _predicted(self, score: Array) -> Array:
-        return self._predict(self.scaling.parameters(score), self.rests)
+        return self._contrast(self._predict(self.scaling.parameters(score), self.rests))
 
 
 def _contrasts_of(rests: Rests, seen: BoolArray) -> tuple[Array, BoolArray]:
     """What of rests is fitted, (N, N), and which rows of it are differences, (N,).
 
-    Where a robot rests between reaching a stop from one side and from the other is known better
-    than by how much both differ, which every hole and gear adds to. So their mean and half their
-    difference are fitted, and the difference is only as certain as it is large.
+    The mean of two rests at one pose, reached from either side, depends little on friction and
+    backlash; their difference depends on how each hole and gear holds the robot back, of which the
+    model knows the kind only. So the mean and half the difference are fitted, and the standard
+    deviation of the latter is its own size.
     """
     contrasts, is_difference = np.eye(len(rests.q_rad)), np.zeros(len(rests.q_rad), dtype=bool)
     for first in rests.from_both_sides():

@@ -45,7 +45,7 @@ class PlainModel(StaticModel[Parameters, Pose]):
     """The computations in plain Python; several parameter sets at once are arrays."""
 
     passed_rad = math.radians(10.0)
-    """Enough for tendons to slide the other way through all their holes (bench/results.md)."""
+    """The only angle that was tried from both sides (bench/results.md)."""
 
     def first_pose(self, p: Parameters, setpoint_rad: Array) -> Pose:
         return motion.first_pose(p, *setpoint_rad.tolist())

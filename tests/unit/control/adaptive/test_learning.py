@@ -92,6 +92,7 @@ def test_hysteresis_that_the_model_lacks_turns_no_camera_if_rests_are_reached_fr
     assert np.linalg.norm(both_sided) < 0.1
     assert np.linalg.norm(one_sided) > 0.2
     assert found.surprise < 0.5
+    assert found.rms_mm < 0.1
 
 
 @pytest.mark.long
