@@ -1,16 +1,20 @@
 """Controllers on random robots of 1 to 4 planar or spatial segments, on paths within reach.
 
     python -m bench.any_robot --out DIR [--robots 100] [--rate HZ ...] [--controller NAME ...]
+        [--workers 2]
 
 The robot is hanging, and has the faults of the shipped ``default``; what bends is as stiff as its
 length and mass ask for. The path is what the model's tip does while all motors swing smoothly. DIR
-keeps the descriptions, the paths and a line for each run; the same command continues.
+keeps the descriptions, the paths and a line for each run; the same command continues, and repeats
+the robots in progress.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +29,14 @@ from ccr_host.run.execute import execute_quietly
 from ccr_host.run.observer import true_errors_mm
 from ccr_host.run.options import RunOptions
 from ccr_host.run.twin_floor import twin_floor_mm
+from ccr_host.tools.sweep.job import LOST_MM
 
 MOST_BENDING_RAD = 1.2
 """Of each segment on the path."""
 DURATION_S = 60.0
 RESULTS = "runs.jsonl"
 CONTROLLERS = ["mpc", "mpc-offset", "pid-ik", "adaptive"]
+JUDGED = "adaptive"
 
 
 def random_robot(
@@ -106,50 +112,62 @@ def path_text(robot: Robot, rng: np.random.Generator) -> str:
     return "\n".join(["t_s,x_mm,y_mm,z_mm", *rows, ""])
 
 
-def judged(robot: int, folder: Path, controller: str, rate_hz: float) -> dict[str, Any]:
-    """One run's figures."""
-    description, path = folder / f"{robot}.toml", folder / f"{robot}.csv"
-    options = RunOptions(
-        robot=str(description),
-        path=str(path),
-        controller=controller,
-        rate_hz=rate_hz,
-        seed=robot,
-        checks="none",
-    )
-    found: dict[str, Any] = {"robot": robot, "controller": controller, "rate_hz": rate_hz}
-    found["motors"] = options.description().robot.motors
-    try:
-        result = execute_quietly(options)
-        errors_mm = true_errors_mm(result.records)
-        if result.failure is not None or errors_mm is None:
-            return found | {"failure": str(result.failure)}
-        floor_mm = twin_floor_mm(result.options, result.reference)
-    except CcrError as error:
-        return found | {"failure": str(error)}
-    off_mm = np.linalg.norm(errors_mm, axis=1)
-    return found | {
-        "mean_mm": float(off_mm.mean()),
-        "max_mm": float(off_mm.max()),
-        "floor_mm": floor_mm,
-    }
+def judged(robot: int, folder: Path, runs: list[tuple[float, str]]) -> list[dict[str, Any]]:
+    """Figures of one robot's runs, each a rate in Hz and a controller; a rate has one floor."""
+    description, path = str(folder / f"{robot}.toml"), str(folder / f"{robot}.csv")
+    floors_mm: dict[float, float | None] = {}
+    rows: list[dict[str, Any]] = []
+    for rate_hz, controller in runs:
+        options = RunOptions(
+            robot=description,
+            path=path,
+            controller=controller,
+            rate_hz=rate_hz,
+            seed=robot,
+            checks="none",
+        )
+        rows.append({"robot": robot, "controller": controller, "rate_hz": rate_hz})
+        try:
+            rows[-1]["motors"] = options.description().robot.motors
+            result = execute_quietly(options)
+            errors_mm = true_errors_mm(result.records)
+            if result.failure is not None or errors_mm is None:
+                rows[-1]["failure"] = str(result.failure)
+                continue
+            if rate_hz not in floors_mm:
+                floors_mm[rate_hz] = twin_floor_mm(result.options, result.reference)
+        except CcrError as error:
+            rows[-1]["failure"] = str(error)
+            continue
+        off_mm = np.linalg.norm(errors_mm, axis=1)
+        rows[-1] |= {
+            "mean_mm": float(off_mm.mean()),
+            "end_mm": float(off_mm[-len(off_mm) // 4 :].mean()),
+            "max_mm": float(off_mm.max()),
+            "floor_mm": floors_mm[rate_hz],
+        }
+    return rows
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:
     """One line for each controller and rate."""
-    print("| controller | rate | robots | failed | median | 95 % | greatest | median floor |")
-    print("|---|---|---|---|---|---|---|---|")
-    for controller, rate_hz in sorted({(row["controller"], row["rate_hz"]) for row in rows}):
-        mine = [r for r in rows if (r["controller"], r["rate_hz"]) == (controller, rate_hz)]
+    print(f"| rate | controller | robots | failed | diverged | {JUDGED} better |", end="")
+    print(" mean true error: median, mm | 95 % | greatest | above the floor | 95 % | greatest |")
+    print("|---" * 12 + "|")
+    means = {(r["rate_hz"], r["controller"], r["robot"]): r.get("mean_mm") for r in rows}
+    for rate_hz, controller in sorted({(row["rate_hz"], row["controller"]) for row in rows}):
+        mine = [r for r in rows if (r["rate_hz"], r["controller"]) == (rate_hz, controller)]
         done = [row for row in mine if "mean_mm" in row]
-        means = [row["mean_mm"] for row in done] or [np.nan]
-        floors = [row["floor_mm"] for row in done if row["floor_mm"] is not None] or [np.nan]
-        print(
-            f"| {controller} | {rate_hz:g} Hz | {len(mine)} | {len(mine) - len(done)} | "
-            f"{np.median(means):.2f} | {np.percentile(means, 95):.2f} | "
-            f"{max([row['max_mm'] for row in done], default=np.nan):.1f} | "
-            f"{np.median(floors):.2f} |"
-        )
+        diverged = sum(row["end_mm"] > (row["floor_mm"] or 0.0) + LOST_MM for row in done)
+        pairs = [(row["mean_mm"], means.get((rate_hz, JUDGED, row["robot"]))) for row in done]
+        better = sum(judged_mm is not None and judged_mm < mm for mm, judged_mm in pairs)
+        columns: list[object] = [f"{rate_hz:g} Hz", controller, len(mine), len(mine) - len(done)]
+        columns += [diverged, "" if controller == JUDGED else better]
+        errors_mm = [row["mean_mm"] for row in done]
+        above_mm = [row["mean_mm"] - row["floor_mm"] for row in done if row["floor_mm"] is not None]
+        for of_mm in (errors_mm, above_mm):
+            columns += [f"{mm:.2f}" for mm in np.percentile(of_mm or [np.nan], (50, 95, 100))]
+        print("| " + " | ".join(map(str, columns)) + " |")
 
 
 def main() -> None:
@@ -158,25 +176,28 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--robots", type=int, default=100)
     parser.add_argument("--rate", type=float, nargs="+", default=[1.0, 20.0])
-    parser.add_argument(
-        "--controller", nargs="+", default=["mpc", "mpc-offset", "pid-ik", "adaptive"]
-    )
+    parser.add_argument("--controller", nargs="+", default=CONTROLLERS)
+    parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     kept = arguments.out / RESULTS
     rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
-    done = {(row["robot"], row["controller"], row["rate_hz"]) for row in rows}
-    for robot in range(1, arguments.robots + 1):
-        rng = np.random.default_rng(robot)
-        described = built(rng, 1 + robot % 4)
-        (arguments.out / f"{robot}.toml").write_text(description_text(described))
-        (arguments.out / f"{robot}.csv").write_text(path_text(described, rng))
-        for rate_hz in arguments.rate:
-            for controller in arguments.controller:
-                if (robot, controller, rate_hz) not in done:
-                    rows.append(judged(robot, arguments.out, controller, rate_hz))
-                    with kept.open("a") as file:
-                        file.write(json.dumps(rows[-1]) + "\n")
+    done = {(row["robot"], row["rate_hz"], row["controller"]) for row in rows}
+    os.environ["OMP_NUM_THREADS"] = "1"  # the worker processes inherit it
+    with ProcessPoolExecutor(arguments.workers) as pool:
+        jobs = []
+        for robot in range(1, arguments.robots + 1):
+            rng = np.random.default_rng(robot)
+            described = built(rng, 1 + robot % 4)
+            (arguments.out / f"{robot}.toml").write_text(description_text(described))
+            (arguments.out / f"{robot}.csv").write_text(path_text(described, rng))
+            runs = [(rate, name) for rate in arguments.rate for name in arguments.controller]
+            runs = [run for run in runs if (robot, *run) not in done]
+            jobs.append(pool.submit(judged, robot, arguments.out, runs))
+        for job in as_completed(jobs):
+            rows += job.result()
+            with kept.open("a") as file:
+                file.writelines(json.dumps(row) + "\n" for row in job.result())
     print_table(rows)
 
 

@@ -12,6 +12,7 @@ from typing import Generic
 import numpy as np
 
 from ccr_host.control.adaptive.parameter_space import P, ParameterSpace
+from ccr_host.control.adaptive.static_model import PROBE
 from ccr_host.control.shell import Measurement
 from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.core.errors import ConfigError
@@ -21,7 +22,6 @@ from ccr_host.robot.setpoint_history import SetpointHistory
 
 _ITERATIONS = 20
 _DAMPING_FIRST, _DAMPING_FALL, _DAMPING_RISE, _DAMPING_MOST = 1e-3, 0.1, 10.0, 1e3
-_PROBE = 1e-4
 _DONE = 1e-2
 """The fit ends when its steps are shorter than this fraction of a prior deviation."""
 _HUBER_DEVIATIONS = 3.0
@@ -115,6 +115,7 @@ class StaticsFit(Generic[P]):
         self._steps_left = _ITERATIONS
         self._shaft_rad = scaling.shaft_rad
         self._is_done = False
+        self._expected_mm = self._predicted(self._score)
         self._look()
 
     def improve(self) -> bool:
@@ -140,7 +141,7 @@ class StaticsFit(Generic[P]):
 
     def result(self) -> Fit:
         """The fit so far."""
-        residual_mm = self._vectors_mm - self._predicted(self._score)
+        residual_mm = self._vectors_mm - self._expected_mm
         stand_out = np.any(_sizes(self._standardised) > _HUBER_DEVIATIONS, axis=1)
         return Fit(
             self._score,
@@ -163,8 +164,8 @@ class StaticsFit(Generic[P]):
 
     def _slopes(self, rests: Rests) -> Array:
         """Derivatives of the markers by the scores, (N, 6, COUNT)."""
-        near_mm = self._predict(self.scaling.perturbed(self._score, _PROBE), rests)
-        slopes: Array = np.moveaxis(near_mm[:, :-1] - near_mm[:, -1:], 1, -1) / _PROBE
+        near_mm = self._predict(self.scaling.perturbed(self._score, PROBE), rests)
+        slopes: Array = np.moveaxis(near_mm[:, :-1] - near_mm[:, -1:], 1, -1) / PROBE
         slopes = slopes.reshape(-1, 6, self.scaling.count)
         slopes[..., self.scaling.roles.pushes] = 0.0
         return slopes
@@ -183,7 +184,7 @@ class StaticsFit(Generic[P]):
         covariance_mm2 = self._variance_mm2 + by_shaft @ by_shaft.transpose(0, 2, 1)
         self._whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
         self._log_variance = float(np.linalg.slogdet(covariance_mm2)[1].sum())
-        self._standardised, self._cost = self._judge(self._score)
+        self._standardised, self._cost = self._judge(self._score, self._expected_mm)
         slope = self._whitening @ slope
         weight = np.repeat(_huber_weight(self._standardised), 3, axis=1)[..., None]
         self._information = np.einsum("nip,niq->pq", weight * slope, slope) + np.eye(
@@ -197,17 +198,18 @@ class StaticsFit(Generic[P]):
         while self._damping < _DAMPING_MOST:
             damped = self._information + self._damping * np.diag(np.diag(self._information))
             trial = self.scaling.bounded(self._score + np.linalg.solve(damped, self._gradient))
-            if self._judge(trial)[1] < self._cost:
+            expected_mm = self._predicted(trial)
+            if self._judge(trial, expected_mm)[1] < self._cost:
                 length = float(np.abs(trial - self._score).max())
-                self._score = trial
+                self._score, self._expected_mm = trial, expected_mm
                 self._damping *= _DAMPING_FALL
                 return length
             self._damping *= _DAMPING_RISE
         return 0.0
 
-    def _judge(self, score: Array) -> tuple[Array, float]:
+    def _judge(self, score: Array, expected_mm: Array) -> tuple[Array, float]:
         """Standardised residuals, (N, 6), and the cost."""
-        residual_mm = (self._vectors_mm - self._predicted(score)).reshape(-1, 6, 1)
+        residual_mm = (self._vectors_mm - expected_mm).reshape(-1, 6, 1)
         standardised = (self._whitening @ residual_mm)[..., 0]
         size = _sizes(standardised)
         excess = np.maximum(size - _HUBER_DEVIATIONS, 0.0)

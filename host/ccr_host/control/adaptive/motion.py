@@ -13,6 +13,7 @@ import numpy as np
 from ccr_host.control.adaptive.arithmetic import (
     Four,
     Three,
+    Two,
     positive,
     stacked,
     within,
@@ -80,11 +81,19 @@ def without_friction(p: Parameters) -> Parameters:
 
 def moved(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
     """The pose after a straight motion of the setpoints to new ones."""
+    steps, travel = _steps_to(pose, q_1, q_2)
+    change: Two = 0.0, 0.0
+    for _ in range(steps):
+        before, pose = pose, _stepped(p, pose, travel, change)
+        change = _change(before, pose)
+    return pose
+
+
+def _steps_to(pose: Pose, q_1: float, q_2: float) -> tuple[int, Two]:
+    """Number of short steps by which to reach setpoints, and the travel of both in each."""
     travel_1, travel_2 = q_1 - pose.q_1, q_2 - pose.q_2
     steps = math.ceil(max(abs(travel_1), abs(travel_2)) / _LONGEST_STEP_RAD)
-    for _ in range(steps):
-        pose = _stepped(p, pose, travel_1 / steps, travel_2 / steps)
-    return pose
+    return steps, (travel_1 / max(steps, 1), travel_2 / max(steps, 1))
 
 
 def turned(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
@@ -94,11 +103,12 @@ def turned(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
     return Pose(q_1, q_2, lag_1, lag_2, pose.anchors, pose.theta_1, pose.theta_2)
 
 
-def _stepped(p: Parameters, pose: Pose, travel_1: float, travel_2: float) -> Pose:
-    """The pose after a short motion of the setpoints."""
-    ahead = turned(p, pose, pose.q_1 + travel_1, pose.q_2 + travel_2)
+def _stepped(p: Parameters, pose: Pose, travel: Two, likely: Two) -> Pose:
+    """The pose after a short motion of the setpoints, with a guess how far the segments bend."""
+    ahead = turned(p, pose, pose.q_1 + travel[0], pose.q_2 + travel[1])
     shafts = shafts_of(p, (ahead.q_1, ahead.q_2), (ahead.lag_1, ahead.lag_2))
-    theta_1, theta_2 = settled(p, pose.theta_1, pose.theta_2, shafts, pose.anchors)
+    guess_1, guess_2 = pose.theta_1 + likely[0], pose.theta_2 + likely[1]
+    theta_1, theta_2 = settled(p, guess_1, guess_2, shafts, pose.anchors)
     route_1, route_2, route_3, route_4 = routes_of(p, theta_1, theta_2)
     anchor_1, anchor_2, anchor_3, anchor_4 = pose.anchors
     dragged = (
@@ -108,6 +118,10 @@ def _stepped(p: Parameters, pose: Pose, travel_1: float, travel_2: float) -> Pos
         route_4 - within(route_4 - anchor_4, STICKING),
     )
     return Pose(ahead.q_1, ahead.q_2, ahead.lag_1, ahead.lag_2, dragged, theta_1, theta_2)
+
+
+def _change(before: Pose, pose: Pose) -> Two:
+    return pose.theta_1 - before.theta_1, pose.theta_2 - before.theta_2
 
 
 def _lag_of(backlash_rad: Number, lag: Number, travel_rad: float) -> Number:
@@ -192,11 +206,23 @@ def change_of(
 
 
 def predicted_mm(p: Parameters, rests: Rests) -> Array:
-    """M2 and M3 at the rests, (N, ..., 2, 3), for parameters that are floats or arrays (...)."""
-    pose = first_pose(p, *rests.from_rad[0].tolist())
+    """M2 and M3 at the rests, (N, ..., 2, 3), for parameters that are floats or arrays (...).
+
+    Of several robots the last one moves first: that the others bend as far is a good guess.
+    """
+    first = Parameters(*(np.ravel(field)[-1].item() for field in p))
+    is_alone = isinstance(p.gain_1, float)
+    start_rad = rests.from_rad[0].tolist()
+    here, poses = first_pose(first, *start_rad), first_pose(p, *start_rad)
     markers = []
-    for before, here in zip(rests.from_rad.tolist(), rests.q_rad.tolist(), strict=True):
-        pose = moved(p, moved(p, pose, *before), *here)
-        middle, tip = markers_of(p, pose.theta_1, pose.theta_2)
+    for stops_rad in np.stack([rests.from_rad, rests.q_rad], axis=1).tolist():
+        for stop_rad in stops_rad:
+            steps, travel = _steps_to(here, *stop_rad)
+            change: Two = 0.0, 0.0
+            for _ in range(steps):
+                before, here = here, _stepped(first, here, travel, change)
+                change = _change(before, here)
+                poses = here if is_alone else _stepped(p, poses, travel, change)
+        middle, tip = markers_of(p, poses.theta_1, poses.theta_2)
         markers.append(np.stack([stacked(*middle), stacked(*tip)], axis=-2))
     return np.array(markers)
