@@ -194,10 +194,18 @@ class StaticsFit(Generic[P]):
         self._gradient = np.einsum("nip,ni->p", slope, weighted) - self._score
 
     def _descend(self) -> float:
-        """Damp a step until it leads downhill; return its length, 0 if none does."""
+        """Damp a step until it leads downhill; return its length, 0 if none does.
+
+        Scores that would leave their bounds stay there, so that the others do not count on them.
+        """
+        free = ~self.scaling.are_held(self._score, self._gradient)
+        gradient = self._gradient[free]
+        information = self._information[np.ix_(free, free)]
         while self._damping < _DAMPING_MOST:
-            damped = self._information + self._damping * np.diag(np.diag(self._information))
-            trial = self.scaling.bounded(self._score + np.linalg.solve(damped, self._gradient))
+            damped = information + self._damping * np.diag(np.diag(information))
+            step = np.zeros_like(self._score)
+            step[free] = np.linalg.solve(damped, gradient)
+            trial = self.scaling.bounded(self._score + step)
             expected_mm = self._predicted(trial)
             if self._judge(trial, expected_mm)[1] < self._cost:
                 length = float(np.abs(trial - self._score).max())

@@ -9,7 +9,7 @@ from typing import Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from ccr_host.core.arrays import Array
+from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.description.simulation import Tracker
 
 P = TypeVar("P")
@@ -195,3 +195,8 @@ class ParameterSpace(ABC, Generic[P]):
     def bounded(self, score: Array) -> Array:
         """The nearest scores within the bounds."""
         return np.clip(score, self._lower, self._upper)
+
+    def are_held(self, score: Array, uphill: Array) -> BoolArray:
+        """Whether a bound keeps each score from going this way, (COUNT,) all."""
+        held: BoolArray = (score <= self._lower) & (uphill < 0.0)
+        return held | ((score >= self._upper) & (uphill > 0.0))
