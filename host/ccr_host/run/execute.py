@@ -41,7 +41,7 @@ def reference_of(options: RunOptions) -> Reference:
 
 @lru_cache(maxsize=1)
 def _identified_surface(description: str) -> IdentifiedSurface:
-    """Kept, as its fit takes 4 s of CPU in plain Python."""
+    """Kept, as its fit takes seconds of CPU in plain Python."""
     return IdentifiedSurface(Description.model_validate_json(description))
 
 

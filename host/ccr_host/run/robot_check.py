@@ -301,7 +301,7 @@ class RobotCheck:
         return bool((sizes >= np.maximum(limits, untold)).any())
 
     def cause_of(self, odd: Rests) -> MisfitError:
-        """Find what is most likely wrong; takes a minute or two, so make the robot safe first."""
+        """Find what is most likely wrong; takes up to a minute, so make the robot safe first."""
         found = self._cause_of(odd)
         cure = found.cure
         if self._seen and self._rate_note:

@@ -166,7 +166,7 @@ def misfit_of(fit: Fit, space: ParameterSpace[Any], *, zeros_are_known: bool = T
 def misfit(
     rests: Rests, description: Description, before_setup: Scaling | None = None
 ) -> MisfitError:
-    """Find the most likely cause. Takes a minute or two, so the robot must already be safe.
+    """Find the most likely cause. Takes up to a minute, so the robot must already be safe.
 
     ``before_setup`` is the prior for a robot whose camera and zeros are not known yet, so that they
     are no cause; by default it is that of the description.

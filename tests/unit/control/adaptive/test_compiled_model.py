@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from ccr_host.control.adaptive.model import PLAIN
 from ccr_host.control.adaptive.motion import first_pose
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
+from ccr_host.control.adaptive.static_model import PROBE
 from ccr_host.description.schema import Robot
 from ccr_host.robot.rests import Rests
 
@@ -64,10 +65,21 @@ def test_both_models_predict_the_same_rests(compiled, seed):
     plain_mm, again_mm = PLAIN.predicted_mm(p, rests), compiled.predicted_mm(p, rests)
     assert again_mm.shape == (8, 2, 3)
     assert again_mm == pytest.approx(plain_mm, abs=1e-5)
-    near = SCALING.perturbed(np.zeros(COUNT), 1e-4)
-    again_mm = compiled.predicted_mm(near, rests)
-    assert again_mm.shape == (8, COUNT + 1, 2, 3)
-    assert again_mm == pytest.approx(PLAIN.predicted_mm(near, rests), abs=1e-5)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=seeds)
+def test_robots_that_the_last_one_leads_rest_where_each_alone_does(compiled, seed):
+    """The plain model moves several robots at once, the compiled one each for itself."""
+    rng, _ = _drawn(seed)
+    from_rad, stops_rad = rng.uniform(-LONGEST_RAD, LONGEST_RAD, (2, 8, 2))
+    rests = Rests(from_rad, stops_rad, np.zeros((8, 3, 3)), np.ones(8))
+    far = SCALING.each(SCALING.bounded(rng.standard_normal((4, COUNT))))
+    near = SCALING.perturbed(SCALING.bounded(rng.standard_normal(COUNT)), PROBE)
+    for p, least_mm in (far, 1e-4), (near, 1e-7):
+        alone_mm = compiled.predicted_mm(p, rests)
+        assert alone_mm.shape == (8, len(p.gain_1), 2, 3)
+        assert PLAIN.predicted_mm(p, rests) == pytest.approx(alone_mm, abs=least_mm)
 
 
 @same
