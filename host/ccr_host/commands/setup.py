@@ -143,7 +143,7 @@ class _Guide:
     def survey(self) -> None:
         """Measure camera, servos and rests until the servos match their description."""
         from ccr_host.commands.calibrate import survey_by_tracker
-        from ccr_host.control.adaptive.identification import digest_of
+        from ccr_host.robot.rests import digest_of
         from ccr_host.run.observer import Observers
         from ccr_host.run.open_rig import open_rig
         from ccr_host.tools.survey import corrected, keep_calibration

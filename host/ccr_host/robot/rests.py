@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple, Self
@@ -10,6 +12,8 @@ import numpy as np
 import scipy
 
 from ccr_host.core.arrays import Array, BoolArray
+from ccr_host.core.errors import ConfigError
+from ccr_host.description.schema import Description, Robot
 
 _SAME_RAD = np.radians(0.5)
 """Setpoints nearer than this are the same pose."""
@@ -17,6 +21,9 @@ _SHOWS_RAD = np.radians(15.0)
 """Travel of a motor after which a marker has moved; the first move of a check is 20 deg."""
 _ONE_PICTURE_MM = 1e-6
 """Rounding of means; no camera repeats a place that well."""
+_PULSE_KEYS = {"neutral_pulse_us", "pulse_per_90_deg_us"}
+"""The servo keys that define a commanded angle; limits may change."""
+_DIGITS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,3 +201,45 @@ class Motors(NamedTuple):
             from_rad=(signs * rests.from_rad)[:, order],
             q_rad=(signs * rests.q_rad)[:, order],
         )
+
+
+def digest_of(description: Description) -> str:
+    """Digest of everything in a description that its identified rests depend on."""
+    registration = description.registration
+    robot = description.robot.model_dump()
+    if not description.robot.segments:
+        del robot["segments"]
+    if description.robot.gravity_direction == Robot().gravity_direction:
+        # Files identified before the key existed stay valid.
+        del robot["gravity_direction"]
+    meaning = {
+        "robot": robot,
+        "servo": description.servo.model_dump(include=_PULSE_KEYS),
+        "camera": None if registration is None else registration.camera_to_robot_deg,
+    }
+    text = json.dumps(meaning, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
+
+
+def identified_rests(description: Description) -> Rests | None:
+    """The rests stored in a description; None if there are none.
+
+    Raises:
+        ConfigError: they were measured with another geometry, servo pulses or registration.
+    """
+    identified = description.identified
+    if identified is None:
+        return None
+    if identified.valid_for != digest_of(description):
+        raise ConfigError(
+            "section identified was measured with another [robot], other servo pulses or another "
+            "[registration]",
+            "identify again: ccr-host calibrate --identify; or remove the section",
+        )
+    not_seen = np.full_like(identified.tip_mm, np.nan)
+    middle_mm = np.array(identified.middle_mm) if identified.middle_mm else not_seen
+    q_rad = np.array(identified.setpoint_rad)
+    from_rad = identified.from_rad or (identified.start_rad, *identified.setpoint_rad[:-1])
+    vectors_mm = np.stack([middle_mm, identified.tip_mm], axis=1)
+    count = np.array(identified.count, dtype=np.float64)
+    return Rests.of_vectors(np.array(from_rad), q_rad, vectors_mm, count)

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from serial.tools import list_ports
 
-from ccr_host.control.adaptive.identification import identified_rests
 from ccr_host.core.clock import Clock, RealClock, VirtualClock
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
@@ -37,6 +36,7 @@ from ccr_host.link.messages import (
 )
 from ccr_host.link.transport import DeviceUri, parse_device_uri
 from ccr_host.record.folder import versions
+from ccr_host.robot.rests import identified_rests
 from ccr_host.run.open_rig import mismatch_of, open_board
 from ccr_host.run.options import RigOptions
 from ccr_host.run.tracker_rig import TrackerRig

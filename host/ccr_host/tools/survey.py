@@ -17,7 +17,6 @@ from tomlkit import items
 
 from ccr_host.control.adaptive.identification import (
     Fit,
-    digest_of,
     identification_of,
 )
 from ccr_host.control.adaptive.model import make_static_model
@@ -27,7 +26,7 @@ from ccr_host.description.file import file_to_keep_in, keep_in
 from ccr_host.description.schema import Description, Registration, Servo
 from ccr_host.link.board_config import board_config
 from ccr_host.link.client import Client
-from ccr_host.robot.rests import Rests
+from ccr_host.robot.rests import Rests, digest_of
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig

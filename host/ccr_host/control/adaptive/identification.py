@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Generic
 
@@ -15,8 +13,6 @@ from ccr_host.control.adaptive.parameter_space import P, ParameterSpace
 from ccr_host.control.adaptive.static_model import PROBE
 from ccr_host.control.shell import Measurement
 from ccr_host.core.arrays import Array, BoolArray
-from ccr_host.core.errors import ConfigError
-from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 
@@ -31,9 +27,6 @@ _UNSEEN_MM = 1e6
 SETTLED_AFTER_S = 0.15
 """Time after which a tip counts as resting when its servos rest."""
 _FEWEST_RESTS = 10
-_PULSE_KEYS = {"neutral_pulse_us", "pulse_per_90_deg_us"}
-"""The servo keys that define a commanded angle; limits may change."""
-_DIGITS = 12
 
 
 @dataclass(frozen=True)
@@ -310,12 +303,14 @@ class Identification(Generic[P]):
     for it is strong. It comes from all three axes: about y and z the rests tell the camera's turn
     to a tenth of a degree, about x hardly from a servo's zero. ``scaling`` is the widest prior of
     the parameters.
+
+    If a fit that may be one of several does not explain the rests, others start elsewhere.
     """
 
     def __init__(self, scaling: ParameterSpace[P], rests: Rests, predict: Predict[P]) -> None:
         self._predict = predict
         self._fits = [StaticsFit(prior, rests, predict) for prior in scaling.priors()]
-        self._is_aligned_tried = False
+        self._further = self._further_fits()
 
     @property
     def fit(self) -> StaticsFit[P]:
@@ -326,17 +321,24 @@ class Identification(Generic[P]):
         """Make a step unless all fits are done; return whether another one may be worthwhile."""
         if any(fit.improve() for fit in self._fits):
             return True
-        if self._is_aligned_tried:
+        further = next(self._further, None)
+        if further is None:
             return False
-        self._is_aligned_tried = True
+        self._fits.extend(further)
+        return True
+
+    def _further_fits(self) -> Iterator[list[StaticsFit[P]]]:
+        """Fits that are made once those before are done, and only then can be told."""
+        best = self.fit
+        if best.scaling.has_modes and not best.result().explains:
+            _, *starts = best.scaling.few_starts()
+            yield [StaticsFit(best.scaling, best.rests, self._predict, start) for start in starts]
         best = self.fit
         prior = best.scaling.aligned()
-        if prior is None:
-            return False
-        score = best.result().score.copy()
-        score[prior.roles.turns] = 0.0
-        self._fits.append(StaticsFit(prior, best.rests, self._predict, score))
-        return True
+        if prior is not None:
+            score = best.result().score.copy()
+            score[prior.roles.turns] = 0.0
+            yield [StaticsFit(prior, best.rests, self._predict, score)]
 
     def finish(self) -> StaticsFit[P]:
         """Make all remaining steps and return the likeliest fit."""
@@ -356,45 +358,3 @@ def identification_of(
     if not np.median(off_mm) < scaling.believable_mm:
         return None
     return Identification(scaling, rests, predict)
-
-
-def digest_of(description: Description) -> str:
-    """Digest of everything in a description that its identified rests depend on."""
-    registration = description.registration
-    robot = description.robot.model_dump()
-    if not description.robot.segments:
-        del robot["segments"]
-    if description.robot.gravity_direction == Robot().gravity_direction:
-        # Files identified before the key existed stay valid.
-        del robot["gravity_direction"]
-    meaning = {
-        "robot": robot,
-        "servo": description.servo.model_dump(include=_PULSE_KEYS),
-        "camera": None if registration is None else registration.camera_to_robot_deg,
-    }
-    text = json.dumps(meaning, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
-
-
-def identified_rests(description: Description) -> Rests | None:
-    """The rests stored in a description; None if there are none.
-
-    Raises:
-        ConfigError: they were measured with another geometry, servo pulses or registration.
-    """
-    identified = description.identified
-    if identified is None:
-        return None
-    if identified.valid_for != digest_of(description):
-        raise ConfigError(
-            "section identified was measured with another [robot], other servo pulses or another "
-            "[registration]",
-            "identify again: ccr-host calibrate --identify; or remove the section",
-        )
-    not_seen = np.full_like(identified.tip_mm, np.nan)
-    middle_mm = np.array(identified.middle_mm) if identified.middle_mm else not_seen
-    q_rad = np.array(identified.setpoint_rad)
-    from_rad = identified.from_rad or (identified.start_rad, *identified.setpoint_rad[:-1])
-    vectors_mm = np.stack([middle_mm, identified.tip_mm], axis=1)
-    count = np.array(identified.count, dtype=np.float64)
-    return Rests.of_vectors(np.array(from_rad), q_rad, vectors_mm, count)

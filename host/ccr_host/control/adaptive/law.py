@@ -15,7 +15,6 @@ from ccr_host.control.adaptive.identification import (
     RestSurvey,
     StaticsFit,
     identification_of,
-    identified_rests,
 )
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.static_model import Hold, PathPlan, PoseFollower
@@ -23,7 +22,7 @@ from ccr_host.control.adaptive.statics import LEAST_CHANGE_OVER
 from ccr_host.control.shell import Law, Measurement, PathView, Plan, Stage, smooth_moves
 from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description
-from ccr_host.robot.rests import Rests
+from ccr_host.robot.rests import Rests, identified_rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
 

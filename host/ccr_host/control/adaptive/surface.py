@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccr_host.control.adaptive.arithmetic import split
-from ccr_host.control.adaptive.identification import identification_of, identified_rests
+from ccr_host.control.adaptive.identification import identification_of
 from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.motion import first_pose
 from ccr_host.control.adaptive.parameters import Scaling
@@ -16,6 +16,7 @@ from ccr_host.core.arrays import Array
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.rests import identified_rests
 from ccr_host.robot.workspace import MotorLimits, Nearest, Workspace, axes_of
 
 _MOST_STEPS = 100

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccr_host.control.adaptive.chain_space import ChainSpace
+from bench.any_robot import built, description_text
+from ccr_host.control.adaptive.chain_space import ChainParameters, ChainSpace
 from ccr_host.control.adaptive.chain_statics import ChainStatics
-from ccr_host.control.adaptive.identification import identification_of
+from ccr_host.control.adaptive.identification import StaticsFit, identification_of
 from ccr_host.control.adaptive.model import PLAIN, make_static_model
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
 from ccr_host.description import schema
@@ -129,26 +130,47 @@ def soft_and_loose(space: ChainSpace, seed: int) -> np.ndarray:
     return score
 
 
+def seen_tour(description: Description, truth: ChainParameters) -> Rests:
+    """The rests of a tour as a camera with 0.1 mm of noise sees them."""
+    model, space = model_of(description)
+    prior = space.parameters(np.zeros(space.count))
+    stops_rad = model.tour_rad(prior, MotorLimits.of(description.servo))
+    count = np.full(len(stops_rad), 6.0)
+    rests = Rests.in_turn(np.zeros_like(stops_rad[0]), stops_rad, np.empty(0), count)
+    exact_mm = model.predicted_mm(truth, rests)
+    seen_mm = exact_mm + np.random.default_rng(1).normal(scale=0.1, size=exact_mm.shape)
+    return Rests.of_vectors(rests.from_rad, stops_rad, seen_mm, count)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("true_score", [believable, soft_and_loose])
 @pytest.mark.parametrize("robot", ["single", "two-spatial"])
 def test_a_tour_of_another_robot_is_fitted_to_the_noise(robot, true_score):
     description = schema.load(robot)
     model, space = model_of(description)
-    truth, prior = (space.parameters(s) for s in (true_score(space, 5), np.zeros(space.count)))
-    stops_rad = model.tour_rad(prior, MotorLimits.of(description.servo))
-    rests = Rests.in_turn(
-        np.zeros_like(stops_rad[0]), stops_rad, np.empty(0), np.full(len(stops_rad), 6.0)
-    )
-    exact_mm = model.predicted_mm(truth, rests)
-    seen_mm = exact_mm + np.random.default_rng(1).normal(scale=0.1, size=exact_mm.shape)
-    rests = Rests.of_vectors(rests.from_rad, stops_rad, seen_mm, rests.count)
+    truth = space.parameters(true_score(space, 5))
+    rests = seen_tour(description, truth)
     fits = identification_of(space, rests, model.predicted_mm)
     assert fits is not None
     found = fits.finish().result()
-    off_mm = model.predicted_mm(space.parameters(found.score), rests) - exact_mm
+    off_mm = model.predicted_mm(space.parameters(found.score), rests)
+    off_mm -= model.predicted_mm(truth, rests)
     assert found.explains
     assert np.linalg.norm(off_mm, axis=-1).mean() < 0.25
+
+
+@pytest.mark.long
+def test_a_fit_that_explains_nothing_starts_elsewhere(tmp_path):
+    """From the prior, the fit to this robot of four segments leaves 4.5 mm."""
+    file = tmp_path / "robot.toml"
+    file.write_text(description_text(built(np.random.default_rng(7), 4)))
+    description = schema.load(str(file))
+    model, space = model_of(description)
+    rests = seen_tour(description, space.parameters(soft_and_loose(space, 2)))
+    assert not StaticsFit(space, rests, model.predicted_mm).finish().explains
+    fits = identification_of(space, rests, model.predicted_mm)
+    assert fits is not None
+    assert fits.finish().result().explains
 
 
 def test_the_papers_robot_rests_where_its_own_model_says_wherever_both_apply():

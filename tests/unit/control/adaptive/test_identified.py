@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from ccr_host.control.adaptive.identification import identified_rests
 from ccr_host.control.adaptive.model import tour_bending_rad
 from ccr_host.control.adaptive.motion import predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
@@ -12,7 +11,7 @@ from ccr_host.core.errors import ConfigError, TrackerError
 from ccr_host.description.schema import Description, Identified
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
-from ccr_host.robot.rests import Rests
+from ccr_host.robot.rests import Rests, identified_rests
 from ccr_host.robot.workspace import MotorLimits, Workspace
 from ccr_host.tools.survey import identified_section, trial_fit
 
