@@ -67,7 +67,8 @@ def checked(path: str, *overrides: str, controller: str = "mpc") -> tuple[RunRes
             "zero of motor 1 is off by 8|zero of motor 1 is off by 9",
             70,
         ),
-        # A fit explains moves of 20 deg; those of 35, which turn its shaft by 43, tell.
+        # A rest of the moves of 20 deg is where its slack ends: on one side of that kink the fit is
+        # certain of the zero, on the other not, and moves of 35 deg decide.
         (
             (ZEROS.format(1411, 1500),),
             "zero of motor 1 is off by -7|zero of motor 1 is off by -8",

@@ -152,10 +152,10 @@ class ParameterSpace(ABC, Generic[P]):
         """
 
     has_modes = False
-    """Whether a fit that explains few rests may be one of several, so that all starts are tried."""
+    """Whether a fit may be one of several, so that all starts are tried for few rests."""
 
     def few_starts(self) -> Array:
-        """Scores from which to fit few rests, (K, COUNT): all, or until one fit explains them."""
+        """Scores from which to fit, (K, COUNT), the prior first, until a fit explains the rests."""
         return np.zeros((1, self.count))
 
     def mountings(self) -> Mapping[Gravity, Self]:

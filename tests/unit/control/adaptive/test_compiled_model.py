@@ -30,6 +30,11 @@ def _drawn(seed):
     return rng, p if seed % 2 else p._replace(friction_1=0.0)
 
 
+def _drawn_rests(rng: np.random.Generator) -> Rests:
+    from_rad, stops_rad = rng.uniform(-LONGEST_RAD, LONGEST_RAD, (2, 8, 2))
+    return Rests(from_rad, stops_rad, np.zeros((8, 3, 3)), np.ones(8))
+
+
 @same
 @given(seed=seeds)
 def test_both_models_move_alike(compiled, seed):
@@ -60,8 +65,7 @@ def test_both_models_have_the_same_slopes(compiled, seed):
 @given(seed=seeds)
 def test_both_models_predict_the_same_rests(compiled, seed):
     rng, p = _drawn(seed)
-    from_rad, stops_rad = rng.uniform(-LONGEST_RAD, LONGEST_RAD, (2, 8, 2))
-    rests = Rests(from_rad, stops_rad, np.zeros((8, 3, 3)), np.ones(8))
+    rests = _drawn_rests(rng)
     plain_mm, again_mm = PLAIN.predicted_mm(p, rests), compiled.predicted_mm(p, rests)
     assert again_mm.shape == (8, 2, 3)
     assert again_mm == pytest.approx(plain_mm, abs=1e-5)
@@ -72,14 +76,13 @@ def test_both_models_predict_the_same_rests(compiled, seed):
 def test_robots_that_the_last_one_leads_rest_where_each_alone_does(compiled, seed):
     """The plain model moves several robots at once, the compiled one each for itself."""
     rng, _ = _drawn(seed)
-    from_rad, stops_rad = rng.uniform(-LONGEST_RAD, LONGEST_RAD, (2, 8, 2))
-    rests = Rests(from_rad, stops_rad, np.zeros((8, 3, 3)), np.ones(8))
+    rests = _drawn_rests(rng)
     far = SCALING.each(SCALING.bounded(rng.standard_normal((4, COUNT))))
     near = SCALING.perturbed(SCALING.bounded(rng.standard_normal(COUNT)), PROBE)
-    for p, least_mm in (far, 1e-4), (near, 1e-7):
+    for p, most_mm in (far, 1e-4), (near, 1e-7):
         alone_mm = compiled.predicted_mm(p, rests)
         assert alone_mm.shape == (8, len(p.gain_1), 2, 3)
-        assert PLAIN.predicted_mm(p, rests) == pytest.approx(alone_mm, abs=least_mm)
+        assert PLAIN.predicted_mm(p, rests) == pytest.approx(alone_mm, abs=most_mm)
 
 
 @same
