@@ -206,6 +206,9 @@ class Identified(Section):
     """Mean measured M2 - M1 at each rest; missing in files from before December 2026."""
     count: tuple[Annotated[int, within(1, 1e9)], ...]
     """Number of measurements behind each mean."""
+    time_s: tuple[Annotated[float, within(-1e9, 1e9)], ...] = ()
+    """Time of each rest after the first; missing in files from before December 2026, whose robots
+    then count as free of creep."""
     valid_for: str
     """Digest of the geometry, the servos' pulses and the registration used for the tour."""
     date: Annotated[str, BeforeValidator(str)] = ""
@@ -213,12 +216,12 @@ class Identified(Section):
 
     @model_validator(mode="after")
     def _rows_belong_together(self) -> Identified:
-        optional = self.from_rad or self.tip_mm, self.middle_mm or self.tip_mm
+        optional = (column for column in (self.from_rad, self.middle_mm, self.time_s) if column)
         columns = self.tip_mm, *optional, self.count
         if any(len(column) != len(self.setpoint_rad) for column in columns):
             raise ValueError(
-                "identified.setpoint_rad, from_rad, tip_mm, middle_mm and count have different "
-                "numbers of rows"
+                "identified.setpoint_rad, from_rad, tip_mm, middle_mm, count and time_s have "
+                "different numbers of rows"
             )
         if any(len(pose) != len(self.start_rad) for pose in self.setpoint_rad + self.from_rad):
             raise ValueError(

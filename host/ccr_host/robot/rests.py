@@ -21,6 +21,7 @@ _SHOWS_RAD = np.radians(15.0)
 """Travel of a motor after which a marker has moved; the first move of a check is 20 deg."""
 _ONE_PICTURE_MM = 1e-6
 """Rounding of means; no camera repeats a place that well."""
+_VERY_LONG_S = 1e9
 _PULSE_KEYS = {"neutral_pulse_us", "pulse_per_90_deg_us"}
 """The servo keys that define a commanded angle; limits may change."""
 _DIGITS = 12
@@ -38,17 +39,50 @@ class Rests:
     """M1, M2 and so on, one per row, (N, S + 1, 3), in any common frame; NaN for those not seen."""
     count: Array
     """Number of exposures averaged at each rest, (N,)."""
+    time_s: Array
+    """Mean time of the exposures, (N,); NaN if not known."""
 
     @classmethod
-    def in_turn(cls, start_rad: Array, q_rad: Array, markers_mm: Array, count: Array) -> Rests:
+    def in_turn(
+        cls,
+        start_rad: Array,
+        q_rad: Array,
+        markers_mm: Array,
+        count: Array,
+        time_s: Array | None = None,
+    ) -> Rests:
         """Rests that were each reached straight from the one before, the first from (n,)."""
-        return cls(np.concatenate([start_rad[None], q_rad])[:-1], q_rad, markers_mm, count)
+        time_s = np.full(len(q_rad), np.nan) if time_s is None else time_s
+        from_rad = np.concatenate([start_rad[None], q_rad])[:-1]
+        return cls(from_rad, q_rad, markers_mm, count, time_s)
 
     @classmethod
-    def of_vectors(cls, from_rad: Array, q_rad: Array, vectors_mm: Array, count: Array) -> Rests:
+    def of_vectors(
+        cls,
+        from_rad: Array,
+        q_rad: Array,
+        vectors_mm: Array,
+        count: Array,
+        time_s: Array | None = None,
+    ) -> Rests:
         """Rests from M2 and so on relative to M1, (N, S, 3), with M1 as the origin."""
+        time_s = np.full(len(q_rad), np.nan) if time_s is None else time_s
         markers_mm = np.concatenate([np.zeros_like(vectors_mm[:, :1]), vectors_mm], axis=1)
-        return cls(from_rad, q_rad, markers_mm, count)
+        return cls(from_rad, q_rad, markers_mm, count, time_s)
+
+    def durations_s(self) -> Array:
+        """Times of both straight motions to each rest, from the one before, (N, 2).
+
+        They share the time between both rests in proportion to their lengths. It counts as very
+        long if it is not known.
+        """
+        before_rad = np.concatenate([self.from_rad[:1], self.q_rad[:-1]])
+        ways = (self.from_rad - before_rad, self.q_rad - self.from_rad)
+        first_rad, then_rad = (np.abs(way_rad).max(axis=1) for way_rad in ways)
+        share = first_rad / np.maximum(first_rad + then_rad, _SAME_RAD)
+        apart_s = np.diff(self.time_s, prepend=np.nan)
+        apart_s = np.where(apart_s >= 0.0, apart_s, _VERY_LONG_S)
+        return np.column_stack([share * apart_s, (1.0 - share) * apart_s])
 
     @property
     def vectors_mm(self) -> Array:
@@ -242,4 +276,5 @@ def identified_rests(description: Description) -> Rests | None:
     from_rad = identified.from_rad or (identified.start_rad, *identified.setpoint_rad[:-1])
     vectors_mm = np.stack([middle_mm, identified.tip_mm], axis=1)
     count = np.array(identified.count, dtype=np.float64)
-    return Rests.of_vectors(np.array(from_rad), q_rad, vectors_mm, count)
+    time_s = np.array(identified.time_s) if identified.time_s else None
+    return Rests.of_vectors(np.array(from_rad), q_rad, vectors_mm, count, time_s)

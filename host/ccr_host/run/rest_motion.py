@@ -67,7 +67,7 @@ def visit(
     rig.client.arm()
     start_rad = np.array(rig.client.accepted_rad)
     q_rad, no_q_rad = start_rad, np.empty((0, len(start_rad)))
-    rests = Rests(no_q_rad, no_q_rad, np.empty((0, len(check.names), 3)), np.empty(0))
+    rests = Rests(no_q_rad, no_q_rad, np.empty((0, len(check.names), 3)), np.empty(0), np.empty(0))
     to_rest = np.ones(len(stops_rad), dtype=np.bool_) if are_rests is None else are_rests
     done, poses = 0, int(np.count_nonzero(to_rest))
     for stop_rad, is_rest in zip(stops_rad, to_rest, strict=True):
@@ -79,7 +79,8 @@ def visit(
         if seen_mm is not None:
             on_rest(done, seen_mm)
             here = stop_rad[None], seen_mm.mean(axis=0)[None], np.array([float(len(seen_mm))])
-            rests = rests.then(Rests(from_rad[None], *here))
+            time_s = np.array([rig.clock.now_us() * 1e-6])
+            rests = rests.then(Rests(from_rad[None], *here, time_s))
             if len(rests.count) >= _ALIKE_POSES and rests.last(_ALIKE_POSES).are_one_picture():
                 raise TrackerError(*REPEATED)
         check.robot_moves()

@@ -195,7 +195,7 @@ class _Belief:
         """Bending angles, (D,), after the motors have moved on to these angles, (n,)."""
         if self._pose is None:
             self._pose = self._statics.first_pose(self.p, q_rad)
-        self._pose = self._statics.moved(self.p, self._pose, q_rad)
+        self._pose = self._statics.moved(self.p, self._pose, math.inf, q_rad)
         return self._pose.theta_rad
 
 

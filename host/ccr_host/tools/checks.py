@@ -214,7 +214,9 @@ def _deflection_deg(tip_mm: Array, description: Description) -> tuple[float, flo
     """Angle between measured and expected rest direction, and its largest expected value, deg."""
     model, space = make_static_model(description, is_new=True)
     rest_rad = np.radians(description.servo.rest_deg)
-    rests = Rests(rest_rad[None], rest_rad[None], np.full((1, 3, 3), np.nan), np.ones(1))
+    rests = Rests(
+        rest_rad[None], rest_rad[None], np.full((1, 3, 3), np.nan), np.ones(1), np.ones(1)
+    )
     near = space.perturbed(np.zeros(space.count), _PROBE)
     *near_mm, expected_mm = model.predicted_mm(near, rests)[0, :, 1]
     known = _known(space, description.robot) / space.deviation

@@ -182,7 +182,8 @@ def _identify_two_motors(
     def rests_at(rows: IntArray) -> Rests:
         markers_mm = np.stack([measured.middle_mm[rows], measured.tip_mm[rows]], axis=1)
         before_rad = q_rad[np.maximum(rows - 1, 0)]
-        return Rests.of_vectors(before_rad, q_rad[rows], markers_mm, np.ones(len(rows)))
+        time_s, count = measured.time_s[rows], np.ones(len(rows))
+        return Rests.of_vectors(before_rad, q_rad[rows], markers_mm, count, time_s)
 
     def fitted(rows: IntArray) -> StaticsFit[Parameters]:
         found = identification_of(Scaling.of(description), rests_at(rows), predict)

@@ -36,7 +36,7 @@ from ccr_host.tracking.markers.check import MarkerCheck
 
 REGISTRATION, IDENTIFIED = "registration", "identified"
 """Sections of the robot description."""
-_ANGLE_DECIMALS, _LENGTH_DECIMALS = 6, 4
+_ANGLE_DECIMALS, _LENGTH_DECIMALS, _TIME_DECIMALS = 6, 4, 2
 _SERVO_KEYS = ("neutral_pulse_us", "pulse_per_90_deg_us", "angle_min_deg", "angle_max_deg")
 
 _SWING_DEG = 50.0
@@ -174,6 +174,7 @@ def identified_section(
     rests: Rests, description: Description, date: datetime.date
 ) -> dict[str, Any]:
     """The keys of ``[identified]``, rounded below the resolution of board and camera."""
+    time_s = (rests.time_s - rests.time_s[0]).round(_TIME_DECIMALS)
     return {
         "start_rad": rests.from_rad[0].round(_ANGLE_DECIMALS).tolist(),
         "from_rad": _rows(rests.from_rad.round(_ANGLE_DECIMALS).tolist()),
@@ -181,6 +182,7 @@ def identified_section(
         "tip_mm": _rows(rests.tip_mm.round(_LENGTH_DECIMALS).tolist()),
         "middle_mm": _rows(rests.vectors_mm[:, 0].round(_LENGTH_DECIMALS).tolist()),
         "count": [int(count) for count in rests.count],
+        **({} if np.isnan(time_s).any() else {"time_s": time_s.tolist()}),
         "valid_for": digest_of(description),
         "date": date,
     }

@@ -13,7 +13,7 @@ from ccr_host.robot.arc import Number
 
 Two = tuple[Number, Number]
 Three = tuple[Number, Number, Number]
-Four = tuple[Number, Number, Number, Number]
+Six = tuple[Number, Number, Number, Number, Number, Number]
 
 
 def split(rows: Array) -> tuple[Number, ...]:

@@ -78,7 +78,9 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         travel_mm = self._winding_mm @ setpoint_rad
         return ChainPose(setpoint_rad, travel_mm, p.rest.rest(travel_mm[None])[0])
 
-    def moved(self, p: ChainParameters, pose: ChainPose, *setpoints_rad: Array) -> ChainPose:
+    def moved(
+        self, p: ChainParameters, pose: ChainPose, duration_s: float, *setpoints_rad: Array
+    ) -> ChainPose:
         for setpoint_rad in setpoints_rad:
             pose = self.turned(p, pose, setpoint_rad)
         theta_rad = p.rest.rest(pose.travel_mm[None], pose.theta_rad[None], _REST_RAD)[0]

@@ -77,10 +77,10 @@ class CompiledModel(PlainModel):
     def __init__(self) -> None:
         self._entries = _ready_entries()
 
-    def moved(self, p: Parameters, pose: Pose, *setpoints_rad: Array) -> Pose:
-        flat = _packed(pose)
+    def moved(self, p: Parameters, pose: Pose, duration_s: float, *setpoints_rad: Array) -> Pose:
+        flat, each_s = _packed(pose), duration_s / len(setpoints_rad)
         for setpoint_rad in setpoints_rad:
-            flat = self._entries.moved(np.array(p), flat, np.array(setpoint_rad))
+            flat = self._entries.moved(np.array(p), flat, np.array(setpoint_rad), each_s)
         q_1, q_2, lag_1, lag_2, *anchors, theta_1, theta_2 = flat.tolist()
         return Pose(q_1, q_2, lag_1, lag_2, tuple(anchors), theta_1, theta_2)
 
@@ -99,7 +99,10 @@ class CompiledModel(PlainModel):
     def predicted_mm(self, p: Parameters, rests: Rests) -> Array:
         rows = np.array(p).T
         markers_mm = self._entries.predicted_mm(
-            _contiguous(np.atleast_2d(rows)), _contiguous(rests.from_rad), _contiguous(rests.q_rad)
+            _contiguous(np.atleast_2d(rows)),
+            _contiguous(rests.from_rad),
+            _contiguous(rests.q_rad),
+            _contiguous(rests.durations_s()),
         )
         return markers_mm if rows.ndim > 1 else markers_mm[:, 0]
 
@@ -122,9 +125,10 @@ class _Entries(NamedTuple):
 def _make_entries(fingerprint: int) -> _Entries:
     """The entries, which enclose a fingerprint of all code that they use, see ``jit``."""
 
-    def moved(packed: Array, flat: Array, setpoint_rad: Array) -> Array:
+    def moved(packed: Array, flat: Array, setpoint_rad: Array, duration_s: float) -> Array:
         _ = fingerprint
-        pose = moved_to(_parameters(packed), _pose(flat), setpoint_rad[0], setpoint_rad[1])
+        p, pose = _parameters(packed), _pose(flat)
+        pose = moved_to(p, pose, setpoint_rad[0], setpoint_rad[1], duration_s)
         theta = pose.theta_1, pose.theta_2
         return np.array((pose.q_1, pose.q_2, pose.lag_1, pose.lag_2, *pose.anchors, *theta))
 
@@ -139,15 +143,15 @@ def _make_entries(fingerprint: int) -> _Entries:
             columns[:, i] = change_of(here, _parameters(near[i]), pose, travel_1, travel_2)
         return columns
 
-    def predicted_mm(rows: Array, before: Array, setpoints: Array) -> Array:
+    def predicted_mm(rows: Array, before: Array, setpoints: Array, times_s: Array) -> Array:
         _ = fingerprint
         markers_mm = np.empty((len(setpoints), len(rows), 2, 3))
         for i in range(len(rows)):
             p = _parameters(rows[i])
             pose = first_pose(p, before[0, 0], before[0, 1])
             for j in range(len(setpoints)):
-                pose = moved_to(p, pose, before[j, 0], before[j, 1])
-                pose = moved_to(p, pose, setpoints[j, 0], setpoints[j, 1])
+                pose = moved_to(p, pose, before[j, 0], before[j, 1], times_s[j, 0])
+                pose = moved_to(p, pose, setpoints[j, 0], setpoints[j, 1], times_s[j, 1])
                 markers = markers_of(p, pose.theta_1, pose.theta_2)
                 markers_mm[j, i, 0], markers_mm[j, i, 1] = markers
         return markers_mm
@@ -169,10 +173,10 @@ def _ready_entries() -> _Entries:
     """Compiled or loaded by first calls; they then reject arguments of other types."""
     entries = _make_entries(jit.fingerprint(*_SOURCES, jit, sys.modules[__name__]))
     anything = np.full(FIELDS, 0.1)
-    pose, pair, pairs = np.zeros(10), np.zeros(2), np.zeros((1, 2))
-    entries.moved(anything, pose, pair)
+    pose, pair, pairs = np.zeros(12), np.zeros(2), np.zeros((1, 2))
+    entries.moved(anything, pose, pair, 0.1)
     entries.changes(anything[None].copy(), pose, pair)
-    entries.predicted_mm(anything[None].copy(), pairs, pairs)
+    entries.predicted_mm(anything[None].copy(), pairs, pairs, pairs)
     entries.polished(anything, pairs, np.zeros((1, 3)), 1)
     for entry in entries:
         entry.disable_compile()
@@ -190,8 +194,8 @@ def _packed(pose: Pose) -> Array:
 
 @jit.compiled
 def _pose(flat: Array) -> Pose:
-    anchors = flat[4], flat[5], flat[6], flat[7]
-    return Pose(flat[0], flat[1], flat[2], flat[3], anchors, flat[8], flat[9])
+    anchors = flat[4], flat[5], flat[6], flat[7], flat[8], flat[9]
+    return Pose(flat[0], flat[1], flat[2], flat[3], anchors, flat[10], flat[11])
 
 
 @jit.compiled

@@ -260,6 +260,8 @@ class RestSurvey:
         self._stops_rad = [start_rad]
         self._markers_mm: dict[int, list[Array]] = {}
         """What was seen, by the number of the stop."""
+        self._times_s: dict[int, list[float]] = {}
+        """When it was seen."""
         self._since_s = -math.inf
 
     def visit(self, stops_rad: Array) -> None:
@@ -281,6 +283,7 @@ class RestSurvey:
                 self._since_s = since_s
                 markers_mm = np.stack([measurement.middle_mm, measurement.tip_mm])
                 self._markers_mm.setdefault(number, []).append(markers_mm)
+                self._times_s.setdefault(number, []).append(measurement.exposed_s)
                 return
 
     def rests(self) -> Rests:
@@ -293,6 +296,7 @@ class RestSurvey:
             stops_rad[numbers],
             np.array([np.median(markers_mm, axis=0) for markers_mm in seen]).reshape(-1, 2, 3),
             np.array([float(len(markers_mm)) for markers_mm in seen]),
+            np.array([np.mean(times_s) for times_s in self._times_s.values()]),
         )
 
 

@@ -50,14 +50,16 @@ class PlainModel(StaticModel[Parameters, Pose]):
     def first_pose(self, p: Parameters, setpoint_rad: Array) -> Pose:
         return motion.first_pose(p, *setpoint_rad.tolist())
 
-    def moved(self, p: Parameters, pose: Pose, *setpoints_rad: Array) -> Pose:
+    def moved(self, p: Parameters, pose: Pose, duration_s: float, *setpoints_rad: Array) -> Pose:
+        each_s = duration_s / len(setpoints_rad)
         for setpoint_rad in setpoints_rad:
-            pose = motion.moved(p, pose, *setpoint_rad.tolist())
+            q_1, q_2 = setpoint_rad.tolist()
+            pose = motion.moved(p, pose, q_1, q_2, each_s)
         return pose
 
     def turned(self, p: Parameters, pose: Pose, setpoint_rad: Array) -> Pose:
         if p.friction_1 > 0.0:
-            return self.moved(p, pose, setpoint_rad)
+            return self.moved(p, pose, 0.0, setpoint_rad)
         return motion.turned(p, pose, *setpoint_rad.tolist())
 
     def shifted(self, before: Parameters, after: Parameters, pose: Pose, theta_rad: Array) -> Pose:

@@ -1,6 +1,8 @@
-"""Rests of the robot with backlash of the servos and friction of the tendons.
+"""Rests of the robot with what it remembers: backlash, friction of the tendons, and creep.
 
-Both depend only on how far and in which direction the servos moved, not on their speed.
+The first two depend only on how far and in which direction the servos moved, not on their speed.
+Segments resist a bend at first by 1 + c times their stiffness: M_j = k_j (theta_j + c (theta_j -
+m_j)), where the memory m_j follows theta_j within ``_CREEP_TIME_S``.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccr_host.control.adaptive.arithmetic import (
-    Four,
+    Six,
     Three,
     Two,
     positive,
@@ -24,9 +26,9 @@ from ccr_host.control.adaptive.statics import (
     STICKING,
     forces_of,
     likely_of,
-    routes_of,
     settled,
     shafts_of,
+    strains_of,
 )
 from ccr_host.control.adaptive.tip import Tip, markers_of, seen_of, tip_of
 from ccr_host.core.arrays import Array
@@ -36,8 +38,11 @@ from ccr_host.robot.rests import Rests
 _LONGEST_STEP_RAD = np.radians(8.0)
 """Travel of a motor over which the segments are assumed to move in one direction only."""
 _LEAST_BACKLASH_RAD = 1e-4
-_FRICTION_1 = Parameters._fields.index("friction_1")
-_AFTER_IT = _FRICTION_1 + 1
+_FRICTION_1, _CREEP = map(Parameters._fields.index, ("friction_1", "creep"))
+_AFTER_FRICTION_1, _AFTER_CREEP = _FRICTION_1 + 1, _CREEP + 1
+_CREEP_TIME_S = 5.0
+"""Polymers creep on all time scales. This one lies between the 2 s from rest to rest and the tour
+of a minute; with 3 or 10 s the camera's turn is found as well (bench/results.md)."""
 _UNMOVED_RAD = np.radians(0.1)
 """Demanded reversals of a shaft below this do not take up the whole backlash."""
 
@@ -46,15 +51,15 @@ class Pose(NamedTuple):
     """A pose at rest and what holds it; floats, or arrays if the parameters are arrays.
 
     ``q`` are the setpoints of the servos; ``lag``, from -1 to 1, is the fraction of their backlash
-    by which they lag; ``anchors`` are the tendon routes, see ``routes_of``, at which friction
-    exerts no force; ``theta`` are the bending angles.
+    by which they lag; ``anchors`` are the strains, see ``strains_of``, at which friction and creep
+    exert no force; ``theta`` are the bending angles.
     """
 
     q_1: Number
     q_2: Number
     lag_1: Number
     lag_2: Number
-    anchors: Four
+    anchors: Six
     theta_1: Number
     theta_2: Number
 
@@ -67,33 +72,45 @@ class Pose(NamedTuple):
 def first_pose(p: Parameters, q_1: Number, q_2: Number) -> Pose:
     """The pose, or poses, at setpoints without a history of motion."""
     guess_1, guess_2 = likely_of(p, q_1, q_2)
-    anchors = routes_of(p, guess_1, guess_2)
+    anchors = strains_of(p, guess_1, guess_2)
     shafts = shafts_of(p, (q_1, q_2), (0.0, 0.0))
-    theta_1, theta_2 = settled(without_friction(p), guess_1, guess_2, shafts, anchors)
-    return Pose(q_1, q_2, 0.0, 0.0, routes_of(p, theta_1, theta_2), theta_1, theta_2)
+    theta_1, theta_2 = settled(_remembering(p, 0.0, 0.0), guess_1, guess_2, shafts, anchors)
+    return Pose(q_1, q_2, 0.0, 0.0, strains_of(p, theta_1, theta_2), theta_1, theta_2)
 
 
-def without_friction(p: Parameters) -> Parameters:
-    """The parameters of the same robot with tendons that slide freely."""
-    fields: tuple[Number, ...] = (*p[:_FRICTION_1], 0.0 * p.friction_1, *p[_AFTER_IT:])
+def _remembering(p: Parameters, friction: float, creep: float) -> Parameters:
+    """The parameters of the same robot with shares of its friction and of its creep."""
+    fields: tuple[Number, ...] = (
+        *p[:_FRICTION_1],
+        friction * p.friction_1,
+        *p[_AFTER_FRICTION_1:_CREEP],
+        creep * p.creep,
+        *p[_AFTER_CREEP:],
+    )
     return Parameters(*fields)
 
 
-def moved(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
-    """The pose after a straight motion of the setpoints to new ones."""
-    steps, travel = _steps_to(pose, q_1, q_2)
+def moved(p: Parameters, pose: Pose, q_1: float, q_2: float, duration_s: float = 0.0) -> Pose:
+    """The pose after a straight, even motion of the setpoints to new ones, fast by default."""
+    steps, travel, kept = _steps_to(pose, q_1, q_2, duration_s)
     change: Two = 0.0, 0.0
     for _ in range(steps):
-        before, pose = pose, _stepped(p, pose, travel, change)
+        before, pose = pose, _stepped(p, pose, travel, change, kept)
         change = _change(before, pose)
     return pose
 
 
-def _steps_to(pose: Pose, q_1: float, q_2: float) -> tuple[int, Two]:
-    """Number of short steps by which to reach setpoints, and the travel of both in each."""
+def _steps_to(pose: Pose, q_1: float, q_2: float, duration_s: float) -> tuple[int, Two, float]:
+    """Short steps by which to reach setpoints: their number, and what happens in each of them.
+
+    That is the travel of both setpoints, and the share of what has not crept that still has not.
+    """
     travel_1, travel_2 = q_1 - pose.q_1, q_2 - pose.q_2
     steps = math.ceil(max(abs(travel_1), abs(travel_2)) / _LONGEST_STEP_RAD)
-    return steps, (travel_1 / max(steps, 1), travel_2 / max(steps, 1))
+    steps = max(steps, 1 if duration_s > 0.0 else 0)
+    share = 1.0 / max(steps, 1)
+    kept = math.exp(-duration_s * share / _CREEP_TIME_S)
+    return steps, (travel_1 * share, travel_2 * share), kept
 
 
 def turned(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
@@ -103,19 +120,25 @@ def turned(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
     return Pose(q_1, q_2, lag_1, lag_2, pose.anchors, pose.theta_1, pose.theta_2)
 
 
-def _stepped(p: Parameters, pose: Pose, travel: Two, likely: Two) -> Pose:
-    """The pose after a short motion of the setpoints, with a guess how far the segments bend."""
+def _stepped(p: Parameters, pose: Pose, travel: Two, likely: Two, kept: float) -> Pose:
+    """The pose after a short motion of the setpoints, with a guess how far the segments bend.
+
+    The memory of creep follows implicitly, so that a long time leaves none of it: what is new is
+    kept (theta - m) at the end, which is what resists.
+    """
     ahead = turned(p, pose, pose.q_1 + travel[0], pose.q_2 + travel[1])
     shafts = shafts_of(p, (ahead.q_1, ahead.q_2), (ahead.lag_1, ahead.lag_2))
     guess_1, guess_2 = pose.theta_1 + likely[0], pose.theta_2 + likely[1]
-    theta_1, theta_2 = settled(p, guess_1, guess_2, shafts, pose.anchors)
-    route_1, route_2, route_3, route_4 = routes_of(p, theta_1, theta_2)
-    anchor_1, anchor_2, anchor_3, anchor_4 = pose.anchors
+    theta_1, theta_2 = settled(_remembering(p, 1.0, kept), guess_1, guess_2, shafts, pose.anchors)
+    route_1, route_2, route_3, route_4, _, _ = strains_of(p, theta_1, theta_2)
+    anchor_1, anchor_2, anchor_3, anchor_4, memory_1, memory_2 = pose.anchors
     dragged = (
         route_1 - within(route_1 - anchor_1, STICKING),
         route_2 - within(route_2 - anchor_2, STICKING),
         route_3 - within(route_3 - anchor_3, STICKING),
         route_4 - within(route_4 - anchor_4, STICKING),
+        theta_1 - kept * (theta_1 - memory_1),
+        theta_2 - kept * (theta_2 - memory_2),
     )
     return Pose(ahead.q_1, ahead.q_2, ahead.lag_1, ahead.lag_2, dragged, theta_1, theta_2)
 
@@ -131,16 +154,17 @@ def _lag_of(backlash_rad: Number, lag: Number, travel_rad: float) -> Number:
 
 
 def shifted(before: Parameters, after: Parameters, pose: Pose, theta: Array) -> Pose:
-    """The pose at the bending angles of a corrected model, (2,): sliding tendons keep sliding."""
+    """The pose at the bending angles of a corrected model, (2,): what resists goes on resisting."""
     theta_1, theta_2 = theta.tolist()
-    routes = zip(
+    strains = zip(
         pose.anchors,
-        routes_of(before, pose.theta_1, pose.theta_2),
-        routes_of(after, theta_1, theta_2),
+        strains_of(before, pose.theta_1, pose.theta_2),
+        strains_of(after, theta_1, theta_2),
         strict=True,
     )
-    first, second, third, fourth = (new + (anchor - old) for anchor, old, new in routes)
-    return pose._replace(anchors=(first, second, third, fourth), theta_1=theta_1, theta_2=theta_2)
+    one, two, three, four, five, six = (new + (anchor - old) for anchor, old, new in strains)
+    anchors = one, two, three, four, five, six
+    return pose._replace(anchors=anchors, theta_1=theta_1, theta_2=theta_2)
 
 
 def setpoint_for(p: Parameters, pose: Pose, shafts: tuple[float, float]) -> Array:
@@ -215,14 +239,15 @@ def predicted_mm(p: Parameters, rests: Rests) -> Array:
     start_rad = rests.from_rad[0].tolist()
     here, poses = first_pose(first, *start_rad), first_pose(p, *start_rad)
     markers = []
-    for stops_rad in np.stack([rests.from_rad, rests.q_rad], axis=1).tolist():
-        for stop_rad in stops_rad:
-            steps, travel = _steps_to(here, *stop_rad)
+    stops = np.concatenate([rests.from_rad, rests.q_rad, rests.durations_s()], axis=1)
+    for from_1, from_2, to_1, to_2, first_s, then_s in stops.tolist():
+        for stop in ((from_1, from_2, first_s), (to_1, to_2, then_s)):
+            steps, travel, kept = _steps_to(here, *stop)
             change: Two = 0.0, 0.0
             for _ in range(steps):
-                before, here = here, _stepped(first, here, travel, change)
+                before, here = here, _stepped(first, here, travel, change, kept)
                 change = _change(before, here)
-                poses = here if is_alone else _stepped(p, poses, travel, change)
+                poses = here if is_alone else _stepped(p, poses, travel, change, kept)
         middle, tip = markers_of(p, poses.theta_1, poses.theta_2)
         markers.append(np.stack([stacked(*middle), stacked(*tip)], axis=-2))
     return np.array(markers)

@@ -94,6 +94,8 @@ class Parameters(NamedTuple):
     """k_1 over the stiffness of segment 1 across its bending plane."""
     twisting: Number = 0.0
     """k_1 over the torsional stiffness of segment 1."""
+    creep: Number = 0.0
+    """Share of its stiffness by which a segment resists a new bend more, until it has crept."""
     up_x: Number = 0.0
     """Unit vector against gravity in the frame of (10). It is described, not estimated."""
     up_y: Number = 0.0
@@ -162,7 +164,7 @@ _STRONG_EVIDENCE = 6.0
 Bayes factors, J. Am. Stat. Assoc. 90, 1995)."""
 _USUALLY_SMALL = (
     "plane_1_rad", "plane_2_rad", "taper_1", "taper_2", "stiffening", "sideways", "twisting",
-    "marker_along_mm", "marker_aside_mm",
+    "marker_along_mm", "marker_aside_mm", "creep",
 )  # fmt: skip
 _ZERO_FREEDOM = 3.0
 """Factor by which zeros may be further off than assumed where there are few rests."""
@@ -232,6 +234,7 @@ def prior_of(robot: Robot) -> Prior:
         taper_1=taper,
         taper_2=taper,
         stiffening=(0.0, 0.05, -0.1, 0.4),
+        creep=(0.0, 0.05, 0.0, 0.3),
     )
     return Prior(*np.array(rows[:COUNT], dtype=np.float64).T)
 

@@ -94,8 +94,11 @@ class StaticModel(ABC, Generic[P, S]):
         """The pose at setpoints, (n,), without a history of motion."""
 
     @abstractmethod
-    def moved(self, p: P, pose: S, *setpoints_rad: Array) -> S:
-        """The pose after straight motions of the setpoints, to each of these in turn, (n,)."""
+    def moved(self, p: P, pose: S, duration_s: float, *setpoints_rad: Array) -> S:
+        """The pose after straight motions of the setpoints, to each of these in turn, (n,).
+
+        Each takes the same part of the time.
+        """
 
     @abstractmethod
     def turned(self, p: P, pose: S, setpoint_rad: Array) -> S:
@@ -226,7 +229,7 @@ class PoseFollower(Generic[P, S]):
         """The pose at a time, or the present one if that is later."""
         if time_s > self._time_s:
             corners_rad = self._history.corners(self._time_s, time_s)
-            self.pose = self._model.moved(p, self.pose, *corners_rad)
+            self.pose = self._model.moved(p, self.pose, time_s - self._time_s, *corners_rad)
             self._time_s = time_s
         return self.pose
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ccr_host.control.adaptive.arithmetic import (
-    Four,
+    Six,
     Two,
     anywhere,
     largest,
@@ -50,18 +50,19 @@ _STILL_STICKS = STICKING * (1.0 - 1e-9)
 """A tendon that has just slid is at the limit and continues to slide in spite of rounding."""
 
 
-def routes_of(p: Parameters, theta_1: Number, theta_2: Number) -> Four:
-    """Lengthening of the tendons' routes by bending, in units of r_c.
+def strains_of(p: Parameters, theta_1: Number, theta_2: Number) -> Six:
+    """What friction and creep resist: the tendons' routes, in units of r_c, and both bends.
 
-    First those of motor 1 on both sides, then those of motor 2, which also pass segment 1.
+    First the lengthening of the routes of motor 1 on both sides, then of those of motor 2, which
+    also pass segment 1.
     """
     sag_1 = p.sag_1 * theta_1 * theta_1
     sag_2 = p.sag_2 * theta_2 * theta_2 + sag_1
     led_2 = theta_2 + p.plane_1_rad * theta_1
-    return theta_1 + sag_1, sag_1 - theta_1, led_2 + sag_2, sag_2 - led_2
+    return theta_1 + sag_1, sag_1 - theta_1, led_2 + sag_2, sag_2 - led_2, theta_1, theta_2
 
 
-def settled(p: Parameters, theta_1: Number, theta_2: Number, shafts: Two, anchors: Four) -> Two:
+def settled(p: Parameters, theta_1: Number, theta_2: Number, shafts: Two, anchors: Six) -> Two:
     """Bending angles at rest, found by Newton's method from a guess.
 
     Full steps across the kinks of tendons and friction can cycle, so a step that overshoots is
@@ -86,7 +87,7 @@ def _searched(
     step_2: Number,
     here: Forces,
     shafts: Two,
-    anchors: Four,
+    anchors: Six,
 ) -> tuple[Number, Forces]:
     """Fraction of a step at which the forces along it nearly vanish, and the forces there."""
     ahead = forces_of(p, theta_1 + step_1, theta_2 + step_2, shafts, anchors)
@@ -154,7 +155,7 @@ def hold_of(
     p: Parameters,
     theta_1: Number,
     theta_2: Number,
-    anchors: Four,
+    anchors: Six,
     sides: Two,
     change_over: Two = (LEAST_CHANGE_OVER, LEAST_CHANGE_OVER),
 ) -> ShaftHold:
@@ -164,12 +165,12 @@ def hold_of(
         p: parameters, floats.
         theta_1: bending angle of segment 1.
         theta_2: bending angle of segment 2.
-        anchors: routes at which friction exerts no force.
+        anchors: strains at which friction and creep exert no force.
         sides: which tendon of each pair has pulled so far; 0 for none.
         change_over: moment that the other tendon must have to supply before the pair changes over.
     """
-    load = loads_of(p, theta_1, theta_2)
-    routes = routes_of(p, theta_1, theta_2)
+    load = _loads_with_creep(p, theta_1, theta_2, anchors)
+    routes = strains_of(p, theta_1, theta_2)
     rub_1, rub_2 = 0.5 * p.friction_1, 0.5 * p.friction_2
     held_11 = rub_1 * within((routes[0] - anchors[0]) / STICKING, 1.0)
     held_12 = rub_1 * within((routes[1] - anchors[1]) / STICKING, 1.0)
@@ -211,7 +212,7 @@ def _side(pull: Number, before: Number, change_over: Number) -> Number:
 def unhindered_setpoints_for(p: Parameters, theta_rad: Array) -> Array:
     """Setpoints that hold given bending angles without friction and backlash, (..., 2)."""
     theta_1, theta_2 = split(theta_rad)
-    routes = routes_of(p, theta_1, theta_2)
+    routes = strains_of(p, theta_1, theta_2)
     shaft_1, shaft_2 = hold_of(p, theta_1, theta_2, routes, (0.0, 0.0)).shafts
     return stacked(shaft_1 + p.zero_1_rad, shaft_2 + p.zero_2_rad)
 
@@ -229,14 +230,13 @@ def shafts_of(p: Parameters, q: Two, lag: Two) -> Two:
     )
 
 
-def forces_of(
-    p: Parameters, theta_1: Number, theta_2: Number, shafts: Two, anchors: Four
-) -> Forces:
+def forces_of(p: Parameters, theta_1: Number, theta_2: Number, shafts: Two, anchors: Six) -> Forces:
     """Forces at bending and shaft angles.
 
-    ``anchors`` are the tendon routes, see ``routes_of``, at which friction exerts no force.
+    ``anchors`` are the strains, see ``strains_of``, at which friction and creep exert no force.
     """
-    moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22 = loads_of(p, theta_1, theta_2)
+    load = _loads_with_creep(p, theta_1, theta_2, anchors)
+    moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22 = load
     stick_1 = 0.5 * p.friction_1 / STICKING
     stick_2 = stick_1 * p.friction_ratio
     sag_1 = p.sag_1 * theta_1 * theta_1
@@ -281,6 +281,19 @@ def forces_of(
         stiffness_12 = stiffness_12 + stiff * lever_21 * lever
         stiffness_22 = stiffness_22 + stiff * lever * lever + 2.0 * p.sag_2 * pull
     return Forces(moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22)
+
+
+def _loads_with_creep(p: Parameters, theta_1: Number, theta_2: Number, anchors: Six) -> Forces:
+    """``loads_of``, and the resistance to bends that are new."""
+    moment_1, moment_2, stiffness_11, stiffness_12, stiffness_22 = loads_of(p, theta_1, theta_2)
+    creep_1, creep_2 = p.creep, p.creep * p.stiffness_ratio
+    return Forces(
+        moment_1 + creep_1 * (theta_1 - anchors[4]),
+        moment_2 + creep_2 * (theta_2 - anchors[5]),
+        stiffness_11 + creep_1,
+        stiffness_12,
+        stiffness_22 + creep_2,
+    )
 
 
 def _taut(

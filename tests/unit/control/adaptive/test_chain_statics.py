@@ -84,7 +84,7 @@ def test_backlash_is_taken_up_but_for_reversals_of_a_tenth_of_a_degree(robot):
     for number in range(6):
         theta_rad = some_bending(space, number)
         hold = model.hold(p, pose, theta_rad, free, free)
-        pose = model.moved(p, pose, hold.setpoint_rad)
+        pose = model.moved(p, pose, 0.0, hold.setpoint_rad)
         assert pose.theta_rad == pytest.approx(theta_rad, abs=0.01)
 
 

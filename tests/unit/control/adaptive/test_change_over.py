@@ -6,7 +6,7 @@ import numpy as np
 
 from ccr_host.control.adaptive.law import ChangeOver
 from ccr_host.control.adaptive.parameters import COUNT, Scaling
-from ccr_host.control.adaptive.statics import hold_of, routes_of
+from ccr_host.control.adaptive.statics import hold_of, strains_of
 from ccr_host.description.schema import Robot
 
 PRIOR = Scaling(Robot()).parameters(np.zeros(COUNT))
@@ -18,7 +18,7 @@ def _sides(change_over: ChangeOver, bends: np.ndarray, begin_s: float = 0.0) -> 
     sides = []
     for number, bend in enumerate(bends.tolist()):
         time_s = begin_s + number * PERIOD_S
-        hold_pose = partial(hold_of, PRIOR, 0.5, bend, routes_of(PRIOR, 0.5, bend))
+        hold_pose = partial(hold_of, PRIOR, 0.5, bend, strains_of(PRIOR, 0.5, bend))
         hold = change_over.hold(hold_pose, time_s)
         sides.append(hold.sides[1])
     return sides
@@ -39,7 +39,7 @@ def test_an_estimate_that_is_noisy_after_the_jump_does_not_cause_the_next_one() 
     _sides(change_over, noisy)
     without = []
     for bend in noisy.tolist():
-        sides = hold_of(PRIOR, 0.5, bend, routes_of(PRIOR, 0.5, bend), sides).sides
+        sides = hold_of(PRIOR, 0.5, bend, strains_of(PRIOR, 0.5, bend), sides).sides
         without.append(sides[1])
     assert np.count_nonzero(np.diff(without)) > 10
     assert change_over.changes[1] == 1

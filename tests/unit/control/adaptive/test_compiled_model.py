@@ -32,7 +32,8 @@ def _drawn(seed):
 
 def _drawn_rests(rng: np.random.Generator) -> Rests:
     from_rad, stops_rad = rng.uniform(-LONGEST_RAD, LONGEST_RAD, (2, 8, 2))
-    return Rests(from_rad, stops_rad, np.zeros((8, 3, 3)), np.ones(8))
+    time_s = rng.uniform(0.3, 5.0, 8).cumsum()
+    return Rests(from_rad, stops_rad, np.zeros((8, 3, 3)), np.ones(8), time_s)
 
 
 @same
@@ -41,7 +42,8 @@ def test_both_models_move_alike(compiled, seed):
     rng, p = _drawn(seed)
     plain = again = first_pose(p, *rng.uniform(-LONGEST_RAD, LONGEST_RAD, 2).tolist())
     for setpoint_rad in rng.uniform(-LONGEST_RAD, LONGEST_RAD, (3, 2)):
-        plain, again = PLAIN.moved(p, plain, setpoint_rad), compiled.moved(p, again, setpoint_rad)
+        way = rng.uniform(0.0, 5.0), setpoint_rad
+        plain, again = PLAIN.moved(p, plain, *way), compiled.moved(p, again, *way)
         for ours, theirs in zip(again, plain, strict=True):
             assert ours == pytest.approx(theirs, abs=1e-7)
 
@@ -74,12 +76,15 @@ def test_both_models_predict_the_same_rests(compiled, seed):
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
 def test_robots_that_the_last_one_leads_rest_where_each_alone_does(compiled, seed):
-    """The plain model moves several robots at once, the compiled one each for itself."""
+    """The plain model moves several robots at once, the compiled one each for itself.
+
+    Newton's steps end below 1e-5 rad, a micrometre of the tip, and creep remembers them.
+    """
     rng, _ = _drawn(seed)
     rests = _drawn_rests(rng)
     far = SCALING.each(SCALING.bounded(rng.standard_normal((4, COUNT))))
     near = SCALING.perturbed(SCALING.bounded(rng.standard_normal(COUNT)), PROBE)
-    for p, most_mm in (far, 1e-4), (near, 1e-7):
+    for p, most_mm in (far, 1e-3), (near, 1e-7):
         alone_mm = compiled.predicted_mm(p, rests)
         assert alone_mm.shape == (8, len(p.gain_1), 2, 3)
         assert PLAIN.predicted_mm(p, rests) == pytest.approx(alone_mm, abs=most_mm)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.control.adaptive.motion import first_pose, moved, setpoint_for, turned
+from ccr_host.control.adaptive.motion import _CREEP_TIME_S, first_pose, moved, setpoint_for, turned
 from ccr_host.control.adaptive.parameters import parameters_of, prior_of
 from ccr_host.control.adaptive.statics import STICKING, hold_of
 from ccr_host.description.schema import Robot
@@ -13,6 +13,7 @@ from ccr_host.sim.robot.mechanics import Mechanics
 PRIOR = parameters_of(prior_of(Robot()).mean)
 DRY = PRIOR._replace(friction_1=0.2)
 LOOSE = PRIOR._replace(backlash_rad=0.02)
+CREEPING = PRIOR._replace(creep=0.1)
 angles = st.tuples(st.floats(-0.7, 0.7), st.floats(-1.0, 1.0)).map(np.array)
 
 
@@ -76,6 +77,54 @@ def test_moving_segment_1_releases_segment_2_as_on_the_twin():
     assert before == pytest.approx(twin_before, abs=0.02)
     assert after == pytest.approx(twin_after, abs=0.02)
     assert twin_after - twin_before > 2.0 * STICKING
+
+
+def test_a_new_bend_is_resisted_more_and_that_fades() -> None:
+    start, end = first_pose(CREEPING, 0.0, 0.0), first_pose(CREEPING, 0.3, 0.6).theta_rad
+    pose, left = moved(CREEPING, start, 0.3, 0.6), []
+    for _ in range(3):
+        left.append(end - pose.theta_rad)
+        pose = moved(CREEPING, pose, 0.3, 0.6, 0.1 * _CREEP_TIME_S)
+    # Tendons stretch by a fifth of the bend, and a tenth more stiffness takes a tenth of that.
+    assert left[0] / end == pytest.approx(0.02, abs=0.011)
+    assert left[1] / left[0] == pytest.approx(np.exp(-0.1), abs=0.01)
+    assert left[2] / left[1] == pytest.approx(np.exp(-0.1), abs=0.01)
+    assert moved(CREEPING, pose, 0.3, 0.6, 1e9).theta_rad == pytest.approx(end, abs=1e-5)
+
+
+def test_steps_of_a_motion_creep_as_the_whole_does() -> None:
+    start = first_pose(CREEPING, 0.0, 0.0)
+    whole, parts = moved(CREEPING, start, 0.4, -0.8, 4.0), start
+    for share in (0.3, 0.6, 1.0):
+        seconds = 4.0 * (share - parts.q_1 / 0.4)
+        parts = moved(CREEPING, parts, 0.4 * share, -0.8 * share, seconds)
+    assert parts.theta_rad == pytest.approx(whole.theta_rad, abs=5e-4)
+
+
+@given(angles, angles)
+def test_the_inverse_knows_how_far_the_segments_have_crept(way, aim):
+    pose = moved(CREEPING, first_pose(CREEPING, 0.0, 0.0), *way, 2.0)
+    hold = hold_of(CREEPING, *aim, pose.anchors, (0.0, 0.0))
+    assert moved(CREEPING, pose, *hold.shafts).theta_rad == pytest.approx(aim, abs=1e-3)
+
+
+def test_segments_creep_as_those_of_the_twin() -> None:
+    there, waits_s = np.radians([0.0, 40.0]), (0.5, 2.0, 5.0)
+
+    def bends_of(twin):
+        mechanics = Mechanics(twin, 0.0)
+        mechanics.pull(there)
+        for wait_s in waits_s:
+            mechanics.advance(round(wait_s * 1e6) // mechanics.step_us)
+            yield _second_bend_rad(mechanics)
+
+    times_s = _CREEP_TIME_S, 60.0
+    creeping = Twin(creep_share=(CREEPING.creep, 0.0), creep_time_s=times_s, gravity_m_s2=0.0)
+    missing = np.subtract([*bends_of(Twin(gravity_m_s2=0.0))], [*bends_of(creeping)])
+    pose, end = first_pose(CREEPING, 0.0, 0.0), first_pose(CREEPING, *there)
+    for wait_s, twin_missing in zip(waits_s, missing, strict=True):
+        pose = moved(CREEPING, pose, *there, wait_s)
+        assert end.theta_2 - pose.theta_2 == pytest.approx(twin_missing, rel=0.2)
 
 
 def _second_bend_rad(mechanics):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,7 +27,8 @@ def _rests(count=20):
     rests = Rests.in_turn(
         np.zeros(2), stops, np.zeros((len(stops), 3, 3)), np.full(len(stops), 30.0)
     )
-    return Rests.of_vectors(rests.from_rad, stops, predicted_mm(TRUTH, rests), rests.count)
+    seen_mm, time_s = predicted_mm(TRUTH, rests), 7.0 + 2.1 * np.arange(len(stops))
+    return Rests.of_vectors(rests.from_rad, stops, seen_mm, rests.count, time_s)
 
 
 def _identified(description=BELIEVED):
@@ -39,6 +42,12 @@ def test_rests_come_back_as_they_were_measured():
     assert found.q_rad == pytest.approx(measured.q_rad, abs=1e-6)
     assert found.tip_mm == pytest.approx(measured.tip_mm, abs=1e-4)
     assert found.count == pytest.approx(measured.count)
+    assert found.durations_s() == pytest.approx(measured.durations_s())
+
+
+def test_rests_of_which_no_times_are_known_are_kept_without():
+    measured = replace(_rests(), time_s=np.full(20, np.nan))
+    assert "time_s" not in identified_section(measured, BELIEVED, "2026-01-02")
 
 
 @pytest.mark.parametrize(

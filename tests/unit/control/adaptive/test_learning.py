@@ -11,9 +11,9 @@ from ccr_host.control.adaptive.motion import first_pose, moved, predicted_mm
 from ccr_host.control.adaptive.parameters import COUNT, TURNS, Parameters, Scaling
 from ccr_host.control.adaptive.static_model import PoseFollower
 from ccr_host.control.adaptive.statics import (
-    routes_of,
     settled,
     shafts_of,
+    strains_of,
     unhindered_setpoints_for,
 )
 from ccr_host.control.adaptive.tip import tip_mm
@@ -29,12 +29,13 @@ HERE = np.array([0.2, 0.4])
 STILL = np.zeros(2)
 
 
-def _tour_of(p, noise_mm=0.0, seed=1, count=6.0):
+def _tour_of(p, noise_mm=0.0, seed=1, count=6.0, time_s=None):
     stops = unhindered_setpoints_for(PRIOR, tour_bending_rad())
-    rests = Rests.in_turn(STILL, stops, np.zeros((len(stops), 3, 3)), np.full(len(stops), count))
+    unseen, counts = np.zeros((len(stops), 3, 3)), np.full(len(stops), count)
+    rests = Rests.in_turn(STILL, stops, unseen, counts, time_s)
     tips = predicted_mm(p, rests)
     noise = noise_mm / np.sqrt(count) * np.random.default_rng(seed).standard_normal(tips.shape)
-    return Rests.of_vectors(rests.from_rad, stops, tips + noise, rests.count)
+    return Rests.of_vectors(rests.from_rad, stops, tips + noise, counts, time_s)
 
 
 def _believable(seed):
@@ -88,9 +89,26 @@ def test_the_tour_tells_play_from_friction(compiled):
     assert found.friction_1 == pytest.approx(0.22, abs=0.06)
 
 
+@pytest.mark.long
+def test_the_tour_tells_how_much_the_segments_creep(compiled):
+    """Without times it tells nothing, and creep makes what the robot is not."""
+    truth = PRIOR._replace(creep=0.06, turn_x_rad=0.01, friction_1=0.1)
+    tour = _tour_of(truth, 0.15, time_s=2.0 * np.arange(20.0))
+    fit, untimed = (
+        StaticsFit(SCALING, rests, compiled.predicted_mm).finish()
+        for rests in (tour, replace(tour, time_s=np.full(20, np.nan)))
+    )
+    found = SCALING.parameters(fit.score)
+    assert found.creep == pytest.approx(0.06, abs=0.01)
+    assert found.turn_x_rad == pytest.approx(0.01, abs=0.003)
+    assert untimed.score[Parameters._fields.index("creep")] == 0.0
+    assert untimed.rms_mm > 1.5 * fit.rms_mm
+
+
 def _turn_found_deg(compiled, from_rad, stops):
     """The camera's turn found from rests of a robot that lags by a part of how far it is bent."""
-    rests = Rests(from_rad, stops, np.zeros((len(stops), 3, 3)), np.full(len(stops), 6.0))
+    unseen = np.zeros((len(stops), 2, 3))
+    rests = Rests.of_vectors(from_rad, stops, unseen, np.full(len(stops), 6.0))
     lagging = stops - 0.02 * np.abs(stops) * np.sign(stops - from_rad)
     seen_mm = predicted_mm(PRIOR, replace(rests, from_rad=lagging, q_rad=lagging))
     rests = Rests.of_vectors(from_rad, stops, seen_mm, rests.count)
@@ -183,7 +201,7 @@ def _resting(p, pose):
 
 def _resting_exactly(p, pose):
     """Everything well on its way of sliding, which derivatives on both sides need."""
-    routes = routes_of(p, pose.theta_1, pose.theta_2)
+    routes = strains_of(p, pose.theta_1, pose.theta_2)
     anchors = tuple(2.0 * a - route for a, route in zip(pose.anchors, routes, strict=True))
     pose = pose._replace(anchors=anchors)
     for _ in range(3):

@@ -38,6 +38,10 @@ def test_a_pose_reached_from_two_sides_is_two_rests_and_passed_stops_are_none() 
     assert rests.tip_mm[:, :2] == pytest.approx(rests.q_rad)
     assert (np.diff(rests.tip_mm[:, 2]) > 0.0).all()
     assert rests.from_both_sides() == [1]
+    moves_s = [
+        (len(smooth_moves(START, STOPS[:n], REST_S[:n], TICK_S)) - 1) * TICK_S for n in (2, 4)
+    ]
+    assert np.diff(rests.time_s[1:3]) == pytest.approx(np.diff(moves_s), abs=TICK_S)
 
 
 @pytest.mark.parametrize(("hidden", "seen"), [({1}, [3, 4]), ({3}, [1, 4]), ({1, 3}, [4])])

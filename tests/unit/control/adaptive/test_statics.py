@@ -9,8 +9,8 @@ from ccr_host.control.adaptive.statics import (
     forces_of,
     hold_of,
     likely_of,
-    routes_of,
     settled,
+    strains_of,
     unhindered_setpoints_for,
 )
 from ccr_host.control.adaptive.tip import seen_of, tip_mm, tip_of, turned_back_mm
@@ -28,6 +28,7 @@ HINDERED = PRIOR._replace(
     push_x_per_mm=0.002,
     push_y_per_mm=-0.001,
     shortening=0.15,
+    creep=0.07,
 )
 SOFT = PRIOR._replace(shortening=0.1, sideways=0.02, twisting=0.25, plane_1_rad=0.02)
 STILL = np.zeros(2)
@@ -40,7 +41,7 @@ senses = st.tuples(*[st.sampled_from([-1.0, 1.0])] * 2).map(np.array)
 
 
 def _anchors(p, theta, slid=0.1):
-    return tuple(route + slid for route in routes_of(p, *theta))
+    return tuple(route + slid for route in strains_of(p, *theta))
 
 
 @given(bends, st.sampled_from([0.1, 0.002]), st.sampled_from([HINDERED, ASKEW]))
@@ -64,7 +65,7 @@ def test_a_weight_on_the_tip_pulls_down_whichever_way_the_robot_is_mounted(theta
     bare = PRIOR._replace(body_per_mm=body, sag_1=0.0, sag_2=0.0)
     bare = bare._replace(**dict(zip(("up_x", "up_y", "up_z"), up, strict=True)))
     lighter, here, heavier = (bare._replace(tip_per_mm=tip + more) for more in (-1e-4, 0.0, 1e-4))
-    routes, h = routes_of(bare, *theta), 1e-6
+    routes, h = strains_of(bare, *theta), 1e-6
     less, more = (forces_of(p, *theta, (0.0, 0.0), routes)[:2] for p in (lighter, heavier))
     slopes = [
         (tip_mm(here, *(theta + h * e)) - tip_mm(here, *(theta - h * e))) @ up / (2.0 * h)
@@ -80,7 +81,7 @@ def test_the_pushes_are_level_and_at_right_angles_however_the_robot_is_mounted(t
         body_per_mm=0.0, tip_per_mm=0.0, sag_1=0.0, sag_2=0.0, marker_offset_mm=0.0
     )
     bare = bare._replace(**dict(zip(("up_x", "up_y", "up_z"), up, strict=True)))
-    routes, force, h = routes_of(bare, *theta), 1e-3, 1e-6
+    routes, force, h = strains_of(bare, *theta), 1e-3, 1e-6
 
     def moments(**loads):
         return np.array(forces_of(bare._replace(**loads), *theta, (0.0, 0.0), routes)[:2])
@@ -101,14 +102,14 @@ def test_the_pushes_are_level_and_at_right_angles_however_the_robot_is_mounted(t
 @given(bends, senses)
 def test_shafts_put_the_robot_at_rest_where_they_are_meant_to(theta, sense):
     start = theta - 0.05 * sense
-    anchors = routes_of(HINDERED, *start)
+    anchors = strains_of(HINDERED, *start)
     shafts = hold_of(HINDERED, *theta, anchors, (0.0, 0.0)).shafts
     assert settled(HINDERED, *start, shafts, anchors) == pytest.approx(theta, abs=1e-4)
 
 
 @given(bends)
 def test_the_tendon_that_pulls_goes_on_until_the_other_one_clearly_has_to(theta):
-    anchors = routes_of(PRIOR, *theta)
+    anchors = strains_of(PRIOR, *theta)
     free = hold_of(PRIOR, *theta, anchors, (0.0, 0.0))
     kept = hold_of(PRIOR, *theta, anchors, tuple(-side for side in free.sides))
     assert settled(PRIOR, *theta, kept.shafts, anchors) == pytest.approx(theta, abs=0.02)
