@@ -207,8 +207,8 @@ class Identified(Section):
     count: tuple[Annotated[int, within(1, 1e9)], ...]
     """Number of measurements behind each mean."""
     time_s: tuple[Annotated[float, within(-1e9, 1e9)], ...] = ()
-    """Time of each rest after the first; missing in files from before December 2026, whose robots
-    then count as free of creep."""
+    """When each rest was measured, after the first one; missing in files from before December 2026,
+    whose robots count as free of creep."""
     valid_for: str
     """Digest of the geometry, the servos' pulses and the registration used for the tour."""
     date: Annotated[str, BeforeValidator(str)] = ""
