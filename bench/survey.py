@@ -90,6 +90,7 @@ def measured(out: Path, seed: int) -> None:
             "q_rad": rests.q_rad.tolist(),
             "markers_mm": rests.markers_mm.round(4).tolist(),
             "count": rests.count.tolist(),
+            "time_s": rests.time_s.tolist(),
         }
     except CcrError as error:
         line = {"refused": str(error)}

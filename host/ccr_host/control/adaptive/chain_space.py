@@ -125,8 +125,6 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         """Whether a motor's zero counts; that of a single tendon is its slack as well, (n, 1)."""
         # Slack and stretch take a robot far from the prior.
         self.believable_mm = self.model.length_mm
-        self.learnt = sorted({*roles.drifting, *roles.loads})
-        """Numbers of those learnt along a path."""
         if is_new:
             motors = self.winding_mm.shape[1]
             open_rad = np.repeat((BEFORE_SETUP_TURN_RAD, BEFORE_SETUP_ZERO_RAD), (3, motors))

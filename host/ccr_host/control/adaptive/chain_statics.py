@@ -7,6 +7,7 @@ is least at rest. Backlash is the play of ``RestModel``; dry friction is left to
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -124,23 +125,21 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         self,
         space: ParameterSpace[ChainParameters],
         score: Array,
+        numbers: Sequence[int],
         p: ChainParameters,
         pose: ChainPose,
         rate_rad_s: Array,
     ) -> Sensitivity:
-        """Of the parameters that are learnt along a path; the columns of the others are zero.
-
-        Those of tendons act by the bending alone, loads bend the segments unevenly, too.
-        """
-        theta_rad, travel_mm, learnt = pose.theta_rad, pose.travel_mm, self._space.learnt
-        slopes = self._model.slopes(p.score, p.rest, theta_rad[None], lambda _: travel_mm, learnt)
+        """Parameters of tendons act by the bending alone, loads bend the segments unevenly, too."""
+        theta_rad, travel_mm = pose.theta_rad, pose.travel_mm
+        slopes = self._model.slopes(p.score, p.rest, theta_rad[None], lambda _: travel_mm, numbers)
         more = p.rest.moments_by_travel(theta_rad, travel_mm) @ self._winding_mm @ rate_rad_s
-        yielding = np.zeros((len(theta_rad), space.count + 1))
-        tip = np.zeros((3, space.count + 1))
-        yielding[:, learnt], tip[:, learnt] = slopes.yielding[0], slopes.markers[0, -1]
-        yielding[:, -1] = -slopes.compliance[0] @ more
-        tip[:, -1] = slopes.by_freedom[0, -1] @ yielding[:, -1]
-        return Sensitivity(tip, yielding)
+        in_time = -slopes.compliance[0] @ more
+        tip_in_time = slopes.by_freedom[0, -1] @ in_time
+        return Sensitivity(
+            np.column_stack([slopes.markers[0, -1], tip_in_time]),
+            np.column_stack([slopes.yielding[0], in_time]),
+        )
 
     def hold(
         self,

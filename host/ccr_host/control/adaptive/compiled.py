@@ -7,7 +7,7 @@ arrays. It is imported only if a robot description requires it.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from types import ModuleType
 from typing import NamedTuple, cast
@@ -88,11 +88,12 @@ class CompiledModel(PlainModel):
         self,
         space: ParameterSpace[Parameters],
         score: Array,
+        numbers: Sequence[int],
         p: Parameters,
         pose: Pose,
         rate_rad_s: Array,
     ) -> Sensitivity:
-        near = _contiguous(np.array(space.perturbed(score, PROBE)).T)
+        near = _contiguous(np.array(self._near(space, score, numbers)).T)
         columns = self._entries.changes(near, _packed(pose), PROBE * rate_rad_s) / PROBE
         return Sensitivity(columns[:3], columns[3:])
 
@@ -105,6 +106,9 @@ class CompiledModel(PlainModel):
             _contiguous(rests.durations_s()),
         )
         return markers_mm if rows.ndim > 1 else markers_mm[:, 0]
+
+    def tip_mm(self, p: Parameters, theta_rad: Array) -> Array:
+        return self._entries.tip(np.array(p), theta_rad)
 
     def polished(self, p: Parameters, theta_rad: Array, target_mm: Array, iterations: int) -> Array:
         theta = _contiguous(theta_rad.reshape(-1, 2))
@@ -119,6 +123,7 @@ class _Entries(NamedTuple):
     moved: jit.Entry[Array]
     changes: jit.Entry[Array]
     predicted_mm: jit.Entry[Array]
+    tip: jit.Entry[Array]
     polished: jit.Entry[Array]
 
 
@@ -156,6 +161,11 @@ def _make_entries(fingerprint: int) -> _Entries:
                 markers_mm[j, i, 0], markers_mm[j, i, 1] = markers
         return markers_mm
 
+    def tip(packed: Array, theta_rad: Array) -> Array:
+        _ = fingerprint
+        _, end = markers_of(_parameters(packed), theta_rad[0], theta_rad[1])
+        return np.array(end)
+
     def polished(packed: Array, theta_rad: Array, target_mm: Array, iterations: int) -> Array:
         _ = fingerprint
         p, found = _parameters(packed), theta_rad.copy()
@@ -164,7 +174,7 @@ def _make_entries(fingerprint: int) -> _Entries:
             found[i] = polished_of(p, found[i, 0], found[i, 1], x_mm, wanted, iterations)
         return found
 
-    entries: tuple[Callable[..., Array], ...] = moved, changes, predicted_mm, polished
+    entries: tuple[Callable[..., Array], ...] = moved, changes, predicted_mm, tip, polished
     return _Entries(*(jit.compiled_on_disk(entry) for entry in entries))
 
 
@@ -177,6 +187,7 @@ def _ready_entries() -> _Entries:
     entries.moved(anything, pose, pair, 0.1)
     entries.changes(anything[None].copy(), pose, pair)
     entries.predicted_mm(anything[None].copy(), pairs, pairs, pairs)
+    entries.tip(anything, pair)
     entries.polished(anything, pairs, np.zeros((1, 3)), 1)
     for entry in entries:
         entry.disable_compile()

@@ -12,6 +12,7 @@ docs/control-statics.md has the condition of convergence.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Generic
 
 import numpy as np
@@ -69,27 +70,36 @@ class Estimator(Generic[P, S]):
     ) -> None:
         self._model = model
         self._space = space
-        count, roles = space.count, space.roles
-        self._count, self._loads = count, roles.loads
-        self._states = count + 4
+        roles = space.roles
+        self._score = np.zeros(space.count) if fit is None else fit.score
+        """Of all parameters, before the path."""
+        uncertain = set(range(space.count)) if fit is None else _unsettled(fit, roles)
+        uncertain.difference_update(roles.pushes)
+        self._numbers = sorted({*uncertain, *roles.loads, *roles.warming})
+        """Those of the scores that are learnt; these come first in the state."""
+        count = len(self._numbers)
+        self._count, self._states = count, count + 4
         self._offset = slice(count + 1, count + 4)
         self._state = np.zeros(self._states)
+        self._state[:count] = self._score[self._numbers]
         self._covariance = np.eye(self._states)
         if fit is not None:
-            self._state[:count] = fit.score
-            self._covariance[:count, :count] = fit.covariance
+            self._covariance[:count, :count] = fit.covariance[np.ix_(self._numbers, self._numbers)]
         self._covariance[self._offset, self._offset] = np.eye(3) * _OFFSET_DEVIATION_MM**2
-        certain = roles.pushes if fit is None else roles.pushes + _settled(fit, roles)
+        certain = self._rows_of(set(self._numbers) - uncertain)
         self._covariance[certain] = 0.0
         self._covariance[:, certain] = 0.0
-        free = roles.drifting + roles.hindrances
-        self._drifting = [index for index in free if index not in certain]
-        self._warming = roles.warming
+        self._loads = self._rows_of(roles.loads)
+        drifting = self._rows_of(uncertain.intersection(roles.drifting + roles.hindrances))
+        self._drift_per_s = np.zeros(self._states)
+        """Growth of the variances."""
+        self._drift_per_s[drifting] = _DRIFT_PER_SQRT_S**2
+        self._drift_per_s[self._rows_of(roles.warming)] = _WARMING_PER_SQRT_S**2
         self._believed = self._state.copy()
         self._since_believed_s = 0.0
         self._usual_offset_mm = self._state[self._offset].copy()
         self._mean_innovation = np.zeros(3)
-        self.parameters: P = space.parameters(self._state[:count])
+        self.parameters: P = space.parameters(self._score_of(self._state))
 
     @property
     def offset_mm(self) -> Array:
@@ -99,7 +109,7 @@ class Estimator(Generic[P, S]):
     @property
     def believed(self) -> P:
         """The parameters, low-pass filtered for use in commands."""
-        return self._space.parameters(self._believed[: self._count])
+        return self._space.parameters(self._score_of(self._believed))
 
     @property
     def delay_s(self) -> float:
@@ -122,11 +132,9 @@ class Estimator(Generic[P, S]):
         self._state[self._offset] *= keep
         self._covariance[self._offset, :] *= keep
         self._covariance[:, self._offset] *= keep
-        diagonal = np.zeros(self._states)
-        diagonal[self._drifting] = _DRIFT_PER_SQRT_S**2 * duration_s
-        diagonal[self._warming] = _WARMING_PER_SQRT_S**2 * duration_s
-        diagonal[self._offset] = _OFFSET_DEVIATION_MM**2 * (1.0 - keep * keep)
-        self._covariance[np.diag_indices(self._states)] += diagonal
+        growth = self._drift_per_s * duration_s
+        growth[self._offset] = _OFFSET_DEVIATION_MM**2 * (1.0 - keep * keep)
+        self._covariance.flat[:: self._states + 1] += growth
         self._since_believed_s += duration_s
 
     def correct(
@@ -149,8 +157,8 @@ class Estimator(Generic[P, S]):
         Returns:
             The pose of the corrected model.
         """
-        score, before = self._state[: self._count].copy(), self.parameters
-        by = self._model.sensitivity(self._space, score, before, pose, rate_rad_s)
+        score, before, numbers = self._score_of(self._state), self.parameters, self._numbers
+        by = self._model.sensitivity(self._space, score, numbers, before, pose, rate_rad_s)
         jacobian = np.zeros((3, self._states))
         jacobian[:, : self._count] = by.tip[:, : self._count]
         jacobian[:, self._count] = -_DELAY_DEVIATION_S * by.tip[:, self._count]
@@ -159,24 +167,34 @@ class Estimator(Generic[P, S]):
         cross = self._covariance @ jacobian.T
         noise_mm = self._noise_mm(jolt_rad)
         innovation_covariance = jacobian @ cross + noise_mm**2 * np.eye(3)
-        normalised = np.linalg.solve(np.linalg.cholesky(innovation_covariance), innovation)
+        whitening = np.linalg.inv(np.linalg.cholesky(innovation_covariance))
+        normalised = whitening @ innovation
         deviations = float(np.sqrt(normalised @ normalised / 3.0))
         share = min(1.0, _GATE_DEVIATIONS / max(deviations, 1e-9))
-        gain = np.linalg.solve(innovation_covariance, cross.T).T
+        gain = cross @ whitening.T @ whitening
         change = gain @ (share * innovation)
         self._covariance -= gain @ cross.T
         # Rounding makes it asymmetric, which the filter equations would amplify.
         self._covariance = 0.5 * (self._covariance + self._covariance.T)
         self._state += change
-        self._state[: self._count] = self._space.bounded(self._state[: self._count])
+        corrected = self._space.bounded(self._score_of(self._state))
+        self._state[: self._count] = corrected[numbers]
         self._state[self._count] = np.clip(self._state[self._count], -2.0, 2.0)
-        self.parameters = self._space.parameters(self._state[: self._count])
+        self.parameters = self._space.parameters(corrected)
         self._free_load_if_innovations_agree(share * normalised)
         self._believe()
-        theta = pose.theta_rad + by.theta_rad[:, : self._count] @ (
-            self._state[: self._count] - score
-        )
+        theta = pose.theta_rad + by.theta_rad[:, :-1] @ (corrected - score)[numbers]
         return self._model.shifted(before, self.parameters, pose, theta)
+
+    def _score_of(self, state: Array) -> Array:
+        """Of all parameters, (COUNT,)."""
+        score = self._score.copy()
+        score[self._numbers] = state[: self._count]
+        return score
+
+    def _rows_of(self, numbers: Iterable[int]) -> list[int]:
+        """Places of scores in the state."""
+        return [self._numbers.index(number) for number in numbers]
 
     def _noise_mm(self, jolt_rad: float) -> float:
         return _NOISE_MM + _SWING_MM_PER_RAD * jolt_rad
@@ -199,17 +217,16 @@ class Estimator(Generic[P, S]):
             self._state[self._offset] = self._usual_offset_mm
 
 
-def _settled(fit: Fit, roles: Roles) -> list[int]:
-    """Parameters that count as certain once they were identified at rest.
+def _unsettled(fit: Fit, roles: Roles) -> set[int]:
+    """Parameters that are not certain although they were identified at rest.
 
-    Along a path they cannot be distinguished from disturbances, and what they are wrong by changes
-    slowly enough for the offset to follow it. With their uncertainty in the covariance of an
-    innovation, the offset of `dirty` took up only a fifth of an error of 5 mm, as they were held
+    The others cannot be distinguished from disturbances along a path, and what they are wrong by
+    changes slowly enough for the offset to follow it. With their uncertainty in the covariance of
+    an innovation, the offset of `dirty` took up only a fifth of an error of 5 mm, as they were held
     responsible for it and not corrected. Zeros are certain to begin with, and drift from there.
     """
-    learnt = roles.drifting + roles.hindrances + roles.loads
-    absent = [index for index in roles.hindrances if fit.score[index] < _NOTABLE_HINDRANCE]
-    return [index for index in range(len(fit.score)) if index not in learnt] + absent
+    notable = {index for index in roles.hindrances if fit.score[index] >= _NOTABLE_HINDRANCE}
+    return notable.union(roles.drifting, roles.loads)
 
 
 _GAIN = 0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -82,16 +83,24 @@ class PlainModel(StaticModel[Parameters, Pose]):
         self,
         space: ParameterSpace[Parameters],
         score: Array,
+        numbers: Sequence[int],
         p: Parameters,
         pose: Pose,
         rate_rad_s: Array,
     ) -> Sensitivity:
         here = motion.slopes_of(p, pose)
-        travel_1, travel_2 = np.zeros((2, space.count + 1))
+        travel_1, travel_2 = np.zeros((2, len(numbers) + 1))
         travel_1[-1], travel_2[-1] = PROBE * rate_rad_s
-        near = space.perturbed(score, PROBE)
+        near = self._near(space, score, numbers)
         columns = np.array(motion.change_of(here, near, pose, travel_1, travel_2)) / PROBE
         return Sensitivity(columns[:3], columns[3:])
+
+    @staticmethod
+    def _near(
+        space: ParameterSpace[Parameters], score: Array, numbers: Sequence[int]
+    ) -> Parameters:
+        """Robots with each of K scores increased a little in turn, then the robot itself."""
+        return space.each(score + PROBE * np.eye(space.count + 1, space.count)[[*numbers, -1]])
 
     def hold(
         self,

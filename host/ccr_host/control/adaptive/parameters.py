@@ -334,8 +334,9 @@ class Scaling(ParameterSpace[Parameters]):
 
     def each(self, scores: Array) -> Parameters:
         """The parameters of several sets of scores, (n, COUNT), as arrays, (n,)."""
-        known = np.broadcast_to(self._known, (len(scores), FIELDS - COUNT))
-        return Parameters(*np.hstack([self._mean + self.deviation * scores, known]).T)
+        rows = np.empty((len(scores), FIELDS))
+        rows[:, :COUNT], rows[:, COUNT:] = self._mean + self.deviation * scores, self._known
+        return Parameters(*rows.T)
 
     def mounted(self, gravity: Gravity) -> Scaling:
         """The same robot under gravity in another direction, a unit vector in the frame of (10)."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from ccr_host.control.adaptive.arithmetic import (
     Two,
+    largest,
     split,
     stacked,
     within,
@@ -36,6 +37,8 @@ _POLISHING_STEPS = 12
 _DAMPING_MM2 = 150.0
 """More than the curvature due to an unreachable target at the fold: 3.5 mm times 40 mm/rad^2."""
 _LONGEST_STEP_RAD = 0.1
+_DONE_RAD = 1e-5
+"""The step after one below this is a fiftieth of it."""
 
 
 class Atlas:
@@ -110,7 +113,7 @@ def polished(p: Parameters, theta_rad: Array, target_mm: Array, iterations: int)
         p: parameters, floats.
         theta_rad: bending angles to start from, (..., 2).
         target_mm: desired tips in the robot's frame, (..., 3).
-        iterations: steps to make.
+        iterations: most steps to make.
     """
     theta_1, theta_2 = split(theta_rad)
     x_mm, y_mm, z_mm = split(target_mm)
@@ -136,6 +139,8 @@ def polished_of(
         step_2 = (gram_12 * slope_1 - gram_11 * slope_2) / determinant
         theta_1 = theta_1 + within(step_1, _LONGEST_STEP_RAD)
         theta_2 = theta_2 + within(step_2, _LONGEST_STEP_RAD)
+        if largest(step_1) < _DONE_RAD and largest(step_2) < _DONE_RAD:
+            break
     return theta_1, theta_2
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
@@ -29,7 +30,7 @@ _LOOKS_AT_POSE, _FARTHEST_RAD = 3, 0.5
 
 
 class Sensitivity(NamedTuple):
-    """``tip`` (3, COUNT + 1), ``theta_rad`` (D, COUNT + 1): a column for each score, then time."""
+    """``tip`` (3, K + 1), ``theta_rad`` (D, K + 1): a column for each of K scores, then time."""
 
     tip: Array
     theta_rad: Array
@@ -147,13 +148,20 @@ class StaticModel(ABC, Generic[P, S]):
 
     @abstractmethod
     def sensitivity(
-        self, space: ParameterSpace[P], score: Array, p: P, pose: S, rate_rad_s: Array
+        self,
+        space: ParameterSpace[P],
+        score: Array,
+        numbers: Sequence[int],
+        p: P,
+        pose: S,
+        rate_rad_s: Array,
     ) -> Sensitivity:
         """Derivatives of the tip and the bending angles at rest in parameters and setpoints.
 
         Args:
             space: of the parameters.
             score: scores of the parameters, (COUNT,).
+            numbers: those of the scores by which derivatives are taken, K.
             p: the parameters themselves.
             pose: pose at rest.
             rate_rad_s: rate of the setpoints, (n,), for the last column, a speed.

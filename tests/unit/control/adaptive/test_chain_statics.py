@@ -106,17 +106,18 @@ def test_sensitivity_is_the_slope_of_the_tip_at_rest(robot):
     score, q_rad = believable(space, 1), np.full(space.winding_mm.shape[1], 0.4)
     p = space.parameters(score)
     pose = model.first_pose(p, q_rad)
-    found = model.sensitivity(space, score, p, pose, np.ones_like(q_rad))
+    numbers = sorted({*space.roles.drifting, *space.roles.loads})
+    found = model.sensitivity(space, score, numbers, p, pose, np.ones_like(q_rad))
 
     def tip_mm(score: np.ndarray, q_rad: np.ndarray) -> np.ndarray:
         p = space.parameters(score)
         return model.tip_mm(p, model.first_pose(p, q_rad).theta_rad)
 
     step = 1e-4
-    for number in space.learnt:
+    for column, number in enumerate(numbers):
         way = step * (np.arange(space.count) == number)
         slope = (tip_mm(score + way, q_rad) - tip_mm(score - way, q_rad)) / (2.0 * step)
-        assert found.tip[:, number] == pytest.approx(slope, abs=1e-3)
+        assert found.tip[:, column] == pytest.approx(slope, abs=1e-3)
     slope = (tip_mm(score, q_rad + step) - tip_mm(score, q_rad - step)) / (2.0 * step)
     assert found.tip[:, -1] == pytest.approx(slope, abs=1e-2)
 

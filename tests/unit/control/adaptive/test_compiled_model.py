@@ -57,8 +57,8 @@ def test_both_models_have_the_same_slopes(compiled, seed):
     p = SCALING.parameters(score)
     pose = first_pose(p, *q_rad.tolist())
     rate_rad_s = rng.uniform(-1.0, 1.0, 2)
-    plain = PLAIN.sensitivity(SCALING, score, p, pose, rate_rad_s)
-    again = compiled.sensitivity(SCALING, score, p, pose, rate_rad_s)
+    plain = PLAIN.sensitivity(SCALING, score, range(COUNT), p, pose, rate_rad_s)
+    again = compiled.sensitivity(SCALING, score, range(COUNT), p, pose, rate_rad_s)
     assert again.tip == pytest.approx(plain.tip, abs=1e-6)
     assert again.theta_rad == pytest.approx(plain.theta_rad, abs=1e-6)
 

@@ -214,7 +214,7 @@ def test_sensitivity_is_the_derivative_of_the_rest_pose():
     p = SCALING.parameters(score)
     pose = _resting_exactly(p, moved(p, first_pose(p, 0.0, 0.0), 0.25, -0.6))
     rate = np.array([0.3, -0.2])
-    found = PLAIN.sensitivity(SCALING, score, p, pose, rate)
+    found = PLAIN.sensitivity(SCALING, score, range(COUNT), p, pose, rate)
     for index, step in enumerate(3e-3 * np.eye(COUNT)):
         near = [SCALING.parameters(score + sign * step) for sign in (1.0, -1.0)]
         above, below = (tip_mm(q, *_resting(q, pose).theta_rad) for q in near)
