@@ -103,7 +103,7 @@ def moved(p: Parameters, pose: Pose, q_1: float, q_2: float, duration_s: float =
 def _steps_to(pose: Pose, q_1: float, q_2: float, duration_s: float) -> tuple[int, Two, float]:
     """Short steps by which to reach setpoints: their number, and what happens in each of them.
 
-    That is the travel of both setpoints, and the share of what has not crept that still has not.
+    That is the travel of both setpoints, and the share of a new bend that is still new after it.
     """
     travel_1, travel_2 = q_1 - pose.q_1, q_2 - pose.q_2
     steps = math.ceil(max(abs(travel_1), abs(travel_2)) / _LONGEST_STEP_RAD)
