@@ -43,18 +43,13 @@ class Rests:
     """Mean time of the exposures, (N,); NaN if not known."""
 
     @classmethod
-    def in_turn(
-        cls,
-        start_rad: Array,
-        q_rad: Array,
-        markers_mm: Array,
-        count: Array,
-        time_s: Array | None = None,
-    ) -> Rests:
-        """Rests that were each reached straight from the one before, the first from (n,)."""
-        time_s = np.full(len(q_rad), np.nan) if time_s is None else time_s
+    def in_turn(cls, start_rad: Array, q_rad: Array, markers_mm: Array, count: Array) -> Rests:
+        """Rests that were each reached straight from the one before, the first from (n,).
+
+        Their times are not known.
+        """
         from_rad = np.concatenate([start_rad[None], q_rad])[:-1]
-        return cls(from_rad, q_rad, markers_mm, count, time_s)
+        return cls(from_rad, q_rad, markers_mm, count, np.full(len(q_rad), np.nan))
 
     @classmethod
     def of_vectors(

@@ -108,7 +108,7 @@ class CompiledModel(PlainModel):
         return markers_mm if rows.ndim > 1 else markers_mm[:, 0]
 
     def tip_mm(self, p: Parameters, theta_rad: Array) -> Array:
-        return self._entries.tip(np.array(p), theta_rad)
+        return self._entries.tip(np.array(p), _contiguous(theta_rad))
 
     def polished(self, p: Parameters, theta_rad: Array, target_mm: Array, iterations: int) -> Array:
         theta = _contiguous(theta_rad.reshape(-1, 2))

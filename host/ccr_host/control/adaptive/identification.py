@@ -258,10 +258,8 @@ class RestSurvey:
 
     def __init__(self, start_rad: Array) -> None:
         self._stops_rad = [start_rad]
-        self._markers_mm: dict[int, list[Array]] = {}
+        self._seen: dict[int, list[Measurement]] = {}
         """What was seen, by the number of the stop."""
-        self._times_s: dict[int, list[float]] = {}
-        """When it was seen."""
         self._since_s = -math.inf
 
     def visit(self, stops_rad: Array) -> None:
@@ -275,28 +273,27 @@ class RestSurvey:
             return
         setpoint_rad = measurement.setpoint_rad
         came_rad = setpoint_rad - history.at(since_s - SETTLED_AFTER_S)
-        last = max(self._markers_mm, default=0)
+        last = max(self._seen, default=0)
         for number in range(last + (since_s > self._since_s), len(self._stops_rad)):
             stop_rad = self._stops_rad[number]
             travel_rad = stop_rad - self._stops_rad[max(number - 1, 0)]
             if np.array_equal(stop_rad, setpoint_rad) and travel_rad @ came_rad >= 0.0:
                 self._since_s = since_s
-                markers_mm = np.stack([measurement.middle_mm, measurement.tip_mm])
-                self._markers_mm.setdefault(number, []).append(markers_mm)
-                self._times_s.setdefault(number, []).append(measurement.exposed_s)
+                self._seen.setdefault(number, []).append(measurement)
                 return
 
     def rests(self) -> Rests:
         """The rests measured so far; their markers are M1, M2 and the tip."""
-        stops_rad, numbers = np.array(self._stops_rad), list(self._markers_mm)
+        stops_rad, numbers = np.array(self._stops_rad), list(self._seen)
         before = np.maximum(np.array(numbers, dtype=int) - 1, 0)
-        seen = self._markers_mm.values()
+        seen = self._seen.values()
+        markers_mm = [np.median([(m.middle_mm, m.tip_mm) for m in each], axis=0) for each in seen]
         return Rests.of_vectors(
             stops_rad[before],
             stops_rad[numbers],
-            np.array([np.median(markers_mm, axis=0) for markers_mm in seen]).reshape(-1, 2, 3),
-            np.array([float(len(markers_mm)) for markers_mm in seen]),
-            np.array([np.mean(times_s) for times_s in self._times_s.values()]),
+            np.array(markers_mm).reshape(-1, 2, 3),
+            np.array([float(len(each)) for each in seen]),
+            np.array([np.mean([m.exposed_s for m in each]) for each in seen]),
         )
 
 

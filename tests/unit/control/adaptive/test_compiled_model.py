@@ -78,13 +78,15 @@ def test_both_models_predict_the_same_rests(compiled, seed):
 def test_robots_that_the_last_one_leads_rest_where_each_alone_does(compiled, seed):
     """The plain model moves several robots at once, the compiled one each for itself.
 
-    Newton's steps end below 1e-5 rad, a micrometre of the tip, and creep remembers them.
+    Robots far from each other do not creep here: a step in which Newton's method ends early for one
+    of them is forgotten with the next one then.
     """
     rng, _ = _drawn(seed)
     rests = _drawn_rests(rng)
     far = SCALING.each(SCALING.bounded(rng.standard_normal((4, COUNT))))
+    far = far._replace(creep=0.0 * far.creep)
     near = SCALING.perturbed(SCALING.bounded(rng.standard_normal(COUNT)), PROBE)
-    for p, most_mm in (far, 1e-3), (near, 1e-7):
+    for p, most_mm in (far, 1e-4), (near, 1e-7):
         alone_mm = compiled.predicted_mm(p, rests)
         assert alone_mm.shape == (8, len(p.gain_1), 2, 3)
         assert PLAIN.predicted_mm(p, rests) == pytest.approx(alone_mm, abs=most_mm)

@@ -80,16 +80,18 @@ def test_moving_segment_1_releases_segment_2_as_on_the_twin():
 
 
 def test_a_new_bend_is_resisted_more_and_that_fades() -> None:
-    start, end = first_pose(CREEPING, 0.0, 0.0), first_pose(CREEPING, 0.3, 0.6).theta_rad
-    pose, left = moved(CREEPING, start, 0.3, 0.6), []
+    p = CREEPING._replace(body_per_mm=0.0, tip_per_mm=0.0, sag_1=0.0, sag_2=0.0)
+    start, end = first_pose(p, 0.0, 0.0), first_pose(p, 0.3, 0.6).theta_rad
+    pose, left = moved(p, start, 0.3, 0.6), []
     for _ in range(3):
         left.append(end - pose.theta_rad)
-        pose = moved(CREEPING, pose, 0.3, 0.6, 0.1 * _CREEP_TIME_S)
-    # Tendons stretch by a fifth of the bend, and a tenth more stiffness takes a tenth of that.
-    assert left[0] / end == pytest.approx(0.02, abs=0.011)
+        pose = moved(p, pose, 0.3, 0.6, 0.1 * _CREEP_TIME_S)
+    # Where t (1 + c) = (wound - t) / compliance, in place of t.
+    new = p.compliance_1 * p.creep / (1.0 + p.compliance_1 * (1.0 + p.creep))
+    assert left[0] / end == pytest.approx(new, rel=1e-3)
     assert left[1] / left[0] == pytest.approx(np.exp(-0.1), abs=0.01)
     assert left[2] / left[1] == pytest.approx(np.exp(-0.1), abs=0.01)
-    assert moved(CREEPING, pose, 0.3, 0.6, 1e9).theta_rad == pytest.approx(end, abs=1e-5)
+    assert moved(p, pose, 0.3, 0.6, 1e9).theta_rad == pytest.approx(end, abs=1e-5)
 
 
 def test_steps_of_a_motion_creep_as_the_whole_does() -> None:

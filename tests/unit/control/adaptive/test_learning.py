@@ -29,13 +29,14 @@ HERE = np.array([0.2, 0.4])
 STILL = np.zeros(2)
 
 
-def _tour_of(p, noise_mm=0.0, seed=1, count=6.0, time_s=None):
+def _tour_of(p, noise_mm=0.0, seed=1, count=6.0, apart_s=np.nan):
     stops = unhindered_setpoints_for(PRIOR, tour_bending_rad())
     unseen, counts = np.zeros((len(stops), 3, 3)), np.full(len(stops), count)
-    rests = Rests.in_turn(STILL, stops, unseen, counts, time_s)
+    rests = Rests.in_turn(STILL, stops, unseen, counts)
+    rests = replace(rests, time_s=apart_s * np.arange(len(stops)))
     tips = predicted_mm(p, rests)
     noise = noise_mm / np.sqrt(count) * np.random.default_rng(seed).standard_normal(tips.shape)
-    return Rests.of_vectors(rests.from_rad, stops, tips + noise, counts, time_s)
+    return Rests.of_vectors(rests.from_rad, stops, tips + noise, counts, rests.time_s)
 
 
 def _believable(seed):
@@ -93,7 +94,7 @@ def test_the_tour_tells_play_from_friction(compiled):
 def test_the_tour_tells_how_much_the_segments_creep(compiled):
     """Without times it tells nothing, and creep makes what the robot is not."""
     truth = PRIOR._replace(creep=0.06, turn_x_rad=0.01, friction_1=0.1)
-    tour = _tour_of(truth, 0.15, time_s=2.0 * np.arange(20.0))
+    tour = _tour_of(truth, 0.15, apart_s=2.0)
     fit, untimed = (
         StaticsFit(SCALING, rests, compiled.predicted_mm).finish()
         for rests in (tour, replace(tour, time_s=np.full(20, np.nan)))
