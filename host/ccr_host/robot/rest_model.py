@@ -29,8 +29,10 @@ origin of other measurements."""
 _PROBE_RAD, _PROBE = 1e-6, 1e-5
 _HOLES_RAD = 0.12
 """Deviation of the place of a tendon's holes, and of those of a segment, about the backbone."""
-_PULLING = ("dead_travel", "slack", "angle", "clocking", "log_compliance")
+_PULLING = ("dead_travel", "friction", "slack", "angle", "clocking", "log_compliance")
 """What changes no place at the same bending, nor any weight."""
+_FRICTION_RAD = 0.1
+"""Deviation of the bending of segment 1 that the dry friction of one of its tendons withstands."""
 _WEIGHT = 0.4
 """Deviation of the weight times the robot's length, over the stiffness of segment 1."""
 
@@ -177,7 +179,7 @@ class RestModel:
         angle_rad = self._angle_rad + of["angle"][..., None] + clocking_rad[..., None, :]
         towards = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
         at_mm = self._passes * radius_mm[..., None, :]
-        own_mm = radius_mm[..., self.segment_of]
+        own_mm, first_mm = radius_mm[..., self.segment_of], radius_mm[..., :1]
         at_end = np.zeros_like(lengths_mm)
         at_end[..., -1] = of["tip_share"].sum(axis=-1)
         places_mm = self._markers.offset_mm + of["marker"][..., None, :]
@@ -197,6 +199,9 @@ class RestModel:
             softening=2.0 * self._lower * softening,
             slack_mm=of["slack"],
             tendon_stiffness_mm2=np.exp(-of["log_compliance"])[..., self.segment_of] / own_mm**2,
+            friction_per_mm=np.ones_like(own_mm)
+            * of["friction"].sum(axis=-1)[..., None]
+            / first_mm,
             load_mm=of["weight"],
             weights=Weights(
                 at_end,
@@ -213,17 +218,16 @@ class RestModel:
         """Half the dead travel of each tendon, (..., T)."""
         return 0.5 * self.group(score, "dead_travel")[..., self.segment_of]
 
-    def travel_mm(self, score: Array, from_mm: Array, wound_mm: Array) -> Array:
+    def travel_mm(self, score: Array, wound_mm: Array) -> Array:
         """Pull of each tendon behind its dead travel, (N, ..., T): the play operator over all rows.
 
         Args:
             score: of the robot, or of several, (..., P).
-            from_mm: what the motors had wound up where they came from, straight, (N, T).
-            wound_mm: what they have wound up at each row, (N, T).
+            wound_mm: what the motors have wound up at each row, (N, T).
         """
-        half_mm, behind, rows = self.half_dead_mm(score), from_mm[0], []
-        for before, wound in zip(from_mm, wound_mm, strict=True):
-            behind = pulled_mm(pulled_mm(behind, before, half_mm), wound, half_mm)
+        half_mm, behind, rows = self.half_dead_mm(score), wound_mm[0], []
+        for wound in wound_mm:
+            behind = pulled_mm(behind, wound, half_mm)
             rows.append(behind)
         return np.array(rows)
 
@@ -239,6 +243,9 @@ class RestModel:
         y: Array,
         travel_of: Callable[[Array], Array],
         numbers: Sequence[int] | None = None,
+        anchor_mm: Array | None = None,
+        *,
+        in_turn: bool = False,
     ) -> Slopes:
         """Derivatives at rest by the implicit function theorem: g(y, p) = 0, dy = -g_y^-1 g_p dp.
 
@@ -248,11 +255,16 @@ class RestModel:
             y: its degrees of freedom at rest, (N, D).
             travel_of: pull of each tendon there by scores, (..., P) -> (N, ..., T).
             numbers: those of the scores by which derivatives are taken; by default all.
+            anchor_mm: routes at which dry friction exerts no force, (N, T). What each tendon slid
+                beyond it stays the same, but for tendons that stick at rests in turn.
+            in_turn: whether rests follow each other; the first one begins without friction.
         """
         chosen = np.arange(len(score)) if numbers is None else np.array(numbers)
-        compliance = robot.compliance(y, travel_of(score))
+        compliance = robot.compliance(y, travel_of(score), anchor_mm)
         here_mm, by_freedom = robot.seen_by(y)
+        slid_mm = None if anchor_mm is None else robot.route_mm(y) - anchor_mm
         more, moved = np.zeros((*y.shape, len(chosen))), np.zeros((*here_mm.shape, len(chosen)))
+        longer = np.zeros((len(y), len(robot.slack_mm), len(chosen)))
         pulls = self._pulls[chosen]
         for own in (pulls, ~pulls):
             near = score + _PROBE * np.eye(len(score) + 1, len(score))[[-1, *chosen[own]]]
@@ -260,12 +272,17 @@ class RestModel:
             if own is pulls:
                 others = replace(others, load_mm=np.zeros(3))
             else:
-                seen_mm = others.seen_mm(y[:, None])
-                moved[..., own] = np.moveaxis(seen_mm[:, 1:] - seen_mm[:, :1], 1, -1)
-            moments = others.moments(y[:, None], travel_of(near))
-            more[..., own] = np.moveaxis(moments[:, 1:] - moments[:, :1], 1, -1)
-        yielding = -compliance @ more / _PROBE
-        markers = moved / _PROBE + by_freedom @ yielding[:, None]
+                moved[..., own] = _by_robot(others.seen_mm(y[:, None]))
+            anchors_mm = None
+            if slid_mm is not None:
+                routes_mm = others.route_mm(y[:, None])
+                longer[..., own] = _by_robot(routes_mm)
+                anchors_mm = routes_mm - slid_mm[:, None]
+            more[..., own] = _by_robot(others.moments(y[:, None], travel_of(near), anchors_mm))
+        yielding = -compliance @ more
+        if in_turn and slid_mm is not None and robot.rubs:
+            yielding = _yielding_in_turn(robot, y, slid_mm, compliance, more, longer)
+        markers = moved + by_freedom @ yielding[:, None]
         return Slopes(markers, yielding, by_freedom, compliance)
 
     def _turn(self, vector: Array) -> Array:
@@ -274,6 +291,41 @@ class RestModel:
             return self.frame[0]
         turns = Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix() @ self.frame[0]
         return np.reshape(turns, (*vector.shape[:-1], 3, 3))
+
+
+def _by_robot(values: Array) -> Array:
+    """Derivatives by scores from values of a robot and of those near by, (N, 1 + P, ...)."""
+    return np.moveaxis(values[:, 1:] - values[:, :1], 1, -1) / _PROBE
+
+
+def _yielding_in_turn(
+    robot: TendonRobot,
+    y: Array,
+    slid_mm: Array,
+    compliance: Array,
+    more: Array,
+    longer: Array,
+) -> Array:
+    """Derivatives of the degrees of freedom by the scores, (N, D, P), of rests in turn.
+
+    A tendon that sticks is held where earlier rests, which depend on the scores too, have left it.
+
+    Args:
+        robot: the robot.
+        y: degrees of freedom, (N, D).
+        slid_mm: routes of the tendons beyond their anchors, (N, T).
+        compliance: of the robot there, (N, D, D).
+        more: derivatives of the moments where tendons stay as far beyond their anchors, (N, D, P).
+        longer: derivatives of the routes at the same bending, (N, T, P).
+    """
+    sticks, levers_mm = robot.sticking_mm2(slid_mm), robot.levers_mm(y)
+    sticks[0], anchor, found = 0.0, np.zeros_like(longer[0]), []
+    for row, levers in enumerate(levers_mm):
+        held = sticks[row][:, None]
+        moments = more[row] + levers.T @ (held * (longer[row] - anchor))
+        found.append(-compliance[row] @ moments)
+        anchor = np.where(held > 0.0, anchor, longer[row] + levers @ found[-1])
+    return np.array(found)
 
 
 def _unknowns(
@@ -294,6 +346,7 @@ def _unknowns(
     weight_mean = np.zeros(3) if up is None else 0.5 * weight * up
     turn = [Unknown("turn", axis, "rad", 0.0, 0.1) for axis in "xyz"]
     tip = [Unknown("tip_share", "", "", 0.5, 0.5)]
+    friction = [Unknown("friction", "", "rad", 0.0, _FRICTION_RAD)]
     return [
         *(Unknown("length", n, "mm", s.length_mm, 0.05 * s.length_mm) for n, s in named),
         *(
@@ -304,6 +357,7 @@ def _unknowns(
         *(Unknown("log_compliance", n, "", math.log(s.compliance), 0.7) for n, s in named),
         *(Unknown("sag", n, "", s.sag, 0.02) for n, s in named),
         *(Unknown("dead_travel", n, "mm", s.dead_travel_mm + 0.1, 0.2) for n, s in named),
+        *(friction if up is not None else []),
         *(Unknown("slack", str(n), "mm", s, 0.6) for n, s in enumerate(slack_mm, 1)),
         *(Unknown("angle", str(n), "rad", 0.0, _HOLES_RAD) for n in range(1, len(slack_mm) + 1)),
         *(Unknown("clocking", n, "rad", 0.0, _HOLES_RAD) for n, _ in named[1:] if up is None),
@@ -325,5 +379,5 @@ def _groups(unknowns: list[Unknown]) -> dict[str, slice]:
         name: slice(names.index(name), names.index(name) + names.count(name))
         if name in names
         else slice(0)
-        for name in {*names, "clocking", "log_stiffness", "tip_share", "turn", "glue"}
+        for name in {*names, "clocking", "friction", "log_stiffness", "tip_share", "turn", "glue"}
     }

@@ -11,7 +11,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import scipy
 
-from ccr_host.core.arrays import Array, BoolArray
+from ccr_host.core.arrays import Array, BoolArray, IntArray
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description, Robot
 
@@ -78,6 +78,12 @@ class Rests:
         apart_s = np.diff(self.time_s, prepend=np.nan)
         apart_s = np.where(apart_s >= 0.0, apart_s, _VERY_LONG_S)
         return np.column_stack([share * apart_s, (1.0 - share) * apart_s])
+
+    def stops(self) -> tuple[Array, IntArray]:
+        """Motor angles of all stops in turn, (K, n), and the number of each rest's among them."""
+        both_rad = np.stack([self.from_rad, self.q_rad], axis=1).reshape(-1, self.q_rad.shape[1])
+        is_new = np.append(True, (np.diff(both_rad, axis=0) != 0.0).any(axis=1))
+        return both_rad[is_new], (np.cumsum(is_new) - 1)[1::2]
 
     @property
     def vectors_mm(self) -> Array:

@@ -17,6 +17,10 @@ Weight bends a segment most at its base. The halves of segment j bend by (b_j + 
 (b_j - u_j) / 2, and u_j is where the energy, to first order, is least at the bending of rest: the
 markers are seen where it puts them. What u_j changes in the moments is of second order in the
 weight, and left out.
+
+Dry friction F_i resists changes of a tendon's route s_i, the sum above. It is a spring of
+``_STICKING_MM`` that lets go at F_i, between the route and an anchor that it drags along: in the
+energy, F_i h(s_i - a_i) with h the Huber function. Anchors are given; without them nothing rubs.
 """
 
 from __future__ import annotations
@@ -37,6 +41,14 @@ _HALVINGS = 6
 _LEAST_STIFFNESS = 0.05
 """Fraction of k_1 that keeps Newton's steps downhill if a load nearly buckles the robot."""
 _PROBE_RAD = 1e-5
+_STICKING_MM = 0.02
+"""Yield of dry friction before a tendon slides: 0.3 deg of bending at a radius of 4.5 mm, as in the
+model of the paper's robot."""
+_STILL_STICKS_MM = _STICKING_MM * (1.0 - 1e-9)
+"""A tendon that has just slid is at the limit and continues to slide in spite of rounding."""
+_SWEEPS, _SAME_MM, _TURN_RAD = 8, 1e-5, 1e-4
+"""Passes over rests that depend on the ones before, at most; a change of an anchor that counts, and
+the last step of a pass."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +77,8 @@ class TendonRobot:
     """Travel that takes up the slack of each tendon of the straight robot, (T,)."""
     tendon_stiffness_mm2: Array
     """kappa, (T,): stiffness of each tendon over k_1, per mm^2."""
+    friction_per_mm: Array
+    """F over k_1, (T,): force at which each tendon begins to slide."""
     load_mm: Array
     """Weight of everything over k_1, 1/mm, as the direction opposite to its pull, (3,)."""
     weights: Weights
@@ -147,39 +161,79 @@ class TendonRobot:
         halves[..., 1::2, :] -= 0.5 * self.bend_rad(along)
         return halves
 
+    @cached_property
+    def rubs(self) -> bool:
+        """Whether there is any dry friction."""
+        return bool(self.friction_per_mm.any())
+
+    def route_mm(self, y: Array) -> Array:
+        """Travel that degrees of freedom, (..., D), take from each tendon, (..., T)."""
+        return _times(self._straight_levers_mm, y) + _times(self._own_sag_mm, y * y)
+
     def stretch_mm(self, y: Array, travel_mm: Array) -> Array:
         """x, (..., T), at degrees of freedom, (..., D), and tendon travel, (..., T)."""
-        route_mm = _times(self._straight_levers_mm, y) + _times(self._own_sag_mm, y * y)
-        return travel_mm - self.slack_mm - route_mm
+        stretch: Array = travel_mm - self.slack_mm - self.route_mm(y)
+        return stretch
+
+    def dragged_mm(self, y: Array, anchor_mm: Array) -> Array:
+        """Anchors once tendons have slid to degrees of freedom, (..., D), both (..., T)."""
+        route_mm = self.route_mm(y)
+        return route_mm - np.clip(route_mm - anchor_mm, -_STICKING_MM, _STICKING_MM)
 
     def levers_mm(self, y: Array) -> Array:
         """Lengthening of each tendon's route by the degrees of freedom, mm/rad, (..., T, D)."""
         return self._straight_levers_mm + 2.0 * self._own_sag_mm * y[..., None, :]
 
-    def energy(self, y: Array, travel_mm: Array) -> tuple[Array, Array]:
-        """Energy over k_1, (...), and its gradient, the moments, (..., D), zero at rest."""
+    def sticking_mm2(self, away_mm: Array) -> Array:
+        """Stiffness of tendons that stick, 1/mm^2, at routes beyond their anchors, (..., T)."""
+        sticks = np.abs(away_mm) < _STILL_STICKS_MM
+        return np.asarray(sticks * self.friction_per_mm / _STICKING_MM)
+
+    def energy(
+        self, y: Array, travel_mm: Array, anchor_mm: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Energy over k_1, (...), and its gradient, the moments, (..., D), zero at rest.
+
+        Args:
+            y: degrees of freedom, (..., D).
+            travel_mm: pull of each tendon, (..., T).
+            anchor_mm: routes at which dry friction exerts no force, (..., T).
+        """
         height, load_by = self._load(y)
         taut_mm = np.maximum(self.stretch_mm(y, travel_mm), 0.0)
         pull = self.tendon_stiffness_mm2 * taut_mm
         bent = self._own_stiffness * y
         energy = 0.5 * ((bent * y).sum(axis=-1) + (pull * taut_mm).sum(axis=-1)) + height
+        if anchor_mm is not None and self.rubs:
+            away_mm = self.route_mm(y) - anchor_mm
+            stuck_mm = np.clip(away_mm, -_STICKING_MM, _STICKING_MM)
+            held = self.friction_per_mm * stuck_mm / _STICKING_MM
+            energy = energy + (held * (away_mm - 0.5 * stuck_mm)).sum(axis=-1)
+            pull = pull - held
         return energy, bent + load_by - (pull[..., None, :] @ self.levers_mm(y))[..., 0, :]
 
-    def moments(self, y: Array, travel_mm: Array) -> Array:
+    def moments(self, y: Array, travel_mm: Array, anchor_mm: Array | None = None) -> Array:
         """Gradient of the energy, (..., D), zero at rest."""
-        return self.energy(y, travel_mm)[1]
+        return self.energy(y, travel_mm, anchor_mm)[1]
 
     def moments_by_travel(self, y: Array, travel_mm: Array) -> Array:
         """Derivatives of the moments by the travel of each tendon, (..., D, T)."""
         taut = (self.stretch_mm(y, travel_mm) > 0.0) * self.tendon_stiffness_mm2
         return -np.swapaxes(taut[..., None] * self.levers_mm(y), -1, -2)
 
-    def stiffness_matrix(self, y: Array, travel_mm: Array) -> Array:
+    def stiffness_matrix(self, y: Array, travel_mm: Array, anchor_mm: Array | None = None) -> Array:
         """Second derivatives of the energy, (..., D, D); those of the load by differences."""
         pull = np.maximum(self.stretch_mm(y, travel_mm), 0.0) * self.tendon_stiffness_mm2
+        by_route = -self.moments_by_travel(y, travel_mm)
+        if anchor_mm is not None and self.rubs:
+            away_mm = self.route_mm(y) - anchor_mm
+            stuck_mm = np.clip(away_mm, -_STICKING_MM, _STICKING_MM)
+            pull = pull - self.friction_per_mm * stuck_mm / _STICKING_MM
+            sticks_mm2 = self.sticking_mm2(away_mm)
+            by_route = by_route + np.swapaxes(sticks_mm2[..., None] * self.levers_mm(y), -1, -2)
         even = self._own_stiffness - 2.0 * (pull[..., None, :] @ self._own_sag_mm)[..., 0, :]
         matrix = even[..., None] * np.eye(len(self.freedom))
-        matrix -= self.moments_by_travel(y, travel_mm) @ self.levers_mm(y)
+        matrix += by_route @ self.levers_mm(y)
         if self._is_loaded:
             load_by = self._load(y[..., None, :] + steps_from_here(len(self.freedom), _PROBE_RAD))[
                 1
@@ -187,9 +241,9 @@ class TendonRobot:
             matrix += (load_by[..., 1:, :] - load_by[..., :1, :]) / _PROBE_RAD
         return matrix
 
-    def compliance(self, y: Array, travel_mm: Array) -> Array:
+    def compliance(self, y: Array, travel_mm: Array, anchor_mm: Array | None = None) -> Array:
         """Inverse of ``stiffness_matrix``, made positive definite, (..., D, D)."""
-        values, vectors = np.linalg.eigh(self.stiffness_matrix(y, travel_mm))
+        values, vectors = np.linalg.eigh(self.stiffness_matrix(y, travel_mm, anchor_mm))
         soft = vectors / np.maximum(values, _LEAST_STIFFNESS)[..., None, :]
         compliance: Array = soft @ np.swapaxes(vectors, -1, -2)
         return compliance
@@ -199,6 +253,7 @@ class TendonRobot:
         travel_mm: Array,
         start: Array | None = None,
         until_rad: float = _REST_RAD,
+        anchor_mm: Array | None = None,
     ) -> Array:
         """Degrees of freedom at rest, (N, D), by damped Newton steps from a guess.
 
@@ -206,20 +261,22 @@ class TendonRobot:
             travel_mm: pull of each tendon, (N, T).
             start: the guess, (N, D); by default the straight robot.
             until_rad: a step below this is the last one.
+            anchor_mm: routes at which dry friction exerts no force, (N, T).
         """
         y = np.zeros((len(travel_mm), len(self.freedom))) if start is None else start.copy()
         moving = np.arange(len(y))
-        energy, moments = self.energy(y, travel_mm)
+        energy, moments = self.energy(y, travel_mm, anchor_mm)
         for _ in range(_NEWTON_LIMIT):
             here, travel = y[moving], travel_mm[moving]
-            step = -(self.compliance(here, travel) @ moments[..., None])[..., 0]
+            anchors = None if anchor_mm is None else anchor_mm[moving]
+            step = -(self.compliance(here, travel, anchors) @ moments[..., None])[..., 0]
             size = np.abs(step).max(axis=1)
             step *= (_LONGEST_STEP_RAD / np.maximum(size, _LONGEST_STEP_RAD))[:, None]
             promised = 1e-4 * np.einsum("nd,nd->n", moments, step)
             allowed, share = energy + 1e-14 * np.abs(energy), np.ones(len(here))
             for _ in range(_HALVINGS + 1):
                 there = here + share[:, None] * step
-                energy, moments = self.energy(there, travel)
+                energy, moments = self.energy(there, travel, anchors)
                 uphill = energy > allowed + share * promised
                 if not uphill.any():
                     break
@@ -229,6 +286,34 @@ class TendonRobot:
             if not len(moving):
                 break
         return y
+
+    def rests_in_turn(self, travel_mm: Array) -> tuple[Array, Array]:
+        """Degrees of freedom at rests that follow each other, (N, D), and the anchors before each.
+
+        All at once, with the anchors that the pass before has left, until they agree: where tendons
+        slide on their way to every rest, the second pass does.
+
+        Args:
+            travel_mm: pull of each tendon, (N, T).
+        """
+        y = self.rest(travel_mm)
+        anchors_mm, changed = self._anchors_mm(y), np.arange(len(y))
+        for _ in range(_SWEEPS if self.rubs else 0):
+            before_mm, near = anchors_mm, y[changed]
+            y[changed] = self.rest(travel_mm[changed], near, _TURN_RAD, anchors_mm[changed])
+            anchors_mm = self._anchors_mm(y)
+            changed = np.flatnonzero(np.abs(anchors_mm - before_mm).max(axis=1) > _SAME_MM)
+            if not len(changed):
+                break
+        return y, anchors_mm
+
+    def _anchors_mm(self, y: Array) -> Array:
+        """Those that tendons drag along over rows, (N, D), as they are before each, (N, T)."""
+        anchor_mm, before = self.route_mm(y[0]), []
+        for row in y:
+            before.append(anchor_mm)
+            anchor_mm = self.dragged_mm(row, anchor_mm)
+        return np.array(before)
 
     def _load(self, y: Array) -> tuple[Array, Array]:
         """Its energy over k_1, (...), and the derivatives, (..., D)."""

@@ -71,7 +71,7 @@ class ChainModel(RestModel):
         return self.slopes(score, self.robot(score), y, partial(self._travel_mm, rows)).markers
 
     def _travel_mm(self, rows: IntArray, score: Array) -> Array:
-        return self.travel_mm(score, self._wound_mm, self._wound_mm)[rows]
+        return self.travel_mm(score, self._wound_mm)[rows]
 
     def align(self, seen_mm: Array, rows: IntArray) -> None:
         """Place the robot so that its markers are nearest to those seen, (n, ends, 3)."""

@@ -63,6 +63,48 @@ def test_stiffness_is_the_slope_of_the_moments_and_moments_that_of_the_energy():
         assert moments[:, way] == pytest.approx(slope, abs=1e-6)
 
 
+def rubbing(robot: TendonRobot, friction_per_mm: float = 0.02) -> TendonRobot:
+    return replace(robot, friction_per_mm=np.full(len(robot.slack_mm), friction_per_mm))
+
+
+def test_with_dry_friction_too_stiffness_is_the_slope_of_the_moments():
+    robot = rubbing(robot_of(three_tendons(0, sag=0.03), three_tendons(1)))
+    rng = np.random.default_rng(2)
+    y, travel = rng.uniform(-1.0, 1.0, (20, 4)), random_travel(6, 20)
+    anchor = robot.route_mm(y) + rng.uniform(-0.05, 0.05, (20, 6))
+    stiffness = robot.stiffness_matrix(y, travel, anchor)
+    moments = robot.moments(y, travel, anchor)
+    for column, step in enumerate(1e-6 * np.eye(4)):
+        ahead, behind = (robot.energy(y + sign * step, travel, anchor) for sign in (1, -1))
+        assert stiffness[..., column] == pytest.approx((ahead[1] - behind[1]) / 2e-6, abs=1e-3)
+        assert moments[..., column] == pytest.approx((ahead[0] - behind[0]) / 2e-6, abs=1e-6)
+
+
+def test_dry_friction_holds_a_slack_robot_until_its_moment_is_exceeded():
+    """Each of n tendons that run straight holds its force at its lever, whichever way it slides."""
+    robot, loose = rubbing(robot_of(three_tendons(0))), np.full((1, 3), -9.0)
+    levers_mm = np.abs(robot.levers_mm(np.zeros(2)))
+    for axis in range(2):
+        most_rad = 0.02 * levers_mm[:, axis].sum()
+        for bent_rad, left_rad in ((0.5 * most_rad, 0.5 * most_rad), (2.0 * most_rad, most_rad)):
+            y = bent_rad * np.eye(2)[axis][None]
+            left = robot.rest(loose, y, anchor_mm=robot.route_mm(y))[0]
+            assert left[axis] == pytest.approx(left_rad, abs=0.01)
+
+
+def test_rests_in_turn_are_those_of_one_after_another():
+    robot, travel = rubbing(robot_of(three_tendons(0), three_tendons(1))), random_travel(6, 12)
+    travel[5:8] = travel[4] + np.array([[0.01], [0.02], [-0.01]])
+    found, anchors = robot.rests_in_turn(travel)
+    y = robot.rest(travel[:1])
+    anchor = robot.route_mm(y)
+    for row in range(12):
+        assert anchors[row] == pytest.approx(anchor[0], abs=1e-4)
+        y = robot.rest(travel[row : row + 1], y, anchor_mm=anchor)
+        anchor = robot.dragged_mm(y, anchor)
+        assert found[row] == pytest.approx(y[0], abs=1e-4)
+
+
 def test_what_is_common_to_the_tendons_of_a_segment_is_pretension_and_bends_nothing():
     robot = robot_of(three_tendons(0), three_tendons(1))
     travel = 2.0 + 0.3 * random_travel(6)

@@ -49,9 +49,9 @@ _SLACK_START = 1.5
 """Slack, in deviations, from which few rests are fitted, too: the tendons that are let out then do
 not pull against those that are wound. From taut tendons alone, 58 of 92 fits to robots with 0 to
 2.5 mm of slack end within a cost of 3 of the best one known, from both starts 85."""
-_HELD = ("marker", "glue", "weight"), 0.1
+_HELD = ("friction", "marker", "glue", "weight"), 0.1
 """What looks like zeros in few rests, and the factor of its deviations for them."""
-_NOT_NEGATIVE = ("dead_travel", "tip_share")
+_NOT_NEGATIVE = ("dead_travel", "friction", "tip_share")
 _SURE = ("length", "tendon_radius", "angle")
 """What does not vary beyond its prior from robot to robot."""
 
@@ -114,7 +114,7 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         lower[[kind in _NOT_NEGATIVE for kind in kinds]] = 0.0
         roles = Roles(
             drifting=[number for number, kind in enumerate(kinds) if kind in _DRIFTING],
-            hindrances=[],
+            hindrances=[kinds.index("friction")],
             warming=[],
             loads=[number for number, kind in enumerate(kinds) if kind in _LOADS],
             pushes=[],

@@ -1,7 +1,8 @@
 """Static model of any robot on tendons: rests, their derivatives, and their inverse.
 
 Segments bend evenly by the degrees of freedom theta, (D,), of ``robot.tendon_rest``, whose energy
-is least at rest. Backlash is the play of ``RestModel``; dry friction is left to feedback.
+is least at rest. Backlash is the play of ``RestModel``; dry friction holds tendons at anchors that
+they drag along.
 """
 
 from __future__ import annotations
@@ -61,6 +62,8 @@ class ChainPose(NamedTuple):
     """(n,)."""
     travel_mm: Array
     """Pull of each tendon, behind the setpoints by backlash, (T,)."""
+    anchor_mm: Array
+    """Routes at which dry friction exerts no force, (T,)."""
     theta_rad: Array
     """Degrees of freedom, (D,)."""
 
@@ -77,19 +80,28 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
     def first_pose(self, p: ChainParameters, setpoint_rad: Array) -> ChainPose:
         travel_mm = self._winding_mm @ setpoint_rad
-        return ChainPose(setpoint_rad, travel_mm, p.rest.rest(travel_mm[None])[0])
+        theta_rad = p.rest.rest(travel_mm[None])[0]
+        return ChainPose(setpoint_rad, travel_mm, p.rest.route_mm(theta_rad), theta_rad)
 
     def moved(
         self, p: ChainParameters, pose: ChainPose, duration_s: float, *setpoints_rad: Array
     ) -> ChainPose:
         for setpoint_rad in setpoints_rad:
             pose = self.turned(p, pose, setpoint_rad)
-        theta_rad = p.rest.rest(pose.travel_mm[None], pose.theta_rad[None], _REST_RAD)[0]
-        return pose._replace(theta_rad=theta_rad)
+        return pose if p.rest.rubs else self._settled(p, pose)
 
     def turned(self, p: ChainParameters, pose: ChainPose, setpoint_rad: Array) -> ChainPose:
         travel_mm = pulled_mm(pose.travel_mm, self._winding_mm @ setpoint_rad, p.half_dead_mm)
-        return ChainPose(setpoint_rad, travel_mm, pose.theta_rad)
+        ahead = pose._replace(setpoint_rad=setpoint_rad, travel_mm=travel_mm)
+        return self._settled(p, ahead) if p.rest.rubs else ahead
+
+    @staticmethod
+    def _settled(p: ChainParameters, pose: ChainPose) -> ChainPose:
+        """The pose at rest."""
+        anchor_mm = pose.anchor_mm[None]
+        theta_rad = p.rest.rest(pose.travel_mm[None], pose.theta_rad[None], _REST_RAD, anchor_mm)
+        dragged_mm = p.rest.dragged_mm(theta_rad, anchor_mm)
+        return pose._replace(anchor_mm=dragged_mm[0], theta_rad=theta_rad[0])
 
     def shifted(
         self,
@@ -98,7 +110,8 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         pose: ChainPose,
         theta_rad: Array,
     ) -> ChainPose:
-        return pose._replace(theta_rad=theta_rad)
+        moved_mm = after.rest.route_mm(theta_rad) - before.rest.route_mm(pose.theta_rad)
+        return pose._replace(anchor_mm=pose.anchor_mm + moved_mm, theta_rad=theta_rad)
 
     def tip_mm(self, p: ChainParameters, theta_rad: Array) -> Array:
         tip: Array = p.turn @ p.rest.seen_mm(theta_rad)[-1]
@@ -112,13 +125,17 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
     def predicted_mm(self, p: ChainParameters, rests: Rests) -> Array:
         """Those of robots near by are first-order changes of this robot's."""
-        travel_of = partial(self._travel_mm, rests)
-        theta_rad = p.rest.rest(travel_of(p.score))
-        here_mm = p.rest.seen_mm(theta_rad)
+        stops_rad, rows = rests.stops()
+        wound_mm = stops_rad @ self._winding_mm.T
+        travel_of = partial(self._model.travel_mm, wound_mm=wound_mm)
+        theta_rad, anchors_mm = p.rest.rests_in_turn(travel_of(p.score))
+        here_mm = p.rest.seen_mm(theta_rad[rows])
         if p.near is None:
             return here_mm @ p.turn.T
-        slopes = self._model.slopes(p.score, p.rest, theta_rad, travel_of)
-        more_mm = np.moveaxis(slopes.markers @ p.near.steps.T, -1, 1)
+        slopes = self._model.slopes(
+            p.score, p.rest, theta_rad, travel_of, anchor_mm=anchors_mm, in_turn=True
+        )
+        more_mm = np.moveaxis(slopes.markers[rows] @ p.near.steps.T, -1, 1)
         return (here_mm[:, None] + more_mm) @ np.swapaxes(p.near.turns, 1, 2)
 
     def sensitivity(
@@ -132,7 +149,10 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
     ) -> Sensitivity:
         """Parameters of tendons act by the bending alone, loads bend the segments unevenly, too."""
         theta_rad, travel_mm = pose.theta_rad, pose.travel_mm
-        slopes = self._model.slopes(p.score, p.rest, theta_rad[None], lambda _: travel_mm, numbers)
+        anchor_mm = pose.anchor_mm[None]
+        slopes = self._model.slopes(
+            p.score, p.rest, theta_rad[None], lambda _: travel_mm, numbers, anchor_mm
+        )
         more = p.rest.moments_by_travel(theta_rad, travel_mm) @ self._winding_mm @ rate_rad_s
         in_time = -slopes.compliance[0] @ more
         tip_in_time = slopes.by_freedom[0, -1] @ in_time
@@ -150,7 +170,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         change_over: tuple[float, ...],
     ) -> Hold:
         """Tendons that need not pull are just taut if a motor winds them alone."""
-        balance = _Balance(p.rest, theta_rad)
+        balance = _Balance(p.rest, theta_rad, pose.anchor_mm)
         tendons, held = self._tendons(balance, sides, change_over)
         shafts_rad = self._shafts_rad(balance, tendons)
         setpoints = []
@@ -235,11 +255,6 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
             theta = theta - np.clip(step, -_LONGEST_STEP_RAD, _LONGEST_STEP_RAD)
         return theta
 
-    def _travel_mm(self, rests: Rests, score: Array) -> Array:
-        """Pull of each tendon at rests, (N, T)."""
-        from_mm, wound_mm = (q @ self._winding_mm.T for q in (rests.from_rad, rests.q_rad))
-        return self._model.travel_mm(score, from_mm, wound_mm)
-
     def _tendons(
         self, balance: _Balance, sides: tuple[float, ...], change_over: tuple[float, ...]
     ) -> tuple[list[int], tuple[float, ...]]:
@@ -304,14 +319,14 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 class _Balance:
     """The moments of one robot, ``rest``, at a pose, (D,), over its tendons."""
 
-    def __init__(self, rest: TendonRobot, theta_rad: Array) -> None:
+    def __init__(self, rest: TendonRobot, theta_rad: Array, anchor_mm: Array | None = None) -> None:
         self.rest = rest
         nothing = np.zeros(len(rest.slack_mm))
         self.taken_mm = -rest.stretch_mm(theta_rad, nothing)
         """Travel at which each tendon is just taut, (T,)."""
         self.levers_mm = rest.levers_mm(theta_rad)
         """(T, D)."""
-        self._free = rest.moments(theta_rad, nothing + _SLACKENED_MM)
+        self._free = rest.moments(theta_rad, nothing + _SLACKENED_MM, anchor_mm)
 
     def moments(self, travel_mm: Array) -> Array:
         """Those left with the tendons pulled so far, (T,) -> (D,)."""

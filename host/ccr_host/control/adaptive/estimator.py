@@ -85,7 +85,8 @@ class Estimator(Generic[P, S]):
         self._covariance = np.eye(self._states)
         if fit is not None:
             self._covariance[:count, :count] = fit.covariance[np.ix_(self._numbers, self._numbers)]
-        self._covariance[self._offset, self._offset] = np.eye(3) * _OFFSET_DEVIATION_MM**2
+        self._offset_mm2 = max(_OFFSET_DEVIATION_MM, 0.0 if fit is None else fit.rms_mm) ** 2
+        self._covariance[self._offset, self._offset] = np.eye(3) * self._offset_mm2
         certain = self._rows_of(set(self._numbers) - uncertain)
         self._covariance[certain] = 0.0
         self._covariance[:, certain] = 0.0
@@ -133,7 +134,7 @@ class Estimator(Generic[P, S]):
         self._covariance[self._offset, :] *= keep
         self._covariance[:, self._offset] *= keep
         growth = self._drift_per_s * duration_s
-        growth[self._offset] = _OFFSET_DEVIATION_MM**2 * (1.0 - keep * keep)
+        growth[self._offset] = self._offset_mm2 * (1.0 - keep * keep)
         self._covariance.flat[:: self._states + 1] += growth
         self._since_believed_s += duration_s
 

@@ -305,7 +305,7 @@ class Identification(Generic[P]):
     to a tenth of a degree, about x hardly from a servo's zero. ``scaling`` is the widest prior of
     the parameters.
 
-    If a fit that may be one of several does not explain the rests, others start elsewhere.
+    A fit that may be one of several is also started elsewhere.
     """
 
     def __init__(self, scaling: ParameterSpace[P], rests: Rests, predict: Predict[P]) -> None:
@@ -331,7 +331,7 @@ class Identification(Generic[P]):
     def _further_fits(self) -> Iterator[list[StaticsFit[P]]]:
         """Fits that are made once those before are done, and only then can be told."""
         best = self.fit
-        if best.scaling.has_modes and not best.result().explains:
+        if best.scaling.has_modes:
             _, *starts = best.scaling.few_starts()
             yield [StaticsFit(best.scaling, best.rests, self._predict, start) for start in starts]
         best = self.fit
