@@ -33,6 +33,7 @@ _SWING_MM_PER_RAD = 60.0
 """Increase of this deviation by a jump of the servos."""
 _DELAY_DEVIATION_S = 0.015
 _OFFSET_DEVIATION_MM = 1.0
+"""At least; of a robot that the fit explains less well, what that leaves."""
 _OFFSET_MEMORY_S = 10.0
 _DRIFT_PER_SQRT_S = 0.02
 """Drift of the parameters, in prior deviations."""
