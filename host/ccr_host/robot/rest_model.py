@@ -179,7 +179,7 @@ class RestModel:
         angle_rad = self._angle_rad + of["angle"][..., None] + clocking_rad[..., None, :]
         towards = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
         at_mm = self._passes * radius_mm[..., None, :]
-        own_mm, first_mm = radius_mm[..., self.segment_of], radius_mm[..., :1]
+        own_mm = radius_mm[..., self.segment_of]
         at_end = np.zeros_like(lengths_mm)
         at_end[..., -1] = of["tip_share"].sum(axis=-1)
         places_mm = self._markers.offset_mm + of["marker"][..., None, :]
@@ -199,9 +199,7 @@ class RestModel:
             softening=2.0 * self._lower * softening,
             slack_mm=of["slack"],
             tendon_stiffness_mm2=np.exp(-of["log_compliance"])[..., self.segment_of] / own_mm**2,
-            friction_per_mm=np.ones_like(own_mm)
-            * of["friction"].sum(axis=-1)[..., None]
-            / first_mm,
+            friction_per_mm=of["friction"].sum(axis=-1, keepdims=True) / radius_mm[..., :1],
             load_mm=of["weight"],
             weights=Weights(
                 at_end,

@@ -78,7 +78,7 @@ class TendonRobot:
     tendon_stiffness_mm2: Array
     """kappa, (T,): stiffness of each tendon over k_1, per mm^2."""
     friction_per_mm: Array
-    """F over k_1, (T,): force at which each tendon begins to slide."""
+    """F over k_1: force at which each tendon begins to slide, (T,), or one for all, (1,)."""
     load_mm: Array
     """Weight of everything over k_1, 1/mm, as the direction opposite to its pull, (3,)."""
     weights: Weights
@@ -178,7 +178,7 @@ class TendonRobot:
     def dragged_mm(self, y: Array, anchor_mm: Array) -> Array:
         """Anchors once tendons have slid to degrees of freedom, (..., D), both (..., T)."""
         route_mm = self.route_mm(y)
-        return route_mm - np.clip(route_mm - anchor_mm, -_STICKING_MM, _STICKING_MM)
+        return route_mm - _stuck_mm(route_mm - anchor_mm)
 
     def levers_mm(self, y: Array) -> Array:
         """Lengthening of each tendon's route by the degrees of freedom, mm/rad, (..., T, D)."""
@@ -206,7 +206,7 @@ class TendonRobot:
         energy = 0.5 * ((bent * y).sum(axis=-1) + (pull * taut_mm).sum(axis=-1)) + height
         if anchor_mm is not None and self.rubs:
             away_mm = self.route_mm(y) - anchor_mm
-            stuck_mm = np.clip(away_mm, -_STICKING_MM, _STICKING_MM)
+            stuck_mm = _stuck_mm(away_mm)
             held = self.friction_per_mm * stuck_mm / _STICKING_MM
             energy = energy + (held * (away_mm - 0.5 * stuck_mm)).sum(axis=-1)
             pull = pull - held
@@ -227,8 +227,7 @@ class TendonRobot:
         by_route = -self.moments_by_travel(y, travel_mm)
         if anchor_mm is not None and self.rubs:
             away_mm = self.route_mm(y) - anchor_mm
-            stuck_mm = np.clip(away_mm, -_STICKING_MM, _STICKING_MM)
-            pull = pull - self.friction_per_mm * stuck_mm / _STICKING_MM
+            pull = pull - self.friction_per_mm * _stuck_mm(away_mm) / _STICKING_MM
             sticks_mm2 = self.sticking_mm2(away_mm)
             by_route = by_route + np.swapaxes(sticks_mm2[..., None] * self.levers_mm(y), -1, -2)
         even = self._own_stiffness - 2.0 * (pull[..., None, :] @ self._own_sag_mm)[..., 0, :]
@@ -329,6 +328,11 @@ class TendonRobot:
 def steps_from_here(count: int, step: float) -> Array:
     """None, then one along each of some coordinates, (count + 1, count)."""
     return np.eye(count + 1, count, -1) * step
+
+
+def _stuck_mm(away_mm: Array) -> Array:
+    """Part of routes beyond anchors that friction resists as a spring."""
+    return np.asarray(np.clip(away_mm, -_STICKING_MM, _STICKING_MM))
 
 
 def _times(matrix: Array, vector: Array) -> Array:

@@ -59,3 +59,12 @@ def test_a_time_that_is_not_known_is_very_long() -> None:
     later = replace(unknown, time_s=TIME_S).then(unknown)
     very_long = later.durations_s().sum(axis=1) > 1e6
     assert very_long.tolist() == [True, False, False, False, True, True, True, True]
+
+
+def test_stops_are_rests_and_where_motors_turned_back_on_their_way() -> None:
+    q_rad = np.array([[0.1, 0.0], [0.3, 0.2], [0.3, 0.2], [0.0, 0.0]])
+    from_rad = np.array([[0.0, 0.0], [0.1, 0.0], [0.5, 0.2], [0.3, 0.2]])
+    stops_rad, rows = Rests(from_rad, q_rad, NO_MM, np.ones(4), TIME_S).stops()
+    expected_rad = [[0.0, 0.0], [0.1, 0.0], [0.3, 0.2], [0.5, 0.2], [0.3, 0.2], [0.0, 0.0]]
+    assert stops_rad.tolist() == expected_rad
+    assert rows.tolist() == [1, 2, 4, 5]
