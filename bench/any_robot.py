@@ -1,12 +1,12 @@
 """Controllers on random robots of 1 to 4 planar or spatial segments, on paths within reach.
 
     python -m bench.any_robot --out DIR [--robots 100] [--rate HZ ...] [--controller NAME ...]
-        [--workers 2]
+        [--set KEY=VALUE] [--workers 2]
 
 The robot is hanging, and has the faults of the shipped ``default``; what bends is as stiff as its
-length and mass ask for. The path is what the model's tip does while all motors swing smoothly. DIR
-keeps the descriptions, the paths and a line for each run; the same command continues, and repeats
-the robots in progress.
+length and mass ask for; ``--set`` changes all of them. The path is what the model's tip does while
+all motors swing smoothly. DIR keeps the descriptions, the paths and a line for each run; the same
+command continues, and repeats the robots in progress.
 """
 
 from __future__ import annotations
@@ -112,7 +112,9 @@ def path_text(robot: Robot, rng: np.random.Generator) -> str:
     return "\n".join(["t_s,x_mm,y_mm,z_mm", *rows, ""])
 
 
-def judged(robot: int, folder: Path, runs: list[tuple[float, str]]) -> list[dict[str, Any]]:
+def judged(
+    robot: int, folder: Path, overrides: tuple[str, ...], runs: list[tuple[float, str]]
+) -> list[dict[str, Any]]:
     """Figures of one robot's runs, each a rate in Hz and a controller; a rate has one floor."""
     description, path = str(folder / f"{robot}.toml"), str(folder / f"{robot}.csv")
     floors_mm: dict[float, float | None] = {}
@@ -121,6 +123,7 @@ def judged(robot: int, folder: Path, runs: list[tuple[float, str]]) -> list[dict
         options = RunOptions(
             robot=description,
             path=path,
+            overrides=overrides,
             controller=controller,
             rate_hz=rate_hz,
             seed=robot,
@@ -177,10 +180,11 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=100)
     parser.add_argument("--rate", type=float, nargs="+", default=[1.0, 20.0])
     parser.add_argument("--controller", nargs="+", default=CONTROLLERS)
+    parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    kept = arguments.out / RESULTS
+    kept, overrides = arguments.out / RESULTS, tuple(arguments.overrides)
     rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     done = {(row["robot"], row["rate_hz"], row["controller"]) for row in rows}
     os.environ["OMP_NUM_THREADS"] = "1"  # the worker processes inherit it
@@ -193,7 +197,7 @@ def main() -> None:
             (arguments.out / f"{robot}.csv").write_text(path_text(described, rng))
             runs = [(rate, name) for rate in arguments.rate for name in arguments.controller]
             runs = [run for run in runs if (robot, *run) not in done]
-            jobs.append(pool.submit(judged, robot, arguments.out, runs))
+            jobs.append(pool.submit(judged, robot, arguments.out, overrides, runs))
         for job in as_completed(jobs):
             rows += job.result()
             with kept.open("a") as file:
