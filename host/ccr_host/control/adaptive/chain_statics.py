@@ -317,7 +317,10 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
 
 
 class _Balance:
-    """The moments of one robot, ``rest``, at a pose, (D,), over its tendons."""
+    """The moments of one robot, ``rest``, at a pose, (D,), over its tendons.
+
+    What dry friction holds counts if the anchors, (T,), are given.
+    """
 
     def __init__(self, rest: TendonRobot, theta_rad: Array, anchor_mm: Array | None = None) -> None:
         self.rest = rest
