@@ -55,10 +55,9 @@ class Nlp(ShiftedStart):
 
     def step(self, observation: Observation) -> None:
         problem = self.formulation.problem(observation)
-        given = np.concatenate([problem.q_rad, problem.measured_mm, problem.targets_mm.ravel()])
         result = self._solver(
             x0=self.guess(),
-            p=given,
+            p=problem.numbers(),
             lbx=-self._bound,
             ubx=self._bound,
             lbg=self._lower,
@@ -80,7 +79,8 @@ class GeneratedSolver:
         self._function = _compiled(nlpsol(formulation, "sqpmethod", SQP_QRQP), folder)
         self._buffer, self._run = self._function.buffer()
         bound = formulation.control.step_bound_rad
-        self.guess, self.given = np.zeros(motors * live), np.zeros(motors + 3 + 3 * live)
+        self.guess = np.zeros(motors * live)
+        self.given = np.zeros(motors + 3 + (3 + motors) * live)
         self.solution = np.zeros(motors * live)
         self._inputs = {
             "x0": self.guess,
@@ -109,29 +109,28 @@ class GeneratedSqp(ShiftedStart):
     def step(self, observation: Observation) -> None:
         problem, solver = self.formulation.problem(observation), self._solver
         solver.guess[:] = self.guess()
-        solver.given[:] = np.concatenate(
-            [problem.q_rad, problem.measured_mm, problem.targets_mm.ravel()]
-        )
+        solver.given[:] = problem.numbers()
         solver.run()
         self.keep(problem, solver.solution.copy())
 
 
 def nlpsol(formulation: Formulation, plugin: str, options: dict[str, Any]) -> Any:
     """A CasADi solver of (15) over a whole horizon."""
-    control, live, n = formulation.control, formulation.live_steps, formulation.motors
+    weights, live, n = formulation.weights, formulation.live_steps, formulation.motors
     q = casadi.SX.sym("q", n)
     tip = tip_of(formulation, q)
     jacobian = casadi.Function("J", [q], [casadi.jacobian(tip, q)])
     moves = casadi.SX.sym("u", n, live)
-    given = casadi.SX.sym("p", n + 3 + 3 * live)
+    given = casadi.SX.sym("p", n + 3 + (3 + n) * live)
+    free = casadi.reshape(given[n + 3 + 3 * live :], n, live)
     pose, position, cost, poses = given[:n], given[n : n + 3], 0, []
     for k in range(live):
         position = position + jacobian(pose) @ moves[:, k]
         pose = pose + moves[:, k]
         poses.append(pose)
         error = position - given[n + 3 + 3 * k : n + 6 + 3 * k]
-        cost += control.position_weight * casadi.sumsqr(error)
-        cost += control.effort_weight * casadi.sumsqr(moves[:, k])
+        cost += weights.position * casadi.sumsqr(error)
+        cost += weights.effort * casadi.sumsqr(moves[:, k] - free[:, k])
     problem = {"x": casadi.vec(moves), "p": given, "f": cost, "g": casadi.vertcat(*poses)}
     return casadi.nlpsol("mpc", plugin, problem, options)
 

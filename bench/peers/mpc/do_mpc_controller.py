@@ -47,7 +47,7 @@ class DoMpc:
         mpc.set_objective(
             mterm=control.position_weight * casadi.sumsqr(error),
             lterm=control.position_weight * casadi.sumsqr(error)
-            + control.effort_weight * casadi.sumsqr(moves),
+            + formulation.weights.effort * casadi.sumsqr(moves),
         )
         mpc.set_rterm(moves=0.0)
         mpc.bounds["lower", "_u", "moves"] = -control.step_bound_rad

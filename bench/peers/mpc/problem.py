@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ccr_host.control.base import Observation
 from ccr_host.control.mpc.controller import ModelPredictive
+from ccr_host.control.mpc.problem import Weights, free_moves_rad
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
@@ -42,6 +43,12 @@ class Problem:
     q_rad: Array
     measured_mm: Array
     targets_mm: Array
+    free_rad: Array
+
+    def numbers(self) -> Array:
+        """Everything, flat."""
+        numbers = [self.q_rad, self.measured_mm, self.targets_mm.ravel(), self.free_rad.ravel()]
+        return np.concatenate(numbers)
 
 
 class Formulation:
@@ -49,6 +56,8 @@ class Formulation:
 
     def __init__(self, description: Description, reference: Reference) -> None:
         self.robot, self.control = description.robot, description.control
+        given = self.control.position_weight, self.control.effort_weight
+        self.weights = Weights.of(self.robot, *given)
         self.limits = MotorLimits.of(description.servo)
         self.reference = reference
         self.model = ConstantCurvature(description.robot)
@@ -59,7 +68,9 @@ class Formulation:
         assert observation.tip_mm is not None
         i = observation.step
         targets = self.reference.target_mm[i : i + self.live_steps]
-        return Problem(observation.q_rad, observation.tip_mm, targets)
+        path_rad = self.reference.q_rad[i - 1 : i + self.live_steps]
+        free_rad = free_moves_rad(self.weights, path_rad, observation.q_rad)
+        return Problem(observation.q_rad, observation.tip_mm, targets, free_rad)
 
     def cost(self, flat: Array, problem: Problem) -> float:
         """Cost of increments, (M n,)."""
@@ -67,8 +78,9 @@ class Formulation:
         poses = problem.q_rad + np.cumsum(moves, axis=0) - moves
         steps = np.einsum("kij,kj->ki", self.model.jacobian_mm_rad(poses), moves)
         errors = problem.measured_mm - problem.targets_mm + np.cumsum(steps, axis=0)
-        squares = self.control.position_weight * np.sum(errors * errors)
-        return float(squares + self.control.effort_weight * np.sum(moves * moves))
+        efforts = moves - problem.free_rad
+        squares = self.weights.position * np.sum(errors * errors)
+        return float(squares + self.weights.effort * np.sum(efforts * efforts))
 
     def cost_of_plan(self, observation: Observation, plan_rad: Array) -> float:
         problem = self.problem(observation)

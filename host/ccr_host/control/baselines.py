@@ -226,7 +226,7 @@ class OffsetFreeMpc(Law):
 
     def __init__(self, description: Description) -> None:
         control = description.control
-        weights = Weights(control.position_weight, control.effort_weight)
+        weights = Weights.papers(control.position_weight, control.effort_weight)
         self._constants = Constants.of(description.robot, weights, by_model=True)
         self._model = ConstantCurvature(description.robot)
         limits = MotorLimits.of(description.servo)
@@ -256,7 +256,8 @@ class OffsetFreeMpc(Law):
         before_rad, self._reachable_rad = self._reachable_rad, self._reachable_from(index)
         guess_rad = self._plan_rad + self._reachable_rad - before_rad
         offsets_mm = self.disturbance_mm - targets_mm
-        problem = Tracking(self._constants, commanded_rad, offsets_mm)
+        free_rad = np.zeros_like(guess_rad)
+        problem = Tracking(self._constants, commanded_rad, offsets_mm, free_rad)
         guess = sqp.feasible(self._bounds, commanded_rad, guess_rad)
         angles = sqp.solve(problem, self._bounds, guess).rollout.angles
         self._plan_rad = sqp.feasible(self._bounds, commanded_rad, angles)

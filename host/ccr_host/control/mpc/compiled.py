@@ -191,8 +191,8 @@ def _unpacked(numbers: Array, sizes: IntArray) -> Settings:
     index = 4 + 5 * segments
     derivatives, index = sizes[index], index + 1
     further, index = sizes[index : index + derivatives], index + derivatives
-    lower, upper = numbers[3 : 3 + n], numbers[3 + n : 3 + 2 * n]
-    bending, place = _matrix(numbers, 3 + 2 * n, n, freedoms)
+    lower, upper = numbers[4 : 4 + n], numbers[4 + n : 4 + 2 * n]
+    bending, place = _matrix(numbers, 4 + 2 * n, n, freedoms)
     effect, place = _matrix(numbers, place, 2, 2)
     bend, place = _matrix(numbers, place, 4, 2)
     weighed, place = numbers[place : place + 3 + n], place + 3 + n
@@ -207,7 +207,7 @@ def _unpacked(numbers: Array, sizes: IntArray) -> Settings:
         index += length
     is_planar = table[:, 0] != 0
     robot = Chain(bending, is_planar, is_planar.any(), table[:, 1].copy(), shapes, kept)
-    weights = Weights(numbers[1], numbers[2])
+    weights = Weights(numbers[1], numbers[2], numbers[3])
     by_model = sizes[3] != 0
     constants = Constants(
         weights, weighed, by_model, robot, further, effect, bend, square, transition, linear

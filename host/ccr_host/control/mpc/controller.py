@@ -42,8 +42,8 @@ class ModelPredictive:
         control, model = description.control, ConstantCurvature(description.robot)
         self._model, self._limits = model, MotorLimits.of(description.servo)
         bounds = Bounds.of(self._limits, control.step_bound_rad)
-        weights = Weights(control.position_weight, control.effort_weight)
         self._live_steps = control.horizon - 1
+        weights = Weights.of(description.robot, control.position_weight, control.effort_weight)
         settings = Settings(Constants.of(description.robot, weights), bounds)
         self._planner = Planner(settings, control.solver)
 

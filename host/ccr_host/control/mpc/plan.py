@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccr_host.control.mpc import sqp
-from ccr_host.control.mpc.problem import Constants, Tracking, squared
+from ccr_host.control.mpc.problem import Constants, Tracking, free_moves_rad, squared
 from ccr_host.control.mpc.qp import solved
 from ccr_host.control.mpc.sqp import Bounds, Solution
 from ccr_host.core.arrays import Array
@@ -46,7 +46,7 @@ def plan_step(
         settings: constants of the run.
         path: (T, 3 + n), target (mm) and nearest reachable angles (rad) of each step.
         last_plan: (k, n + 3), as returned, or NaN for the tip where none was predicted.
-        now: index of the step to command.
+        now: index of the step to command, from 1.
         steps: M, at most T - now, at least 1.
         commanded_rad: last command, within the limits, (n,).
         position_mm: measured tip, (3,).
@@ -86,7 +86,9 @@ def tracking(
 ) -> Tracking:
     """Set up the problem of ``plan_step``."""
     offsets_mm = position_mm - path[now : now + steps, :3]
-    return Tracking(settings.constants, commanded_rad, offsets_mm)
+    path_rad = path[now - 1 : now + steps, 3:]
+    free_rad = free_moves_rad(settings.constants.weights, path_rad, commanded_rad)
+    return Tracking(settings.constants, commanded_rad, offsets_mm, free_rad)
 
 
 def shift(last_plan: Array, path: Array, now: int, steps: int) -> Array:

@@ -37,7 +37,8 @@ class Step:
 
     def tracking(self, position_weight=1.0, effort_weight=0.5) -> Tracking:
         offsets_mm = self.measured_mm - self.targets_mm
-        return Tracking(constants(position_weight, effort_weight), self.q_rad, offsets_mm)
+        weighted = constants(position_weight, effort_weight)
+        return Tracking(weighted, self.q_rad, offsets_mm, np.zeros((len(offsets_mm), 2)))
 
     def planned(self, planner: Planner):
         """Status, iterations and angles (M, 2), from standing still."""

@@ -20,7 +20,8 @@ PATHS = [reference_of(name, 1.0) for name in ("ellipse", "8shape", "star")]
 def _problem(path, first, disturbance_mm):
     reference = PATHS[path]
     wanted_mm = reference.target_mm[first : first + 3] - disturbance_mm
-    return Tracking(CONSTANTS, reference.q_rad[first - 1], -wanted_mm), wanted_mm
+    start_rad, free_rad = reference.q_rad[first - 1], np.zeros((3, 2))
+    return Tracking(CONSTANTS, start_rad, -wanted_mm, free_rad), wanted_mm
 
 
 problems = st.builds(

@@ -66,10 +66,11 @@ def cost(plan_rad, overrides, path, seen):
     description = schema.load(overrides=overrides)
     control, limits = description.control, MotorLimits.of(description.servo)
     offsets_mm = seen.tip_mm - path.target_mm[seen.step : seen.step + len(plan_rad)]
-    weights = Weights(control.position_weight, control.effort_weight)
-    problem = Tracking(
-        Constants.of(description.robot, weights), limits.clip(seen.q_rad), offsets_mm
-    )
+    robot = description.robot
+    weights = Weights.of(robot, control.position_weight, control.effort_weight)
+    constants = Constants.of(robot, weights)
+    free_rad = np.zeros((len(plan_rad), 2))
+    problem = Tracking(constants, limits.clip(seen.q_rad), offsets_mm, free_rad)
     return roll_out(problem, np.array(plan_rad)).cost
 
 

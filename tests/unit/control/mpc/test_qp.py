@@ -29,7 +29,9 @@ def program(rng, steps, by_model=False, effort_weight=20.0) -> Expansion:
     weights = Weights(1.0, effort_weight)
     constants = Constants.of(robot, weights, by_model=by_model)
     n = len(constants.chain.bending)
-    problem = Tracking(constants, 0.1 * rng.normal(size=n), 5.0 * rng.normal(size=(steps, 3)))
+    free_rad = 0.1 * rng.normal(size=(steps, n))
+    offsets_mm = 5.0 * rng.normal(size=(steps, 3))
+    problem = Tracking(constants, 0.1 * rng.normal(size=n), offsets_mm, free_rad)
     angles = problem.start_rad + 0.1 * rng.normal(size=(steps, n))
     return expand(problem, roll_out(problem, angles))
 
