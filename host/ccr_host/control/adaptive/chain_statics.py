@@ -35,6 +35,9 @@ _SHRINKING, _SHRINKINGS = 0.9, 20
 _EVENNESS = 1e-7
 """Weight of the squared tensions beside that of the moments' errors, mm^2: it decides between
 tensions that hold the same pose, and leaves opposite tendons just taut."""
+_MOST_PULL = 2.0
+"""Pull over the least one that keeping tendons may take. On random robots it mostly takes 1.1 at
+most; where it took 3 to 38, tendons worked against each other, and the tip was up to 31 mm off."""
 _CORRECTIONS, _LEAST_SHARE, _HELD = 20, 0.01, 1e-6
 """Newton's steps to the setpoints of a pose, by at least this share, and the moments over k_1 that
 may remain."""
@@ -77,6 +80,8 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         self._nominal = ConstantCurvature(description.robot)
         self._winding_mm = space.winding_mm
         self._segments = len(description.robot.chain)
+        self._free = (0.0,) * space.winding_mm.shape[1]
+        """Sides and change-overs of motors that may hold by either tendon."""
 
     def first_pose(self, p: ChainParameters, setpoint_rad: Array) -> ChainPose:
         travel_mm = self._winding_mm @ setpoint_rad
@@ -169,9 +174,16 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         sides: tuple[float, ...],
         change_over: tuple[float, ...],
     ) -> Hold:
-        """Tendons that need not pull are just taut if a motor winds them alone."""
+        """Tendons that need not pull are just taut if a motor winds them alone.
+
+        Those that have pulled so far are kept unless holding the pose by them takes much more pull.
+        """
         balance = _Balance(p.rest, theta_rad, pose.anchor_mm)
-        tendons, held = self._tendons(balance, sides, change_over)
+        pulls = balance.pulls(np.arange(len(self._winding_mm)))
+        tendons, held = self._tendons(pulls, sides, change_over)
+        most = _MOST_PULL * pulls.max() + max(change_over)
+        if balance.pulls(np.array(tendons)).max() > most:
+            tendons, held = self._tendons(pulls, self._free, self._free)
         shafts_rad = self._shafts_rad(balance, tendons)
         setpoints = []
         for motor, tendon in enumerate(tendons):
@@ -184,11 +196,12 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         return Hold(np.array(setpoints), held)
 
     def unhindered_rad(self, p: ChainParameters, theta_rad: Array) -> Array:
-        free = (0.0,) * self._winding_mm.shape[1]
-        rows = theta_rad.reshape(-1, theta_rad.shape[-1])
-        balances = [_Balance(p.rest, row) for row in rows]
-        shafts = [self._shafts_rad(each, self._tendons(each, free, free)[0]) for each in balances]
-        return np.array(shafts).reshape(*theta_rad.shape[:-1], len(free))
+        every, shafts = np.arange(len(self._winding_mm)), []
+        for row in theta_rad.reshape(-1, theta_rad.shape[-1]):
+            balance = _Balance(p.rest, row)
+            tendons, _ = self._tendons(balance.pulls(every), self._free, self._free)
+            shafts.append(self._shafts_rad(balance, tendons))
+        return np.array(shafts).reshape(*theta_rad.shape[:-1], len(self._free))
 
     def nearest(
         self,
@@ -256,11 +269,12 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         return theta
 
     def _tendons(
-        self, balance: _Balance, sides: tuple[float, ...], change_over: tuple[float, ...]
+        self, pull: Array, sides: tuple[float, ...], change_over: tuple[float, ...]
     ) -> tuple[list[int], tuple[float, ...]]:
-        """The tendon by which each motor holds a pose, and on which side: 1 or -1."""
-        every = np.arange(len(self._winding_mm))
-        pull = balance.tensions(every) * np.abs(balance.rest.lever_mm).max(axis=(1, 2))
+        """The tendon by which each motor holds a pose, and on which side: 1 or -1.
+
+        ``pull`` is that of each tendon, (T,), if every one may pull.
+        """
         tendons, held = [], []
         for wound, side, most in zip(self._winding_mm.T, sides, change_over, strict=True):
             first, second = np.flatnonzero(wound > 0.0), np.flatnonzero(wound < 0.0)
@@ -342,3 +356,8 @@ class _Balance:
         wanted = np.append(self._free, np.zeros(len(tendons)))
         tensions: Array = nnls(system, wanted, maxiter=_MOST_PIVOTS)[0]
         return tensions
+
+    def pulls(self, tendons: IntArray) -> Array:
+        """Largest moments, over k_1, of ``tensions``."""
+        levers_mm: Array = np.abs(self.rest.lever_mm[tendons]).max(axis=(1, 2))
+        return self.tensions(tendons) * levers_mm
