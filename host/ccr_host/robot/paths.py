@@ -201,7 +201,7 @@ def _clock(name: str, samples: float, rate_hz: float) -> Array:
 def _reference(name: str, rate_hz: float, path: SampledPath, surface: Surface) -> Reference:
     lateral = [path.y_mm, path.z_mm]
     given = lateral if path.x_mm is None else [path.y_mm, path.x_mm, path.z_mm]
-    nearest = surface.nearest(np.stack(given, axis=-1))
+    nearest = surface.along(np.stack(given, axis=-1))
     along = nearest.tip_mm[:, 1] if path.x_mm is None else path.x_mm
     return Reference(
         name=name,

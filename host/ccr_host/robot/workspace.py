@@ -6,9 +6,11 @@ the motor angles in shares of their ranges, which keep away from the limits. (Th
 some directions of a segment with three motors: neighbours may then have distant configurations.)
 It is found by following the nearest configuration from the straightest pose while its target moves
 in a straight line to the middle of the cell in which the point lies, once for all points of a cell,
-and then to the point: a minimum, not always the least one. It is a function of the point alone:
-neighbouring points have neighbouring configurations however finely a path is sampled, and a closed
-path is closed in motor angles too.
+and then to the point: a minimum, not always the least one. It is a function of the point alone, so
+a closed path is closed in motor angles too, however finely it is sampled. Of robots of several
+segments in space it may jump between neighbouring points from one minimum to another. A path that
+meets such a jump follows each of its minima to both ends, and changes between them where they are
+close.
 
 Of the paper's robot it is the sheet of the workspace around the straight pose, up to its folds: a
 segment bent beyond its fold rolls up further and reaches less far to the side.
@@ -16,13 +18,14 @@ segment bent beyond its fold rolls up further and reaches less far to the side.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccr_host.core.arrays import Array
+from ccr_host.core.arrays import Array, IntArray
 from ccr_host.description.schema import Servo
 from ccr_host.robot.kinematics import ConstantCurvature
 
@@ -53,6 +56,20 @@ _FARTHEST = 1e4
 _ROWS = 4096
 """Points that are computed at a time."""
 _RIM_STEPS, _RIM_RAD = 12, 1e-8
+_JUMP_RAD = 0.2
+"""Bending by which a point's configuration differs from its neighbour's, and from what continues
+that."""
+_LESS, _FARTHER = 0.7, 1e-5
+"""The longest step that is left by following branches, over that before, and the distance over the
+robot's length by which points may be missed; else there is a fold."""
+_FOLLOWED, _FOLLOWING_STEPS, _FOLLOWING_RAD = 1e-8, 8, 1e-5
+"""Weight over the square of the robot's length by which a configuration stays near the last one."""
+_RETURN_LENGTHS = 0.2
+"""Way of the tip, in lengths of the robot, over which configurations return to the least effort."""
+_LONGEST_PART = 0.01
+"""Way of the tip, likewise, between points that are followed."""
+_MOST_BRANCHES = 8
+_STEP_PRICE_MM2_RAD2 = 1.0
 _OUTSIDE = 1e-6
 """Distance over the robot's length from which a point is out of reach."""
 
@@ -107,6 +124,10 @@ class Surface(Protocol):
         """
         ...
 
+    def along(self, points_mm: ArrayLike) -> Nearest:
+        """Project the points of a path onto the surface, see ``nearest``."""
+        ...
+
 
 class Workspace:
     """What one robot of constant curvature (10) reaches between its motor limits."""
@@ -146,6 +167,74 @@ class Workspace:
         with np.errstate(over="ignore"):
             miss = np.linalg.norm(tip_mm[:, axes] - points, axis=1)
         return Nearest(q_rad, tip_mm, miss)
+
+    def along(self, points_mm: ArrayLike) -> Nearest:
+        """Project the points of a path; configurations do not jump if any that reach it do not.
+
+        Args:
+            points_mm: see ``nearest``; two or more, in the order of the path.
+        """
+        found, points = self.nearest(points_mm), np.asarray(points_mm, dtype=np.float64)
+        axes = axes_of(points)
+        if not len(self._jumps(found.q_rad, points, axes)):
+            return found
+        way_mm = np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum()
+        way_mm = np.insert(way_mm, 0, 0.0)
+        parts = math.ceil(way_mm[-1] / (_LONGEST_PART * self._length_mm))
+        knots_mm = np.linspace(0.0, way_mm[-1], min(parts, _ROWS) + 1)
+        line = np.stack([np.interp(knots_mm, way_mm, column) for column in points.T], axis=1)
+        branches = self._branches(line, axes)
+        tip_mm = self.model.tip_mm(branches)
+        miss_mm = np.linalg.norm(tip_mm[..., axes] - line[:, None], axis=-1)
+        from_middle = branches - self._middle_rad
+        effort = _EFFORTS[0] * ((from_middle @ self.effort) * from_middle).sum(axis=-1)
+        bending = self.model.bending_rad(branches)
+        chosen = cheapest(bending, miss_mm**2 + effort, _STEP_PRICE_MM2_RAD2)
+        at_knots = branches[np.arange(len(line)), chosen].T
+        between = np.stack([np.interp(way_mm, knots_mm, q) for q in at_knots], axis=1)
+        q = self._continued(between, points, points, axes)
+        tip_mm = self.model.tip_mm(q)
+        miss_mm = np.linalg.norm(tip_mm[:, axes] - points, axis=1)
+        is_farther = (miss_mm - found.distance_mm).max() > _FARTHER * self._length_mm
+        if is_farther or self._bends_rad(q).max() > _LESS * self._bends_rad(found.q_rad).max():
+            return found
+        return Nearest(q, tip_mm, miss_mm)
+
+    def _branches(self, line_mm: Array, axes: list[int]) -> Array:
+        """The nearest configurations between two jumps, followed to both ends, (N, K, n)."""
+        q = self.nearest(line_mm).q_rad
+        ends = np.concatenate([[0], self._jumps(q, line_mm, axes), [len(q)]])
+        longest = np.argsort(ends[:-1] - ends[1:], kind="stable")[:_MOST_BRANCHES]
+        middles = (ends[longest] + ends[longest + 1]) // 2
+        branches = np.repeat(q[:, None], len(middles), axis=1)
+        first, last = int(middles.min()), int(middles.max())
+        for step, rows in ((1, range(first + 1, len(q))), (-1, range(last - 1, -1, -1))):
+            for row in rows:
+                later = np.flatnonzero((row - middles) * step > 0)
+                was, now = (np.tile(line_mm[i], (len(later), 1)) for i in (row - step, row))
+                branches[row, later] = self._continued(branches[row - step, later], was, now, axes)
+        return branches
+
+    def _jumps(self, q_rad: Array, points_mm: Array, axes: list[int]) -> IntArray:
+        """Points whose configuration is far from the one before, and does not continue it."""
+        far = np.flatnonzero(self._bends_rad(q_rad) > _JUMP_RAD)
+        ahead_rad = self._continued(q_rad[far], points_mm[far], points_mm[far + 1], axes)
+        apart_rad = np.abs(self.model.bending_rad(ahead_rad - q_rad[far + 1])).max(axis=1)
+        jumps: IntArray = far[apart_rad > _JUMP_RAD] + 1
+        return jumps
+
+    def _bends_rad(self, q_rad: Array) -> Array:
+        """Largest change of a bending from each of N configurations to the next, (N - 1,)."""
+        bends: Array = np.abs(self.model.bending_rad(np.diff(q_rad, axis=0))).max(axis=1)
+        return bends
+
+    def _continued(self, q_rad: Array, from_mm: Array, to_mm: Array, axes: list[int]) -> Array:
+        """Configurations of points that are near those of other points, (N, n)."""
+        way_mm = np.linalg.norm(to_mm - from_mm, axis=1, keepdims=True)
+        share = np.minimum(1.0, way_mm / (_RETURN_LENGTHS * self._length_mm))
+        middle_rad = q_rad + share * (self._middle_rad - q_rad)
+        steps, until_rad = _FOLLOWING_STEPS, _FOLLOWING_RAD
+        return self._descended(q_rad, to_mm, axes, _FOLLOWED, steps, until_rad, middle_rad)
 
     def boundary_mm(self, points: int = 240) -> Array:
         """The edge of what is reached laterally as a closed line, (points + 1, 3)."""
@@ -192,31 +281,38 @@ class Workspace:
         weight: float,
         steps: int,
         until_rad: float,
+        middle_rad: Array | None = None,
     ) -> Array:
-        """Newton's steps within the limits, from each row to the minimum in whose valley it is."""
+        """Newton's steps within the limits, from each row to the minimum in whose valley it is.
+
+        Efforts count from the middle of the limits, or from ``middle_rad``, (N, n).
+        """
         lower, upper = self.limits.lower_rad, self.limits.upper_rad
         weight *= self._length_mm**2
         effort = weight * self.effort
+        middles = (
+            np.broadcast_to(self._middle_rad, q_rad.shape) if middle_rad is None else middle_rad
+        )
         q = q_rad.copy()
         moving = np.arange(len(q))
         for _ in range(steps):
-            here, target = q[moving], target_mm[moving]
+            if not len(moving):
+                break
+            here, target, middle = q[moving], target_mm[moving], middles[moving]
             tip, by_motors, by_two = self.model.second_order(here)
             miss, jacobian = (tip[:, axes] - target)[:, :, None], by_motors[:, axes]
             gradient = (np.swapaxes(jacobian, 1, 2) @ miss)[:, :, 0]
-            gradient += (here - self._middle_rad) @ effort
+            gradient += (here - middle) @ effort
             curvature = np.swapaxes(jacobian, 1, 2) @ jacobian + effort
             curvature += np.einsum("nk,nkij->nij", miss[:, :, 0], by_two[:, axes])
             at_limit = ((here <= lower) & (gradient > 0.0)) | ((here >= upper) & (gradient < 0.0))
             free = ~at_limit
             curvature *= free[:, :, None] & free[:, None, :]
             step = _newton(curvature, gradient * free, weight * self._least)
-            before = self._cost(here, miss[:, :, 0], effort)
-            there = self._downhill(here, before, step, target, axes, effort)
+            before = _cost(here - middle, miss[:, :, 0], effort)
+            there = self._downhill(here, before, step, target, axes, effort, middle)
             q[moving] = there
             moving = moving[np.abs(there - here).max(axis=1) > until_rad]
-            if not len(moving):
-                break
         return q
 
     def _downhill(
@@ -227,11 +323,12 @@ class Workspace:
         target_mm: Array,
         axes: list[int],
         effort: Array,
+        middle: Array,
     ) -> Array:
         """Poses along the steps, within the limits, that cost no more; else the same poses."""
         there = self.limits.clip(here + step)
         miss_mm = self.model.tip_mm(there)[:, axes] - target_mm
-        higher = self._cost(there, miss_mm, effort) > before * (1.0 + _ROUNDING)
+        higher = _cost(there - middle, miss_mm, effort) > before * (1.0 + _ROUNDING)
         share = np.ones(len(here))
         for _ in range(_HALVINGS):
             rows = np.flatnonzero(higher)
@@ -240,15 +337,39 @@ class Workspace:
             share[rows] *= 0.5
             there[rows] = self.limits.clip(here[rows] + share[rows, None] * step[rows])
             miss_mm = self.model.tip_mm(there[rows])[:, axes] - target_mm[rows]
-            cost = self._cost(there[rows], miss_mm, effort)
+            cost = _cost(there[rows] - middle[rows], miss_mm, effort)
             higher[rows] = cost > before[rows] * (1.0 + _ROUNDING)
         return np.where(higher[:, None], here, there)
 
-    def _cost(self, q_rad: Array, miss_mm: Array, effort: Array) -> Array:
-        from_middle = q_rad - self._middle_rad
-        twice = (miss_mm**2).sum(axis=1) + ((from_middle @ effort) * from_middle).sum(axis=1)
-        cost: Array = 0.5 * twice
-        return cost
+
+def cheapest(bending_rad: Array, cost: Array, price: float) -> Array:
+    """One candidate of each sample: least sum of costs and of the price of squared steps.
+
+    Args:
+        bending_rad: of K candidates of each of N samples, (N, K, D).
+        cost: of each, (N, K); infinite if it is none.
+        price: of a step's square, by all of D.
+
+    Returns:
+        The chosen candidate of each sample, (N,), by Viterbi's algorithm.
+    """
+    sums, came_from = cost[0], []
+    for before, here, price_here in zip(bending_rad[:-1], bending_rad[1:], cost[1:], strict=True):
+        steps = ((here[:, None] - before[None]) ** 2).sum(axis=-1)
+        totals = sums[None] + price * steps
+        best = totals.argmin(axis=1)
+        came_from.append(best)
+        sums = price_here + totals[np.arange(len(best)), best]
+    chosen = [int(sums.argmin())]
+    for best in reversed(came_from):
+        chosen.append(int(best[chosen[-1]]))
+    return np.array(chosen[::-1])
+
+
+def _cost(from_middle: Array, miss_mm: Array, effort: Array) -> Array:
+    twice = (miss_mm**2).sum(axis=1) + ((from_middle @ effort) * from_middle).sum(axis=1)
+    cost: Array = 0.5 * twice
+    return cost
 
 
 def _newton(curvature: Array, gradient: Array, least: float) -> Array:

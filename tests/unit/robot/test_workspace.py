@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.any_robot import random_robot
+from bench.any_robot import built, path_text, random_robot
 from ccr_host.description.schema import Robot, Servo
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.workspace import MotorLimits, Workspace
@@ -174,3 +174,30 @@ def test_neighbouring_points_have_neighbouring_configurations_however_many_motor
         share = workspace.nearest(circle).q_rad / workspace.limits.upper_rad
         assert share[0] == pytest.approx(share[-1], abs=1e-6)
         assert np.abs(np.diff(share, axis=0)).max() < 0.2
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 20.0])
+@pytest.mark.parametrize("number", [25, 49, 57])
+def test_a_path_that_a_smooth_motion_makes_has_no_jumps_in_its_configurations(number, rate_hz):
+    rng = np.random.default_rng(number)
+    robot = built(rng, 1 + number % 4)
+    model = ConstantCurvature(robot)
+    rows = np.array([row.split(",") for row in path_text(robot, rng).split()[1:]], dtype=float)
+    time_s = np.arange(round(60.0 * rate_hz) + 1) / rate_hz
+    points = np.stack([np.interp(time_s, rows[:, 0], rows[:, 1 + i]) for i in (1, 0, 2)], axis=1)
+    most_rad = np.full(model.motors, np.radians(Servo().angle_max_deg[0]))
+    workspace = Workspace(model, MotorLimits(-most_rad, most_rad))
+    alone, followed = workspace.nearest(points), workspace.along(points)
+    before, after = (
+        np.abs(np.diff(model.bending_rad(found.q_rad), axis=0)).max() for found in (alone, followed)
+    )
+    # The path itself bends segments by 0.2 rad a second and more.
+    assert after < min(0.5 * before, 0.4)
+    assert np.all(followed.distance_mm < 1e-3)
+    assert np.all(np.abs(followed.q_rad) <= workspace.limits.upper_rad)
+
+
+def test_a_path_without_jumps_has_the_configurations_of_its_points():
+    for workspace, q in random_workspaces(4, (2, 3)):
+        points = workspace.model.tip_mm(np.linspace(0.2 * q[0], 0.2 * q[1], 30))
+        assert np.array_equal(workspace.along(points).q_rad, workspace.nearest(points).q_rad)

@@ -24,7 +24,7 @@ from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import straight_tip_mm, tip_of
 from ccr_host.core.arrays import Array
 from ccr_host.robot.arc import Number
-from ccr_host.robot.workspace import MotorLimits
+from ccr_host.robot.workspace import MotorLimits, cheapest
 
 Polish = Callable[[Parameters, Array, Array, int], Array]
 
@@ -103,7 +103,9 @@ def plan_path(
     theta = polish(p, theta, targets, _POLISHING_STEPS)
     squared_mm2 = ((straight_tip_mm(p, *split(theta)) - targets) ** 2).sum(axis=-1)
     squared_mm2[~exists] = np.inf
-    return PathPlan(knots, _cheapest(theta, squared_mm2, near))
+    squared_mm2[0] += _STEP_PRICE_MM2_RAD2 * ((theta[0] - near) ** 2).sum(axis=-1)
+    chosen = cheapest(theta, squared_mm2, _STEP_PRICE_MM2_RAD2)
+    return PathPlan(knots, theta[np.arange(len(theta)), chosen])
 
 
 def polished(p: Parameters, theta_rad: Array, target_mm: Array, iterations: int) -> Array:
@@ -142,18 +144,3 @@ def polished_of(
         if largest(step_1) < _DONE_RAD and largest(step_2) < _DONE_RAD:
             break
     return theta_1, theta_2
-
-
-def _cheapest(theta: Array, squared_mm2: Array, near: Array) -> Array:
-    cost = squared_mm2[0] + _STEP_PRICE_MM2_RAD2 * ((theta[0] - near) ** 2).sum(axis=-1)
-    came_from = []
-    for before, here, error in zip(theta[:-1], theta[1:], squared_mm2[1:], strict=True):
-        price = ((here[:, None] - before[None]) ** 2).sum(axis=-1)
-        total = cost[None] + _STEP_PRICE_MM2_RAD2 * price
-        best = total.argmin(axis=1)
-        came_from.append(best)
-        cost = error + total[np.arange(len(best)), best]
-    chosen = [int(cost.argmin())]
-    for best in reversed(came_from):
-        chosen.append(int(best[chosen[-1]]))
-    return theta[np.arange(len(theta)), chosen[::-1]]

@@ -75,6 +75,9 @@ class IdentifiedSurface:
             miss_mm = np.linalg.norm(tip_mm[:, axes] - points, axis=1)
         return Nearest(q_rad, tip_mm, miss_mm)
 
+    def along(self, points_mm: ArrayLike) -> Nearest:
+        return self.nearest(points_mm)
+
     def _rests_rad(self, q_rad: Array) -> Array:
         """Bending angles at rest, (N, 2), for motor angles, (N, 2)."""
         return first_pose(self._p, *split(q_rad)).theta_rad
