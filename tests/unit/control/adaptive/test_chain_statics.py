@@ -100,6 +100,32 @@ def test_no_tendon_of_a_motor_of_its_own_pulls_more_than_the_pose_needs(robot):
             assert stretch_mm[space.model.segment_of == segment].min() < 1e-3
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_tendons_are_kept_unless_others_have_to_pull_against_them(seed, tmp_path):
+    """A robot of three segments and eight motors, tendons up to 20 deg off their directions."""
+    file = tmp_path / "robot.toml"
+    file.write_text(description_text(built(np.random.default_rng(78), 3)))
+    model, space = model_of(schema.load(str(file)))
+    p, rng = space.parameters(believable(space, seed)), np.random.default_rng(seed)
+    levers_mm = np.abs(p.rest.lever_mm).max(axis=(1, 2))
+
+    def pull(theta_rad, hold):
+        travel_mm = space.winding_mm @ hold.setpoint_rad
+        stretch_mm = np.maximum(p.rest.stretch_mm(theta_rad, travel_mm), 0.0)
+        return (stretch_mm * p.rest.tendon_stiffness_mm2 * levers_mm).max()
+
+    motors, kept = space.winding_mm.shape[1], 0
+    for _ in range(60):
+        theta_rad = rng.uniform(-0.8, 0.8, len(space.model.freedom))
+        pose = model.first_pose(p, 0.2 * rng.normal(size=motors))
+        sides = tuple(rng.choice([-1.0, 1.0], motors).tolist())
+        free = model.hold(p, pose, theta_rad, (0.0,) * motors, (0.0,) * motors)
+        hold = model.hold(p, pose, theta_rad, sides, (0.04,) * motors)
+        kept += hold.sides != free.sides
+        assert pull(theta_rad, hold) <= 2.0 * pull(theta_rad, free) + 0.1
+    assert kept
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_sensitivity_is_the_slope_of_the_tip_at_rest(robot):
     model, space = model_of(schema.load(robot))
