@@ -151,7 +151,7 @@ class Control(Section):
     position_weight: Annotated[float, within(1e-6, 1e6)] = 1.0
     """Q of (15), per mm^2."""
     effort_weight: Annotated[float, within(0, 1e6)] | None = None
-    """R of (15), per rad^2; unless given 0.5, or (0.3 J)^2 Q with `mpc` and a robot of
+    """R of (15), per rad^2; unless given 0.5, or (0.4 J)^2 Q with `mpc` and a robot of
     `[[robot.segments]]`, whose tip moves by J with a radian. Moves along the path are no effort
     then."""
     step_bound_rad: Annotated[float, within(0.001, 10)] = 2.0

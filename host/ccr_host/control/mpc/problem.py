@@ -40,13 +40,13 @@ from ccr_host.robot.kinematics import (
 )
 
 _PAPERS_EFFORT = 0.5
-_STIFFNESS = 0.3
+_STIFFNESS = 0.4
 """Square root of R / Q for other robots, in shares of the tip's motion by a radian: where the tip
 moves less than this, motors follow the path rather than the tip."""
-_RETURN = 0.3
-"""Share of the way back to the path's configurations in one increment. Together they trade the
-error that is left, which is up to twice as large with 0.2 and 1, for robustness: with 0.2 and 0.1,
-or 0.2 and 0.3, one of 14 random robots is lost at a fold."""
+_RETURN = 0.2
+"""Share of the way back to the path's configurations in one increment. Both trade the error that is
+left, up to twice as large with 0.2 and 1, for robustness: with 0.2 and 0.3 one of 15 random robots
+is lost at a fold, with 0.3 and 0.3 another one, whose J is not the model's."""
 
 
 class Weights(NamedTuple):
