@@ -70,6 +70,7 @@ _LONGEST_PART = 0.01
 """Way of the tip, likewise, between points that are followed."""
 _MOST_BRANCHES = 8
 _STEP_PRICE_MM2_RAD2 = 1.0
+"""A jump of a radian between two followed points costs as much as a millimetre at one of them."""
 _OUTSIDE = 1e-6
 """Distance over the robot's length from which a point is out of reach."""
 
