@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -35,9 +36,9 @@ _SHRINKING, _SHRINKINGS = 0.9, 20
 _EVENNESS = 1e-7
 """Weight of the squared tensions beside that of the moments' errors, mm^2: it decides between
 tensions that hold the same pose, and leaves opposite tendons just taut."""
-_MOST_PULL = 2.0
-"""Pull over the least one that keeping tendons may take. On random robots it mostly takes 1.1 at
-most; where it took 3 to 38, tendons worked against each other, and the tip was up to 31 mm off."""
+_MOST_PULL = 1.5
+"""Pull of the tendons chosen over that of all tendons. Four random robots mostly had 1.1 at most;
+where it was 3 to 38, tendons worked against each other, and the tip was up to 124 mm off."""
 _CORRECTIONS, _LEAST_SHARE, _HELD = 20, 0.01, 1e-6
 """Newton's steps to the setpoints of a pose, by at least this share, and the moments over k_1 that
 may remain."""
@@ -80,8 +81,6 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         self._nominal = ConstantCurvature(description.robot)
         self._winding_mm = space.winding_mm
         self._segments = len(description.robot.chain)
-        self._free = (0.0,) * space.winding_mm.shape[1]
-        """Sides and change-overs of motors that may hold by either tendon."""
 
     def first_pose(self, p: ChainParameters, setpoint_rad: Array) -> ChainPose:
         travel_mm = self._winding_mm @ setpoint_rad
@@ -174,17 +173,10 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         sides: tuple[float, ...],
         change_over: tuple[float, ...],
     ) -> Hold:
-        """Tendons that need not pull are just taut if a motor winds them alone.
-
-        Those that have pulled so far are kept unless holding the pose by them takes much more pull.
-        """
+        """Tendons that need not pull are just taut if a motor winds them alone."""
         balance = _Balance(p.rest, theta_rad, pose.anchor_mm)
-        pulls = balance.pulls(np.arange(len(self._winding_mm)))
-        tendons, held = self._tendons(pulls, sides, change_over)
-        most = _MOST_PULL * pulls.max() + max(change_over)
-        if balance.pulls(np.array(tendons)).max() > most:
-            tendons, held = self._tendons(pulls, self._free, self._free)
-        shafts_rad = self._shafts_rad(balance, tendons)
+        tendons, tension = self._tendons(balance, sides, change_over)
+        shafts_rad = self._shafts_rad(balance, tendons, tension)
         setpoints = []
         for motor, tendon in enumerate(tendons):
             wound_mm, half_mm = self._winding_mm[tendon, motor], p.half_dead_mm[tendon]
@@ -193,15 +185,15 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
             ahead = lag_mm / max(half_mm, _LEAST_DEAD_MM)
             ahead += (needed_mm - behind_mm) / (abs(wound_mm) * _UNMOVED_RAD)
             setpoints.append((needed_mm + half_mm * np.clip(ahead, -1.0, 1.0)) / wound_mm)
-        return Hold(np.array(setpoints), held)
+        held = np.sign(self._winding_mm[tendons, range(len(tendons))])
+        return Hold(np.array(setpoints), tuple(held.tolist()))
 
     def unhindered_rad(self, p: ChainParameters, theta_rad: Array) -> Array:
-        every, shafts = np.arange(len(self._winding_mm)), []
-        for row in theta_rad.reshape(-1, theta_rad.shape[-1]):
-            balance = _Balance(p.rest, row)
-            tendons, _ = self._tendons(balance.pulls(every), self._free, self._free)
-            shafts.append(self._shafts_rad(balance, tendons))
-        return np.array(shafts).reshape(*theta_rad.shape[:-1], len(self._free))
+        free = (0.0,) * self._winding_mm.shape[1]
+        rows = theta_rad.reshape(-1, theta_rad.shape[-1])
+        balances = [_Balance(p.rest, row) for row in rows]
+        shafts = [self._shafts_rad(each, *self._tendons(each, free, free)) for each in balances]
+        return np.array(shafts).reshape(*theta_rad.shape[:-1], len(free))
 
     def nearest(
         self,
@@ -269,13 +261,15 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         return theta
 
     def _tendons(
-        self, pull: Array, sides: tuple[float, ...], change_over: tuple[float, ...]
-    ) -> tuple[list[int], tuple[float, ...]]:
-        """The tendon by which each motor holds a pose, and on which side: 1 or -1.
+        self, balance: _Balance, sides: tuple[float, ...], change_over: tuple[float, ...]
+    ) -> tuple[IntArray, Array]:
+        """The tendon by which each motor holds a pose, (n,), and their ``tensions``.
 
-        ``pull`` is that of each tendon, (T,), if every one may pull.
+        It is the one that pulls more if all of them may, or on the side that has pulled so far.
+        Where these pull much more than all of them would, single motors change sides.
         """
-        tendons, held = [], []
+        lever_mm = np.abs(balance.rest.lever_mm).max(axis=(1, 2))
+        pull, ways = balance.tensions(np.arange(len(lever_mm))) * lever_mm, []
         for wound, side, most in zip(self._winding_mm.T, sides, change_over, strict=True):
             first, second = np.flatnonzero(wound > 0.0), np.flatnonzero(wound < 0.0)
             pulls = pull[first].max(initial=-1.0), pull[second].max(initial=-1.0)
@@ -284,12 +278,30 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
                 is_first = pulls[1] <= max(most, pulls[0])
             elif side < 0.0 and len(second):
                 is_first = pulls[0] > max(most, pulls[1])
-            way = first if is_first else second
-            tendons.append(int(way[np.argmax(pull[way])]))
-            held.append(1.0 if is_first else -1.0)
-        return tendons, tuple(held)
+            both = (first, second) if is_first else (second, first)
+            ways.append([way[np.argmax(pull[way])] for way in both if len(way)])
+        motors, enough = np.arange(len(ways)), _MOST_PULL * pull.max() + max(change_over)
 
-    def _shafts_rad(self, balance: _Balance, tendons: list[int]) -> Array:
+        def held_by(tendons: IntArray) -> tuple[float, IntArray, Array]:
+            tension = balance.tensions(tendons)
+            return (tension * lever_mm[tendons]).max(), tendons, tension
+
+        best = held_by(np.array([way[0] for way in ways]))
+        for _ in ways:
+            if best[0] <= enough:
+                break
+            swaps = [
+                np.where(motors == motor, tendon, best[1])
+                for motor, way in enumerate(ways)
+                for tendon in way
+            ]
+            found = min(map(held_by, swaps), key=itemgetter(0))
+            if found[0] >= best[0]:
+                break
+            best = found
+        return best[1], best[2]
+
+    def _shafts_rad(self, balance: _Balance, tendons: IntArray, tension: Array) -> Array:
         """Shaft angles that hold a pose, (n,); tendons that need not pull are just taut.
 
         By the tendon with which each motor holds it, then corrected for others that are taut, too,
@@ -297,7 +309,6 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
         """
         winding_mm, taken_mm = self._winding_mm, balance.taken_mm
         stiffness_mm2 = balance.rest.tendon_stiffness_mm2
-        tension = balance.tensions(np.array(tendons))
         needed_mm = taken_mm[tendons] + tension / stiffness_mm2[tendons]
         shafts_rad: Array = needed_mm / winding_mm[tendons, range(len(tendons))]
         moments = balance.moments(winding_mm @ shafts_rad)
@@ -356,8 +367,3 @@ class _Balance:
         wanted = np.append(self._free, np.zeros(len(tendons)))
         tensions: Array = nnls(system, wanted, maxiter=_MOST_PIVOTS)[0]
         return tensions
-
-    def pulls(self, tendons: IntArray) -> Array:
-        """Largest moments, over k_1, of ``tensions``."""
-        levers_mm: Array = np.abs(self.rest.lever_mm[tendons]).max(axis=(1, 2))
-        return self.tensions(tendons) * levers_mm

@@ -26,7 +26,7 @@ SHIPPED = {
 """Robots of 1, 2, 4 and 9 motors, with a path of each."""
 
 
-def random_problem(rng, segments, steps, by_model):
+def random_problem(rng, segments, steps, by_model, free=0.0):
     """A problem near the straight pose, and the model; motors bend by about a radian each."""
     robot = random_robot(rng, segments)
     model = ConstantCurvature(robot)
@@ -37,7 +37,7 @@ def random_problem(rng, segments, steps, by_model):
         offsets_mm = offsets_mm - model.tip_mm(start_rad)
     weights = Weights(1.0, float(rng.choice([0.1, 10.0])))
     constants = Constants.of(robot, weights, by_model=by_model)
-    free_rad = 0.1 * scale * rng.normal(size=(steps, model.motors))
+    free_rad = free * scale * np.sin(np.arange(steps * model.motors)).reshape(steps, -1)
     return Tracking(constants, start_rad, offsets_mm, free_rad), model, scale
 
 
@@ -46,7 +46,7 @@ def random_problem(rng, segments, steps, by_model):
 def test_cost_is_that_of_the_kinematics_and_the_expansion_that_of_the_cost(segments, by_model):
     rng = np.random.default_rng(segments)
     for _ in range(10):
-        problem, model, scale = random_problem(rng, segments, 3, by_model)
+        problem, model, scale = random_problem(rng, segments, 3, by_model, 0.1)
         weights = problem.constants.weights
         angles = problem.start_rad + 0.2 * scale * rng.normal(size=(3, model.motors))
         moves = np.diff(angles, axis=0, prepend=problem.start_rad[None])
@@ -96,9 +96,7 @@ def test_solution_is_feasible_stationary_and_no_worse_than_the_guess(segments, b
         is_inside = np.abs(moves).max() < 0.9 * reach and np.abs(angles - start).max() < 1.9 * scale
         if solution.status == sqp.CONVERGED and is_inside:
             further = minimise_freely(expand(problem, solution.rollout), 1.0, 0.0)
-            # Free moves that suit the targets leave a thousandth of the guess's cost and less.
-            most = 1e-5 * solution.rollout.cost + 1e-6 * roll_out(problem, guess).cost
-            assert further[2] >= -most
+            assert further[2] >= -1e-5 * solution.rollout.cost
 
 
 def controller(robot, *overrides):
