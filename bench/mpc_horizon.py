@@ -33,7 +33,7 @@ from rich.table import Table
 
 import ccr_host.description
 from bench.peers.mpc import ours
-from bench.peers.mpc.problem import Array, Formulation, ShiftedStart, Way, record
+from bench.peers.mpc.problem import Array, Formulation, Recorded, ShiftedStart, Way, record
 from ccr_host.control.base import Observation
 from ccr_host.core.errors import ConfigError
 from ccr_host.description import schema
@@ -156,7 +156,7 @@ def time_step(way: Way, observation: Observation, kept: Score) -> None:
         way.forget_nonsense()
 
 
-def judge(formulation: Formulation, lap: list[Observation], kept: Score) -> None:
+def judge(formulation: Formulation, lap: list[Recorded], kept: Score) -> None:
     """Evaluate the cost of the plans of the last lap."""
     for observation, plan_rad in zip(lap, kept.plans_rad[-len(lap) :], strict=True):
         kept.cost.append(formulation.cost_of_plan(observation, plan_rad))

@@ -80,7 +80,7 @@ class GeneratedSolver:
         self._buffer, self._run = self._function.buffer()
         bound = formulation.control.step_bound_rad
         self.guess = np.zeros(motors * live)
-        self.given = np.zeros(motors + 3 + (3 + motors) * live)
+        self.given = np.zeros(2 * motors + 3 + (3 + motors) * live)
         self.solution = np.zeros(motors * live)
         self._inputs = {
             "x0": self.guess,
@@ -121,14 +121,15 @@ def nlpsol(formulation: Formulation, plugin: str, options: dict[str, Any]) -> An
     tip = tip_of(formulation, q)
     jacobian = casadi.Function("J", [q], [casadi.jacobian(tip, q)])
     moves = casadi.SX.sym("u", n, live)
-    given = casadi.SX.sym("p", n + 3 + (3 + n) * live)
-    free = casadi.reshape(given[n + 3 + 3 * live :], n, live)
+    given = casadi.SX.sym("p", 2 * n + 3 + (3 + n) * live)
+    extra, ahead = given[n + 3 : 2 * n + 3], given[2 * n + 3 :]
+    free = casadi.reshape(ahead[3 * live :], n, live)
     pose, position, cost, poses = given[:n], given[n : n + 3], 0, []
     for k in range(live):
-        position = position + jacobian(pose) @ moves[:, k]
+        position = position + jacobian(pose + extra) @ moves[:, k]
         pose = pose + moves[:, k]
         poses.append(pose)
-        error = position - given[n + 3 + 3 * k : n + 6 + 3 * k]
+        error = position - ahead[3 * k : 3 * k + 3]
         cost += weights.position * casadi.sumsqr(error)
         cost += weights.effort * casadi.sumsqr(moves[:, k] - free[:, k])
     problem = {"x": casadi.vec(moves), "p": given, "f": cost, "g": casadi.vertcat(*poses)}

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.base import Observation
+from ccr_host.control.mpc.bending import Pose, pose_estimate
 from ccr_host.control.mpc.controller import ModelPredictive
 from ccr_host.control.mpc.problem import Weights, free_moves_rad
 from ccr_host.description.schema import Description
@@ -37,18 +38,25 @@ class Way(Protocol):
 
 
 @dataclass(frozen=True)
+class Recorded(Observation):
+    """An observation, and the pose from which the controller plans then."""
+
+    pose: Pose = field(kw_only=True)
+
+
+@dataclass(frozen=True)
 class Problem:
     """(15) for one observation, over the live increments."""
 
     q_rad: Array
-    measured_mm: Array
+    pose: Pose
     targets_mm: Array
     free_rad: Array
 
     def numbers(self) -> Array:
         """Everything, flat."""
-        numbers = [self.q_rad, self.measured_mm, self.targets_mm.ravel(), self.free_rad.ravel()]
-        return np.concatenate(numbers)
+        targets_mm, free_rad = self.targets_mm.ravel(), self.free_rad.ravel()
+        return np.concatenate([self.q_rad, *self.pose, targets_mm, free_rad])
 
 
 class Formulation:
@@ -65,19 +73,20 @@ class Formulation:
         self.live_steps = self.control.horizon - 1
 
     def problem(self, observation: Observation) -> Problem:
-        assert observation.tip_mm is not None
-        i = observation.step
+        assert isinstance(observation, Recorded)
+        i, pose = observation.step, observation.pose
         targets = self.reference.target_mm[i : i + self.live_steps]
-        path_rad = self.reference.q_rad[i - 1 : i + self.live_steps]
+        path_rad = self.reference.q_rad[i - 1 : i + self.live_steps] - pose.extra_rad
         free_rad = free_moves_rad(self.weights, path_rad, observation.q_rad)
-        return Problem(observation.q_rad, observation.tip_mm, targets, free_rad)
+        return Problem(observation.q_rad, pose, targets, free_rad)
 
     def cost(self, flat: Array, problem: Problem) -> float:
         """Cost of increments, (M n,)."""
         moves = flat.reshape(-1, self.motors)
-        poses = problem.q_rad + np.cumsum(moves, axis=0) - moves
+        start_rad = problem.q_rad + problem.pose.extra_rad
+        poses = start_rad + np.cumsum(moves, axis=0) - moves
         steps = np.einsum("kij,kj->ki", self.model.jacobian_mm_rad(poses), moves)
-        errors = problem.measured_mm - problem.targets_mm + np.cumsum(steps, axis=0)
+        errors = problem.pose.tip_mm - problem.targets_mm + np.cumsum(steps, axis=0)
         efforts = moves - problem.free_rad
         squares = self.weights.position * np.sum(errors * errors)
         return float(squares + self.weights.effort * np.sum(efforts * efforts))
@@ -124,7 +133,7 @@ class ShiftedStart:
             self.moves = np.zeros((0, self.formulation.motors))
 
 
-def record(description: Description, reference: Reference, seed: int) -> list[Observation]:
+def record(description: Description, reference: Reference, seed: int) -> list[Recorded]:
     """One lap of the controller ``mpc`` at one step per second, on the twin of the paper's robot.
 
     Other robots are the model, each motor turning 0.9 of its command, 5 mm lower. Only steps with a
@@ -134,6 +143,7 @@ def record(description: Description, reference: Reference, seed: int) -> list[Ob
     controller = ModelPredictive(description)
     q_rad = controller.start(reference).q_rad
     model = ConstantCurvature(description.robot)
+    estimate = pose_estimate(description.robot)
     twin = None if description.robot.segments else TwinRobot(description.twin)
     time_us = SETTLE_US
     observations = []
@@ -149,7 +159,8 @@ def record(description: Description, reference: Reference, seed: int) -> list[Ob
             tip_mm = twin.tip_mm()
         noise_mm = rng.normal(scale=description.tracker.noise_mm / math.sqrt(3.0), size=3)
         observation = Observation(step, time_us, tip_mm + noise_mm, 0, q_rad)
-        observations.append(observation)
+        pose = estimate.pose(observation, q_rad)
+        observations.append(Recorded(**vars(observation), pose=pose))
         q_rad = controller.step(observation).q_rad
     return observations
 

@@ -256,8 +256,8 @@ class OffsetFreeMpc(Law):
         before_rad, self._reachable_rad = self._reachable_rad, self._reachable_from(index)
         guess_rad = self._plan_rad + self._reachable_rad - before_rad
         offsets_mm = self.disturbance_mm - targets_mm
-        free_rad = np.zeros_like(guess_rad)
-        problem = Tracking(self._constants, commanded_rad, offsets_mm, free_rad)
+        still = np.zeros_like(guess_rad)
+        problem = Tracking(self._constants, commanded_rad, offsets_mm, still, still[0])
         guess = sqp.feasible(self._bounds, commanded_rad, guess_rad)
         angles = sqp.solve(problem, self._bounds, guess).rollout.angles
         self._plan_rad = sqp.feasible(self._bounds, commanded_rad, angles)

@@ -11,7 +11,7 @@ from ccr_host.control.mpc.controller import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
 from ccr_host.control.shell import Law, Shell
 from ccr_host.core.plugins import is_plugin, make_plugin, unknown_plugin
-from ccr_host.description.schema import Description
+from ccr_host.description.schema import Description, Robot
 
 _MAKERS: dict[str, Callable[[Description], Controller]] = {
     OpenLoop.name: OpenLoop,
@@ -41,10 +41,10 @@ def baseline_names() -> list[str]:
     return list(_BASELINES)
 
 
-def rate_note(name: str, rate_hz: float) -> str:
+def rate_note(name: str, rate_hz: float, robot: Robot) -> str:
     """What happens to a controller at a rate that it was not made for; empty if it was."""
     shortest_s: float = getattr(_MAKERS.get(name), "shortest_period_s", 0.0)
-    if not (shortest_s > 0.0 and rate_hz * shortest_s > 1.0):
+    if robot.segments or not (shortest_s > 0.0 and rate_hz * shortest_s > 1.0):
         return ""
     others = ["mpc-offset", "pid-ik", DEFAULT_CONTROLLER]
     return (

@@ -145,9 +145,9 @@ def compiled_plan_step(settings: Settings) -> Callable[..., StepResult]:
     """
     numbers, counts = _packed(settings)
     entry, motors = _entry(), len(settings.bounds.lower_rad)
-    nowhere = np.zeros((2, 3 + motors))
+    nowhere, still = np.zeros((2, 3 + motors)), np.zeros(motors)
     with jit.lightly_optimised():
-        entry(numbers, counts, nowhere, nowhere, 1, 1, np.zeros(motors), np.zeros(3))
+        entry(numbers, counts, nowhere, nowhere, 1, 1, still, np.zeros(3), still)
     entry.disable_compile()
     return lambda _, *arguments: entry(numbers, counts, *arguments)
 

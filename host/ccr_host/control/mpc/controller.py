@@ -6,10 +6,10 @@ import numpy as np
 
 from ccr_host.control.base import Command, Observation, Outcome
 from ccr_host.control.mpc import sqp
+from ccr_host.control.mpc.bending import pose_estimate
 from ccr_host.control.mpc.plan import Planner, Settings
 from ccr_host.control.mpc.problem import Constants, Weights
 from ccr_host.control.mpc.sqp import Bounds
-from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
@@ -35,8 +35,8 @@ class ModelPredictive:
 
     name = "mpc"
     shortest_period_s = 0.2
-    """At shorter ones the delays of camera and servos, which (14) leaves out, let it swing or run
-    away, see docs/control-baselines.md."""
+    """At shorter ones the delays of camera and servos, which (14) leaves out, let the paper's robot
+    swing or run away, see docs/control-baselines.md."""
 
     def __init__(self, description: Description) -> None:
         control, model = description.control, ConstantCurvature(description.robot)
@@ -46,6 +46,7 @@ class ModelPredictive:
         weights = Weights.of(description.robot, control.position_weight, control.effort_weight)
         settings = Settings(Constants.of(description.robot, weights), bounds)
         self._planner = Planner(settings, control.solver)
+        self._robot = description.robot
 
     def start(self, reference: Reference) -> Command:
         """Return the nearest reachable configuration of the first sample."""
@@ -56,7 +57,7 @@ class ModelPredictive:
         self._planner.interrupt(self._last_rad)
         self.plan_rad = self._last_rad[None, :]
         """The angles planned by the last step, (M, n)."""
-        self._last_seen: tuple[Array, Array] | None = None
+        self._estimate = pose_estimate(self._robot)
         predicted_mm = self._model.tip_mm(self._last_rad)[None, :]
         return Command(self._last_rad.copy(), predicted_mm, Outcome.SOLVED)
 
@@ -70,12 +71,13 @@ class ModelPredictive:
         if not observation.step < self._steps:
             return self._hold("the path is over")
         commanded_rad = self._limits.clip(observation.q_rad)
-        position_mm, outcome = self._position(tip_mm, commanded_rad)
+        outcome = Outcome.COASTED if tip_mm is None else Outcome.SOLVED
+        pose = self._estimate.pose(observation, commanded_rad)
         steps = min(self._live_steps, self._steps - observation.step)
         # A wild measurement costs infinitely much, which is no solution.
         with np.errstate(over="ignore", invalid="ignore"):
             status, iterations, plan = self._planner.plan(
-                observation.step, steps, commanded_rad, position_mm
+                observation.step, steps, commanded_rad, *pose
             )
         if status in _FAILURES:
             return self._hold(_FAILURES[status])
@@ -83,16 +85,6 @@ class ModelPredictive:
         self._last_rad = plan[0, :-3]
         detail = "" if status == sqp.CONVERGED else f"stopped after {iterations} iterations"
         return Command(self._last_rad.copy(), plan[:, -3:], outcome, detail, iterations=iterations)
-
-    def _position(self, tip_mm: Array | None, commanded_rad: Array) -> tuple[Array, Outcome]:
-        if tip_mm is not None:
-            self._last_seen = np.array(tip_mm, dtype=np.float64), commanded_rad
-            return self._last_seen[0], Outcome.SOLVED
-        position_mm = self._model.tip_mm(commanded_rad)
-        if self._last_seen is not None:
-            seen_mm, then = self._last_seen
-            position_mm = position_mm + seen_mm - self._model.tip_mm(then)
-        return position_mm, Outcome.COASTED
 
     def _hold(self, why: str) -> Command:
         self._planner.interrupt(self._last_rad)

@@ -39,6 +39,7 @@ def plan_step(
     steps: int,
     commanded_rad: Array,
     position_mm: Array,
+    extra_rad: Array,
 ) -> StepResult:
     """Plan ahead from one measurement.
 
@@ -49,9 +50,10 @@ def plan_step(
         now: index of the step to command, from 1.
         steps: M, at most T - now, at least 1.
         commanded_rad: last command, within the limits, (n,).
-        position_mm: measured tip, (3,).
+        position_mm: the tip, (3,).
+        extra_rad: of the model's configuration, see ``Tracking``, (n,).
     """
-    problem = tracking(settings, path, now, steps, commanded_rad, position_mm)
+    problem = tracking(settings, path, now, steps, commanded_rad, position_mm, extra_rad)
     guess = shift(last_plan, path, now, steps)
     if not math.isnan(last_plan[0, -1]):
         guess -= correction(problem, position_mm - last_plan[0, -3:])
@@ -67,10 +69,11 @@ def resume(
     steps: int,
     commanded_rad: Array,
     position_mm: Array,
+    extra_rad: Array,
     unfinished: StepResult,
 ) -> StepResult:
     """Go on from a plan with the status NEEDS_QP."""
-    problem = tracking(settings, path, now, steps, commanded_rad, position_mm)
+    problem = tracking(settings, path, now, steps, commanded_rad, position_mm, extra_rad)
     _, iteration, plan = unfinished
     solution = sqp.solve(problem, settings.bounds, plan[:, :-3].copy(), iteration)
     return _result(settings.bounds, path, now, solution, problem)
@@ -83,12 +86,13 @@ def tracking(
     steps: int,
     commanded_rad: Array,
     position_mm: Array,
+    extra_rad: Array,
 ) -> Tracking:
     """Set up the problem of ``plan_step``."""
     offsets_mm = position_mm - path[now : now + steps, :3]
-    path_rad = path[now - 1 : now + steps, 3:]
+    path_rad = path[now - 1 : now + steps, 3:] - extra_rad
     free_rad = free_moves_rad(settings.constants.weights, path_rad, commanded_rad)
-    return Tracking(settings.constants, commanded_rad, offsets_mm, free_rad)
+    return Tracking(settings.constants, commanded_rad, offsets_mm, free_rad, extra_rad)
 
 
 def shift(last_plan: Array, path: Array, now: int, steps: int) -> Array:
@@ -107,7 +111,7 @@ def correction(problem: Tracking, error_mm: Array) -> Array:
     iterations.
     """
     weights, chain = problem.constants.weights, problem.constants.chain
-    start = problem.start_rad.reshape(1, len(problem.start_rad))
+    start = (problem.start_rad + problem.extra_rad).reshape(1, len(problem.start_rad))
     jet = jets(chain, products(start, chain.bending))
     jacobian = products(chain.bending, jet[0, 1 : chain.bending.shape[1] + 1])
     gram = products(jacobian, jacobian.T)
@@ -154,10 +158,12 @@ class Planner:
         """Discard the plan, as ``q_rad`` (n,) was commanded instead."""
         self._last_plan = np.concatenate([q_rad, np.full(3, math.nan)])[None, :]
 
-    def plan(self, now: int, steps: int, commanded_rad: Array, position_mm: Array) -> StepResult:
+    def plan(
+        self, now: int, steps: int, commanded_rad: Array, position_mm: Array, extra_rad: Array
+    ) -> StepResult:
         """Make a ``plan_step`` from the last plan."""
         settings, path = self._settings, self._path
-        situation = now, steps, commanded_rad, position_mm
+        situation = now, steps, commanded_rad, position_mm, extra_rad
         result = self._plan_step(settings, path, self._last_plan, *situation)
         if result[0] == sqp.NEEDS_QP:
             result = resume(settings, path, *situation, result)

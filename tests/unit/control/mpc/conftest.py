@@ -38,7 +38,9 @@ class Step:
     def tracking(self, position_weight=1.0, effort_weight=0.5) -> Tracking:
         offsets_mm = self.measured_mm - self.targets_mm
         weighted = constants(position_weight, effort_weight)
-        return Tracking(weighted, self.q_rad, offsets_mm, np.zeros((len(offsets_mm), 2)))
+        return Tracking(
+            weighted, self.q_rad, offsets_mm, np.zeros((len(offsets_mm), 2)), np.zeros(2)
+        )
 
     def planned(self, planner: Planner):
         """Status, iterations and angles (M, 2), from standing still."""
@@ -46,7 +48,7 @@ class Step:
         standing = np.tile(self.q_rad, (live + 1, 1))
         planner.begin(np.hstack([np.vstack([self.measured_mm, self.targets_mm]), standing]))
         planner.interrupt(self.q_rad)
-        status, iterations, plan = planner.plan(1, live, self.q_rad, self.measured_mm)
+        status, iterations, plan = planner.plan(1, live, self.q_rad, self.measured_mm, np.zeros(2))
         return status, iterations, plan[:, :2]
 
     def moves(self, angles) -> np.ndarray:

@@ -38,7 +38,8 @@ def random_problem(rng, segments, steps, by_model, free=0.0):
     weights = Weights(1.0, float(rng.choice([0.1, 10.0])))
     constants = Constants.of(robot, weights, by_model=by_model)
     free_rad = free * scale * np.sin(np.arange(steps * model.motors)).reshape(steps, -1)
-    return Tracking(constants, start_rad, offsets_mm, free_rad), model, scale
+    extra_rad = 0.2 * scale * rng.normal(size=model.motors)
+    return Tracking(constants, start_rad, offsets_mm, free_rad, extra_rad), model, scale
 
 
 @pytest.mark.parametrize("by_model", [False, True])
@@ -51,9 +52,9 @@ def test_cost_is_that_of_the_kinematics_and_the_expansion_that_of_the_cost(segme
         angles = problem.start_rad + 0.2 * scale * rng.normal(size=(3, model.motors))
         moves = np.diff(angles, axis=0, prepend=problem.start_rad[None])
         if by_model:
-            errors = problem.offsets_mm + model.tip_mm(angles)
+            errors = problem.offsets_mm + model.tip_mm(angles + problem.extra_rad)
         else:
-            jacobians = model.jacobian_mm_rad(angles - moves)
+            jacobians = model.jacobian_mm_rad(angles - moves + problem.extra_rad)
             errors = problem.offsets_mm + np.cumsum(np.einsum("kij,kj->ki", jacobians, moves), 0)
         efforts = moves - problem.free_rad
         expected = weights.position * np.sum(errors**2) + weights.effort * np.sum(efforts**2)

@@ -21,7 +21,7 @@ def _problem(path, first, disturbance_mm):
     reference = PATHS[path]
     wanted_mm = reference.target_mm[first : first + 3] - disturbance_mm
     start_rad, free_rad = reference.q_rad[first - 1], np.zeros((3, 2))
-    return Tracking(CONSTANTS, start_rad, -wanted_mm, free_rad), wanted_mm
+    return Tracking(CONSTANTS, start_rad, -wanted_mm, free_rad, free_rad[0]), wanted_mm
 
 
 problems = st.builds(

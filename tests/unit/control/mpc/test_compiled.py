@@ -70,7 +70,7 @@ def cost(plan_rad, overrides, path, seen):
     weights = Weights.of(robot, control.position_weight, control.effort_weight)
     constants = Constants.of(robot, weights)
     free_rad = np.zeros((len(plan_rad), 2))
-    problem = Tracking(constants, limits.clip(seen.q_rad), offsets_mm, free_rad)
+    problem = Tracking(constants, limits.clip(seen.q_rad), offsets_mm, free_rad, free_rad[0])
     return roll_out(problem, np.array(plan_rad)).cost
 
 
@@ -196,7 +196,12 @@ def test_a_step_never_compiles_whatever_arrays_it_is_given():
 def test_cache_on_disk_knows_of_every_source_file():
     """A file that is left out would leave stale machine code in place after an upgrade."""
     folder = Path(mpc.__file__).parent
-    ours = {file.stem for file in folder.glob("*.py")} - {"__init__", "compiled", "controller"}
+    ours = {file.stem for file in folder.glob("*.py")} - {
+        "__init__",
+        "bending",
+        "compiled",
+        "controller",
+    }
     watched = {module.__name__ for module in compiled.SOURCES}
     assert watched >= {f"{mpc.__name__}.{name}" for name in ours}
     imported = {

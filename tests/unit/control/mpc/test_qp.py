@@ -31,7 +31,8 @@ def program(rng, steps, by_model=False, effort_weight=20.0) -> Expansion:
     n = len(constants.chain.bending)
     free_rad = 0.1 * rng.normal(size=(steps, n))
     offsets_mm = 5.0 * rng.normal(size=(steps, 3))
-    problem = Tracking(constants, 0.1 * rng.normal(size=n), offsets_mm, free_rad)
+    start_rad, extra_rad = 0.1 * rng.normal(size=(2, n))
+    problem = Tracking(constants, start_rad, offsets_mm, free_rad, extra_rad)
     angles = problem.start_rad + 0.1 * rng.normal(size=(steps, n))
     return expand(problem, roll_out(problem, angles))
 

@@ -1,0 +1,111 @@
+"""What the MPC starts from, on robots that bend otherwise than their motors say."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+import pytest
+
+from bench.any_robot import random_robot
+from ccr_host.control.base import Observation
+from ccr_host.control.mpc.bending import AsMeasured, BendingFilter, pose_estimate
+from ccr_host.control.mpc.controller import ModelPredictive
+from ccr_host.control.registry import rate_note
+from ccr_host.description import schema
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.paths import load_path
+from ccr_host.robot.workspace import MotorLimits, Workspace
+
+UNSEEN = np.full(3, np.nan)
+
+
+def seen(step, tip_mm, q_rad, middle_mm=UNSEEN, period_s=1.0, age_s=0.04):
+    time_us = round(step * period_s * 1e6)
+    tip = None if tip_mm is None else np.asarray(tip_mm, dtype=float)
+    return Observation(step, time_us, tip, round(age_s * 1e6), q_rad, middle_mm)
+
+
+def swings(model, count, rng):
+    """Motor angles that bend the robot by up to half a radian, (count, n)."""
+    phases = rng.uniform(0.0, 2.0 * np.pi, model.motors)
+    q_rad = np.sin(0.3 * np.arange(count)[:, None] + phases)
+    return 0.5 * q_rad / np.abs(model.bending_rad(q_rad)).max()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_filter_finds_how_a_robot_of_two_segments_bends_from_its_two_markers(seed):
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, 2, lengths_mm=(50.0, 100.0))
+    model, estimate = ConstantCurvature(robot), pose_estimate(robot)
+    more_rad = rng.uniform(-0.3, 0.3, len(model.segment_of_freedom))
+    for step, q_rad in enumerate(swings(model, 30, rng), 1):
+        bending_rad = model.bending_rad(q_rad) + more_rad
+        ends_mm = model.markers_mm(bending_rad[None])[0][0]
+        pose = estimate.pose(seen(step, ends_mm[-1], q_rad, ends_mm[0]), q_rad)
+    assert model.bending_rad(pose.extra_rad) == pytest.approx(more_rad, abs=0.02)
+    assert pose.tip_mm == pytest.approx(ends_mm[-1], abs=0.1)
+
+
+def test_filter_predicts_the_tip_at_the_last_command_from_a_picture_of_an_earlier_one():
+    robot = schema.load("two-spatial").robot
+    model, estimate = ConstantCurvature(robot), pose_estimate(robot)
+    angles = swings(model, 40, np.random.default_rng(1))
+    for step in range(1, len(angles)):
+        age_s = 0.04  # The last command was given 50 ms ago and took effect 13 ms later.
+        tip_mm = model.tip_mm(angles[step - 1] if step > 1 else angles[0])
+        now = seen(step, tip_mm, angles[step], period_s=0.05, age_s=age_s)
+        pose = estimate.pose(now, angles[step])
+    assert pose.tip_mm == pytest.approx(model.tip_mm(angles[-1]), abs=0.1)
+
+
+@pytest.mark.parametrize("make", [AsMeasured, BendingFilter])
+def test_without_a_measurement_the_last_error_of_the_model_is_kept(make):
+    robot = schema.load("two-spatial").robot
+    model = ConstantCurvature(robot)
+    estimate = make(model)
+    angles = 0.1 * np.eye(4)
+    error_mm = np.array([0.5, -0.3, 0.2])
+    for step in range(20):
+        estimate.pose(seen(step + 1, model.tip_mm(angles[0]) + error_mm, angles[0]), angles[0])
+    tip_mm = estimate.pose(seen(21, None, angles[1]), angles[1]).tip_mm
+    assert tip_mm == pytest.approx(model.tip_mm(angles[1]) + error_mm, abs=0.1)
+
+
+@pytest.mark.parametrize("wild_mm", [1e3, 1e200, 1e300])
+def test_filter_forgets_a_wild_measurement(wild_mm):
+    robot = schema.load("three-spatial").robot
+    model, estimate = ConstantCurvature(robot), pose_estimate(robot)
+    still = np.zeros(model.motors)
+    home_mm = model.tip_mm(still)
+    for step in range(1, 40):
+        tip_mm = [wild_mm, -wild_mm, wild_mm] if step == 5 else home_mm
+        with np.errstate(over="ignore"):
+            pose = estimate.pose(seen(step, tip_mm, still), still)
+    assert pose.tip_mm == pytest.approx(home_mm, abs=0.5)
+    assert np.abs(pose.extra_rad).max() < 0.5
+
+
+@pytest.mark.parametrize("gain", [0.6, 1.3])
+def test_mpc_follows_at_20_hz_a_robot_that_is_late_and_bends_otherwise(gain):
+    description = schema.load("two-spatial")
+    model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
+    path = load_path("helix", 20.0, Workspace(model, limits))
+    controller = ModelPredictive(description)
+    q_rad = controller.start(path).q_rad
+    under_way, turned_rad = deque([q_rad] * 2), q_rad
+    off_mm = []
+    for step in range(1, 400):
+        turned_rad = turned_rad + 0.7 * (under_way.popleft() - turned_rad)
+        ends_mm = model.markers_mm(gain * model.bending_rad(turned_rad)[None])[0][0]
+        off_mm.append(np.linalg.norm(ends_mm[-1] - path.target_mm[step - 1]))
+        now = seen(step, ends_mm[-1], q_rad, ends_mm[0], period_s=0.05)
+        q_rad = controller.step(now).q_rad
+        under_way.append(q_rad)
+    assert np.max(off_mm[100:]) < 1.5
+
+
+def test_the_paper_s_robot_alone_is_warned_of_short_periods():
+    assert "leaves out the delays" in rate_note("mpc", 20.0, schema.load().robot)
+    assert not rate_note("mpc", 20.0, schema.load("two-spatial").robot)
+    assert not rate_note("mpc", 5.0, schema.load().robot)
