@@ -15,10 +15,11 @@ from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.setpoint_history import SetpointHistory
 
 _US_PER_S = 1e6
+_LONG_AGO_S = 1e6
 
 
 class Pose(NamedTuple):
-    """The robot at its last command."""
+    """The robot at the end of the period, were its motors to stay at their last command."""
 
     tip_mm: Array
     """(3,)."""
@@ -30,7 +31,7 @@ class PoseEstimate(Protocol):
     """Estimates the pose at each control step of a path."""
 
     def pose(self, observation: Observation, commanded_rad: Array) -> Pose:
-        """The pose at the last command, (n,); the measured tip is finite or None."""
+        """The pose by the last command, (n,); the measured tip is finite or None."""
         ...
 
 
@@ -58,20 +59,22 @@ class BendingFilter:
     """Extended Kalman filter of the bending that the motors do not explain, from M2 and the tip.
 
     Slack, load and friction bend a segment by up to a radian more or less than its motors say.
-    There, J of the commanded angles leads a feedback law away from its target. That bending is
-    modelled as a stationary Gauss-Markov process over the way by which the robot bends. A
-    measurement is compared with the setpoint in effect when it was taken, so that delays of camera
-    and servos are not mistaken for bending. The tip's error that the filter leaves is added to the
-    predicted tip.
+    There, J of the commanded angles leads a feedback law away from its target. Each degree of
+    freedom is bent by a Gauss-Markov process of second order, with its rate as a state: the
+    stationary one with the covariance s^2 (1 + l t) exp(-l t) at an interval t (Matern 3/2). So
+    what the markers do not tell stays within s. A measurement is compared with the setpoint in
+    effect when it was taken, so that delays of camera and servos are not mistaken for bending. The
+    tip's error that the filter leaves is added to the predicted tip.
 
-    Its constants were chosen on five random robots and ``three-spatial``: half or twice as much of
-    each changes the error by a tenth or less, but without ``_SWING_S``, motors and robot swing
-    against each other at 20 Hz.
+    The constants were chosen on ``three-spatial`` and four random robots at 1 and 20 Hz: l from
+    0.15 to 0.3, and half or twice as much of the others, change the error by a tenth, but without
+    ``_SWING_S``, motors and robot swing against each other at 20 Hz.
     """
 
     _DEVIATION_RAD = 0.3
-    _WAY_RAD = 10.0
-    """Root mean square of all angles over which the process keeps 1 / e."""
+    """s."""
+    _PER_S = 0.2
+    """l."""
     _NOISE = 0.01
     """Deviation of a measured coordinate, over the robot's length: what a rigid chain of constant
     curvature leaves, more than a camera's noise."""
@@ -83,57 +86,67 @@ class BendingFilter:
     def __init__(self, model: ConstantCurvature) -> None:
         self._model = model
         self._noise_mm = self._NOISE * sum(model.lengths_mm)
-        self._prior = self._DEVIATION_RAD**2 * np.eye(len(model.segment_of_freedom))
         self._motors_of = np.linalg.pinv(model.bending_rad(np.eye(model.motors)))
-        self._history: SetpointHistory | None = None
-        self._bending_rad = np.zeros(len(self._prior))
+        self._freedoms = len(model.segment_of_freedom)
+        deviations = self._DEVIATION_RAD * np.array([1.0, self._PER_S])
+        self._prior = np.diag(np.repeat(deviations**2, self._freedoms))
         self._covariance = self._prior
+        self._state = np.zeros(2 * self._freedoms)
         self._left_mm = np.zeros(3)
-        self._given_s = self._seen_s = -math.inf
+        self._seen_s = -_LONG_AGO_S
+        self._given_s = 0.0
+        self._history: SetpointHistory | None = None
 
     def pose(self, observation: Observation, commanded_rad: Array) -> Pose:
         """Update the filter, if there is a measurement, and predict the tip."""
         now_s = observation.time_us / _US_PER_S
         if self._history is None:
             self._history = SetpointHistory(commanded_rad)
-            self._compared_rad = commanded_rad
+            period_s = 0.0
         else:
             self._history.command(self._given_s, commanded_rad, 0.0)
+            period_s = now_s - self._given_s
         self._given_s = now_s
         exposed_s = now_s - observation.tip_age_us / _US_PER_S
         if observation.tip_mm is not None and exposed_s > self._seen_s:
             setpoint_rad = self._history.at(exposed_s - COMMAND_DELAY_S)
             seen_mm = np.array([observation.middle_mm, observation.tip_mm])
-            share = 1.0 / (1.0 + self._SWING_S / (exposed_s - self._seen_s))
-            self._update(setpoint_rad, seen_mm, share)
+            self._update(setpoint_rad, seen_mm, exposed_s - self._seen_s)
             self._seen_s = exposed_s
-        tip_mm = self._ends(commanded_rad)[0][-1] + self._left_mm
-        return Pose(tip_mm, self._bending_rad @ self._motors_of)
+        expected = self._transition(now_s + period_s - self._seen_s) @ self._state
+        bending_rad = expected[: self._freedoms]
+        tip_mm = self._ends(commanded_rad, bending_rad)[0][-1] + self._left_mm
+        return Pose(tip_mm, bending_rad @ self._motors_of)
 
-    def _update(self, setpoint_rad: Array, seen_mm: Array, share: float) -> None:
-        moved_rad = self._model.bending_rad(setpoint_rad - self._compared_rad)
-        self._compared_rad = setpoint_rad
-        kept = math.exp(-math.sqrt(np.mean(moved_rad**2)) / self._WAY_RAD)
-        predicted_rad = kept * self._bending_rad
-        covariance = kept**2 * self._covariance + (1.0 - kept**2) * self._prior
-        variance_mm2 = self._noise_mm**2 / share
+    def _update(self, setpoint_rad: Array, seen_mm: Array, elapsed_s: float) -> None:
+        transition = self._transition(elapsed_s)
+        expected = state = transition @ self._state
+        covariance = self._prior + transition @ (self._covariance - self._prior) @ transition.T
+        share = elapsed_s / (elapsed_s + self._SWING_S)
         is_seen = np.isfinite(seen_mm).all(axis=1)
-        self._bending_rad = predicted_rad
         for _ in range(self._ITERATIONS):
-            ends_mm, slopes = self._ends(setpoint_rad)
-            slope = slopes[is_seen].reshape(-1, len(predicted_rad))
+            ends_mm, slopes = self._ends(setpoint_rad, state[: self._freedoms])
+            slope = slopes[is_seen].reshape(-1, self._freedoms)
+            slope = np.hstack([slope, np.zeros_like(slope)])
             off_mm = np.array([believable(off) for off in (seen_mm - ends_mm)[is_seen]]).ravel()
-            innovation_mm = off_mm - slope @ (predicted_rad - self._bending_rad)
-            spread_mm2 = slope @ covariance @ slope.T + variance_mm2 * np.eye(len(slope))
+            spread_mm2 = slope @ covariance @ slope.T
+            spread_mm2 += self._noise_mm**2 / share * np.eye(len(slope))
             gain = np.linalg.solve(spread_mm2, slope @ covariance).T
-            self._bending_rad = predicted_rad + gain @ innovation_mm
-        self._covariance = covariance - gain @ slope @ covariance
-        left_mm = seen_mm[-1] - self._ends(setpoint_rad)[0][-1]
+            state = expected + gain @ (off_mm - slope @ (expected - state))
+        self._state, self._covariance = state, covariance - gain @ slope @ covariance
+        left_mm = seen_mm[-1] - self._ends(setpoint_rad, state[: self._freedoms])[0][-1]
         self._left_mm = self._left_mm + share * believable(left_mm - self._left_mm)
 
-    def _ends(self, q_rad: Array) -> tuple[Array, Array]:
+    def _transition(self, elapsed_s: float) -> Array:
+        """Of the bending and its rate, (2 D, 2 D)."""
+        share = self._PER_S * elapsed_s
+        change = np.array([[1.0 + share, elapsed_s], [-self._PER_S * share, 1.0 - share]])
+        both = np.kron(math.exp(-share) * change, np.eye(self._freedoms))
+        return np.asarray(both, dtype=np.float64)
+
+    def _ends(self, q_rad: Array, beyond_rad: Array) -> tuple[Array, Array]:
         """M2 and the tip, mm, (2, 3), and their slopes by the bending, mm/rad, (2, 3, D)."""
-        bending_rad = self._model.bending_rad(q_rad) + self._bending_rad
+        bending_rad = self._model.bending_rad(q_rad) + beyond_rad
         places_mm, slopes = self._model.markers_mm(bending_rad[None])
         return places_mm[0, [0, -1]], slopes[0, [0, -1]]
 

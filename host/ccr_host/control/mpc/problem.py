@@ -45,8 +45,8 @@ _STIFFNESS = 0.2
 """Square root of R / Q for other robots, in shares of the tip's motion by a radian: where the tip
 moves less than this, motors follow the path rather than the tip."""
 _RETURN = 0.2
-"""Share of the way back to the path's configurations in one increment. With 0.1 to 0.4 above, and
-with 0.2 to 0.5 here, ``three-spatial`` is followed as well at 10, 20 and 40 Hz, to 0.02 mm."""
+"""Share of the way back to the path's configurations in one increment. 0.1 to 0.4 above, and 0.2 to
+0.5 here, make 0.02 mm on ``three-spatial`` at 10, 20 and 40 Hz (with an earlier filter)."""
 
 
 class Weights(NamedTuple):
