@@ -67,8 +67,8 @@ class BendingFilter:
     tip's error that the filter leaves is added to the predicted tip.
 
     The constants were chosen on ``three-spatial`` and four random robots at 1 and 20 Hz: l from
-    0.15 to 0.3, and half or twice as much of the others, change the error by a tenth, but without
-    ``_SWING_S``, motors and robot swing against each other at 20 Hz.
+    0.15 to 0.3 and half or twice s or the noise, of which only the ratio counts, change the error
+    by up to a sixth, ``_SWING_S`` by a third (robot 7 at 20 Hz).
     """
 
     _DEVIATION_RAD = 0.3
@@ -81,7 +81,6 @@ class BendingFilter:
     _SWING_S = 0.1
     """Time for which the structure swings: what is seen T after the previous measurement counts by
     T / (T + this)."""
-    _ITERATIONS = 3
 
     def __init__(self, model: ConstantCurvature) -> None:
         self._model = model
@@ -92,7 +91,7 @@ class BendingFilter:
         self._prior = np.diag(np.repeat(deviations**2, self._freedoms))
         self._covariance = self._prior
         self._state = np.zeros(2 * self._freedoms)
-        self._left_mm = np.zeros(3)
+        self._residual_mm = np.zeros(3)
         self._seen_s = -_LONG_AGO_S
         self._given_s = 0.0
         self._history: SetpointHistory | None = None
@@ -115,27 +114,27 @@ class BendingFilter:
             self._seen_s = exposed_s
         expected = self._transition(now_s + period_s - self._seen_s) @ self._state
         bending_rad = expected[: self._freedoms]
-        tip_mm = self._ends(commanded_rad, bending_rad)[0][-1] + self._left_mm
+        tip_mm = self._ends(commanded_rad, bending_rad)[0][-1] + self._residual_mm
         return Pose(tip_mm, bending_rad @ self._motors_of)
 
     def _update(self, setpoint_rad: Array, seen_mm: Array, elapsed_s: float) -> None:
         transition = self._transition(elapsed_s)
-        expected = state = transition @ self._state
+        state = transition @ self._state
         covariance = self._prior + transition @ (self._covariance - self._prior) @ transition.T
         share = elapsed_s / (elapsed_s + self._SWING_S)
         is_seen = np.isfinite(seen_mm).all(axis=1)
-        for _ in range(self._ITERATIONS):
-            ends_mm, slopes = self._ends(setpoint_rad, state[: self._freedoms])
-            slope = slopes[is_seen].reshape(-1, self._freedoms)
-            slope = np.hstack([slope, np.zeros_like(slope)])
-            off_mm = np.array([believable(off) for off in (seen_mm - ends_mm)[is_seen]]).ravel()
-            spread_mm2 = slope @ covariance @ slope.T
-            spread_mm2 += self._noise_mm**2 / share * np.eye(len(slope))
-            gain = np.linalg.solve(spread_mm2, slope @ covariance).T
-            state = expected + gain @ (off_mm - slope @ (expected - state))
-        self._state, self._covariance = state, covariance - gain @ slope @ covariance
-        left_mm = seen_mm[-1] - self._ends(setpoint_rad, state[: self._freedoms])[0][-1]
-        self._left_mm = self._left_mm + share * believable(left_mm - self._left_mm)
+        ends_mm, slopes = self._ends(setpoint_rad, state[: self._freedoms])
+        slope = slopes[is_seen].reshape(-1, self._freedoms)
+        slope = np.hstack([slope, np.zeros_like(slope)])
+        innovation_mm = np.ravel([believable(off) for off in (seen_mm - ends_mm)[is_seen]])
+        spread_mm2 = slope @ covariance @ slope.T
+        spread_mm2 += self._noise_mm**2 / share * np.eye(len(slope))
+        gain = np.linalg.solve(spread_mm2, slope @ covariance).T
+        self._state = state + gain @ innovation_mm
+        self._covariance = covariance - gain @ slope @ covariance
+        tip_mm = self._ends(setpoint_rad, self._state[: self._freedoms])[0][-1]
+        residual_mm = seen_mm[-1] - tip_mm
+        self._residual_mm += share * believable(residual_mm - self._residual_mm)
 
     def _transition(self, elapsed_s: float) -> Array:
         """Of the bending and its rate, (2 D, 2 D)."""

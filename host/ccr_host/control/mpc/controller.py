@@ -72,10 +72,10 @@ class ModelPredictive:
             return self._hold("the path is over")
         commanded_rad = self._limits.clip(observation.q_rad)
         outcome = Outcome.COASTED if tip_mm is None else Outcome.SOLVED
-        pose = self._estimate.pose(observation, commanded_rad)
         steps = min(self._live_steps, self._steps - observation.step)
         # A wild measurement costs infinitely much, which is no solution.
         with np.errstate(over="ignore", invalid="ignore"):
+            pose = self._estimate.pose(observation, commanded_rad)
             status, iterations, plan = self._planner.plan(
                 observation.step, steps, commanded_rad, *pose
             )

@@ -46,7 +46,7 @@ _STIFFNESS = 0.2
 moves less than this, motors follow the path rather than the tip."""
 _RETURN = 0.2
 """Share of the way back to the path's configurations in one increment. 0.1 to 0.4 above, and 0.2 to
-0.5 here, make 0.02 mm on ``three-spatial`` at 10, 20 and 40 Hz (with an earlier filter)."""
+0.5 here, make 0.03 mm on ``three-spatial`` at 10, 20 and 40 Hz (with an earlier filter)."""
 
 
 class Weights(NamedTuple):
