@@ -24,6 +24,14 @@ _SMALL_GAP_MM = 1.0
 _SAME_POINT_MM = 1e-6
 
 
+def is_closed(points_mm: Array) -> bool:
+    """Whether the end of a path, (N, 2 or 3), is as close to its start as its points are."""
+    steps_mm = np.linalg.norm(np.diff(points_mm, axis=0), axis=1)
+    gap_mm = float(np.linalg.norm(points_mm[-1] - points_mm[0]))
+    # With a margin for rounding: where a path is symmetric, the gap is as long as its steps.
+    return gap_mm <= max(1.000001 * float(steps_mm.max()), _SMALL_GAP_MM)
+
+
 @dataclass(frozen=True)
 class Reference:
     """A desired path, one sample per control period.
@@ -62,10 +70,8 @@ class Reference:
         """
         if laps == 1:
             return self
-        steps_mm = np.linalg.norm(np.diff(self.target_mm, axis=0), axis=1)
         gap_mm = float(np.linalg.norm(self.target_mm[-1] - self.target_mm[0]))
-        # With a margin for rounding: where a path is symmetric, the gap is as long as its steps.
-        if gap_mm > max(1.000001 * float(steps_mm.max()), _SMALL_GAP_MM):
+        if not is_closed(self.target_mm):
             raise ConfigError(
                 f"path {self.name} ends {gap_mm:.1f} mm from its start: {laps} laps are impossible",
                 "close the path, or omit --laps",

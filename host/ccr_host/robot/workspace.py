@@ -1,16 +1,17 @@
 """What a robot can reach, and the configuration nearest to any point.
 
 A path is given in two lateral coordinates, f[0] and f[2] of (10), or in all three. Many
-configurations may be equally near; among these the effort decides: half the energy of bending, half
-the motor angles in shares of their ranges, which keep away from the limits. (These alone favour
-some directions of a segment with three motors: neighbours may then have distant configurations.)
-It is found by following the nearest configuration from the straightest pose while its target moves
-in a straight line to the middle of the cell in which the point lies, once for all points of a cell,
-and then to the point: a minimum, not always the least one. It is a function of the point alone, so
-a closed path is closed in motor angles too, however finely it is sampled. Of robots of several
-segments in space it may jump between neighbouring points from one minimum to another. A path that
-meets such a jump follows each of its minima to both ends, and changes between them where they are
-close.
+configurations may be equally near; among these the effort of `projection` decides. The nearest one
+is found by following it from the straightest pose while its target moves in a straight line to the
+middle of the cell in which the point lies, once for all points of a cell, and then to the point: a
+minimum, not always the least one. It is a function of the point alone, so a closed path is closed
+in motor angles too, however finely it is sampled. It may jump between neighbouring points from one
+minimum to another.
+
+Robots with more degrees of freedom than a path has coordinates follow the path by those
+configurations that take least effort together with their changes, as fast changes that keep the tip
+where it is would disturb it. Of others, a path that meets a jump follows each of its minima to both
+ends, and changes between them where they are close.
 
 Of the paper's robot it is the sheet of the workspace around the straight pose, up to its folds: a
 segment bent beyond its fold rolls up further and reaches less far to the side.
@@ -28,6 +29,8 @@ from numpy.typing import ArrayLike
 from ccr_host.core.arrays import Array, IntArray
 from ccr_host.description.schema import Servo
 from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.projection import EFFORTS, Projection
+from ccr_host.robot.reference import is_closed
 
 LATERAL = [0, 2]
 """The coordinates of f that a path gives."""
@@ -39,18 +42,6 @@ _CELL = 1 / 32
 """Size of a cell over the robot's length: half a stage of a target one length away. A path of 1600
 points passes some hundred cells."""
 _LAST_STEPS, _LAST_RAD = 100, 1e-12
-_LONGEST_STEP_RAD = 0.3
-_HALVINGS = 30
-_EFFORTS = (1e-4, 1e-7, 1e-10, 1e-14)
-"""Weights of the effort over the square of the robot's length. The last one decides between
-configurations that are equally near, and moves none by as much as rounding does. Alone it would
-have Newton's steps crawl along them, for they lie on a curve; the first ones take long steps."""
-_SHARE_OF_MOTORS = 0.5
-"""Share of the motor angles in the effort; the rest is energy. On a helix of `three-spatial` at
-2 Hz no motor then moves by more than 0.06 rad a sample; by 0.68 with the motor angles alone."""
-_LEAST_CURVATURE = 1e-3
-"""Of the cost over the effort's weight; keeps Newton's steps finite."""
-_ROUNDING = 1e-15
 _FARTHEST = 1e4
 """Targets are brought to this many lengths; nearest configurations are no longer different."""
 _ROWS = 4096
@@ -59,15 +50,16 @@ _RIM_STEPS, _RIM_RAD = 12, 1e-8
 _JUMP_RAD = 0.2
 """Bending by which a point's configuration differs from its neighbour's, and from what continues
 that."""
-_LESS, _FARTHER = 0.7, 1e-5
-"""The longest step that is left by following branches, over that before, and the distance over the
-robot's length by which points may be missed; else there is a fold."""
+_FARTHER = 1e-5
+"""Distance over the robot's length by which points may be missed for the sake of even changes."""
 _FOLLOWED, _FOLLOWING_STEPS, _FOLLOWING_RAD = 1e-8, 8, 1e-5
 """Weight over the square of the robot's length by which a configuration stays near the last one."""
+_APPROACHED = 1e-4, 1e-6
+"""Likewise, one after the other, where the last one is some hundredths of a millimetre away."""
 _RETURN_LENGTHS = 0.2
 """Way of the tip, in lengths of the robot, over which configurations return to the least effort."""
 _LONGEST_PART = 0.01
-"""Way of the tip, likewise, between points that are followed."""
+"""Way of the tip, likewise, between the knots of a path."""
 _MOST_BRANCHES = 8
 _STEP_PRICE_MM2_RAD2 = 1.0
 """A jump of a radian between two followed points costs as much as a millimetre at one of them."""
@@ -137,14 +129,11 @@ class Workspace:
         self.model = model
         self.limits = limits
         self.length_mm: float = sum(model.lengths_mm)
-        self._length_mm = self.length_mm + model.marker_offset_mm
-        self._middle_rad = 0.5 * (limits.lower_rad + limits.upper_rad)
         self._straightest_rad = limits.clip(np.zeros(model.motors))
-        shares = np.diag((0.5 * np.maximum(limits.upper_rad - limits.lower_rad, 1e-12)) ** -2.0)
-        energy = model.energy * (np.trace(shares) / np.trace(model.energy))
-        self.effort: Array = (1.0 - _SHARE_OF_MOTORS) * energy + _SHARE_OF_MOTORS * shares
-        """Twice the effort over the squares of the motor angles from the middle, (n, n)."""
-        self._least = _LEAST_CURVATURE * float(np.linalg.eigvalsh(self.effort)[0])
+        self._projection = Projection(model, limits.lower_rad, limits.upper_rad)
+        self._length_mm = self._projection.length_mm
+        self._middle_rad = self._projection.middle_rad
+        self.effort = self._projection.effort
 
     def nearest(self, points_mm: ArrayLike) -> Nearest:
         """Project points onto the workspace.
@@ -170,36 +159,49 @@ class Workspace:
         return Nearest(q_rad, tip_mm, miss)
 
     def along(self, points_mm: ArrayLike) -> Nearest:
-        """Project the points of a path; configurations do not jump if any that reach it do not.
+        """Project the points of a path; configurations change evenly along it, see the module.
 
         Args:
             points_mm: see ``nearest``; two or more, in the order of the path.
         """
         found, points = self.nearest(points_mm), np.asarray(points_mm, dtype=np.float64)
         axes = axes_of(points)
-        if not len(self._jumps(found.q_rad, points, axes)):
+        has_choice = len(self.model.segment_of_freedom) > len(axes)
+        if not has_choice and not len(self._jumps(found.q_rad, points, axes)):
             return found
-        way_mm = np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum()
+        again = slice(0, int(has_choice and is_closed(points)))
+        way_mm = np.linalg.norm(np.diff(points, axis=0, append=points[again]), axis=1).cumsum()
         way_mm = np.insert(way_mm, 0, 0.0)
-        parts = math.ceil(way_mm[-1] / (_LONGEST_PART * self._length_mm))
-        knots_mm = np.linspace(0.0, way_mm[-1], min(parts, _ROWS) + 1)
-        line = np.stack([np.interp(knots_mm, way_mm, column) for column in points.T], axis=1)
-        branches = self._branches(line, axes)
-        tip_mm = self.model.tip_mm(branches)
-        miss_mm = np.linalg.norm(tip_mm[..., axes] - line[:, None], axis=-1)
-        from_middle = branches - self._middle_rad
-        effort = _EFFORTS[0] * ((from_middle @ self.effort) * from_middle).sum(axis=-1)
-        bending = self.model.bending_rad(branches)
-        chosen = cheapest(bending, miss_mm**2 + effort, _STEP_PRICE_MM2_RAD2)
-        at_knots = branches[np.arange(len(line)), chosen].T
-        between = np.stack([np.interp(way_mm, knots_mm, q) for q in at_knots], axis=1)
-        q = self._continued(between, points, points, axes)
+        parts = math.ceil(min(way_mm[-1] / (_LONGEST_PART * self._length_mm), _ROWS))
+        knots_mm = np.linspace(0.0, way_mm[-1], parts + 1)
+        line = _between(knots_mm, way_mm, np.concatenate([points, points[again]]))
+        if not has_choice:
+            at_knots = self._chosen_branch(line, axes)
+        elif parts > 1:
+            at_knots = _between(knots_mm, way_mm, np.concatenate([found.q_rad, found.q_rad[again]]))
+            at_knots = self._projection.evened(at_knots, line, axes, is_closed=again.stop > 0)
+        else:
+            return found
+        q = _between(way_mm[: len(points)], knots_mm, at_knots)
+        for weight in (*_APPROACHED, _FOLLOWED):
+            q = self._continued(q, points, points, axes, weight)
         tip_mm = self.model.tip_mm(q)
         miss_mm = np.linalg.norm(tip_mm[:, axes] - points, axis=1)
         is_farther = (miss_mm - found.distance_mm).max() > _FARTHER * self._length_mm
-        if is_farther or self._bends_rad(q).max() > _LESS * self._bends_rad(found.q_rad).max():
+        if is_farther or self._bends_rad(q).max() > self._bends_rad(found.q_rad).max():
             return found
         return Nearest(q, tip_mm, miss_mm)
+
+    def _chosen_branch(self, line_mm: Array, axes: list[int]) -> Array:
+        """The cheapest configurations along a line of those on its branches, (N, n)."""
+        branches = self._branches(line_mm, axes)
+        miss_mm = np.linalg.norm(self.model.tip_mm(branches)[..., axes] - line_mm[:, None], axis=-1)
+        from_middle = branches - self._middle_rad
+        effort = EFFORTS[0] * ((from_middle @ self.effort) * from_middle).sum(axis=-1)
+        bending = self.model.bending_rad(branches)
+        chosen = cheapest(bending, miss_mm**2 + effort, _STEP_PRICE_MM2_RAD2)
+        best: Array = branches[np.arange(len(line_mm)), chosen]
+        return best
 
     def _branches(self, line_mm: Array, axes: list[int]) -> Array:
         """The nearest configurations between two jumps, followed to both ends, (N, K, n)."""
@@ -229,13 +231,20 @@ class Workspace:
         bends: Array = np.abs(self.model.bending_rad(np.diff(q_rad, axis=0))).max(axis=1)
         return bends
 
-    def _continued(self, q_rad: Array, from_mm: Array, to_mm: Array, axes: list[int]) -> Array:
+    def _continued(
+        self,
+        q_rad: Array,
+        from_mm: Array,
+        to_mm: Array,
+        axes: list[int],
+        weight: float = _FOLLOWED,
+    ) -> Array:
         """Configurations of points that are near those of other points, (N, n)."""
         way_mm = np.linalg.norm(to_mm - from_mm, axis=1, keepdims=True)
         share = np.minimum(1.0, way_mm / (_RETURN_LENGTHS * self._length_mm))
         middle_rad = q_rad + share * (self._middle_rad - q_rad)
         steps, until_rad = _FOLLOWING_STEPS, _FOLLOWING_RAD
-        return self._descended(q_rad, to_mm, axes, _FOLLOWED, steps, until_rad, middle_rad)
+        return self._projection.descended(q_rad, to_mm, axes, weight, steps, until_rad, middle_rad)
 
     def boundary_mm(self, points: int = 240) -> Array:
         """The edge of what is reached laterally as a closed line, (points + 1, 3)."""
@@ -247,7 +256,9 @@ class Workspace:
         while np.any(walking := stride_mm > _OUTSIDE * self._length_mm):
             rows = np.flatnonzero(walking)
             target_mm = start_mm + (reached_mm + stride_mm)[rows, None] * away[rows]
-            there = self._descended(q[rows], target_mm, LATERAL, _EFFORTS[-1], _RIM_STEPS, _RIM_RAD)
+            there = self._projection.descended(
+                q[rows], target_mm, LATERAL, EFFORTS[-1], _RIM_STEPS, _RIM_RAD
+            )
             miss_mm = np.linalg.norm(self.model.tip_mm(there)[:, LATERAL] - target_mm, axis=1)
             is_reached = miss_mm <= _OUTSIDE * self._length_mm
             q[rows[is_reached]] = there[is_reached]
@@ -267,80 +278,14 @@ class Workspace:
         q = np.repeat(self._straightest_rad[None], len(cells), axis=0)
         for stage in range(1, _STAGES):
             target_mm = start_mm + stage / _STAGES * cell_mm * cells
-            q = self._descended(q, target_mm, axes, _EFFORTS[0], _STAGE_STEPS, _STAGE_RAD)
+            q = self._projection.descended(q, target_mm, axes, EFFORTS[0], _STAGE_STEPS, _STAGE_RAD)
         q = q[cell_of]
-        for effort in _EFFORTS:
-            until_rad = _LAST_RAD if effort == _EFFORTS[-1] else _STAGE_RAD * effort
-            q = self._descended(q, start_mm + away_mm, axes, effort, _LAST_STEPS, until_rad)
+        for effort in EFFORTS:
+            until_rad = _LAST_RAD if effort == EFFORTS[-1] else _STAGE_RAD * effort
+            q = self._projection.descended(
+                q, start_mm + away_mm, axes, effort, _LAST_STEPS, until_rad
+            )
         return q
-
-    def _descended(
-        self,
-        q_rad: Array,
-        target_mm: Array,
-        axes: list[int],
-        weight: float,
-        steps: int,
-        until_rad: float,
-        middle_rad: Array | None = None,
-    ) -> Array:
-        """Newton's steps within the limits, from each row to the minimum in whose valley it is.
-
-        Efforts count from the middle of the limits, or from ``middle_rad``, (N, n).
-        """
-        lower, upper = self.limits.lower_rad, self.limits.upper_rad
-        weight *= self._length_mm**2
-        effort = weight * self.effort
-        middles = (
-            np.broadcast_to(self._middle_rad, q_rad.shape) if middle_rad is None else middle_rad
-        )
-        q = q_rad.copy()
-        moving = np.arange(len(q))
-        for _ in range(steps):
-            if not len(moving):
-                break
-            here, target, middle = q[moving], target_mm[moving], middles[moving]
-            tip, by_motors, by_two = self.model.second_order(here)
-            miss, jacobian = (tip[:, axes] - target)[:, :, None], by_motors[:, axes]
-            gradient = (np.swapaxes(jacobian, 1, 2) @ miss)[:, :, 0]
-            gradient += (here - middle) @ effort
-            curvature = np.swapaxes(jacobian, 1, 2) @ jacobian + effort
-            curvature += np.einsum("nk,nkij->nij", miss[:, :, 0], by_two[:, axes])
-            at_limit = ((here <= lower) & (gradient > 0.0)) | ((here >= upper) & (gradient < 0.0))
-            free = ~at_limit
-            curvature *= free[:, :, None] & free[:, None, :]
-            step = _newton(curvature, gradient * free, weight * self._least)
-            before = _cost(here - middle, miss[:, :, 0], effort)
-            there = self._downhill(here, before, step, target, axes, effort, middle)
-            q[moving] = there
-            moving = moving[np.abs(there - here).max(axis=1) > until_rad]
-        return q
-
-    def _downhill(
-        self,
-        here: Array,
-        before: Array,
-        step: Array,
-        target_mm: Array,
-        axes: list[int],
-        effort: Array,
-        middle: Array,
-    ) -> Array:
-        """Poses along the steps, within the limits, that cost no more; else the same poses."""
-        there = self.limits.clip(here + step)
-        miss_mm = self.model.tip_mm(there)[:, axes] - target_mm
-        higher = _cost(there - middle, miss_mm, effort) > before * (1.0 + _ROUNDING)
-        share = np.ones(len(here))
-        for _ in range(_HALVINGS):
-            rows = np.flatnonzero(higher)
-            if not len(rows):
-                break
-            share[rows] *= 0.5
-            there[rows] = self.limits.clip(here[rows] + share[rows, None] * step[rows])
-            miss_mm = self.model.tip_mm(there[rows])[:, axes] - target_mm[rows]
-            cost = _cost(there[rows] - middle[rows], miss_mm, effort)
-            higher[rows] = cost > before[rows] * (1.0 + _ROUNDING)
-        return np.where(higher[:, None], here, there)
 
 
 def cheapest(bending_rad: Array, cost: Array, price: float) -> Array:
@@ -367,17 +312,6 @@ def cheapest(bending_rad: Array, cost: Array, price: float) -> Array:
     return np.array(chosen[::-1])
 
 
-def _cost(from_middle: Array, miss_mm: Array, effort: Array) -> Array:
-    twice = (miss_mm**2).sum(axis=1) + ((from_middle @ effort) * from_middle).sum(axis=1)
-    cost: Array = 0.5 * twice
-    return cost
-
-
-def _newton(curvature: Array, gradient: Array, least: float) -> Array:
-    """Steps downhill, (N, n), with curvature, (N, n, n), taken to be ``least`` or more."""
-    values, vectors = np.linalg.eigh(curvature)
-    along = np.swapaxes(vectors, 1, 2) @ gradient[:, :, None]
-    step = -(vectors @ (along / np.maximum(np.abs(values), least)[:, :, None]))[:, :, 0]
-    longest = np.abs(step).max(axis=1, keepdims=True)
-    shortened: Array = step * np.minimum(1.0, _LONGEST_STEP_RAD / np.maximum(longest, 1e-300))
-    return shortened
+def _between(at: Array, knots: Array, rows: Array) -> Array:
+    """Rows, (N, n), between those at knots."""
+    return np.stack([np.interp(at, knots, column) for column in rows.T], axis=1)
