@@ -169,17 +169,18 @@ class Workspace:
         has_choice = len(self.model.segment_of_freedom) > len(axes)
         if not has_choice and not len(self._jumps(found.q_rad, points, axes)):
             return found
-        again = slice(0, int(has_choice and is_closed(points)))
-        way_mm = np.linalg.norm(np.diff(points, axis=0, append=points[again]), axis=1).cumsum()
+        is_loop = has_choice and is_closed(points)
+        rows = np.append(np.arange(len(points)), np.zeros(int(is_loop), dtype=int))
+        way_mm = np.linalg.norm(np.diff(points[rows], axis=0), axis=1).cumsum()
         way_mm = np.insert(way_mm, 0, 0.0)
         parts = math.ceil(min(way_mm[-1] / (_LONGEST_PART * self._length_mm), _ROWS))
         knots_mm = np.linspace(0.0, way_mm[-1], parts + 1)
-        line = _between(knots_mm, way_mm, np.concatenate([points, points[again]]))
+        line = _between(knots_mm, way_mm, points[rows])
         if not has_choice:
             at_knots = self._chosen_branch(line, axes)
         elif parts > 1:
-            at_knots = _between(knots_mm, way_mm, np.concatenate([found.q_rad, found.q_rad[again]]))
-            at_knots = self._projection.evened(at_knots, line, axes, is_closed=again.stop > 0)
+            at_knots = _between(knots_mm, way_mm, found.q_rad[rows])
+            at_knots = self._projection.evened(at_knots, line, axes, is_closed=is_loop)
         else:
             return found
         q = _between(way_mm[: len(points)], knots_mm, at_knots)

@@ -177,7 +177,7 @@ def test_neighbouring_points_have_neighbouring_configurations_however_many_motor
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 20.0])
-@pytest.mark.parametrize("number", [25, 49, 57])
+@pytest.mark.parametrize("number", [25, 35, 49, 57])
 def test_a_path_that_a_smooth_motion_makes_has_no_jumps_in_its_configurations(number, rate_hz):
     rng = np.random.default_rng(number)
     robot = built(rng, 1 + number % 4)
@@ -197,7 +197,52 @@ def test_a_path_that_a_smooth_motion_makes_has_no_jumps_in_its_configurations(nu
     assert np.all(np.abs(followed.q_rad) <= workspace.limits.upper_rad)
 
 
-def test_a_path_without_jumps_has_the_configurations_of_its_points():
-    for workspace, q in random_workspaces(4, (2, 3)):
+def test_without_a_choice_a_path_that_meets_no_jump_has_the_configurations_of_its_points():
+    for workspace, q in random_workspaces(8, (1, 2)):
         points = workspace.model.tip_mm(np.linspace(0.2 * q[0], 0.2 * q[1], 30))
-        assert np.array_equal(workspace.along(points).q_rad, workspace.nearest(points).q_rad)
+        if len(workspace.model.segment_of_freedom) <= 3:
+            assert np.array_equal(workspace.along(points).q_rad, workspace.nearest(points).q_rad)
+
+
+def with_a_choice(count: int):
+    """Workspaces of robots with more degrees of freedom than coordinates, and a closed path."""
+    phase = np.linspace(0.0, 2.0 * np.pi, 61)[:, None]
+    for workspace, q in random_workspaces(count, (2, 3, 4)):
+        if len(workspace.model.segment_of_freedom) > 3:
+            swings = q[0] * np.cos(phase) + q[1] * np.sin(2.0 * phase)
+            yield workspace, workspace.model.tip_mm(0.7 * swings)
+
+
+@pytest.mark.long
+def test_with_a_choice_configurations_change_less_along_a_path_and_keep_the_tip_on_it():
+    for workspace, points in with_a_choice(6):
+        alone, along = workspace.nearest(points), workspace.along(points)
+        assert along.distance_mm.max() < 1e-5 * workspace.length_mm
+        assert np.array_equal(workspace.limits.clip(along.q_rad), along.q_rad)
+        before, after = (np.diff(found.q_rad, axis=0) for found in (alone, along))
+        changes = [((step @ workspace.effort) * step).sum() for step in (before, after)]
+        assert changes[1] <= changes[0] * (1.0 + 1e-6)
+
+
+@pytest.mark.long
+def test_with_a_choice_a_closed_path_is_closed_in_motor_angles_even_if_its_start_is_not_repeated():
+    for workspace, points in with_a_choice(6):
+        whole, open_ended = workspace.along(points).q_rad, workspace.along(points[:-1]).q_rad
+        assert whole[-1] == pytest.approx(whole[0], abs=1e-9)
+        assert open_ended == pytest.approx(whole[:-1], abs=1e-6)
+
+
+@pytest.mark.long
+def test_with_a_choice_even_changes_are_found_at_the_limits_of_motors_too():
+    for workspace, points in with_a_choice(3):
+        most_rad = 0.9 * np.abs(workspace.nearest(points).q_rad).max(axis=0)
+        narrow = Workspace(workspace.model, MotorLimits(-most_rad, most_rad))
+        found, along = narrow.nearest(points), narrow.along(points)
+        assert np.array_equal(narrow.limits.clip(along.q_rad), along.q_rad)
+        assert np.all(along.distance_mm < found.distance_mm + 1e-5 * workspace.length_mm)
+
+
+def test_with_a_choice_a_path_that_stands_still_has_the_configuration_of_its_point():
+    workspace, points = next(with_a_choice(3))
+    still = np.repeat(points[:1], 5, axis=0)
+    assert np.array_equal(workspace.along(still).q_rad, workspace.nearest(still).q_rad)
