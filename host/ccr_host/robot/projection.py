@@ -8,6 +8,8 @@ neighbours may then have distant configurations.)
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
 
 from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -27,7 +29,7 @@ _ROUNDING = 1e-15
 _EVENED_LENGTHS = 0.5
 """Way of the tip, in lengths of the robot, over which a change costs as much as where it leads."""
 _EVENED_EFFORTS, _EVENED_STEPS, _EVENED_RAD = EFFORTS[:2], 40, 1e-3
-"""Their weights, one after the other, the most steps for each, and the one that is the last."""
+"""Weights of the effort, used in turn; most steps with each; a step below which it is done."""
 _DAMPING_FALL, _DAMPING_RISE = 0.3, 5.0
 
 
@@ -38,9 +40,9 @@ class Projection:
         self._model = model
         self._lower_rad, self._upper_rad = lower_rad, upper_rad
         self.length_mm: float = sum(model.lengths_mm) + model.marker_offset_mm
-        """Of the robot with the marker at its tip."""
+        """Length of the segments and of the offset of the marker at the tip."""
         self.middle_rad: Array = 0.5 * (lower_rad + upper_rad)
-        """Of the limits, (n,)."""
+        """Motor angles midway between the limits, (n,), from which the effort counts."""
         shares = np.diag((0.5 * np.maximum(upper_rad - lower_rad, 1e-12)) ** -2.0)
         energy = model.energy * (np.trace(shares) / np.trace(model.energy))
         self.effort: Array = (1.0 - _SHARE_OF_MOTORS) * energy + _SHARE_OF_MOTORS * shares
@@ -98,7 +100,7 @@ class Projection:
         middle: Array,
     ) -> Array:
         """Poses along the steps, within the limits, that cost no more; else the same poses."""
-        there = self._clipped(here + step)
+        there = np.clip(here + step, self._lower_rad, self._upper_rad)
         miss_mm = self._model.tip_mm(there)[:, axes] - target_mm
         higher = _cost(there - middle, miss_mm, effort) > before * (1.0 + _ROUNDING)
         share = np.ones(len(here))
@@ -107,7 +109,8 @@ class Projection:
             if not len(rows):
                 break
             share[rows] *= 0.5
-            there[rows] = self._clipped(here[rows] + share[rows, None] * step[rows])
+            shorter = here[rows] + share[rows, None] * step[rows]
+            there[rows] = np.clip(shorter, self._lower_rad, self._upper_rad)
             miss_mm = self._model.tip_mm(there[rows])[:, axes] - target_mm[rows]
             cost = _cost(there[rows] - middle[rows], miss_mm, effort)
             higher[rows] = cost > before[rows] * (1.0 + _ROUNDING)
@@ -119,10 +122,6 @@ class Projection:
         By Levenberg and Marquardt's method. The tip stays within hundredths of a millimetre of the
         points of the line, which are equally far apart; the last one is the first if it is closed.
         """
-        # Takes 0.4 s, which the paper's robot need not wait.
-        from scipy import sparse  # noqa: PLC0415
-        from scipy.sparse.linalg import splu  # noqa: PLC0415
-
         q, line = (rows[: len(rows) - is_closed] for rows in (q_rad, line_mm))
         count, motors = q.shape
         apart_mm = np.linalg.norm(np.diff(line_mm, axis=0), axis=1).mean()
@@ -151,7 +150,8 @@ class Projection:
                 system = (free @ curvature @ free + every - free).tocsc()
                 solver = splu(system, "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
                 step = -solver.solve(free @ slope).reshape(q.shape)
-                there = self._clipped(q + np.clip(step, -_LONGEST_STEP_RAD, _LONGEST_STEP_RAD))
+                step = np.clip(step, -_LONGEST_STEP_RAD, _LONGEST_STEP_RAD)
+                there = np.clip(q + step, self._lower_rad, self._upper_rad)
                 trial = judged(there, weight)
                 if trial[0] >= cost:
                     damping *= _DAMPING_RISE
@@ -169,9 +169,6 @@ class Projection:
             (q_rad >= upper) & (gradient < 0.0)
         )
         return held
-
-    def _clipped(self, q_rad: Array) -> Array:
-        return np.minimum(np.maximum(q_rad, self._lower_rad), self._upper_rad)
 
 
 def _cost(from_middle: Array, miss_mm: Array, effort: Array) -> Array:

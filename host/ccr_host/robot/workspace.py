@@ -132,7 +132,6 @@ class Workspace:
         self._straightest_rad = limits.clip(np.zeros(model.motors))
         self._projection = Projection(model, limits.lower_rad, limits.upper_rad)
         self._length_mm = self._projection.length_mm
-        self._middle_rad = self._projection.middle_rad
         self.effort = self._projection.effort
 
     def nearest(self, points_mm: ArrayLike) -> Nearest:
@@ -197,7 +196,7 @@ class Workspace:
         """The cheapest configurations along a line of those on its branches, (N, n)."""
         branches = self._branches(line_mm, axes)
         miss_mm = np.linalg.norm(self.model.tip_mm(branches)[..., axes] - line_mm[:, None], axis=-1)
-        from_middle = branches - self._middle_rad
+        from_middle = branches - self._projection.middle_rad
         effort = EFFORTS[0] * ((from_middle @ self.effort) * from_middle).sum(axis=-1)
         bending = self.model.bending_rad(branches)
         chosen = cheapest(bending, miss_mm**2 + effort, _STEP_PRICE_MM2_RAD2)
@@ -243,7 +242,7 @@ class Workspace:
         """Configurations of points that are near those of other points, (N, n)."""
         way_mm = np.linalg.norm(to_mm - from_mm, axis=1, keepdims=True)
         share = np.minimum(1.0, way_mm / (_RETURN_LENGTHS * self._length_mm))
-        middle_rad = q_rad + share * (self._middle_rad - q_rad)
+        middle_rad = q_rad + share * (self._projection.middle_rad - q_rad)
         steps, until_rad = _FOLLOWING_STEPS, _FOLLOWING_RAD
         return self._projection.descended(q_rad, to_mm, axes, weight, steps, until_rad, middle_rad)
 

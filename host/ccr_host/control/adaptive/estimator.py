@@ -179,7 +179,7 @@ class Estimator(Generic[P, S]):
         # Rounding makes it asymmetric, which the filter equations would amplify.
         self._covariance = 0.5 * (self._covariance + self._covariance.T)
         self._state += change
-        self._state += self._back_within_bounds()
+        self._hold_at_bounds()
         corrected = self._space.bounded(self._score_of(self._state))
         self._state[: self._count] = corrected[numbers]
         self._state[self._count] = np.clip(self._state[self._count], -2.0, 2.0)
@@ -189,17 +189,17 @@ class Estimator(Generic[P, S]):
         theta = pose.theta_rad + by.theta_rad[:, :-1] @ (corrected - score)[numbers]
         return self._model.shifted(before, self.parameters, pose, theta)
 
-    def _back_within_bounds(self) -> Array:
-        """The likeliest change of the state by which scores beyond their bounds return to them.
+    def _hold_at_bounds(self) -> None:
+        """Return scores beyond their bounds to them, and give the others their likeliest values.
 
-        The others then do not count on what these cannot do.
+        Clipped alone, they would leave the others to count on what they cannot do.
         """
         score = self._score_of(self._state)
         excess = (self._space.bounded(score) - score)[self._numbers]
         beyond = np.flatnonzero(excess)
-        covariance = self._covariance[beyond]
-        known: Array = np.linalg.pinv(covariance[:, beyond]) @ excess[beyond]
-        return known @ covariance
+        if len(beyond):
+            covariance = self._covariance[beyond]
+            self._state += excess[beyond] @ np.linalg.pinv(covariance[:, beyond]) @ covariance
 
     def _score_of(self, state: Array) -> Array:
         """Of all parameters, (COUNT,)."""

@@ -73,13 +73,17 @@ def test_without_a_measurement_the_last_error_of_the_model_is_kept(make):
     assert tip_mm == pytest.approx(model.tip_mm(angles[1]) + error_mm, abs=0.1)
 
 
+def on_a_helix(rate_hz):
+    description = schema.load("two-spatial")
+    model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
+    path = load_path("helix", rate_hz, Workspace(model, limits))
+    return model, limits, path, ModelPredictive(description)
+
+
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("wild_mm", [1e3, 1e200, 1e300])
 def test_a_wild_measurement_is_soon_forgotten(wild_mm):
-    description = schema.load("two-spatial")
-    model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
-    path = load_path("helix", 1.0, Workspace(model, limits))
-    controller = ModelPredictive(description)
+    model, limits, path, controller = on_a_helix(1.0)
     q_rad = controller.start(path).q_rad
     for step in range(1, 30):
         ends_mm = model.markers_mm(model.bending_rad(q_rad)[None])[0][0]
@@ -92,10 +96,7 @@ def test_a_wild_measurement_is_soon_forgotten(wild_mm):
 
 @pytest.mark.parametrize("gain", [0.6, 1.3])
 def test_mpc_follows_at_20_hz_a_robot_that_is_late_and_bends_otherwise(gain):
-    description = schema.load("two-spatial")
-    model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
-    path = load_path("helix", 20.0, Workspace(model, limits))
-    controller = ModelPredictive(description)
+    model, _, path, controller = on_a_helix(20.0)
     q_rad = controller.start(path).q_rad
     under_way, turned_rad = deque([q_rad] * 2), q_rad
     off_mm = []
