@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccr_host.control.base import Observation
-from ccr_host.control.mpc.bending import Pose, pose_estimate
-from ccr_host.control.mpc.controller import ModelPredictive
+from ccr_host.control.mpc.controller import ModelPredictive, Pose, pose_estimate
 from ccr_host.control.mpc.problem import Weights, free_moves_rad
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature

@@ -12,13 +12,12 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-Number = Any
-"""A float, a complex number, or an array of them: the same code serves one angle and many."""
+from ccr_host.core.arrays import Number
 
 SHORTER_BY_SAG = 2.0 / 3.0
 """A chain of n hinges is shorter than its arc by L theta^2 / (12 n^2), and its sag is

@@ -18,7 +18,6 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from ccr_host.control import jit
 from ccr_host.control.adaptive import (
-    arithmetic,
     loads,
     motion,
     parameters,
@@ -34,6 +33,7 @@ from ccr_host.control.adaptive.parameters import FIELDS, Parameters
 from ccr_host.control.adaptive.path_plan import polished_of
 from ccr_host.control.adaptive.static_model import PROBE, Sensitivity
 from ccr_host.control.adaptive.tip import markers_of
+from ccr_host.core import arrays
 from ccr_host.core.arrays import Array
 from ccr_host.robot import arc
 from ccr_host.robot.arc import Arc, arc_at_one
@@ -41,7 +41,7 @@ from ccr_host.robot.rests import Rests
 
 _SOURCES: tuple[ModuleType, ...] = (
     arc,
-    arithmetic,
+    arrays,
     parameters,
     tip,
     loads,
@@ -57,11 +57,11 @@ def _arc_at(theta_rad: float) -> Callable[[float], Arc]:
 
 
 overload(arc.arc_at)(_arc_at)
-overload(arithmetic.largest)(lambda x: lambda x: x if x > 0.0 else -x)
-overload(arithmetic.anywhere)(lambda x: lambda x: x)
+overload(arrays.largest)(lambda x: lambda x: x if x > 0.0 else -x)
+overload(arrays.anywhere)(lambda x: lambda x: x)
 _to_fixed_tuple = cast(Callable[[Array, int], tuple[float, ...]], to_fixed_tuple)
 
-_BY_TYPE = arc.arc_at, arithmetic.largest, arithmetic.anywhere
+_BY_TYPE = arc.arc_at, arrays.largest, arrays.anywhere
 
 for _function in jit.functions_of(*_SOURCES):
     if _function not in _BY_TYPE:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ccr_host.control.adaptive.arithmetic import Three, Two, sign
 from ccr_host.control.adaptive.parameters import (
     MARKER_2_SHARE,
     SEGMENT_1_SHARE,
@@ -20,7 +19,8 @@ from ccr_host.control.adaptive.parameters import (
     Parameters,
     up_in_sagittal_plane,
 )
-from ccr_host.robot.arc import Number, arc_at, doubled
+from ccr_host.core.arrays import Number, Three, Two, sign
+from ccr_host.robot.arc import arc_at, doubled
 
 _VARIANCE = 0.05
 """Of u, if u - u^2 is taken for its density."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ccr_host.control.adaptive import motion, path_plan, tip
-from ccr_host.control.adaptive.arithmetic import stacked
 from ccr_host.control.adaptive.chain_space import ChainSpace
 from ccr_host.control.adaptive.chain_statics import ChainStatics
 from ccr_host.control.adaptive.motion import Pose
@@ -17,7 +16,7 @@ from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.parameters import Parameters, Scaling
 from ccr_host.control.adaptive.static_model import PROBE, Hold, PathPlan, Sensitivity, StaticModel
 from ccr_host.control.adaptive.statics import hold_of, unhindered_setpoints_for
-from ccr_host.core.arrays import Array
+from ccr_host.core.arrays import Array, stacked
 from ccr_host.core.plugins import import_optional
 from ccr_host.description.schema import Control, Description
 from ccr_host.robot.reference import Reference

@@ -12,14 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccr_host.control.adaptive.arithmetic import (
-    Six,
-    Three,
-    Two,
-    positive,
-    stacked,
-    within,
-)
 from ccr_host.control.adaptive.loads import Forces
 from ccr_host.control.adaptive.parameters import Parameters
 from ccr_host.control.adaptive.statics import (
@@ -31,8 +23,16 @@ from ccr_host.control.adaptive.statics import (
     strains_of,
 )
 from ccr_host.control.adaptive.tip import Tip, markers_of, seen_of, tip_of
-from ccr_host.core.arrays import Array
-from ccr_host.robot.arc import Number
+from ccr_host.core.arrays import (
+    Array,
+    Number,
+    Six,
+    Three,
+    Two,
+    positive,
+    stacked,
+    within,
+)
 from ccr_host.robot.rests import Rests
 
 _LONGEST_STEP_RAD = np.radians(8.0)

@@ -18,10 +18,9 @@ from ccr_host.control.adaptive.parameter_space import (
     Prior,
     Roles,
 )
-from ccr_host.core.arrays import Array
+from ccr_host.core.arrays import Array, Number
 from ccr_host.description.schema import Description, Robot
 from ccr_host.description.simulation import Tracker
-from ccr_host.robot.arc import Number
 
 SEGMENT_1_SHARE, MARKER_2_SHARE, SEGMENT_2_SHARE = 0.4, 0.25, 0.35
 """Fractions of the weight without the tip, for a printed robot like the paper's. The stiffness

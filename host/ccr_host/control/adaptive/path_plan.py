@@ -11,19 +11,19 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ccr_host.control.adaptive.arithmetic import (
+from ccr_host.control.adaptive.parameters import Parameters
+from ccr_host.control.adaptive.static_model import PathPlan
+from ccr_host.control.adaptive.statics import unhindered_setpoints_for
+from ccr_host.control.adaptive.tip import straight_tip_mm, tip_of
+from ccr_host.core.arrays import (
+    Array,
+    Number,
     Two,
     largest,
     split,
     stacked,
     within,
 )
-from ccr_host.control.adaptive.parameters import Parameters
-from ccr_host.control.adaptive.static_model import PathPlan
-from ccr_host.control.adaptive.statics import unhindered_setpoints_for
-from ccr_host.control.adaptive.tip import straight_tip_mm, tip_of
-from ccr_host.core.arrays import Array
-from ccr_host.robot.arc import Number
 from ccr_host.robot.workspace import MotorLimits, cheapest
 
 Polish = Callable[[Parameters, Array, Array, int], Array]

@@ -11,7 +11,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ccr_host.control.adaptive.arithmetic import (
+from ccr_host.control.adaptive.loads import Forces, loads_of
+from ccr_host.control.adaptive.parameters import Parameters
+from ccr_host.core.arrays import (
+    Array,
+    Number,
     Six,
     Two,
     anywhere,
@@ -22,10 +26,6 @@ from ccr_host.control.adaptive.arithmetic import (
     stacked,
     within,
 )
-from ccr_host.control.adaptive.loads import Forces, loads_of
-from ccr_host.control.adaptive.parameters import Parameters
-from ccr_host.core.arrays import Array
-from ccr_host.robot.arc import Number
 
 _NEWTON_LIMIT = 15
 _LONGEST_STEP_RAD = 0.5

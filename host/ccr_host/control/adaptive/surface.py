@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccr_host.control.adaptive.arithmetic import split
 from ccr_host.control.adaptive.identification import identification_of
 from ccr_host.control.adaptive.model import make_model
 from ccr_host.control.adaptive.motion import first_pose
 from ccr_host.control.adaptive.parameters import Scaling
 from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.adaptive.tip import straight_tip_mm
-from ccr_host.core.arrays import Array
+from ccr_host.core.arrays import Array, split
 from ccr_host.core.errors import ConfigError
 from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature

@@ -10,17 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccr_host.control.adaptive.arithmetic import (
+from ccr_host.control.adaptive.loads import Beyond, Lifts, given_way, hung_of, lifts_of, uneven_of
+from ccr_host.control.adaptive.parameters import Parameters, up_in_sagittal_plane
+from ccr_host.core.arrays import (
+    Array,
+    Number,
     Three,
     Two,
     positive,
     sign,
     stacked,
 )
-from ccr_host.control.adaptive.loads import Beyond, Lifts, given_way, hung_of, lifts_of, uneven_of
-from ccr_host.control.adaptive.parameters import Parameters, up_in_sagittal_plane
-from ccr_host.core.arrays import Array
-from ccr_host.robot.arc import LEAST_SOFTENED, SHORTER_BY_SAG, Number, arc_at
+from ccr_host.robot.arc import LEAST_SOFTENED, SHORTER_BY_SAG, arc_at
 
 
 class Tip(NamedTuple):

@@ -16,7 +16,7 @@ Any other robot may have motors that the tip does not need, and folds within its
 lets the angles drift where they do not move the tip, and winds them up where they hardly do, until
 J no longer is that of the robot. So v is the motion of the path's nearest reachable configurations
 and part of the way back to them, and J is that of the bending that the robot shows, see
-``bending.py``.
+``controller.py``.
 
 ``by_model`` is the same problem with e_k = f(q_k) + d - f_k, for a controller that estimates a
 disturbance d against the model, which must not include the linearisation error of (14)'s sums.

@@ -9,8 +9,12 @@ import pytest
 
 from bench.any_robot import random_robot
 from ccr_host.control.base import Observation
-from ccr_host.control.mpc.bending import AsMeasured, BendingFilter, pose_estimate
-from ccr_host.control.mpc.controller import ModelPredictive
+from ccr_host.control.mpc.controller import (
+    AsMeasured,
+    BendingFilter,
+    ModelPredictive,
+    pose_estimate,
+)
 from ccr_host.control.registry import rate_note
 from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
