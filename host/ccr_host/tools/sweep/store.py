@@ -128,11 +128,16 @@ class SweepFolder:
             part.unlink()
 
     def _make_folder(self) -> None:
-        """Create the folder and its plan, also if they were deleted meanwhile."""
-        (self._folder / _PARTS).mkdir(parents=True, exist_ok=True)
+        """Create the folder and its plan, also if they were deleted meanwhile.
+
+        The plan comes first: a sweep that ends here, however it ends, leaves no folder that is
+        refused.
+        """
+        self._folder.mkdir(parents=True, exist_ok=True)
         file = self._folder / _PLAN
         if not file.exists():
             write_json(file, {"plan": self._plan, "versions": versions()})
+        (self._folder / _PARTS).mkdir(exist_ok=True)
 
     def _require_same(self) -> None:
         file, wanted = self._folder / _PLAN, self._plan

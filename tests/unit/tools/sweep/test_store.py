@@ -5,6 +5,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import ccr_host.tools.sweep.store as store_file
 from ccr_host.core.errors import ConfigError
 from ccr_host.tools.sweep.job import run_job
 from ccr_host.tools.sweep.plan import GivenTwin, SweepPlan
@@ -52,6 +53,20 @@ def test_a_part_cut_off_while_it_was_written_is_not_taken_for_a_row(tmp_path, pl
     store.keep([row(0)])
     (part,) = (tmp_path / "parts").iterdir()
     part.with_suffix(".4711").write_bytes(part.read_bytes()[:100])
+    assert [r["index"] for r in SweepFolder(tmp_path, plan).rows()] == [0]
+
+
+def test_a_sweep_cut_off_while_it_wrote_its_plan_can_be_begun_again(
+    tmp_path, plan, row, monkeypatch
+):
+    def cut_off(*_: object) -> None:
+        raise OSError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store_file, "write_json", cut_off)
+        with pytest.raises(OSError):
+            SweepFolder(tmp_path, plan).keep([row(0)])
+    SweepFolder(tmp_path, plan).keep([row(0)])
     assert [r["index"] for r in SweepFolder(tmp_path, plan).rows()] == [0]
 
 
