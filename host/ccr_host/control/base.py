@@ -39,8 +39,8 @@ class Picture:
     """Measured tip f_m, (3,)."""
     age_us: int
     """Time from the exposure to ``Observation.time_us``."""
-    middle_mm: Array
-    """M2 - M1, (3,); NaN where not seen."""
+    ends_mm: Array
+    """Ends of the segments relative to M1, (S, 3); NaN where not seen. The last one is the tip."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,9 @@ class Observation:
     """Time from the exposure of ``tip_mm`` to ``time_us``; 0 without a tip."""
     q_rad: Array
     """Motor angles commanded last, as the board accepted them, (motors,)."""
-    middle_mm: Array = field(default_factory=lambda: np.full(3, np.nan))
-    """M2 - M1, the end of segment 1, in the picture of ``tip_mm``, (3,); NaN where not seen."""
+    ends_mm: Array = field(default_factory=lambda: np.full((1, 3), np.nan))
+    """Ends of the segments relative to M1 in the picture of ``tip_mm``, (S, 3); NaN where not seen.
+    The last one is the tip."""
     earlier: tuple[Picture, ...] = ()
     """The other pictures since the last call, oldest first, without those that cannot show this
     robot: 19 of a camera of 20 Hz at 1 Hz. There may be some when ``tip_mm`` is None."""

@@ -243,7 +243,7 @@ class Shell:
         tip_mm = observation.tip_mm
         seen = tip_mm is not None and self._can_be(tip_mm)
         if tip_mm is not None and seen:
-            pictures.append(Picture(tip_mm, observation.tip_age_us, observation.middle_mm))
+            pictures.append(Picture(tip_mm, observation.tip_age_us, observation.ends_mm))
         news = []
         for picture in pictures:
             exposed_us = observation.time_us - picture.age_us
@@ -255,7 +255,7 @@ class Shell:
             news.append(
                 Measurement(
                     picture.tip_mm,
-                    picture.middle_mm,
+                    picture.ends_mm[0],
                     exposed_s,
                     time_s,
                     self._history.at(time_s),

@@ -289,13 +289,13 @@ class PathRun:
             untaken.pop()
         if untaken:
             earlier = tuple(
-                Picture(one.tip_mm, time_us - one.exposed_us, one.middle_mm) for one in untaken
+                Picture(one.tip_mm, time_us - one.exposed_us, one.ends_mm) for one in untaken
             )
             untaken.clear()
         if sample is None:
             return Observation(step, time_us, None, 0, q_rad, earlier=earlier)
         age_us = time_us - sample.exposed_us
-        return Observation(step, time_us, sample.tip_mm, age_us, q_rad, sample.middle_mm, earlier)
+        return Observation(step, time_us, sample.tip_mm, age_us, q_rad, sample.ends_mm, earlier)
 
     def _send(self, command: Command, now_us: int) -> None:
         """Send a command, with what remains of its ramp since it was first sent."""
@@ -316,7 +316,7 @@ class PathRun:
             self._keep(step, end_us, command, solve_us, late, None, None)
         if self.motion is not None and sample is not None:
             q_rad = self.rig.client.accepted_rad
-            odd = self.motion.judge_step(now_us, q_rad, sample.middle_mm, sample.tip_mm)
+            odd = self.motion.judge_step(now_us, q_rad, sample.ends_mm)
             self._end_if_odd(odd)
 
     def _keep(

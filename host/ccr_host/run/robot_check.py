@@ -254,16 +254,14 @@ class RobotCheck:
             return None
         return self._judge(adaptive.rests, [] if adaptive.fit is None else [adaptive.fit])
 
-    def judge_step(
-        self, time_us: int, q_rad: Array, middle_mm: Array, seen_mm: Array
-    ) -> Rests | None:
+    def judge_step(self, time_us: int, q_rad: Array, ends_mm: Array) -> Rests | None:
         """The poses along the path, once they have been unexplained for some seconds, else None."""
         passed_us = time_us - self._looked_us
         if not self._beliefs or passed_us < _LOOK_PERIOD_US:
             return None
         passed_us = min(passed_us, _MOST_COUNTED_US)
         self._looked_us = time_us
-        markers_mm = np.stack([middle_mm, seen_mm])
+        markers_mm = ends_mm[[0, -1]]
         odd = [self._is_odd(belief, q_rad, markers_mm) for belief in self._beliefs]
         if not all(odd):
             self._odd_us -= _FORGIVEN * passed_us

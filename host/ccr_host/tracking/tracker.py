@@ -35,10 +35,10 @@ class Sample:
         return tip
 
     @property
-    def middle_mm(self) -> Array:
-        """(3,): the end of segment 1, M2 - M1."""
-        middle: Array = self.markers_mm[1] - self.markers_mm[0]
-        return middle
+    def ends_mm(self) -> Array:
+        """(S, 3): the ends of the segments relative to M1, of which the last one is the tip."""
+        ends: Array = self.markers_mm[1:] - self.markers_mm[0]
+        return ends
 
 
 _FARTHEST_MM = 1e6

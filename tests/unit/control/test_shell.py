@@ -9,7 +9,7 @@ from ccr_host.description.schema import load
 from ccr_host.run.execute import reference_of
 from ccr_host.run.options import RunOptions
 
-UNSEEN = np.full(3, np.nan)
+UNSEEN = np.full((1, 3), np.nan)
 PERIOD_US = 1_000_000
 FRAME_US = 50_000
 STEP_RAD = np.array([0.05, -0.02])

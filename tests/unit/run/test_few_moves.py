@@ -72,7 +72,7 @@ def test_slack_is_no_misfit_and_where_it_leads_is_not_odd_along_the_path(
         q_rad = 0.6 * np.sin(0.15 * second + np.arange(described.robot.motors))
         pose = model.first_pose(space.parameters(score), q_rad)
         seen_mm = model.markers_mm(space.parameters(score), pose.theta_rad[None])[0]
-        assert check.judge_step(1_000_000 * second, q_rad, *seen_mm) is None
+        assert check.judge_step(1_000_000 * second, q_rad, seen_mm) is None
 
 
 def test_slack_that_hides_a_move_is_no_idle_motor_and_asks_for_farther_ones() -> None:

@@ -141,19 +141,20 @@ class AsMeasured:
 
 
 class BendingFilter:
-    """Extended Kalman filter of the bending that the motors do not explain, from M2 and the tip.
+    """Extended Kalman filter of the bending that the motors do not explain, from all markers.
 
     Slack, load and friction bend a segment by up to a radian more or less than its motors say.
     There, J of the commanded angles leads a feedback law away from its target. Each degree of
     freedom is bent by a Gauss-Markov process of second order, with its rate as a state: the
     stationary one with the covariance s^2 (1 + l t) exp(-l t) at an interval t (Matern 3/2). So
-    what the markers do not tell stays within s. A measurement is compared with the setpoint in
+    what lost markers do not tell stays within s. A measurement is compared with the setpoint in
     effect when it was taken, so that delays of camera and servos are not mistaken for bending. The
     tip's error that the filter leaves is added to the predicted tip.
 
-    The constants were chosen on ``three-spatial`` and four random robots at 1 and 20 Hz: l from
-    0.15 to 0.3 and half or twice s or the noise, of which only the ratio counts, change the error
-    by up to a sixth, ``_SWING_S`` by a third (robot 7 at 20 Hz).
+    The constants were chosen on ``three-spatial`` and four random robots at 1 and 20 Hz, when the
+    filter saw M2 and the tip alone: l from 0.15 to 0.3 and half or twice s or the noise, of which
+    only the ratio counts, changed the error by up to a sixth, ``_SWING_S`` by a third (robot 7 at
+    20 Hz).
     """
 
     _DEVIATION_RAD = 0.3
@@ -161,17 +162,17 @@ class BendingFilter:
     _PER_S = 0.2
     """l."""
     _NOISE = 0.01
-    """Deviation of a measured coordinate, over the robot's length: what a rigid chain of constant
-    curvature leaves, more than a camera's noise."""
+    """Deviation of a measured coordinate, over the length from the base: what a rigid chain of
+    constant curvature leaves, more than a camera's noise."""
     _SWING_S = 0.1
     """Time for which the structure swings: what is seen T after the previous measurement counts by
     T / (T + this)."""
 
     def __init__(self, model: ConstantCurvature) -> None:
         self._model = model
-        self._noise_mm = self._NOISE * sum(model.lengths_mm)
+        self._noise_mm = self._NOISE * np.cumsum(model.lengths_mm)
         self._motors_of = np.linalg.pinv(model.bending_rad(np.eye(model.motors)))
-        self._freedoms = len(model.segment_of_freedom)
+        self._segments, self._freedoms = len(model.lengths_mm), len(model.segment_of_freedom)
         deviations = self._DEVIATION_RAD * np.array([1.0, self._PER_S])
         self._prior = np.diag(np.repeat(deviations**2, self._freedoms))
         self._covariance = self._prior
@@ -194,7 +195,9 @@ class BendingFilter:
         exposed_s = now_s - observation.tip_age_us / _US_PER_S
         if observation.tip_mm is not None and exposed_s > self._seen_s:
             setpoint_rad = self._history.at(exposed_s - COMMAND_DELAY_S)
-            seen_mm = np.array([observation.middle_mm, observation.tip_mm])
+            seen_mm = np.full((self._segments, 3), np.nan)
+            seen_mm[: len(observation.ends_mm)] = observation.ends_mm
+            seen_mm[-1] = observation.tip_mm
             self._update(setpoint_rad, seen_mm, exposed_s - self._seen_s)
             self._seen_s = exposed_s
         expected = self._transition(now_s + period_s - self._seen_s) @ self._state
@@ -213,7 +216,7 @@ class BendingFilter:
         slope = np.hstack([slope, np.zeros_like(slope)])
         innovation_mm = np.ravel([believable(off) for off in (seen_mm - ends_mm)[is_seen]])
         spread_mm2 = slope @ covariance @ slope.T
-        spread_mm2 += self._noise_mm**2 / share * np.eye(len(slope))
+        spread_mm2 += np.diag(np.repeat(self._noise_mm[is_seen] ** 2, 3)) / share
         gain = np.linalg.solve(spread_mm2, slope @ covariance).T
         self._state = state + gain @ innovation_mm
         self._covariance = covariance - gain @ slope @ covariance
@@ -229,10 +232,10 @@ class BendingFilter:
         return np.asarray(both, dtype=np.float64)
 
     def _ends(self, q_rad: Array, beyond_rad: Array) -> tuple[Array, Array]:
-        """M2 and the tip, mm, (2, 3), and their slopes by the bending, mm/rad, (2, 3, D)."""
+        """Ends of the segments, mm, (S, 3), and their slopes by the bending, mm/rad, (S, 3, D)."""
         bending_rad = self._model.bending_rad(q_rad) + beyond_rad
         places_mm, slopes = self._model.markers_mm(bending_rad[None])
-        return places_mm[0, [0, -1]], slopes[0, [0, -1]]
+        return places_mm[0], slopes[0]
 
 
 def pose_estimate(robot: Robot) -> PoseEstimate:
