@@ -172,7 +172,7 @@ class BendingFilter:
         self._model = model
         self._noise_mm = self._NOISE * np.cumsum(model.lengths_mm)
         self._motors_of = np.linalg.pinv(model.bending_rad(np.eye(model.motors)))
-        self._segments, self._freedoms = len(model.lengths_mm), len(model.segment_of_freedom)
+        self._freedoms = len(model.segment_of_freedom)
         deviations = self._DEVIATION_RAD * np.array([1.0, self._PER_S])
         self._prior = np.diag(np.repeat(deviations**2, self._freedoms))
         self._covariance = self._prior
@@ -195,7 +195,7 @@ class BendingFilter:
         exposed_s = now_s - observation.tip_age_us / _US_PER_S
         if observation.tip_mm is not None and exposed_s > self._seen_s:
             setpoint_rad = self._history.at(exposed_s - COMMAND_DELAY_S)
-            seen_mm = np.full((self._segments, 3), np.nan)
+            seen_mm = np.full((len(self._noise_mm), 3), np.nan)
             seen_mm[: len(observation.ends_mm)] = observation.ends_mm
             seen_mm[-1] = observation.tip_mm
             self._update(setpoint_rad, seen_mm, exposed_s - self._seen_s)
@@ -225,7 +225,7 @@ class BendingFilter:
         self._residual_mm += share * believable(residual_mm - self._residual_mm)
 
     def _transition(self, elapsed_s: float) -> Array:
-        """Of the bending and its rate, (2 D, 2 D)."""
+        """What an interval makes of the bending and its rate, (2 D, 2 D)."""
         share = self._PER_S * elapsed_s
         change = np.array([[1.0 + share, elapsed_s], [-self._PER_S * share, 1.0 - share]])
         both = np.kron(math.exp(-share) * change, np.eye(self._freedoms))

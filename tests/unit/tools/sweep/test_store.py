@@ -5,7 +5,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-import ccr_host.tools.sweep.store as store_file
 from ccr_host.core.errors import ConfigError
 from ccr_host.tools.sweep.job import run_job
 from ccr_host.tools.sweep.plan import GivenTwin, SweepPlan
@@ -63,7 +62,7 @@ def test_a_sweep_cut_off_while_it_wrote_its_plan_can_be_begun_again(
         raise OSError
 
     with monkeypatch.context() as patch:
-        patch.setattr(store_file, "write_json", cut_off)
+        patch.setattr("ccr_host.tools.sweep.store.write_json", cut_off)
         with pytest.raises(OSError):
             SweepFolder(tmp_path, plan).keep([row(0)])
     SweepFolder(tmp_path, plan).keep([row(0)])
