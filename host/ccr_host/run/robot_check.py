@@ -161,7 +161,7 @@ class ProbeLaw(Law):
         """Fit rests, one step at a time; start again elsewhere if that may be better."""
         fits: list[StaticsFit[Any]] = []
         for start in self._space.few_starts():
-            fit = StaticsFit(self._space, rests, self._model.predicted_mm, start)
+            fit = StaticsFit(self._space, rests, self._model, start)
             yield
             while fit.improve():
                 yield

@@ -92,7 +92,6 @@ _LOOSE_RAD = np.radians(3.0)
 lets all segments hang to the same side."""
 _SURPRISING = 2.0
 """Standard deviations off the expected direction from which it is reported."""
-_PROBE = 1e-4
 
 
 def check_tracker(tracker: Tracker, clock: Clock, description: Description) -> Iterator[Finding]:
@@ -217,10 +216,9 @@ def _deflection_deg(tip_mm: Array, description: Description) -> tuple[float, flo
     rests = Rests(
         rest_rad[None], rest_rad[None], np.full((1, 3, 3), np.nan), np.ones(1), np.ones(1)
     )
-    near = space.perturbed(np.zeros(space.count), _PROBE)
-    *near_mm, expected_mm = model.predicted_mm(near, rests)[0, :, 1]
-    known = _known(space, description.robot) / space.deviation
-    slope = (np.array(near_mm) - expected_mm) / _PROBE * known[:, None]
+    markers_mm, slopes = model.predicted_and_slopes(space, np.zeros(space.count), rests)
+    expected_mm, known = markers_mm[0, 1], _known(space, description.robot) / space.deviation
+    slope = slopes[0, 1].T * known[:, None]
     length_mm = float(np.linalg.norm(expected_mm))
     aside = tip_mm / np.linalg.norm(tip_mm) - expected_mm / length_mm
     off_rad = 2.0 * float(np.arcsin(0.5 * np.linalg.norm(aside)))

@@ -177,7 +177,7 @@ def _identify_two_motors(
     pulley_mm = description.robot.pulley_radius_mm
     q_rad = measured.command / (pulley_mm if measured.unit == "mm" else 1.0)
     train, held = _split(measured.time_s, np.arange(len(q_rad)), train_share)
-    predict = make_model(description.control).predicted_mm
+    model = make_model(description.control)
 
     def rests_at(rows: IntArray) -> Rests:
         markers_mm = np.stack([measured.middle_mm[rows], measured.tip_mm[rows]], axis=1)
@@ -186,13 +186,14 @@ def _identify_two_motors(
         return Rests.of_vectors(before_rad, q_rad[rows], markers_mm, count, time_s)
 
     def fitted(rows: IntArray) -> StaticsFit[Parameters]:
-        found = identification_of(Scaling.of(description), rests_at(rows), predict)
+        found = identification_of(Scaling.of(description), rests_at(rows), model)
         if found is None:
             raise misfit(rests_at(rows[:: -(-len(rows) // _RESTS_FOR_CAUSE)]), description)
         return found.finish()
 
     fit, everything = fitted(train), np.arange(len(q_rad))
-    model_mm = predict(fit.scaling.parameters(fit.result().score), rests_at(everything))[:, 1]
+    p = fit.scaling.parameters(fit.result().score)
+    model_mm = model.predicted_mm(p, rests_at(everything))[:, 1]
     off_mm = measured.tip_mm - model_mm
     fit = fitted(everything)
     scaling, found = fit.scaling, fit.result()

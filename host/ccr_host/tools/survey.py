@@ -147,7 +147,7 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
         TrackerError: the rests do not fit the described robot at all.
     """
     model, space = make_static_model(description)
-    found = identification_of(space, rests.ends(), model.predicted_mm)
+    found = identification_of(space, rests.ends(), model)
     if found is None:
         raise TrackerError(
             f"the {len(rests.count)} rests measured do not fit the described robot",

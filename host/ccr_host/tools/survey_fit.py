@@ -126,22 +126,22 @@ def fit_survey(rests: Rests, description: Description) -> Survey:
     hysteresis_mm = rests.hysteresis_mm()
     model, space = model_of_new(description)
     seen, predict = rests.ends(), model.predicted_mm
-    motors = nearest_motors(seen, space, predict)
+    motors = nearest_motors(seen, space, model)
     if description.robot.segments:
         rests, seen = where_tendons_pull(rests), where_tendons_pull(seen)
     starts = starts_of(motors, seen, space, predict)[:_STARTS]
-    fits = [fitted(start, seen, space, predict) for start in starts]
+    fits = [fitted(start, seen, space, model) for start in starts]
     start, fit = min(zip(starts, fits, strict=True), key=lambda pair: pair[1].cost)
     if description.robot.segments and 0.0 < fit.stands_out.mean() <= _MOST_STANDING_OUT:
         seen = seen.chosen(~fit.stands_out)
-        fit = fitted(start._replace(score=fit.score), seen, space, predict)
+        fit = fitted(start._replace(score=fit.score), seen, space, model)
     as_mounted = motors.drive(seen)
     if is_misfit(fit, as_mounted, space, zeros_are_known=False):
         if isinstance(space, Scaling):
             raise misfit(as_mounted.last(_RESTS_FOR_CAUSE), description, space)
         raise misfit_of(fit, space, zeros_are_known=False)
     costs = {
-        fitted(starts_of(motors, seen, mounted, predict)[0], seen, mounted, predict).cost: gravity
+        fitted(starts_of(motors, seen, mounted, predict)[0], seen, mounted, model).cost: gravity
         for gravity, mounted in space.mountings().items()
     }
     if costs and min(costs) < fit.cost - _MOUNTED_OTHERWISE:

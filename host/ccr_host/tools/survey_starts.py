@@ -9,7 +9,7 @@ assignment tells which motor each acts as.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from itertools import combinations_with_replacement, permutations, product
 from operator import attrgetter
@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from ccr_host.control.adaptive.identification import Fit, Predict, StaticsFit
+from ccr_host.control.adaptive.identification import Fit, StaticsFit
 from ccr_host.control.adaptive.misfit import motors_exchanged
 from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
@@ -30,6 +30,8 @@ from ccr_host.description.schema import Description
 from ccr_host.robot.rests import Motors, Rests
 
 P = TypeVar("P")
+Predict = Callable[[P, Rests], Array]
+"""See ``StaticModel.predicted_mm``."""
 
 _MOST_HYPOTHESES = 8
 """On the motors; of more, only likely ones are tried."""
@@ -80,7 +82,7 @@ def likeliest_motors(rests: Rests, description: Description) -> Motors:
         MisfitError: motors are exchanged.
     """
     model, space = model_of_new(description)
-    return nearest_motors(rests.ends(), space, model.predicted_mm)
+    return nearest_motors(rests.ends(), space, model)
 
 
 def model_of_new(description: Description) -> tuple[StaticModel[Any, Any], ParameterSpace[Any]]:
@@ -123,7 +125,9 @@ def _neighbours(motors: Motors) -> Iterator[Motors]:
             yield Motors(tuple(signs), tuple(order))
 
 
-def nearest_motors(rests: Rests, space: ParameterSpace[Any], predict: Predict[Any]) -> Motors:
+def nearest_motors(
+    rests: Rests, space: ParameterSpace[Any], model: StaticModel[Any, Any]
+) -> Motors:
     """The hypothesis on the motors that is nearest; of those as near, the one that fits best.
 
     Raises:
@@ -131,23 +135,24 @@ def nearest_motors(rests: Rests, space: ParameterSpace[Any], predict: Predict[An
         MisfitError: motors are exchanged.
     """
     count = rests.q_rad.shape[1]
-    judged, judge, supposed, doubt = rests, predict, _all_hypotheses(count), 1.0
+    judge: Predict[Any] = model.predicted_mm
+    judged, supposed, doubt = rests, _all_hypotheses(count), 1.0
     if not supposed:
-        judge = moves = _SmallMoves(predict, rests)
+        judge = moves = _SmallMoves(judge, rests)
         judged, supposed, doubt = moves.rests, moves.hypotheses(space), _EXCHANGED
     trials = {motors: starts_of(motors, judged, space, judge)[0] for motors in supposed}
     off_mm = {m: start.off_mm * doubt ** len(m.exchanged) for m, start in trials.items()}
     best, *rivals = sorted(off_mm, key=off_mm.__getitem__)[:_MOST_FITTED]
     rivals = [rival for rival in rivals if off_mm[rival] < _DISTINCT * off_mm[best]]
     if rivals:
-        best = _likeliest([trials[motors] for motors in (best, *rivals)], rests, space, predict)
+        best = _likeliest([trials[motors] for motors in (best, *rivals)], rests, space, model)
     if best.exchanged:
         raise motors_exchanged(best)
     return best
 
 
 def _likeliest(
-    starts: list[Start], rests: Rests, space: ParameterSpace[Any], predict: Predict[Any]
+    starts: list[Start], rests: Rests, space: ParameterSpace[Any], model: StaticModel[Any, Any]
 ) -> Motors:
     """The hypothesis on the motors under which the fitted rests are likeliest.
 
@@ -155,7 +160,7 @@ def _likeliest(
         SurveyError: another hypothesis is about as likely, or none explains the rests.
     """
     pulling = where_tendons_pull(rests)
-    fits = [(start, fitted(start, pulling, space, predict)) for start in starts]
+    fits = [(start, fitted(start, pulling, space, model)) for start in starts]
     (best, fit), (rival, other), *_ = sorted(fits, key=lambda pair: -pair[1].evidence)
     least = _TOLD * space.inflation * max(1.0, fit.surprise**2)
     if fit.explains and fit.evidence - other.evidence >= least:
@@ -183,10 +188,12 @@ def where_tendons_pull(rests: Rests) -> Rests:
     return rests.chosen(several) if several.any() else rests
 
 
-def fitted(start: Start, rests: Rests, space: ParameterSpace[Any], predict: Predict[Any]) -> Fit:
+def fitted(
+    start: Start, rests: Rests, space: ParameterSpace[Any], model: StaticModel[Any, Any]
+) -> Fit:
     """The fit from a start."""
     supposed = start.motors.drive(rests).turned(start.to_frame)
-    return StaticsFit(space, supposed, predict, start.score).finish()
+    return StaticsFit(space, supposed, model, start.score).finish()
 
 
 def _all_hypotheses(count: int) -> Collection[Motors]:

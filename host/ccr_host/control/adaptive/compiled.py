@@ -26,7 +26,18 @@ from ccr_host.control.adaptive import (
     tip,
 )
 from ccr_host.control.adaptive.model import PlainModel
-from ccr_host.control.adaptive.motion import Pose, change_of, first_pose, slopes_of
+from ccr_host.control.adaptive.motion import (
+    Moves,
+    Pose,
+    change_of,
+    first_pose,
+    markers_along,
+    moves_of,
+    packed,
+    slopes_of,
+    stepped,
+    unpacked,
+)
 from ccr_host.control.adaptive.motion import moved as moved_to
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.parameters import FIELDS, Parameters
@@ -78,11 +89,10 @@ class CompiledModel(PlainModel):
         self._entries = _ready_entries()
 
     def moved(self, p: Parameters, pose: Pose, duration_s: float, *setpoints_rad: Array) -> Pose:
-        flat, each_s = _packed(pose), duration_s / len(setpoints_rad)
+        flat, each_s = packed(pose), duration_s / len(setpoints_rad)
         for setpoint_rad in setpoints_rad:
             flat = self._entries.moved(np.array(p), flat, np.array(setpoint_rad), each_s)
-        q_1, q_2, lag_1, lag_2, *anchors, theta_1, theta_2 = flat.tolist()
-        return Pose(q_1, q_2, lag_1, lag_2, tuple(anchors), theta_1, theta_2)
+        return unpacked(flat)
 
     def sensitivity(
         self,
@@ -94,18 +104,19 @@ class CompiledModel(PlainModel):
         rate_rad_s: Array,
     ) -> Sensitivity:
         near = _contiguous(np.array(self._near(space, score, numbers)).T)
-        columns = self._entries.changes(near, _packed(pose), PROBE * rate_rad_s) / PROBE
+        columns = self._entries.changes(near, packed(pose), PROBE * rate_rad_s) / PROBE
         return Sensitivity(columns[:3], columns[3:])
 
     def predicted_mm(self, p: Parameters, rests: Rests) -> Array:
-        rows = np.array(p).T
-        markers_mm = self._entries.predicted_mm(
-            _contiguous(np.atleast_2d(rows)),
-            _contiguous(rests.from_rad),
-            _contiguous(rests.q_rad),
-            _contiguous(rests.durations_s()),
-        )
+        moves, rows = moves_of(rests), np.array(p).T
+        trails = [self._trail(Parameters(*row), moves) for row in np.atleast_2d(rows)]
+        theta = np.array([trail[moves.rests, 10:] for trail in trails]).T
+        markers_mm = markers_along(p, theta[0], theta[1])
         return markers_mm if rows.ndim > 1 else markers_mm[:, 0]
+
+    def _trail(self, p: Parameters, moves: Moves) -> Array:
+        start_rad, rows = _contiguous(moves.start_rad), _contiguous(moves.rows)
+        return self._entries.trail(np.array(p), start_rad, rows)
 
     def tip_mm(self, p: Parameters, theta_rad: Array) -> Array:
         return self._entries.tip(np.array(p), _contiguous(theta_rad))
@@ -122,7 +133,7 @@ class _Entries(NamedTuple):
 
     moved: jit.Entry[Array]
     changes: jit.Entry[Array]
-    predicted_mm: jit.Entry[Array]
+    trail: jit.Entry[Array]
     tip: jit.Entry[Array]
     polished: jit.Entry[Array]
 
@@ -130,12 +141,10 @@ class _Entries(NamedTuple):
 def _make_entries(fingerprint: int) -> _Entries:
     """The entries, which enclose a fingerprint of all code that they use, see ``jit``."""
 
-    def moved(packed: Array, flat: Array, setpoint_rad: Array, duration_s: float) -> Array:
+    def moved(row: Array, flat: Array, setpoint_rad: Array, duration_s: float) -> Array:
         _ = fingerprint
-        p, pose = _parameters(packed), _pose(flat)
-        pose = moved_to(p, pose, setpoint_rad[0], setpoint_rad[1], duration_s)
-        theta = pose.theta_1, pose.theta_2
-        return np.array((pose.q_1, pose.q_2, pose.lag_1, pose.lag_2, *pose.anchors, *theta))
+        p, pose = _parameters(row), _pose(flat)
+        return packed(moved_to(p, pose, setpoint_rad[0], setpoint_rad[1], duration_s))
 
     def changes(near: Array, flat: Array, travel_rad: Array) -> Array:
         _ = fingerprint
@@ -148,33 +157,34 @@ def _make_entries(fingerprint: int) -> _Entries:
             columns[:, i] = change_of(here, _parameters(near[i]), pose, travel_1, travel_2)
         return columns
 
-    def predicted_mm(rows: Array, before: Array, setpoints: Array, times_s: Array) -> Array:
+    def trail(row: Array, start_rad: Array, rows: Array) -> Array:
         _ = fingerprint
-        markers_mm = np.empty((len(setpoints), len(rows), 2, 3))
+        p, (likely_1, likely_2) = _parameters(row), (0.0, 0.0)
+        pose = first_pose(p, start_rad[0], start_rad[1])
+        flat = np.empty((len(rows) + 1, 12))
+        flat[0] = packed(pose)
         for i in range(len(rows)):
-            p = _parameters(rows[i])
-            pose = first_pose(p, before[0, 0], before[0, 1])
-            for j in range(len(setpoints)):
-                pose = moved_to(p, pose, before[j, 0], before[j, 1], times_s[j, 0])
-                pose = moved_to(p, pose, setpoints[j, 0], setpoints[j, 1], times_s[j, 1])
-                markers = markers_of(p, pose.theta_1, pose.theta_2)
-                markers_mm[j, i, 0], markers_mm[j, i, 1] = markers
-        return markers_mm
+            travel, goes_on, before = (rows[i, 0], rows[i, 1]), rows[i, 3], pose
+            likely = goes_on * likely_1, goes_on * likely_2
+            pose = stepped(p, pose, travel, likely, rows[i, 2])
+            likely_1, likely_2 = pose.theta_1 - before.theta_1, pose.theta_2 - before.theta_2
+            flat[i + 1] = packed(pose)
+        return flat
 
-    def tip(packed: Array, theta_rad: Array) -> Array:
+    def tip(row: Array, theta_rad: Array) -> Array:
         _ = fingerprint
-        _, end = markers_of(_parameters(packed), theta_rad[0], theta_rad[1])
+        _, end = markers_of(_parameters(row), theta_rad[0], theta_rad[1])
         return np.array(end)
 
-    def polished(packed: Array, theta_rad: Array, target_mm: Array, iterations: int) -> Array:
+    def polished(row: Array, theta_rad: Array, target_mm: Array, iterations: int) -> Array:
         _ = fingerprint
-        p, found = _parameters(packed), theta_rad.copy()
+        p, found = _parameters(row), theta_rad.copy()
         for i in range(len(found)):
             x_mm, wanted = target_mm[i, 0], complex(-target_mm[i, 1], target_mm[i, 2])
             found[i] = polished_of(p, found[i, 0], found[i, 1], x_mm, wanted, iterations)
         return found
 
-    entries: tuple[Callable[..., Array], ...] = moved, changes, predicted_mm, tip, polished
+    entries: tuple[Callable[..., Array], ...] = moved, changes, trail, tip, polished
     return _Entries(*(jit.compiled_on_disk(entry) for entry in entries))
 
 
@@ -186,7 +196,7 @@ def _ready_entries() -> _Entries:
     pose, pair, pairs = np.zeros(12), np.zeros(2), np.zeros((1, 2))
     entries.moved(anything, pose, pair, 0.1)
     entries.changes(anything[None].copy(), pose, pair)
-    entries.predicted_mm(anything[None].copy(), pairs, pairs, pairs)
+    entries.trail(anything, pair, np.zeros((1, 4)))
     entries.tip(anything, pair)
     entries.polished(anything, pairs, np.zeros((1, 3)), 1)
     for entry in entries:
@@ -197,10 +207,6 @@ def _ready_entries() -> _Entries:
 def _contiguous(array: Array) -> Array:
     """A writable copy in C order, the only one that the entries accept."""
     return np.array(array, order="C")
-
-
-def _packed(pose: Pose) -> Array:
-    return np.array((*pose[:4], *pose.anchors, *pose[5:]))
 
 
 @jit.compiled

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 
 from ccr_host.control.adaptive.parameter_space import P, ParameterSpace
-from ccr_host.control.adaptive.static_model import PROBE
+from ccr_host.control.adaptive.static_model import StaticModel
 from ccr_host.control.shell import Measurement
 from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.robot.rests import Rests
@@ -71,10 +71,6 @@ class Fit:
         )
 
 
-Predict = Callable[[P, Rests], Array]
-"""See ``StaticModel.predicted_mm``."""
-
-
 class StaticsFit(Generic[P]):
     """Fit by Levenberg and Marquardt's method, one step at a time.
 
@@ -88,10 +84,10 @@ class StaticsFit(Generic[P]):
         self,
         scaling: ParameterSpace[P],
         rests: Rests,
-        predict: Predict[P],
+        model: StaticModel[P, Any],
         start: Array | None = None,
     ) -> None:
-        self._predict = predict
+        self._model = model
         self.scaling = scaling
         self.rests = rests
         seen = np.all(np.isfinite(rests.vectors_mm), axis=-1, keepdims=True)
@@ -108,7 +104,7 @@ class StaticsFit(Generic[P]):
         self._steps_left = _ITERATIONS
         self._shaft_rad = scaling.shaft_rad
         self._is_done = False
-        self._expected_mm = self._predicted(self._score)
+        self._expected_mm, self._slopes = self._predicted(self._score)
         self._look()
 
     def improve(self) -> bool:
@@ -151,28 +147,20 @@ class StaticsFit(Generic[P]):
         The model's errors are not in it.
         """
         there = Rests.of_vectors(q_rad[None], q_rad[None], np.zeros((1, 2, 3)), np.ones(1))
-        (slope,) = self._slopes(there)
+        _, (slope,) = self._predicted_at(there, self._score)
         covariance: Array = slope @ np.linalg.inv(self._information) @ slope.T
         return covariance
-
-    def _slopes(self, rests: Rests) -> Array:
-        """Derivatives of the markers by the scores, (N, 6, COUNT)."""
-        near_mm = self._predict(self.scaling.perturbed(self._score, PROBE), rests)
-        slopes: Array = np.moveaxis(near_mm[:, :-1] - near_mm[:, -1:], 1, -1) / PROBE
-        slopes = slopes.reshape(-1, 6, self.scaling.count)
-        slopes[..., self.scaling.roles.pushes] = 0.0
-        return slopes
 
     def _surprise(self) -> float:
         places = self._standardised.reshape(-1, 2, 3)[self._are_places]
         return math.sqrt(float(np.mean(places**2)))
 
     def _look(self) -> None:
-        """Find the slopes at the present scores, and with them how well each rest is known.
+        """Find from the slopes at the present scores how well each rest is known.
 
         An unexplained angle of a shaft moves both markers, as an error of its zero does.
         """
-        slope = self._contrast(self._slopes(self.rests))
+        slope = self._slopes
         by_shaft = slope @ self.scaling.by_shaft(self._shaft_rad)
         covariance_mm2 = self._variance_mm2 + by_shaft @ by_shaft.transpose(0, 2, 1)
         self._whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
@@ -199,10 +187,10 @@ class StaticsFit(Generic[P]):
             step = np.zeros_like(self._score)
             step[free] = np.linalg.solve(damped, gradient)
             trial = self.scaling.bounded(self._score + step)
-            expected_mm = self._predicted(trial)
+            expected_mm, slopes = self._predicted(trial)
             if self._judge(trial, expected_mm)[1] < self._cost:
                 length = float(np.abs(trial - self._score).max())
-                self._score, self._expected_mm = trial, expected_mm
+                self._score, self._expected_mm, self._slopes = trial, expected_mm, slopes
                 self._damping *= _DAMPING_FALL
                 return length
             self._damping *= _DAMPING_RISE
@@ -219,8 +207,16 @@ class StaticsFit(Generic[P]):
     def _contrast(self, rows: Array) -> Array:
         return np.asarray(np.tensordot(self._contrasts, rows, axes=1))
 
-    def _predicted(self, score: Array) -> Array:
-        return self._contrast(self._predict(self.scaling.parameters(score), self.rests))
+    def _predicted(self, score: Array) -> tuple[Array, Array]:
+        expected_mm, slopes = self._predicted_at(self.rests, score)
+        return self._contrast(expected_mm), self._contrast(slopes)
+
+    def _predicted_at(self, rests: Rests, score: Array) -> tuple[Array, Array]:
+        """The markers, (N, 2, 3), and their derivatives by the scores, (N, 6, COUNT)."""
+        expected_mm, slopes = self._model.predicted_and_slopes(self.scaling, score, rests)
+        slopes = slopes.reshape(-1, 6, self.scaling.count)
+        slopes[..., self.scaling.roles.pushes] = 0.0
+        return expected_mm, slopes
 
 
 def _contrasts_of(rests: Rests, seen: BoolArray) -> tuple[Array, BoolArray]:
@@ -308,9 +304,11 @@ class Identification(Generic[P]):
     A fit that may be one of several is also started elsewhere.
     """
 
-    def __init__(self, scaling: ParameterSpace[P], rests: Rests, predict: Predict[P]) -> None:
-        self._predict = predict
-        self._fits = [StaticsFit(prior, rests, predict) for prior in scaling.priors()]
+    def __init__(
+        self, scaling: ParameterSpace[P], rests: Rests, model: StaticModel[P, Any]
+    ) -> None:
+        self._model = model
+        self._fits = [StaticsFit(prior, rests, model) for prior in scaling.priors()]
         self._further = self._further_fits()
 
     @property
@@ -333,13 +331,13 @@ class Identification(Generic[P]):
         best = self.fit
         if best.scaling.has_modes:
             _, *starts = best.scaling.few_starts()
-            yield [StaticsFit(best.scaling, best.rests, self._predict, start) for start in starts]
+            yield [StaticsFit(best.scaling, best.rests, self._model, start) for start in starts]
         best = self.fit
         prior = best.scaling.aligned()
         if prior is not None:
             score = best.result().score.copy()
             score[prior.roles.turns] = 0.0
-            yield [StaticsFit(prior, best.rests, self._predict, score)]
+            yield [StaticsFit(prior, best.rests, self._model, score)]
 
     def finish(self) -> StaticsFit[P]:
         """Make all remaining steps and return the likeliest fit."""
@@ -349,13 +347,13 @@ class Identification(Generic[P]):
 
 
 def identification_of(
-    scaling: ParameterSpace[P], rests: Rests, predict: Predict[P]
+    scaling: ParameterSpace[P], rests: Rests, model: StaticModel[P, Any]
 ) -> Identification[P] | None:
     """Prepare the fits to rests; None if rests are too few, or implausible."""
     if len(rests.q_rad) < _FEWEST_RESTS:
         return None
     prior = scaling.parameters(np.zeros(scaling.count))
-    off_mm = np.linalg.norm(rests.tip_mm - predict(prior, rests)[:, 1], axis=1)
+    off_mm = np.linalg.norm(rests.tip_mm - model.predicted_mm(prior, rests)[:, 1], axis=1)
     if not np.median(off_mm) < scaling.believable_mm:
         return None
-    return Identification(scaling, rests, predict)
+    return Identification(scaling, rests, model)

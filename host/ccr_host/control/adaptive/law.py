@@ -137,16 +137,16 @@ class AdaptiveLaw(Law):
     def stages(self) -> Iterator[Stage]:
         """Tour the rests unless they are known, fit the model, move to the first point."""
         here_rad = self.history.at(math.inf)
-        found, predict = None, self._model.predicted_mm
+        found = None
         if self._identified is not None:
-            found = identification_of(self._space, self._identified, predict)
+            found = identification_of(self._space, self._identified, self._model)
         if found is None:
             self._survey = RestSurvey(here_rad)
             stops_rad, are_rests = self._model.tour(self._estimator.parameters, self._limits)
             self._survey.visit(stops_rad)
             moves_rad = smooth_moves(here_rad, stops_rad, np.where(are_rests, _TOUR_REST_S, 0.0))
             yield Stage("exploring the robot", moves_rad)
-            found, here_rad = identification_of(self._space, self.rests, predict), stops_rad[-1]
+            found, here_rad = identification_of(self._space, self.rests, self._model), stops_rad[-1]
             yield Stage("identifying the robot", here_rad[None], is_motion=False)
         while found is not None and found.improve():
             yield Stage("identifying the robot", here_rad[None], is_motion=False)

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ccr_host.control.adaptive.identification import Fit, Predict, StaticsFit
-from ccr_host.control.adaptive.model import make_model
+from ccr_host.control.adaptive.identification import Fit, StaticsFit
+from ccr_host.control.adaptive.model import PlainModel, make_model
 from ccr_host.control.adaptive.parameter_space import Gravity, ParameterSpace
 from ccr_host.control.adaptive.parameters import (
     COUNT,
@@ -173,12 +173,12 @@ def misfit(
     """
     rests = rests.merged()  # As telling, and each hypothesis is fitted in half the time.
     scaling = (before_setup or Scaling.of(description)).strict()
-    predict = make_model(description.control).predicted_mm
+    model = make_model(description.control)
     if before_setup is None:
         hypotheses = _hypotheses(description)
     else:
         hypotheses = _hypotheses_before_setup(description)
-    trials = [t for h in hypotheses for t in _trials(h, rests, scaling, predict)]
+    trials = [t for h in hypotheses for t in _trials(h, rests, scaling, model)]
     for trial in trials:
         for _ in range(_FIRST_STEPS):
             if not trial.fit.improve():
@@ -344,7 +344,7 @@ def _hypotheses_before_setup(description: Description) -> Iterator[_Hypothesis]:
 
 
 def _trials(
-    hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, predict: Predict[Parameters]
+    hypothesis: _Hypothesis, rests: Rests, scaling: Scaling, model: PlainModel
 ) -> Iterator[_Trial]:
     freed = numbers_of(*hypothesis.freed)
     under = scaling.freed(freed, _FREEDOM)
@@ -353,7 +353,7 @@ def _trials(
     motors = hypothesis.motors
     supposed = motors.drive(rests)
     if hypothesis.turned:
-        expected_mm = predict(under.parameters(np.zeros(COUNT)), supposed)
+        expected_mm = model.predicted_mm(under.parameters(np.zeros(COUNT)), supposed)
         supposed = supposed.turned_onto(expected_mm, mirrored=hypothesis.mirrored)
     odd = len(motors.reversed) + bool(motors.exchanged)
     odd += hypothesis.turned + hypothesis.mirrored + (hypothesis.gravity is not None)
@@ -361,4 +361,4 @@ def _trials(
     for scores in product(*((-_START, _START) if i in ZEROS else (0.0,) for i in freed)):
         start = np.zeros(COUNT)
         start[freed] = scores
-        yield _Trial(hypothesis, StaticsFit(under, supposed, predict, start), price)
+        yield _Trial(hypothesis, StaticsFit(under, supposed, model, start), price)

@@ -11,12 +11,12 @@ import numpy as np
 from ccr_host.control.adaptive import motion, path_plan, tip
 from ccr_host.control.adaptive.chain_space import ChainSpace
 from ccr_host.control.adaptive.chain_statics import ChainStatics
-from ccr_host.control.adaptive.motion import Pose
+from ccr_host.control.adaptive.motion import Moves, Pose
 from ccr_host.control.adaptive.parameter_space import ParameterSpace
 from ccr_host.control.adaptive.parameters import Parameters, Scaling
 from ccr_host.control.adaptive.static_model import PROBE, Hold, PathPlan, Sensitivity, StaticModel
 from ccr_host.control.adaptive.statics import hold_of, unhindered_setpoints_for
-from ccr_host.core.arrays import Array, stacked
+from ccr_host.core.arrays import Array
 from ccr_host.core.plugins import import_optional
 from ccr_host.description.schema import Control, Description
 from ccr_host.robot.reference import Reference
@@ -69,14 +69,24 @@ class PlainModel(StaticModel[Parameters, Pose]):
         return tip.tip_mm(p, *theta_rad.tolist())
 
     def markers_mm(self, p: Parameters, theta_rad: Array) -> Array:
-        middle, end = tip.markers_of(p, *theta_rad.T)
-        return np.stack([stacked(*middle), stacked(*end)], axis=-2)
+        return motion.markers_along(p, *theta_rad.T)
 
     def turned_back_mm(self, p: Parameters, seen_mm: Array) -> Array:
         return tip.turned_back_mm(p, seen_mm)
 
     def predicted_mm(self, p: Parameters, rests: Rests) -> Array:
         return motion.predicted_mm(p, rests)
+
+    def predicted_and_slopes(
+        self, space: ParameterSpace[Parameters], score: Array, rests: Rests
+    ) -> tuple[Array, Array]:
+        moves = motion.moves_of(rests)
+        trail, near = self._trail(space.parameters(score), moves), motion.probing(score)
+        return motion.slopes_along(space.each(near), trail, moves)
+
+    def _trail(self, p: Parameters, moves: Moves) -> Array:
+        """The robot's first pose and those after all motions, packed, (T + 1, 12)."""
+        return np.array([motion.packed(pose) for pose in motion.trail_of(p, moves)])
 
     def sensitivity(
         self,

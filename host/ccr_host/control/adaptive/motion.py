@@ -25,11 +25,13 @@ from ccr_host.control.adaptive.statics import (
 from ccr_host.control.adaptive.tip import Tip, markers_of, seen_of, tip_of
 from ccr_host.core.arrays import (
     Array,
+    IntArray,
     Number,
     Six,
     Three,
     Two,
     positive,
+    split,
     stacked,
     within,
 )
@@ -64,9 +66,14 @@ class Pose(NamedTuple):
     theta_2: Number
 
     @property
+    def theta(self) -> Two:
+        """Bending angles."""
+        return self.theta_1, self.theta_2
+
+    @property
     def theta_rad(self) -> Array:
         """Bending angles, (..., 2)."""
-        return stacked(self.theta_1, self.theta_2)
+        return stacked(*self.theta)
 
 
 def first_pose(p: Parameters, q_1: Number, q_2: Number) -> Pose:
@@ -92,20 +99,19 @@ def _remembering(p: Parameters, friction: float, creep: float) -> Parameters:
 
 def moved(p: Parameters, pose: Pose, q_1: float, q_2: float, duration_s: float = 0.0) -> Pose:
     """The pose after a straight, even motion of the setpoints to new ones, fast by default."""
-    steps, travel, kept = _steps_to(pose, q_1, q_2, duration_s)
+    steps, travel, kept = _steps_of(q_1 - pose.q_1, q_2 - pose.q_2, duration_s)
     change: Two = 0.0, 0.0
     for _ in range(steps):
-        before, pose = pose, _stepped(p, pose, travel, change, kept)
+        before, pose = pose, stepped(p, pose, travel, change, kept)
         change = _change(before, pose)
     return pose
 
 
-def _steps_to(pose: Pose, q_1: float, q_2: float, duration_s: float) -> tuple[int, Two, float]:
-    """Short steps by which to reach setpoints: their number, and what happens in each of them.
+def _steps_of(travel_1: float, travel_2: float, duration_s: float) -> tuple[int, Two, float]:
+    """Short steps of a motion: their number, and what happens in each of them.
 
     That is the travel of both setpoints, and the share of a new bend that is still new after it.
     """
-    travel_1, travel_2 = q_1 - pose.q_1, q_2 - pose.q_2
     steps = math.ceil(max(abs(travel_1), abs(travel_2)) / _LONGEST_STEP_RAD)
     steps = max(steps, 1 if duration_s > 0.0 else 0)
     share = 1.0 / max(steps, 1)
@@ -120,7 +126,7 @@ def turned(p: Parameters, pose: Pose, q_1: float, q_2: float) -> Pose:
     return Pose(q_1, q_2, lag_1, lag_2, pose.anchors, pose.theta_1, pose.theta_2)
 
 
-def _stepped(p: Parameters, pose: Pose, travel: Two, likely: Two, kept: float) -> Pose:
+def stepped(p: Parameters, pose: Pose, travel: Two, likely: Two, kept: float) -> Pose:
     """The pose after a short motion of the setpoints, with a guess how far the segments bend.
 
     The memory of creep follows implicitly, so that a long time leaves none of it: what is new is
@@ -130,9 +136,15 @@ def _stepped(p: Parameters, pose: Pose, travel: Two, likely: Two, kept: float) -
     shafts = shafts_of(p, (ahead.q_1, ahead.q_2), (ahead.lag_1, ahead.lag_2))
     guess_1, guess_2 = pose.theta_1 + likely[0], pose.theta_2 + likely[1]
     theta_1, theta_2 = settled(_remembering(p, 1.0, kept), guess_1, guess_2, shafts, pose.anchors)
+    dragged = _dragged(p, pose.anchors, theta_1, theta_2, kept)
+    return Pose(ahead.q_1, ahead.q_2, ahead.lag_1, ahead.lag_2, dragged, theta_1, theta_2)
+
+
+def _dragged(p: Parameters, anchors: Six, theta_1: Number, theta_2: Number, kept: Number) -> Six:
+    """The anchors after a short motion to bending angles, from those before it."""
     route_1, route_2, route_3, route_4, _, _ = strains_of(p, theta_1, theta_2)
-    anchor_1, anchor_2, anchor_3, anchor_4, memory_1, memory_2 = pose.anchors
-    dragged = (
+    anchor_1, anchor_2, anchor_3, anchor_4, memory_1, memory_2 = anchors
+    return (
         route_1 - within(route_1 - anchor_1, STICKING),
         route_2 - within(route_2 - anchor_2, STICKING),
         route_3 - within(route_3 - anchor_3, STICKING),
@@ -140,7 +152,6 @@ def _stepped(p: Parameters, pose: Pose, travel: Two, likely: Two, kept: float) -
         theta_1 - kept * (theta_1 - memory_1),
         theta_2 - kept * (theta_2 - memory_2),
     )
-    return Pose(ahead.q_1, ahead.q_2, ahead.lag_1, ahead.lag_2, dragged, theta_1, theta_2)
 
 
 def _change(before: Pose, pose: Pose) -> Two:
@@ -229,25 +240,144 @@ def change_of(
     )
 
 
-def predicted_mm(p: Parameters, rests: Rests) -> Array:
-    """M2 and M3 at the rests, (N, ..., 2, 3), for parameters that are floats or arrays (...).
+class Moves(NamedTuple):
+    """Short, straight motions of the setpoints through rests, T in all.
 
-    Of several robots the last one moves first: that the others bend as far is a good guess.
+    ``start_rad`` (2,) are the setpoints before them; ``rows`` (T, 4) have the travel of both
+    setpoints, the share of a new bend that is still new after it, and 1 where a motion goes on, 0
+    where a new one begins; ``rests`` (N,) count the motions up to each rest.
     """
-    first = Parameters(*(np.ravel(field)[-1].item() for field in p))
-    is_alone = isinstance(p.gain_1, float)
-    start_rad = rests.from_rad[0].tolist()
-    here, poses = first_pose(first, *start_rad), first_pose(p, *start_rad)
-    markers = []
+
+    start_rad: Array
+    rows: Array
+    rests: IntArray
+
+
+def moves_of(rests: Rests) -> Moves:
+    """The motions from the first rest's start through all rests."""
+    q_1, q_2 = rests.from_rad[0].tolist()
+    rows: list[tuple[float, float, float, float]] = []
+    counts = []
     stops = np.concatenate([rests.from_rad, rests.q_rad, rests.durations_s()], axis=1)
     for from_1, from_2, to_1, to_2, first_s, then_s in stops.tolist():
-        for stop in ((from_1, from_2, first_s), (to_1, to_2, then_s)):
-            steps, travel, kept = _steps_to(here, *stop)
-            change: Two = 0.0, 0.0
-            for _ in range(steps):
-                before, here = here, _stepped(first, here, travel, change, kept)
-                change = _change(before, here)
-                poses = here if is_alone else _stepped(p, poses, travel, change, kept)
-        middle, tip = markers_of(p, poses.theta_1, poses.theta_2)
-        markers.append(np.stack([stacked(*middle), stacked(*tip)], axis=-2))
-    return np.array(markers)
+        for to, duration_s in (((from_1, from_2), first_s), ((to_1, to_2), then_s)):
+            steps, travel, kept = _steps_of(to[0] - q_1, to[1] - q_2, duration_s)
+            rows.extend((*travel, kept, float(number > 0)) for number in range(steps))
+            q_1, q_2 = to
+        counts.append(len(rows))
+    return Moves(rests.from_rad[0], np.array(rows).reshape(-1, 4), np.array(counts))
+
+
+def trail_of(p: Parameters, moves: Moves) -> list[Pose]:
+    """The first pose and those after all motions, T + 1, for floats or arrays."""
+    pose, change = first_pose(p, *moves.start_rad.tolist()), (0.0, 0.0)
+    poses = [pose]
+    for travel_1, travel_2, kept, goes_on in moves.rows.tolist():
+        likely = goes_on * change[0], goes_on * change[1]
+        before, pose = pose, stepped(p, pose, (travel_1, travel_2), likely, kept)
+        change = _change(before, pose)
+        poses.append(pose)
+    return poses
+
+
+def markers_along(p: Parameters, theta_1: Number, theta_2: Number) -> Array:
+    """M2 and M3 in the camera's frame, (..., 2, 3)."""
+    middle, tip = markers_of(p, theta_1, theta_2)
+    return np.stack([stacked(*middle), stacked(*tip)], axis=-2)
+
+
+def predicted_mm(p: Parameters, rests: Rests) -> Array:
+    """M2 and M3 at the rests, (N, ..., 2, 3), for parameters that are floats or arrays (...)."""
+    moves = moves_of(rests)
+    poses = trail_of(p, moves)
+    theta_1, theta_2 = zip(*(poses[row].theta for row in moves.rests), strict=True)
+    return markers_along(p, np.array(theta_1), np.array(theta_2))
+
+
+def packed(pose: Pose) -> Array:
+    """A pose of floats as a vector, (12,)."""
+    lags, theta = (pose.lag_1, pose.lag_2), (pose.theta_1, pose.theta_2)
+    return np.array((pose.q_1, pose.q_2, *lags, *pose.anchors, *theta))
+
+
+def unpacked(flat: Array) -> Pose:
+    """The pose, or the poses, of vectors, (..., 12)."""
+    q_1, q_2, lag_1, lag_2, *anchors, theta_1, theta_2 = split(flat)
+    return Pose(q_1, q_2, lag_1, lag_2, tuple(anchors), theta_1, theta_2)
+
+
+_PROBES = 11
+"""Further robots for ``slopes_along``: one for each remembered number of a pose, one for each of
+its bending angles, and the unchanged one."""
+_REMEMBERED, _BENDING = slice(2, 10), slice(10, 12)
+"""Of a packed pose."""
+
+
+_PROBE = 1e-7
+"""Increase of scores, and of what a pose remembers, for derivatives: across a kink they are wrong,
+and tendons that stick may be within 1e-6 rad of sliding."""
+
+
+def probing(scores: Array) -> Array:
+    """The scores of the robots that ``slopes_along`` needs, from those of one, (COUNT,)."""
+    return scores + _PROBE * np.eye(len(scores) + _PROBES, len(scores))
+
+
+def slopes_along(near: Parameters, trail: Array, moves: Moves) -> tuple[Array, Array]:
+    """M2 and M3 at the rests, (N, 2, 3), and their derivatives by the scores, (N, 2, 3, COUNT).
+
+    Each motion is differentiated by all that it starts from, all motions at once. The forces remain
+    zero, which tells the change of the bending angles (the implicit function theorem), and that
+    tells the change of what is remembered. Both then follow from motion to motion.
+
+    Args:
+        near: parameters of the ``probing`` scores.
+        trail: poses of the unchanged robot, packed, (T + 1, 12).
+        moves: its motions.
+    """
+    count = len(near.gain_1) - _PROBES
+    probes = np.zeros((count + _PROBES, 12))
+    probes[count:-1, 2:] = _PROBE * np.eye(_PROBES - 1)
+    before = trail[:-1, None] + probes
+    before[..., _BENDING] = trail[1:, None, _BENDING] + probes[:, _BENDING]
+    slope = np.swapaxes(_differences(_outcome(near, unpacked(before), moves)), 1, 2)
+    by_bending = slope[..., count + 8 :]
+    slope = slope[..., : count + 8]
+    bending = -np.linalg.solve(by_bending[:, :2], slope[:, :2])
+    memory = slope[:, 2:] + by_bending[:, 2:] @ bending
+    first = _first_slopes(near, moves)
+    remembered, changes = first[_REMEMBERED], [first[_BENDING]]
+    for bend, memorise in zip(bending, memory, strict=True):
+        changes.append(bend[:, :count] + bend[:, count:] @ remembered)
+        remembered = memorise[:, :count] + memorise[:, count:] @ remembered
+    theta_1, theta_2 = split(trail[moves.rests][:, None, _BENDING] + probes[:, _BENDING])
+    markers_mm = markers_along(near, theta_1, theta_2)
+    by_all = np.moveaxis(_differences(markers_mm), 1, -1)
+    change = np.array(changes)[moves.rests][:, None]
+    return markers_mm[:, -1], by_all[..., :count] + by_all[..., count + 8 :] @ change
+
+
+def _differences(rows: Array) -> Array:
+    """Derivatives by all that is probed, (N, K, ...), from (N, K + 1, ...)."""
+    return np.asarray((rows[:, :-1] - rows[:, -1:]) / _PROBE)
+
+
+def _outcome(p: Parameters, before: Pose, moves: Moves) -> Array:
+    """What motions lead to: moments, zero at rest, lags and anchors, (T, K, 10).
+
+    ``before`` are the poses before the motions, (T, K), but for the bending angles after them.
+    """
+    travel_1, travel_2, kept, _ = moves.rows.T[..., None]
+    ahead = turned(p, before, before.q_1 + travel_1, before.q_2 + travel_2)
+    shafts = shafts_of(p, (ahead.q_1, ahead.q_2), (ahead.lag_1, ahead.lag_2))
+    theta, anchors = (before.theta_1, before.theta_2), before.anchors
+    forces = forces_of(_remembering(p, 1.0, kept), *theta, shafts, anchors)
+    lags = ahead.lag_1, ahead.lag_2
+    return stacked(*forces[:2], *lags, *_dragged(p, anchors, *theta, kept))
+
+
+def _first_slopes(near: Parameters, moves: Moves) -> Array:
+    """Derivatives of the first pose, packed, (12, COUNT)."""
+    first = first_pose(near, *moves.start_rad.tolist())
+    flat = stacked(*first[:4], *first.anchors, *first[5:])
+    return _differences(flat[None])[0, : -(_PROBES - 1)].T

@@ -146,6 +146,17 @@ class StaticModel(ABC, Generic[P, S]):
     def predicted_mm(self, p: P, rests: Rests) -> Array:
         """M2 and the tip at the rests, (N, ..., 2, 3), for one or several (...) sets ``p``."""
 
+    def predicted_and_slopes(
+        self, space: ParameterSpace[P], score: Array, rests: Rests
+    ) -> tuple[Array, Array]:
+        """M2 and the tip at the rests, (N, 2, 3), and their derivatives, (N, 2, 3, COUNT).
+
+        Those are by the scores, (COUNT,), of the robot.
+        """
+        near_mm = self.predicted_mm(space.perturbed(score, PROBE), rests)
+        slopes = (near_mm[:, :-1] - near_mm[:, -1:]) / PROBE
+        return near_mm[:, -1], np.moveaxis(slopes, 1, -1)
+
     @abstractmethod
     def sensitivity(
         self,

@@ -45,7 +45,7 @@ class IdentifiedSurface:
         if rests is None:
             raise ConfigError("--surface robot needs the rests of section identified", _CURE)
         self._model = make_model(description.control)
-        found = identification_of(Scaling.of(description), rests, self._model.predicted_mm)
+        found = identification_of(Scaling.of(description), rests, self._model)
         if found is None:
             raise ConfigError("the rests in section identified do not fit [robot]", _CURE)
         fit = found.finish()

@@ -193,7 +193,7 @@ def test_a_tour_of_another_robot_is_fitted_to_the_noise(robot, true_score):
     model, space = model_of(description)
     truth = space.parameters(true_score(space, 5))
     rests = seen_tour(description, truth)
-    fits = identification_of(space, rests, model.predicted_mm)
+    fits = identification_of(space, rests, model)
     assert fits is not None
     found = fits.finish().result()
     off_mm = model.predicted_mm(space.parameters(found.score), rests)
@@ -210,8 +210,8 @@ def test_a_fit_is_also_started_elsewhere_and_the_likelier_one_counts(tmp_path):
     description = schema.load(str(file))
     model, space = model_of(description)
     rests = seen_tour(description, space.parameters(soft_and_loose(space, 3)))
-    assert StaticsFit(space, rests, model.predicted_mm).finish().rms_mm > 0.5
-    fits = identification_of(space, rests, model.predicted_mm)
+    assert StaticsFit(space, rests, model).finish().rms_mm > 0.5
+    fits = identification_of(space, rests, model)
     assert fits is not None
     assert fits.finish().result().rms_mm < 0.2
 
@@ -249,7 +249,7 @@ def test_what_friction_holds_is_found_and_holds_the_robot_back_along_a_path():
     (friction,) = space.roles.hindrances
     score[friction] = 1.0
     truth = space.parameters(score)
-    fit = StaticsFit(space, seen_tour(description, truth), model.predicted_mm).finish()
+    fit = StaticsFit(space, seen_tour(description, truth), model).finish()
     assert fit.rms_mm < 0.2
     assert 0.3 < fit.score[friction] < 1.2  # Dead travel takes the rest.
     theta_rad = some_bending(space, 1)

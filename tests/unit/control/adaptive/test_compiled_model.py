@@ -75,7 +75,7 @@ def test_both_models_predict_the_same_rests(compiled, seed):
 
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
-def test_robots_that_the_last_one_leads_rest_where_each_alone_does(compiled, seed):
+def test_robots_moved_at_once_rest_where_each_alone_does(compiled, seed):
     """The plain model moves several robots at once, the compiled one each for itself.
 
     Robots far from each other do not creep here: a step in which Newton's method ends early for one
@@ -90,6 +90,17 @@ def test_robots_that_the_last_one_leads_rest_where_each_alone_does(compiled, see
         alone_mm = compiled.predicted_mm(p, rests)
         assert alone_mm.shape == (8, len(p.gain_1), 2, 3)
         assert PLAIN.predicted_mm(p, rests) == pytest.approx(alone_mm, abs=most_mm)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=seeds)
+def test_both_models_find_the_same_slopes_of_rests(compiled, seed):
+    rng, _ = _drawn(seed)
+    rests, score = _drawn_rests(rng), SCALING.bounded(0.5 * rng.standard_normal(COUNT))
+    plain = PLAIN.predicted_and_slopes(SCALING, score, rests)
+    again = compiled.predicted_and_slopes(SCALING, score, rests)
+    assert again[0] == pytest.approx(plain[0], abs=1e-5)
+    assert again[1] == pytest.approx(plain[1], abs=1e-3)
 
 
 @same

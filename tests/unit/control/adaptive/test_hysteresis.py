@@ -3,16 +3,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccr_host.control.adaptive.motion import _CREEP_TIME_S, first_pose, moved, setpoint_for, turned
-from ccr_host.control.adaptive.parameters import parameters_of, prior_of
+from ccr_host.control.adaptive.model import PLAIN
+from ccr_host.control.adaptive.motion import (
+    _CREEP_TIME_S,
+    first_pose,
+    moved,
+    predicted_mm,
+    setpoint_for,
+    turned,
+)
+from ccr_host.control.adaptive.parameters import COUNT, Scaling, parameters_of, prior_of
 from ccr_host.control.adaptive.statics import STICKING, hold_of
 from ccr_host.description.schema import Robot
 from ccr_host.description.simulation import Twin
+from ccr_host.robot.rests import Rests
 from ccr_host.sim.robot.mechanics import Mechanics
 
 PRIOR = parameters_of(prior_of(Robot()).mean)
 DRY = PRIOR._replace(friction_1=0.2)
 LOOSE = PRIOR._replace(backlash_rad=0.02)
+SCALING = Scaling(Robot())
 CREEPING = PRIOR._replace(creep=0.1)
 angles = st.tuples(st.floats(-0.7, 0.7), st.floats(-1.0, 1.0)).map(np.array)
 
@@ -134,3 +144,22 @@ def _second_bend_rad(mechanics):
     first, last = disks[-6] - disks[-7], disks[-1] - disks[-2]
     cosine = first @ last / np.linalg.norm(first) / np.linalg.norm(last)
     return float(np.arccos(cosine)) * 5.0 / 4.5
+
+
+def test_slopes_along_a_tour_are_those_of_robots_that_make_it_each_alone():
+    """But for one robot of a hundred, which comes to rest where a tendon just slides or sticks."""
+    agree = [_slopes_agree(seed) for seed in range(30)]
+    assert np.mean(agree) > 0.96
+
+
+def _slopes_agree(seed: int) -> bool:
+    rng = np.random.default_rng(seed)
+    score = SCALING.bounded(0.7 * rng.standard_normal(COUNT))
+    from_rad, q_rad = rng.uniform(-1.2, 1.2, (2, 3, 2))
+    time_s = rng.uniform(0.3, 5.0, 3).cumsum()
+    rests = Rests.of_vectors(from_rad, q_rad, np.zeros((3, 2, 3)), np.ones(3), time_s)
+    here_mm, slopes = PLAIN.predicted_and_slopes(SCALING, score, rests)
+    assert here_mm == pytest.approx(predicted_mm(SCALING.parameters(score), rests), abs=1e-9)
+    sides = [predicted_mm(SCALING.perturbed(score, step), rests) for step in (1e-5, -1e-5)]
+    expected = np.moveaxis(sides[0] - sides[1], 1, -1)[..., :-1] / 2e-5
+    return np.allclose(slopes, expected, rtol=0.0, atol=1e-3)

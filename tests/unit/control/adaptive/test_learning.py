@@ -56,9 +56,7 @@ def _tips_elsewhere(p):
 @pytest.mark.long
 def test_the_tour_tells_all_parameters_well_enough_to_predict_other_taut_poses(compiled):
     truth = _believable(1)
-    found = SCALING.parameters(
-        StaticsFit(SCALING, _tour_of(truth, 0.15), compiled.predicted_mm).finish().score
-    )
+    found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.15), compiled).finish().score)
     assert _tips_elsewhere(found) == pytest.approx(_tips_elsewhere(truth), abs=0.5)
 
 
@@ -77,15 +75,13 @@ def test_a_robot_beyond_a_bound_is_fitted_as_well_as_the_bound_allows(
     """A step that counts on scores which the bound then takes back leads nowhere: it left 8, 2.3,
     5.3 and 0.6 mm."""
     tour = _tour_of(PRIOR._replace(**beyond))
-    assert StaticsFit(SCALING, tour, compiled.predicted_mm).finish().rms_mm < most_left_mm
+    assert StaticsFit(SCALING, tour, compiled).finish().rms_mm < most_left_mm
 
 
 @pytest.mark.long
 def test_the_tour_tells_play_from_friction(compiled):
     truth = PRIOR._replace(backlash_rad=0.008, friction_1=0.22)
-    found = SCALING.parameters(
-        StaticsFit(SCALING, _tour_of(truth, 0.3), compiled.predicted_mm).finish().score
-    )
+    found = SCALING.parameters(StaticsFit(SCALING, _tour_of(truth, 0.3), compiled).finish().score)
     assert found.backlash_rad == pytest.approx(0.008, abs=0.003)
     assert found.friction_1 == pytest.approx(0.22, abs=0.06)
 
@@ -96,7 +92,7 @@ def test_the_tour_tells_how_much_the_segments_creep(compiled):
     truth = PRIOR._replace(creep=0.06, turn_x_rad=0.01, friction_1=0.1)
     tour = _tour_of(truth, 0.15, apart_s=2.0)
     fit, untimed = (
-        StaticsFit(SCALING, rests, compiled.predicted_mm).finish()
+        StaticsFit(SCALING, rests, compiled).finish()
         for rests in (tour, replace(tour, time_s=np.full(20, np.nan)))
     )
     found = SCALING.parameters(fit.score)
@@ -113,7 +109,7 @@ def _turn_found_deg(compiled, from_rad, stops):
     lagging = stops - 0.02 * np.abs(stops) * np.sign(stops - from_rad)
     seen_mm = predicted_mm(PRIOR, replace(rests, from_rad=lagging, q_rad=lagging))
     rests = Rests.of_vectors(from_rad, stops, seen_mm, rests.count)
-    found = StaticsFit(SCALING, rests, compiled.predicted_mm).finish()
+    found = StaticsFit(SCALING, rests, compiled).finish()
     return np.degrees(SCALING.values(found.score)[TURNS]), found
 
 
@@ -136,7 +132,7 @@ def test_hysteresis_that_the_model_lacks_turns_no_camera_if_rests_are_reached_fr
 def test_a_wild_rest_does_not_spoil_the_fit(compiled):
     rests = _tour_of(PRIOR)
     rests.markers_mm[7, 1:] += 30.0
-    found = SCALING.parameters(StaticsFit(SCALING, rests, compiled.predicted_mm).finish().score)
+    found = SCALING.parameters(StaticsFit(SCALING, rests, compiled).finish().score)
     assert np.median(np.linalg.norm(predicted_mm(found, rests) - rests.vectors_mm, axis=2)) < 0.3
 
 
@@ -154,7 +150,7 @@ def test_the_prior_of_cheap_robots_is_taken_only_for_robots_with_their_faults(
     compiled, fault, is_narrow
 ):
     rests = _tour_of(PRIOR._replace(**fault), 0.3)
-    found = identification_of(SCALING, rests, compiled.predicted_mm)
+    found = identification_of(SCALING, rests, compiled)
     assert found is not None
     taper = Parameters._fields.index("taper_1")
     deviation = found.finish().scaling.deviation[taper]
@@ -172,7 +168,7 @@ def test_a_camera_is_taken_for_aligned_where_all_axes_together_strongly_suggest_
 ):
     turn = dict(zip(("turn_x_rad", "turn_y_rad", "turn_z_rad"), np.radians(turn_deg), strict=True))
     rests = _tour_of(PRIOR._replace(**turn, **faults), 0.3)
-    found = identification_of(SCALING, rests, compiled.predicted_mm)
+    found = identification_of(SCALING, rests, compiled)
     assert found is not None
     fit = found.finish()
     assert (fit.scaling.doubt > 0.0) == is_aligned
@@ -187,7 +183,7 @@ def test_only_a_camera_that_was_never_registered_may_turn_out_to_be_aligned():
 
 @pytest.mark.long
 def test_each_step_of_the_fit_leaves_less(compiled):
-    fit, left_mm = StaticsFit(SCALING, _tour_of(_believable(3)), compiled.predicted_mm), []
+    fit, left_mm = StaticsFit(SCALING, _tour_of(_believable(3)), compiled), []
     while fit.improve():
         left_mm.append(fit.result().rms_mm)
     assert len(left_mm) > 2
@@ -228,7 +224,7 @@ def test_sensitivity_is_the_derivative_of_the_rest_pose():
 
 @functools.cache
 def _fit_to_the_prior():
-    return StaticsFit(SCALING, _tour_of(PRIOR), predicted_mm).finish()
+    return StaticsFit(SCALING, _tour_of(PRIOR), PLAIN).finish()
 
 
 def _estimator_at_rest():

@@ -81,9 +81,7 @@ def test_what_is_the_robots_is_not_blamed_on_the_camera(
 ) -> None:
     scaling = Scaling.of(schema.load())
     truth = scaling.parameters(np.zeros(COUNT))._replace(**robot)
-    found = scaling.parameters(
-        StaticsFit(scaling, rests_of(truth), compiled.predicted_mm).finish().score
-    )
+    found = scaling.parameters(StaticsFit(scaling, rests_of(truth), compiled).finish().score)
     turn_rad = np.array([found.turn_x_rad, found.turn_y_rad, found.turn_z_rad])
     assert np.degrees(np.abs(turn_rad)).max() < 0.5
     for name, value in robot.items():
@@ -100,7 +98,7 @@ def test_the_end_of_segment_1_tells_a_zero_from_a_turned_camera(compiled: Compil
     for first in (0, 1):  # with M2, and without
         rests.markers_mm[:, 1:] = seen_mm
         rests.markers_mm[:, 1 : 1 + first] = np.nan
-        found = scaling.parameters(StaticsFit(scaling, rests, compiled.predicted_mm).finish().score)
+        found = scaling.parameters(StaticsFit(scaling, rests, compiled).finish().score)
         off_rad.append([abs(found.turn_x_rad + 0.05), abs(zeros_rad(found)[0] - 0.06)])
     assert np.all(off_rad[0] < np.multiply(off_rad[1], 0.7))
 
