@@ -26,6 +26,13 @@ DEFAULT_LATENCY_US = 60_000
 """Estimated time from the middle of an exposure to its image in the host: two frames at 30 Hz."""
 _PIXEL_CENTRE_PX = 0.5
 """That refinement counts from a pixel's corner, the rest of OpenCV from its centre."""
+_MOST_OFF_PX = 0.5
+"""RMS error of the coordinates of a tag's corners, if they are those of a square in its pose. It is
+0.2 at most on whole tags with edges of 60 to 120 px (bench/rendered_tags.py). A partly covered tag
+is read as well, up to 15 mm off: its error is 0.4 to 1.5."""
+_BLUR_PX, _LEAST_CONTRAST = 0.8, 30
+"""Blur before edges are sought, and the least difference of the greys on both sides of one. Tags
+have 100 and more, noise has 5."""
 _POLL_NS = 1
 """A time-out of 0 would make OpenCV wait forever."""
 
@@ -80,6 +87,9 @@ class TagDetector:
         parameters = cv2.aruco.DetectorParameters()
         # Fits lines to the whole edges: on rendered tags ten times better in depth than SUBPIX.
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
+        # By default it seeks edges in the sensor's noise, for half a second an image.
+        parameters.aprilTagQuadSigma = _BLUR_PX
+        parameters.aprilTagMinWhiteBlackDiff = _LEAST_CONTRAST
         self._detector = cv2.aruco.ArucoDetector(
             cv2.aruco.getPredefinedDictionary(number), parameters
         )
@@ -114,17 +124,18 @@ class TagDetector:
 
     def _pose(self, corners_px: Array) -> Pose | None:
         cv2, model = self._cv2, self._model
-        solved, rotation, position_mm = cv2.solvePnP(
+        # The likelier one of two poses comes first.
+        _, rotations, positions_mm, off_px = cv2.solvePnPGeneric(
             self._corners_mm,
             corners_px,
             model.matrix,
             model.distortion,
             flags=cv2.SOLVEPNP_IPPE_SQUARE,
         )
-        if not solved or not np.isfinite(position_mm).all():
+        if not len(positions_mm) or not np.ravel(off_px)[0] <= _MOST_OFF_PX:
             return None
-        turn = scipy.spatial.transform.Rotation.from_rotvec(np.ravel(rotation))
-        return Pose.of(np.ravel(position_mm).astype(np.float64), turn)
+        turn = scipy.spatial.transform.Rotation.from_rotvec(np.ravel(rotations[0]))
+        return Pose.of(np.ravel(positions_mm[0]).astype(np.float64), turn)
 
 
 class ArucoTracker(ReopenedCamera[ImageSource]):

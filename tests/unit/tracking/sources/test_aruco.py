@@ -99,6 +99,24 @@ def test_tag_that_appears_twice_counts_as_not_seen(detector):
     assert "M1" not in detector.poses(image)
 
 
+@pytest.mark.parametrize("aside_mm", [(-12.0, 20.0), (-6.0, 20.0), (12.0, 19.0)])
+def test_a_tag_of_which_an_edge_is_covered_is_not_seen_in_another_place(detector, aside_mm):
+    """It is read as well, but 5 or 6 mm off, as the covering tag's edge is taken for its own."""
+    place_mm = np.array((0.0, 0.0, 300.0))
+    before_mm = place_mm + np.array((*aside_mm, -20.0))
+    tilted = FACING * Rotation.from_rotvec((0.25, 0.2, 0.0))
+    poses = detector.poses(render({0: (tilted, place_mm), 1: (tilted, before_mm)}))
+    assert set(poses) == {"M3"}
+
+
+@pytest.mark.parametrize("noise_grey", [2.0, 10.0])
+def test_tags_are_found_under_the_sensors_noise(scene, detector, noise_grey):
+    noise = noise_grey * np.random.default_rng(1).standard_normal(scene.shape)
+    poses = detector.poses((scene + noise).clip(0, 255).astype(np.uint8))
+    for name, (_, position_mm) in zip(("M1", "M3"), (BASE, TIP), strict=True):
+        assert np.linalg.norm(poses[name].position_mm - position_mm) < 0.5
+
+
 class Images:
     """A camera that shows what the test puts in front of it."""
 
