@@ -306,13 +306,12 @@ def unpacked(flat: Array) -> Pose:
     return Pose(q_1, q_2, lag_1, lag_2, tuple(anchors), theta_1, theta_2)
 
 
-_PROBES = 11
-"""Further robots for ``slopes_along``: one for each remembered number of a pose, one for each of
-its bending angles, and the unchanged one."""
 _REMEMBERED, _BENDING = slice(2, 10), slice(10, 12)
-"""Of a packed pose."""
-
-
+"""Lags and anchors, and bending angles, of a packed pose."""
+_STATES = 8
+_PROBES = _STATES + 2 + 1
+"""Further robots for ``slopes_along``: one for each number that a pose remembers, one for each of
+its bending angles, and the unchanged one."""
 _PROBE = 1e-7
 """Increase of scores, and of what a pose remembers, for derivatives: across a kink they are wrong,
 and tendons that stick may be within 1e-6 rad of sliding."""
@@ -341,20 +340,19 @@ def slopes_along(near: Parameters, trail: Array, moves: Moves) -> tuple[Array, A
     before = trail[:-1, None] + probes
     before[..., _BENDING] = trail[1:, None, _BENDING] + probes[:, _BENDING]
     slope = np.swapaxes(_differences(_outcome(near, unpacked(before), moves)), 1, 2)
-    by_bending = slope[..., count + 8 :]
-    slope = slope[..., : count + 8]
-    bending = -np.linalg.solve(by_bending[:, :2], slope[:, :2])
-    memory = slope[:, 2:] + by_bending[:, 2:] @ bending
+    by_start, by_bending = np.split(slope, [count + _STATES], axis=2)
+    bending = -np.linalg.solve(by_bending[:, :2], by_start[:, :2])
+    memory = by_start[:, 2:] + by_bending[:, 2:] @ bending
     first = _first_slopes(near, moves)
     remembered, changes = first[_REMEMBERED], [first[_BENDING]]
-    for bend, memorise in zip(bending, memory, strict=True):
-        changes.append(bend[:, :count] + bend[:, count:] @ remembered)
-        remembered = memorise[:, :count] + memorise[:, count:] @ remembered
+    for bent, kept in zip(bending, memory, strict=True):
+        changes.append(bent[:, :count] + bent[:, count:] @ remembered)
+        remembered = kept[:, :count] + kept[:, count:] @ remembered
     theta_1, theta_2 = split(trail[moves.rests][:, None, _BENDING] + probes[:, _BENDING])
     markers_mm = markers_along(near, theta_1, theta_2)
     by_all = np.moveaxis(_differences(markers_mm), 1, -1)
     change = np.array(changes)[moves.rests][:, None]
-    return markers_mm[:, -1], by_all[..., :count] + by_all[..., count + 8 :] @ change
+    return markers_mm[:, -1], by_all[..., :count] + by_all[..., count + _STATES :] @ change
 
 
 def _differences(rows: Array) -> Array:
@@ -380,4 +378,4 @@ def _first_slopes(near: Parameters, moves: Moves) -> Array:
     """Derivatives of the first pose, packed, (12, COUNT)."""
     first = first_pose(near, *moves.start_rad.tolist())
     flat = stacked(*first[:4], *first.anchors, *first[5:])
-    return _differences(flat[None])[0, : -(_PROBES - 1)].T
+    return _differences(flat[None])[0, : 1 - _PROBES].T

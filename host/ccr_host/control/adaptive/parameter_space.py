@@ -119,9 +119,9 @@ class ParameterSpace(ABC, Generic[P]):
     def parameters(self, score: Array) -> P:
         """The parameters of scores, (COUNT,)."""
 
-    @abstractmethod
     def perturbed(self, score: Array, probe: float) -> P:
         """Parameters with each score increased by ``probe`` in turn, then none: COUNT + 1 sets."""
+        return self.each(score + probe * np.eye(self.count + 1, self.count))
 
     @property
     @abstractmethod

@@ -328,9 +328,6 @@ class Scaling(ParameterSpace[Parameters]):
         """The parameters of scores, as floats."""
         return parameters_of(np.append(self._mean + self.deviation * score, self._known))
 
-    def perturbed(self, score: Array, probe: float) -> Parameters:
-        return self.each(score + probe * np.eye(COUNT + 1, COUNT))
-
     def each(self, scores: Array) -> Parameters:
         """The parameters of several sets of scores, (n, COUNT), as arrays, (n,)."""
         rows = np.empty((len(scores), FIELDS))
