@@ -34,6 +34,8 @@ _KINDS = (
 )
 _MEGABYTE = 1_000_000
 _drafts = itertools.count()
+_LEFT_OVER_S = 3600.0
+"""Age of a draft beside a new one from which whoever wrote it was killed: writing takes seconds."""
 
 
 def is_there(path: Path) -> bool:
@@ -109,7 +111,9 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Yields:
         A draft to write. It replaces the file when the block ends; after an error the file is
-        unchanged. Its name has its own suffix, so that searches by suffix do not find it.
+        unchanged. Its name has its own suffix, so that searches by suffix do not find it. One
+        that was left over by a killed process is removed an hour later, by whatever is written next
+        in that folder.
 
     Raises:
         OSError: the draft cannot be written, or cannot replace the file.
@@ -126,11 +130,21 @@ def replacing(path: Path) -> Iterator[Path]:
             os.fsync(written.fileno())
         if mode:
             draft.chmod(stat.S_IMODE(mode))
+        _remove_left_over(draft)
         draft.replace(target)
     except BaseException:
         with contextlib.suppress(OSError):
             draft.unlink()
         raise
+
+
+def _remove_left_over(draft: Path) -> None:
+    """Remove old drafts beside a new one; the clock is that of their file system."""
+    with contextlib.suppress(OSError):
+        new_s = draft.stat().st_mtime
+        for other in draft.parent.glob(".*-*.draft"):
+            if new_s - other.stat().st_mtime > _LEFT_OVER_S:
+                other.unlink()
 
 
 def keep_elsewhere(text: str, suffix: str) -> Path:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ccr_host.core.errors import CcrError, ConfigError
-from ccr_host.core.user_file import read_bytes
+from ccr_host.core.user_file import read_bytes, replacing
 from ccr_host.description import schema
 from ccr_host.record.log.reader import RunRecording
 from ccr_host.robot.paths import read_path_file
@@ -173,3 +173,17 @@ def test_any_change_of_a_file_is_read_or_refused(tmp_path, read, content):
             read(file)
         except CcrError as error:
             assert error.cure
+
+
+def test_drafts_of_killed_processes_are_removed_by_a_later_write_and_those_of_others_stay(tmp_path):
+    left_over, of_another, own = (tmp_path / f".{n}-0.draft" for n in (4711, 4712, 4713))
+    mine = tmp_path / "notes.draft"
+    for file, age_s in (left_over, 7200.0), (of_another, 60.0), (own, 0.0), (mine, 7200.0):
+        file.write_text("half")
+        then_s = file.stat().st_mtime - age_s
+        os.utime(file, (then_s, then_s))
+    with replacing(tmp_path / "rows.parquet") as draft:
+        draft.write_text("whole")
+    assert {file.name for file in tmp_path.iterdir()} == {
+        of_another.name, own.name, mine.name, "rows.parquet"
+    }  # fmt: skip
