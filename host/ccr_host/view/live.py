@@ -28,6 +28,9 @@ from ccr_host.view.feed import Batch, PageOperator, RunEnded, SharedButtons, Vie
 _ROOM_BATCHES = 64
 """Two and a half seconds of a run in real time."""
 _START_TIMEOUT_S = 30.0
+_SILENT_S = 60.0
+"""Without a word for this long a page hangs: it says one each second, but for drawings that take
+long, and takes 20 s to start on a machine under load."""
 _END_TIMEOUT_S = 2.0
 _MOST_STARTS = 10
 _TOKEN_BYTES = 16
@@ -80,7 +83,7 @@ def parse_view_address(text: str, option: str = "--view") -> ViewAddress:
 
 
 class LivePage:
-    """A page that waits for a run, in a process that is started again when it dies.
+    """A page that waits for a run, in a process that is started again when it dies or hangs.
 
     Raises:
         CcrError: the page does not start.
@@ -148,16 +151,20 @@ class LivePage:
         return told
 
     def _keep(self, told: Connection) -> None:
-        """Hear what the process tells, and start another one whenever it dies."""
+        """Hear what the process tells, and start another one whenever it dies or hangs."""
         for start in range(1, _MOST_STARTS + 1):
+            hangs = False
             with suppress(EOFError, OSError):
-                while True:
+                while told.poll(_SILENT_S):
                     if trouble := told.recv():
                         self._tell(f"the live page: {trouble}")
+                hangs = True
+                self._process.kill()
             self._process.join()
             if not self._is_wanted:
                 return
-            lost = f"the live page has died ({cause_of_death(self._process.exitcode)}) and "
+            died = f"has died ({cause_of_death(self._process.exitcode)})"
+            lost = f"the live page {'hangs' if hangs else died} and "
             if start == _MOST_STARTS:
                 self._tell(lost + "stays away; only Ctrl-C in the terminal is left")
                 return
@@ -206,7 +213,8 @@ def _draw_live_run(
 
         draw_live_run(door, messages, buttons, tell)
     except Exception as error:
-        tell.send(full_text(error))
+        with suppress(OSError):  # The run may be gone.
+            tell.send(full_text(error))
         sys.exit(1)
 
 

@@ -38,6 +38,7 @@ from ccr_host.view.page import Page
 DRAW_EVERY_S = 0.05
 _LONGEST_MESSAGE_BYTES = 4096
 _HANGS_AFTER_S = 30.0
+_TELL_EVERY_US = 1_000_000
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -175,7 +176,8 @@ def draw_live_run(
 ) -> None:
     """Serve the page until the run's process ends this one, or dies.
 
-    Tells an empty text once the page is served, then what cannot be drawn.
+    Tells an empty text once the page is served and each second from then on, and what cannot be
+    drawn.
     """
     with page_server(door) as server:
         tell.send("")
@@ -186,12 +188,15 @@ def _draw_on(server: ViserServer, live: _LiveRun, buttons: SharedButtons, tell: 
     run = multiprocessing.parent_process()
     assert run is not None
     clock = RealClock()
-    drawn_us = clock.now_us()
+    drawn_us = told_us = clock.now_us()
     page: Page | None = None
     has_failed = False
     while not wait([run.sentinel], DRAW_EVERY_S):
         has_ended = live.take_in()
         now_us = clock.now_us()
+        if now_us - told_us > _TELL_EVERY_US:
+            told_us = now_us
+            tell.send("")
         if page is None:
             if live.history.setup is not None:
                 shown = None if has_ended else buttons

@@ -116,6 +116,24 @@ def test_a_page_that_dies_is_told_and_comes_back_under_the_same_address(
 
 
 @pytest.mark.long
+def test_a_page_that_hangs_is_replaced_and_one_that_is_only_slow_is_not(
+    page: LivePage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ccr_host.view.live._SILENT_S", 20.0)
+    number, heard = process_of(page), list[str]()
+    os.kill(number, signal.SIGSTOP)
+    time.sleep(2.0)
+    os.kill(number, signal.SIGCONT)
+    assert not is_told(page, "hangs", heard)
+    os.kill(number, signal.SIGSTOP)
+    assert becomes_true(lambda: is_told(page, "the live page hangs and is started again", heard))
+    assert becomes_true(lambda: process_of(page) != number)
+    with Viewer(page.url) as viewer:
+        viewer.press("STOP the robot")
+        assert becomes_true(lambda: page.operator.wants_stop)
+
+
+@pytest.mark.long
 def test_a_page_that_cannot_be_kept_is_given_up_which_ends_a_pause(
     page: LivePage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
