@@ -30,7 +30,7 @@ FOCAL_PX = 1800.0
 DISTANCE_MM = 300.0
 TAG_MM = 10.0
 NOISE_GREY = 2.0
-"""Standard deviation of a pixel, of 255; webcams have 1 to 5."""
+"""Standard deviation of a pixel, of 255; assumed."""
 _MATRIX = np.array([(FOCAL_PX, 0.0, 639.5), (0.0, FOCAL_PX, 479.5), (0.0, 0.0, 1.0)])
 _CELL_PX = 24
 _EDGE_PX = 10 * _CELL_PX
@@ -79,8 +79,8 @@ class RenderedTags:
         """Take the image."""
         image = np.full(SIZE_PX[::-1], 120.0, np.float32)
         places = self.places_mm(markers_mm)
-        for nearest_last in np.argsort(-places[:, 2]):
-            _paint(image, self._textures[nearest_last], places[nearest_last])
+        for marker in np.argsort(-places[:, 2]):  # The nearest one last.
+            _paint(image, self._textures[marker], places[marker])
         noise = self._rng.standard_normal(image.shape, dtype=np.float32)
         image = cv2.GaussianBlur(image, (3, 3), 0.7) + NOISE_GREY * noise
         self.image = image.clip(0, 255).astype(np.uint8)

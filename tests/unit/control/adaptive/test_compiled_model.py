@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccr_host.control.adaptive.model import PLAIN
@@ -87,13 +87,13 @@ def test_robots_moved_at_once_rest_where_each_alone_does(compiled, seed):
     far = SCALING.each(SCALING.bounded(rng.standard_normal((4, COUNT))))
     far = far._replace(creep=0.0 * far.creep)
     near = SCALING.perturbed(SCALING.bounded(rng.standard_normal(COUNT)), PROBE)
-    # One that buckles ends as far as 1e11 mm away, and disturbs the search of those beside it.
-    assume(np.abs(compiled.predicted_mm(far, rests)).max() < _NOT_BUCKLED_MM)
     for p, most_mm in (far, 1e-4), (near, 1e-7):
         alone_mm = compiled.predicted_mm(p, rests)
         assert alone_mm.shape == (8, len(p.gain_1), 2, 3)
-        found_mm = PLAIN.predicted_mm(p, rests)
-        assert found_mm == pytest.approx(alone_mm, abs=most_mm)
+        # A robot that buckles ends as far as 1e11 mm away, by either model's rounding.
+        sound = np.abs(alone_mm).max(axis=(0, 2, 3)) < _NOT_BUCKLED_MM
+        found_mm = PLAIN.predicted_mm(p, rests)[:, sound]
+        assert found_mm == pytest.approx(alone_mm[:, sound], abs=most_mm)
 
 
 @settings(max_examples=10, deadline=None)
