@@ -31,7 +31,7 @@ _MOST_OFF_PX = 0.5
 0.2 at most on whole tags with edges of 60 to 120 px (bench/rendered_tags.py). A partly covered tag
 is read as well, up to 15 mm off: its error is 0.4 to 1.5."""
 _BLUR_PX, _LEAST_CONTRAST = 0.8, 30
-"""Blur before edges are sought, and the least difference of the greys on both sides of one. Rendered
+"""Blur before edges are sought, and the least difference of the greys beside one. Rendered
 tags are found with a difference of 50, and noise with a deviation of 10 is passed over."""
 _POLL_NS = 1
 """A time-out of 0 would make OpenCV wait forever."""
