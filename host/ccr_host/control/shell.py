@@ -70,10 +70,9 @@ class PathView:
 class Measurement:
     """A new measurement, and the setpoint in effect when it was taken."""
 
-    tip_mm: Array
-    """M3 - M1, (3,), finite."""
-    middle_mm: Array
-    """M2 - M1, (3,); NaN if not seen."""
+    ends_mm: Array
+    """Ends of the segments relative to M1, (S, 3); NaN where not seen. The last one, the tip, is
+    finite."""
     exposed_s: float
     """Time of exposure on the clock of the run."""
     time_s: float
@@ -86,6 +85,12 @@ class Measurement:
     """Step index of the path's clock at the exposure; None in an approach."""
     elapsed_s: float
     """Time since the previous measurement; for the first one, the period of the commands."""
+
+    @property
+    def tip_mm(self) -> Array:
+        """Tip relative to M1, (3,), finite."""
+        tip: Array = self.ends_mm[-1]
+        return tip
 
 
 @dataclass(frozen=True)
@@ -171,6 +176,7 @@ class Shell:
         self._limits = MotorLimits.of(description.servo)
         self._slew_rad_s = np.radians(description.servo.slew_deg_s)
         robot = description.robot
+        self._segments = len(robot.chain)
         length_mm = sum(robot.segment_lengths_mm) + 2.0 * robot.marker_offset_mm
         self._farthest_mm = _FARTHEST_LENGTHS * length_mm
 
@@ -254,8 +260,7 @@ class Shell:
             time_s = exposed_s - self.law.delay_s
             news.append(
                 Measurement(
-                    picture.tip_mm,
-                    picture.ends_mm[0],
+                    all_ends_mm(self._segments, picture.ends_mm, picture.tip_mm),
                     exposed_s,
                     time_s,
                     self._history.at(time_s),
@@ -331,13 +336,25 @@ def _at_rest(news: list[Measurement]) -> Measurement:
     Noise, vibration and single outliers average out. On the move it is the newest measurement.
     """
     rest = [one for one in news if np.array_equal(one.setpoint_rad, news[-1].setpoint_rad)]
-    middles_mm = [one.middle_mm for one in rest if np.isfinite(one.middle_mm).all()]
     return replace(
         rest[len(rest) // 2],
-        tip_mm=np.median([one.tip_mm for one in rest], axis=0),
-        middle_mm=np.median(middles_mm, axis=0) if middles_mm else np.full(3, np.nan),
+        ends_mm=median_of_seen(np.array([one.ends_mm for one in rest])),
         elapsed_s=sum(one.elapsed_s for one in news),
     )
+
+
+def all_ends_mm(segments: int, ends_mm: Array, tip_mm: Array) -> Array:
+    """The ends of all segments, (S, 3), if no more than some were reported and the tip, (3,)."""
+    all_mm = np.full((segments, 3), np.nan)
+    all_mm[: len(ends_mm)] = ends_mm
+    all_mm[-1] = tip_mm
+    return all_mm
+
+
+def median_of_seen(ends_mm: Array) -> Array:
+    """Median of each end, (S, 3), over the pictures that show it, (K, S, 3); NaN if none does."""
+    seen = (one[np.isfinite(one).all(axis=1)] for one in np.swapaxes(ends_mm, 0, 1))
+    return np.array([np.median(one, axis=0) if len(one) else np.full(3, np.nan) for one in seen])
 
 
 def _ramp_s(period_s: float) -> float:

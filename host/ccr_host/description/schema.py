@@ -204,8 +204,9 @@ class Identified(Section):
     before it."""
     tip_mm: tuple[_Place, ...]
     """Mean measured tip position at each rest."""
-    middle_mm: tuple[_Place, ...] = ()
-    """Mean measured M2 - M1 at each rest; missing in files from before December 2026."""
+    middle_mm: tuple[tuple[_Coordinate, ...], ...] = ()
+    """Mean measured M2 - M1 at each rest, of more than two segments followed by M3 - M1 and so on,
+    without the tip; missing in files from before December 2026, which may have M2 alone."""
     count: tuple[Annotated[int, within(1, 1e9)], ...]
     """Number of measurements behind each mean."""
     time_s: tuple[Annotated[float, within(-1e9, 1e9)], ...] = ()
@@ -224,6 +225,10 @@ class Identified(Section):
             raise ValueError(
                 "identified.setpoint_rad, from_rad, tip_mm, middle_mm, count and time_s have "
                 "different numbers of rows"
+            )
+        if any(len(row) % 3 or len(row) != len(self.middle_mm[0]) for row in self.middle_mm):
+            raise ValueError(
+                "the rows of identified.middle_mm differ in length, or are not whole places x, y, z"
             )
         if any(len(pose) != len(self.start_rad) for pose in self.setpoint_rad + self.from_rad):
             raise ValueError(

@@ -95,10 +95,6 @@ class Rests:
         """The last marker relative to M1, (N, 3)."""
         return self.vectors_mm[:, -1]
 
-    def ends(self) -> Rests:
-        """The rests with M1, M2 and the tip alone, in which static models are fitted."""
-        return replace(self, markers_mm=self.markers_mm[:, [0, 1, -1]])
-
     def chosen(self, rows: BoolArray | list[int] | slice) -> Rests:
         return Rests(*(getattr(self, field.name)[rows] for field in fields(self)))
 
@@ -271,11 +267,13 @@ def identified_rests(description: Description) -> Rests | None:
             "[registration]",
             "identify again: ccr-host calibrate --identify; or remove the section",
         )
-    not_seen = np.full_like(identified.tip_mm, np.nan)
-    middle_mm = np.array(identified.middle_mm) if identified.middle_mm else not_seen
+    tip_mm = np.array(identified.tip_mm)
+    vectors_mm = np.full((len(tip_mm), len(description.robot.chain), 3), np.nan)
+    middle_mm = np.array(identified.middle_mm).reshape(len(tip_mm), -1, 3)[:, : len(vectors_mm[0])]
+    vectors_mm[:, : middle_mm.shape[1]] = middle_mm
+    vectors_mm[:, -1] = tip_mm
     q_rad = np.array(identified.setpoint_rad)
     from_rad = identified.from_rad or (identified.start_rad, *identified.setpoint_rad[:-1])
-    vectors_mm = np.stack([middle_mm, identified.tip_mm], axis=1)
     count = np.array(identified.count, dtype=np.float64)
     time_s = np.array(identified.time_s) if identified.time_s else None
     return Rests.of_vectors(np.array(from_rad), q_rad, vectors_mm, count, time_s)

@@ -22,7 +22,7 @@ from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.robot.workspace import MotorLimits
 
 Predict = Callable[[Array], Array]
-"""M2 and the tip relative to M1, mm, (N, 2, 3), at motor angles, (N, n)."""
+"""Ends of the segments relative to M1, mm, (N, S, 3), at motor angles, (N, n)."""
 
 _MODEL_MM = 2.0
 """What the model leaves unexplained anyway; differences below it tell nothing."""
@@ -46,7 +46,7 @@ class _Explained:
     cause: str
     cure: str
     left_mm: Array
-    """What it leaves unexplained, (N, 2, 3)."""
+    """What it leaves unexplained, (N, S, 3)."""
     unknowns: int
 
     def cost(self, poses: int) -> float:
@@ -67,7 +67,7 @@ def likely_change(
         predict: the model of the robot as it was before.
         limits: of the motors.
         q_rad: commanded motor angles, (N, n).
-        seen_mm: M2 and the tip relative to M1, (N, 2, 3); NaN where M2 was not seen.
+        seen_mm: ends of the segments relative to M1, (N, S, 3); NaN where not seen.
     """
     expected_mm = predict(q_rad)
     found = [*_of_camera(expected_mm, seen_mm), *_of_motors(predict, limits, q_rad, seen_mm)]
@@ -154,14 +154,19 @@ def _of_camera(expected_mm: Array, seen_mm: Array) -> Iterator[_Explained]:
         3,
     )
     scale = float((seen_mm[known] * expected_mm[known]).sum() / (expected_mm[known] ** 2).sum())
-    yield _Explained(
-        f"distances are seen {scale:.3g} times as long as before",
-        "check the camera's calibration and the unit of its lengths",
-        seen_mm - scale * expected_mm,
-        1,
-    )
+    if scale > 0.0:
+        yield _Explained(
+            f"distances are seen {scale:.3g} times as long as before",
+            "check the camera's calibration and the unit of its lengths",
+            seen_mm - scale * expected_mm,
+            1,
+        )
     shift_mm = seen_mm - expected_mm
-    for name, of_marker in (("M1", [0, 1]), ("M2", [0]), ("the last marker", [1])):
+    last = seen_mm.shape[1] - 1
+    markers = [("M1", [*range(last + 1)])]
+    markers += [(f"M{number + 2}", [number]) for number in range(last)]
+    markers += [("the last marker", [last])]
+    for name, of_marker in markers if last else [("M1 or the last marker", [0])]:
         shifts_mm = shift_mm[:, of_marker][known[:, of_marker]]
         if not len(shifts_mm):
             continue

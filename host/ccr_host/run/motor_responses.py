@@ -129,7 +129,7 @@ class MotorResponses:
         self._model = ConstantCurvature(robot)
         self._length_mm = sum(self._model.lengths_mm)
         self._noise_mm = description.tracker.noise_mm
-        self._rests = rests = rests.chosen([0, *_best_rests(rests)]).ends()
+        self._rests = rests = rests.chosen([0, *_best_rests(rests)])
         led_rad = rests.q_rad - rests.q_rad[0]
         self.motors = np.abs(led_rad[1:]).argmax(axis=1)
         """The motors that were seen to be moved, by their numbers from 0."""
@@ -210,5 +210,5 @@ class MotorResponses:
         return responses, 2.0 * float(fit.cost)
 
     def _ends_mm(self, bending_rad: Array) -> Array:
-        """M2 and the tip, (N, 2, 3)."""
-        return self._model.markers_mm(bending_rad)[0][:, [0, -1]]
+        """Ends of the segments, (N, S, 3)."""
+        return self._model.markers_mm(bending_rad)[0]

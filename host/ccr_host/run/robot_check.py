@@ -238,7 +238,7 @@ class RobotCheck:
         self._odd_us = 0.0
         """Time for which the poses have been unexplained, less a share of that for which not."""
         self._seen: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)
-        """Motor angles, (n,), M2 and the tip, (2, 3), of the last looks that were unexplained."""
+        """Motor angles, (n,), and ends, (S, 3), of the last looks that were unexplained."""
 
     def judge_probe(self) -> Rests | None:
         """The rests of the probe if the description does not explain them, else None."""
@@ -261,8 +261,7 @@ class RobotCheck:
             return None
         passed_us = min(passed_us, _MOST_COUNTED_US)
         self._looked_us = time_us
-        markers_mm = ends_mm[[0, -1]]
-        odd = [self._is_odd(belief, q_rad, markers_mm) for belief in self._beliefs]
+        odd = [self._is_odd(belief, q_rad, ends_mm) for belief in self._beliefs]
         if not all(odd):
             self._odd_us -= _FORGIVEN * passed_us
             if self._odd_us <= 0.0:
@@ -270,23 +269,22 @@ class RobotCheck:
                 self._seen.clear()
             return None
         self._odd_us += passed_us if self._seen else 0.0
-        self._seen.append((q_rad, markers_mm))
+        self._seen.append((q_rad, ends_mm))
         if self._odd_us < _FOR_US:
             return None
-        setpoints_rad, markers = (np.array(column) for column in zip(*self._seen, strict=True))
-        count = np.ones(len(markers))
-        return Rests.of_vectors(setpoints_rad, setpoints_rad, markers, count)
+        setpoints_rad, seen_mm = (np.array(column) for column in zip(*self._seen, strict=True))
+        return Rests.of_vectors(setpoints_rad, setpoints_rad, seen_mm, np.ones(len(seen_mm)))
 
     def _is_odd(self, belief: _Belief, q_rad: Array, seen_mm: Array) -> bool:
-        """Whether markers, (2, 3), are not where a robot at these motor angles has them."""
+        """Whether markers, (S, 3), are not where a robot at these motor angles has them."""
         theta_rad = belief.theta_rad(q_rad)
         away_mm = seen_mm - self._statics.markers_mm(belief.p, theta_rad[None])[0]
         most_left_mm = _MOST_LEFT_SHARE * self._length_mm + self._noise_mm
         if np.nansum(away_mm**2) < most_left_mm**2:
             return False
         found = self._statics.seen_pose(belief.p, theta_rad, seen_mm)
-        off_mm = np.zeros((2, 6))
-        off_mm[0, 3:], off_mm[1] = away_mm[-1], np.nan_to_num(found.left_mm).ravel()
+        off_mm = np.zeros((2, seen_mm.size))
+        off_mm[0, -3:], off_mm[1] = away_mm[-1], np.nan_to_num(found.left_mm).ravel()
         sizes_mm = np.linalg.norm(off_mm, axis=1)
         sizes = np.concatenate([sizes_mm, np.abs(found.theta_rad - theta_rad)])
         limits = np.full_like(sizes, _MOST_BENT_RAD)

@@ -217,8 +217,8 @@ def _deflection_deg(tip_mm: Array, description: Description) -> tuple[float, flo
         rest_rad[None], rest_rad[None], np.full((1, 3, 3), np.nan), np.ones(1), np.ones(1)
     )
     markers_mm, slopes = model.predicted_and_slopes(space, np.zeros(space.count), rests)
-    expected_mm, known = markers_mm[0, 1], _known(space, description.robot) / space.deviation
-    slope = slopes[0, 1].T * known[:, None]
+    expected_mm, known = markers_mm[0, -1], _known(space, description.robot) / space.deviation
+    slope = slopes[0, -1].T * known[:, None]
     length_mm = float(np.linalg.norm(expected_mm))
     aside = tip_mm / np.linalg.norm(tip_mm) - expected_mm / length_mm
     off_rad = 2.0 * float(np.arcsin(0.5 * np.linalg.norm(aside)))

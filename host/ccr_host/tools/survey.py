@@ -147,7 +147,7 @@ def trial_fit(rests: Rests, description: Description) -> Fit:
         TrackerError: the rests do not fit the described robot at all.
     """
     model, space = make_static_model(description)
-    found = identification_of(space, rests.ends(), model)
+    found = identification_of(space, rests, model)
     if found is None:
         raise TrackerError(
             f"the {len(rests.count)} rests measured do not fit the described robot",
@@ -175,12 +175,14 @@ def identified_section(
 ) -> dict[str, Any]:
     """The keys of ``[identified]``, rounded below the resolution of board and camera."""
     time_s = (rests.time_s - rests.time_s[0]).round(_TIME_DECIMALS)
+    vectors_mm = rests.vectors_mm.round(_LENGTH_DECIMALS)
+    middle_mm = vectors_mm[:, :-1].reshape(len(vectors_mm), -1)
     return {
         "start_rad": rests.from_rad[0].round(_ANGLE_DECIMALS).tolist(),
         "from_rad": _rows(rests.from_rad.round(_ANGLE_DECIMALS).tolist()),
         "setpoint_rad": _rows(rests.q_rad.round(_ANGLE_DECIMALS).tolist()),
-        "tip_mm": _rows(rests.tip_mm.round(_LENGTH_DECIMALS).tolist()),
-        "middle_mm": _rows(rests.vectors_mm[:, 0].round(_LENGTH_DECIMALS).tolist()),
+        "tip_mm": _rows(vectors_mm[:, -1].tolist()),
+        **({"middle_mm": _rows(middle_mm.tolist())} if middle_mm.size else {}),
         "count": [int(count) for count in rests.count],
         **({} if np.isnan(time_s).any() else {"time_s": time_s.tolist()}),
         "valid_for": digest_of(description),

@@ -125,10 +125,10 @@ def fit_survey(rests: Rests, description: Description) -> Survey:
     _require_motion(rests, description)
     hysteresis_mm = rests.hysteresis_mm()
     model, space = model_of_new(description)
-    seen, predict = rests.ends(), model.predicted_mm
-    motors = nearest_motors(seen, space, model)
+    predict, motors = model.predicted_mm, nearest_motors(rests, space, model)
     if description.robot.segments:
-        rests, seen = where_tendons_pull(rests), where_tendons_pull(seen)
+        rests = where_tendons_pull(rests)
+    seen = rests
     starts = starts_of(motors, seen, space, predict)[:_STARTS]
     fits = [fitted(start, seen, space, model) for start in starts]
     start, fit = min(zip(starts, fits, strict=True), key=lambda pair: pair[1].cost)

@@ -82,7 +82,7 @@ def likeliest_motors(rests: Rests, description: Description) -> Motors:
         MisfitError: motors are exchanged.
     """
     model, space = model_of_new(description)
-    return nearest_motors(rests.ends(), space, model)
+    return nearest_motors(rests, space, model)
 
 
 def model_of_new(description: Description) -> tuple[StaticModel[Any, Any], ParameterSpace[Any]]:

@@ -36,7 +36,7 @@ def responses(name: str, seed: int, led=lambda q: q, frame=None) -> MotorRespons
     sag_rad = rng.normal(0.0, 0.08, len(model.segment_of_freedom))
     shares = rng.uniform(0.6, 1.4, model.motors)
     places, _ = model.markers_mm(sag_rad + model.bending_rad(shares * led(q_rad)))
-    vectors_mm = places[:, [0, -1]] + rng.normal(0.0, 0.1, (len(q_rad), 2, 3))
+    vectors_mm = places + rng.normal(0.0, 0.1, places.shape)
     rests = Rests.of_vectors(q_rad, q_rad, vectors_mm, np.ones(len(q_rad)))
     return MotorResponses(description, rests if frame is None else rests.turned(frame))
 

@@ -91,12 +91,11 @@ class ChainSpace(ParameterSpace[ChainParameters]):
 
     def __init__(self, description: Description, *, is_new: bool = False) -> None:
         robot = description.robot
-        last = len(robot.chain) - 1
         offset_mm = np.array([0.0, robot.marker_offset_mm, 0.0])
         up = -np.array(robot.gravity_direction) @ PAPER_FRAME
-        markers = Markers((0, last), offset_mm, are_from_base=True)
+        markers = Markers(tuple(range(len(robot.chain))), offset_mm, are_from_base=True)
         self.model = RestModel(robot.chain, markers, up)
-        """Robots by their scores; markers are the end of the first segment and the tip."""
+        """Robots by their scores; markers are the ends of the segments."""
         self.model.frame = PAPER_FRAME, np.zeros(3)
         self.winding_mm: Array = robot.pulley_radius_mm * self.model.winding
         """Pull of each tendon over the motor angles, mm/rad, (T, n)."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from ccr_host.control.adaptive.parameter_space import P, ParameterSpace
 from ccr_host.control.adaptive.static_model import StaticModel
-from ccr_host.control.shell import Measurement
+from ccr_host.control.shell import Measurement, median_of_seen
 from ccr_host.core.arrays import Array, BoolArray
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
@@ -95,9 +95,9 @@ class StaticsFit(Generic[P]):
         self._vectors_mm = self._contrast(np.where(seen, rests.vectors_mm, 0.0))
         measured_mm = scaling.deviation_mm(rests.count)[:, None, None]
         deviation_mm = np.where(seen, measured_mm, _UNSEEN_MM).repeat(3, axis=-1)
-        self._variance_mm2 = np.eye(6) * deviation_mm.reshape(-1, 6, 1) ** 2
         hysteresis_mm2 = np.mean(self._vectors_mm**2, axis=(1, 2)) * are_differences
-        self._variance_mm2 += np.eye(6) * hysteresis_mm2[:, None, None]
+        variance_mm2 = _by_coordinate(deviation_mm) ** 2 + hysteresis_mm2[:, None]
+        self._variance_mm2 = np.eye(variance_mm2.shape[1]) * variance_mm2[..., None]
         self._are_places = seen[..., 0] & ~are_differences[:, None]
         self._score = np.zeros(scaling.count) if start is None else start
         self._damping = _DAMPING_FIRST
@@ -142,23 +142,25 @@ class StaticsFit(Generic[P]):
         )
 
     def uncertain_mm2(self, q_rad: Array) -> Array:
-        """Covariance of M2 and the tip, (6, 6), at other motor angles, (n,), by what is not known.
+        """Covariance of the markers, (3 S, 3 S), at motor angles, (n,), by what is not known.
 
         The model's errors are not in it.
         """
-        there = Rests.of_vectors(q_rad[None], q_rad[None], np.zeros((1, 2, 3)), np.ones(1))
+        there = Rests.of_vectors(
+            q_rad[None], q_rad[None], np.zeros_like(self._vectors_mm[:1]), np.ones(1)
+        )
         _, (slope,) = self._predicted_at(there, self._score)
         covariance: Array = slope @ np.linalg.inv(self._information) @ slope.T
         return covariance
 
     def _surprise(self) -> float:
-        places = self._standardised.reshape(-1, 2, 3)[self._are_places]
+        places = _by_marker(self._standardised)[self._are_places]
         return math.sqrt(float(np.mean(places**2)))
 
     def _look(self) -> None:
         """Find from the slopes at the present scores how well each rest is known.
 
-        An unexplained angle of a shaft moves both markers, as an error of its zero does.
+        An unexplained angle of a shaft moves all markers, as an error of its zero does.
         """
         slope = self._slopes
         by_shaft = slope @ self.scaling.by_shaft(self._shaft_rad)
@@ -197,9 +199,9 @@ class StaticsFit(Generic[P]):
         return 0.0
 
     def _judge(self, score: Array, expected_mm: Array) -> tuple[Array, float]:
-        """Standardised residuals, (N, 6), and the cost."""
-        residual_mm = (self._vectors_mm - expected_mm).reshape(-1, 6, 1)
-        standardised = (self._whitening @ residual_mm)[..., 0]
+        """Standardised residuals, (N, 3 S), and the cost."""
+        residual_mm = _by_coordinate(self._vectors_mm - expected_mm)
+        standardised = (self._whitening @ residual_mm[..., None])[..., 0]
         size = _sizes(standardised)
         excess = np.maximum(size - _HUBER_DEVIATIONS, 0.0)
         return standardised, float((size**2 - excess**2).sum() + (score**2).sum())
@@ -212,9 +214,9 @@ class StaticsFit(Generic[P]):
         return self._contrast(expected_mm), self._contrast(slopes)
 
     def _predicted_at(self, rests: Rests, score: Array) -> tuple[Array, Array]:
-        """The markers, (N, 2, 3), and their derivatives by the scores, (N, 6, COUNT)."""
+        """The markers, (N, S, 3), and their derivatives by the scores, (N, 3 S, COUNT)."""
         expected_mm, slopes = self._model.predicted_and_slopes(self.scaling, score, rests)
-        slopes = slopes.reshape(-1, 6, self.scaling.count)
+        slopes = slopes.reshape(len(slopes), -1, self.scaling.count)
         slopes[..., self.scaling.roles.pushes] = 0.0
         return expected_mm, slopes
 
@@ -236,13 +238,23 @@ def _contrasts_of(rests: Rests, seen: BoolArray) -> tuple[Array, BoolArray]:
     return contrasts, is_difference
 
 
+def _by_coordinate(markers: Array) -> Array:
+    """(N, S, 3) -> (N, 3 S)."""
+    return markers.reshape(len(markers), -1)
+
+
+def _by_marker(coordinates: Array) -> Array:
+    """(N, 3 S) -> (N, S, 3)."""
+    return coordinates.reshape(len(coordinates), -1, 3)
+
+
 def _sizes(standardised: Array) -> Array:
-    """Length of each marker's standardised residual, (N, 2)."""
-    return np.asarray(np.linalg.norm(standardised.reshape(-1, 2, 3), axis=-1))
+    """Length of each marker's standardised residual, (N, S)."""
+    return np.asarray(np.linalg.norm(_by_marker(standardised), axis=-1))
 
 
 def _huber_weight(standardised: Array) -> Array:
-    """Of each marker, (N, 2)."""
+    """Of each marker, (N, S)."""
     return _HUBER_DEVIATIONS / np.maximum(_sizes(standardised), _HUBER_DEVIATIONS)
 
 
@@ -279,15 +291,15 @@ class RestSurvey:
                 return
 
     def rests(self) -> Rests:
-        """The rests measured so far; their markers are M1, M2 and the tip."""
+        """The rests measured so far."""
         stops_rad, numbers = np.array(self._stops_rad), list(self._seen)
         before = np.maximum(np.array(numbers, dtype=int) - 1, 0)
         seen = self._seen.values()
-        markers_mm = [np.median([(m.middle_mm, m.tip_mm) for m in each], axis=0) for each in seen]
+        ends_mm = [median_of_seen(np.array([m.ends_mm for m in each])) for each in seen]
         return Rests.of_vectors(
             stops_rad[before],
             stops_rad[numbers],
-            np.array(markers_mm).reshape(-1, 2, 3),
+            np.array(ends_mm) if ends_mm else np.empty((0, 1, 3)),
             np.array([float(len(each)) for each in seen]),
             np.array([np.mean([m.exposed_s for m in each]) for each in seen]),
         )
@@ -353,7 +365,7 @@ def identification_of(
     if len(rests.q_rad) < _FEWEST_RESTS:
         return None
     prior = scaling.parameters(np.zeros(scaling.count))
-    off_mm = np.linalg.norm(rests.tip_mm - model.predicted_mm(prior, rests)[:, 1], axis=1)
+    off_mm = np.linalg.norm(rests.tip_mm - model.predicted_mm(prior, rests)[:, -1], axis=1)
     if not np.median(off_mm) < scaling.believable_mm:
         return None
     return Identification(scaling, rests, model)

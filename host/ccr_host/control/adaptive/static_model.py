@@ -49,9 +49,10 @@ class SeenPose(NamedTuple):
     theta_rad: Array
     """Bending angles that bring the markers nearest to where they are, (D,)."""
     left_mm: Array
-    """What then is left between them, (2, 3), NaN if not seen. No bending explains that."""
+    """What then is left between them, (S, 3), NaN if not seen. No bending explains that."""
     by_markers: Array
-    """Derivatives of the bending angles by the coordinates of the markers, (D, 6); 0 if unseen."""
+    """Derivatives of the bending angles by the coordinates of the markers, (D, 3 S); 0 if
+    unseen."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ class StaticModel(ABC, Generic[P, S]):
 
     @abstractmethod
     def markers_mm(self, p: P, theta_rad: Array) -> Array:
-        """M2 and the tip in the camera's frame, (K, 2, 3), at bending angles, (K, D)."""
+        """Ends of the segments in the camera's frame, (K, S, 3), at bending angles, (K, D)."""
 
     def seen_pose(self, p: P, theta_rad: Array, seen_mm: Array) -> SeenPose:
         """The pose that markers show.
@@ -123,7 +124,7 @@ class StaticModel(ABC, Generic[P, S]):
         Args:
             p: parameters of the robot.
             theta_rad: bending angles near by, (D,).
-            seen_mm: M2, NaN if not seen, and the tip in the camera's frame, (2, 3).
+            seen_mm: ends of the segments in the camera's frame, (S, 3), NaN if not seen.
         """
         seen = np.isfinite(seen_mm)
         by_markers = np.zeros((len(theta_rad), seen.size))
@@ -144,12 +145,12 @@ class StaticModel(ABC, Generic[P, S]):
 
     @abstractmethod
     def predicted_mm(self, p: P, rests: Rests) -> Array:
-        """M2 and the tip at the rests, (N, ..., 2, 3), for one or several (...) sets ``p``."""
+        """Ends of the segments at the rests, (N, ..., S, 3), of one or several (...) sets ``p``."""
 
     def predicted_and_slopes(
         self, space: ParameterSpace[P], score: Array, rests: Rests
     ) -> tuple[Array, Array]:
-        """M2 and the tip at the rests, (N, 2, 3), and their derivatives, (N, 2, 3, COUNT).
+        """Ends of the segments at the rests, (N, S, 3), and their derivatives, (N, S, 3, COUNT).
 
         Those are by the scores, (COUNT,), of the robot.
         """

@@ -16,7 +16,7 @@ from ccr_host.control.mpc import sqp
 from ccr_host.control.mpc.plan import Planner, Settings
 from ccr_host.control.mpc.problem import Constants, Weights
 from ccr_host.control.mpc.sqp import Bounds
-from ccr_host.control.shell import COMMAND_DELAY_S, believable
+from ccr_host.control.shell import COMMAND_DELAY_S, all_ends_mm, believable
 from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -195,9 +195,7 @@ class BendingFilter:
         exposed_s = now_s - observation.tip_age_us / _US_PER_S
         if observation.tip_mm is not None and exposed_s > self._seen_s:
             setpoint_rad = self._history.at(exposed_s - COMMAND_DELAY_S)
-            seen_mm = np.full((len(self._noise_mm), 3), np.nan)
-            seen_mm[: len(observation.ends_mm)] = observation.ends_mm
-            seen_mm[-1] = observation.tip_mm
+            seen_mm = all_ends_mm(len(self._noise_mm), observation.ends_mm, observation.tip_mm)
             self._update(setpoint_rad, seen_mm, exposed_s - self._seen_s)
             self._seen_s = exposed_s
         expected = self._transition(now_s + period_s - self._seen_s) @ self._state

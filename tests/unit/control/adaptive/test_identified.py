@@ -2,6 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomlkit
+from pydantic import ValidationError
 
 from ccr_host.control.adaptive.model import tour_bending_rad
 from ccr_host.control.adaptive.motion import predicted_mm
@@ -10,6 +12,7 @@ from ccr_host.control.adaptive.statics import unhindered_setpoints_for
 from ccr_host.control.base import Observation
 from ccr_host.control.registry import make_controller
 from ccr_host.core.errors import ConfigError, TrackerError
+from ccr_host.description import schema
 from ccr_host.description.schema import Description, Identified
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
@@ -43,6 +46,36 @@ def test_rests_come_back_as_they_were_measured():
     assert found.tip_mm == pytest.approx(measured.tip_mm, abs=1e-4)
     assert found.count == pytest.approx(measured.count)
     assert found.durations_s() == pytest.approx(measured.durations_s())
+
+
+@pytest.mark.parametrize("name", ["single", "two-spatial", "three-spatial"])
+def test_the_ends_of_all_segments_come_back(name):
+    described = schema.load(name)
+    segments, motors = len(described.robot.chain), described.robot.motors
+    measured = _rests()
+    q_rad = np.random.default_rng(1).uniform(-0.5, 0.5, (20, motors))
+    vectors_mm = np.random.default_rng(2).uniform(-90.0, 90.0, (20, segments, 3))
+    measured = Rests.of_vectors(q_rad, q_rad, vectors_mm, measured.count, measured.time_s)
+    section = tomlkit.parse(tomlkit.dumps(identified_section(measured, described, "2026-01-02")))
+    identified = Identified.model_validate(section.unwrap())
+    found = identified_rests(described.model_copy(update={"identified": identified}))
+    assert found.vectors_mm == pytest.approx(vectors_mm, abs=1e-4)
+    assert ("middle_mm" in section) == (segments > 1)
+    # Files of before have M2 alone, of one segment beside the same tip.
+    first_mm = tuple(map(tuple, vectors_mm[:, 0].tolist()))
+    older = identified.model_copy(update={"middle_mm": first_mm})
+    found = identified_rests(described.model_copy(update={"identified": older}))
+    assert found.vectors_mm[:, 0] == pytest.approx(vectors_mm[:, 0], abs=1e-4)
+    assert found.tip_mm == pytest.approx(vectors_mm[:, -1], abs=1e-4)
+    assert np.isnan(found.vectors_mm[:, 1:-1]).all()
+
+
+@pytest.mark.parametrize("row", [(1.0, 2.0), (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)])
+def test_places_of_the_middle_are_whole_and_as_many_at_each_rest(row):
+    kept = _identified().identified.model_dump()
+    kept["middle_mm"] = (row, *kept["middle_mm"][1:])
+    with pytest.raises(ValidationError, match=r"identified\.middle_mm"):
+        Identified.model_validate(kept)
 
 
 def test_rests_of_which_no_times_are_known_are_kept_without():

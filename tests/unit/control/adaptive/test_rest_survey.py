@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ccr_host.control.adaptive.identification import RestSurvey
-from ccr_host.control.shell import Measurement, smooth_moves
+from ccr_host.control.shell import Measurement, median_of_seen, smooth_moves
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
 
@@ -25,7 +25,7 @@ def surveyed(hidden_at: Collection[int] = ()) -> Rests:
             seen = np.append(history.at(time_s), time_s)
             survey.add(
                 history,
-                Measurement(seen, seen, time_s, time_s, history.at(time_s), None, None, TICK_S),
+                Measurement(seen[None], time_s, time_s, history.at(time_s), None, None, TICK_S),
             )
         history.command(time_s, setpoint_rad, TICK_S)
     return survey.rests()
@@ -51,7 +51,16 @@ def test_a_rest_that_is_not_seen_does_not_change_from_where_the_others_were_reac
     assert rests.from_rad[1:] == pytest.approx(STOPS[[n - 1 for n in seen]])
 
 
+def test_each_end_is_the_median_of_the_pictures_that_show_it() -> None:
+    ends_mm = np.arange(36.0).reshape(4, 3, 3)
+    ends_mm[0, 1], ends_mm[3, 1, 2], ends_mm[:, 0] = np.nan, np.nan, np.nan
+    found_mm = median_of_seen(ends_mm)
+    assert np.isnan(found_mm[0]).all()
+    assert found_mm[1] == pytest.approx(ends_mm[1:3, 1].mean(axis=0))
+    assert found_mm[2] == pytest.approx(ends_mm[1:3, 2].mean(axis=0))
+
+
 def test_a_robot_that_is_never_seen_has_no_rests() -> None:
     rests = surveyed(range(6))
     assert rests.q_rad.shape == rests.from_rad.shape == (0, 2)
-    assert rests.vectors_mm.shape == (0, 2, 3)
+    assert rests.tip_mm.shape == (0, 3)
