@@ -108,7 +108,8 @@ def repeatability_mm(job: TwinJob) -> float | None:
         return None
     tip_mm = np.array(tips_mm).reshape(-1, 3)
     time_s, pattern = np.array(kept, dtype=float), np.array(stops.pattern)[kept]
-    home = home_of(Measured(time_s, stops.q_rad[kept], "rad", tip_mm, tip_mm, pattern))
+    below_mm = np.empty((len(kept), 0, 3))
+    home = home_of(Measured(time_s, stops.q_rad[kept], "rad", tip_mm, below_mm, pattern))
     return None if home is None else home.rms_mm
 
 

@@ -65,11 +65,6 @@ class Markers(NamedTuple):
     """Whether they are seen from another marker at the base, not from anywhere near it."""
 
 
-def tip_alone(segments: int, offset_mm: float = 0.0) -> Markers:
-    """A marker beside the end of the backbone, or on it, seen from anywhere near the base."""
-    return Markers((segments - 1,), np.array([0.0, offset_mm, 0.0]), are_from_base=False)
-
-
 class Slopes(NamedTuple):
     """Derivatives at N rests; P are the scores by which they are taken."""
 
@@ -119,7 +114,7 @@ class RestModel:
 
     Args:
         segments: as described.
-        markers: what is measured; by default the tip.
+        markers: what is measured; by default the end of the backbone.
         up: direction against gravity in the frame of the base, (3,), if the measurement is aligned
             with that frame; the tip may then have a weight beyond that of the segments.
     """
@@ -131,7 +126,8 @@ class RestModel:
         up: Array | None = None,
     ) -> None:
         self._segments = segments
-        self._markers = markers or tip_alone(len(segments))
+        tip_alone = Markers((len(segments) - 1,), np.zeros(3), are_from_base=False)
+        self._markers = markers or tip_alone
         tendons = [(j, tendon) for j, s in enumerate(segments) for tendon in s.tendons]
         self.segment_of = np.array([j for j, _ in tendons])
         """Number of each tendon's segment, from 0, (T,)."""

@@ -36,7 +36,7 @@ class ChainModel(RestModel):
     Args:
         segments: as described.
         travel_mm: pull of each motor at all rows, (N, M), in the order in which they were visited.
-        markers: what is measured; by default the tip.
+        markers: what is measured; by default the end of the backbone.
     """
 
     def __init__(
@@ -76,8 +76,8 @@ class ChainModel(RestModel):
     def align(self, seen_mm: Array, rows: IntArray) -> None:
         """Place the robot so that its markers are nearest to those seen, (n, ends, 3)."""
         self.frame = np.eye(3), np.zeros(3)
-        expected_mm = self.predicted_mm(self.nothing, rows).reshape(-1, 3)
-        seen_mm = seen_mm.reshape(-1, 3)
+        is_seen = np.isfinite(seen_mm).all(axis=-1)
+        expected_mm, seen_mm = self.predicted_mm(self.nothing, rows)[is_seen], seen_mm[is_seen]
         is_free = float(not self._markers.are_from_base)
         middle_mm, expected_middle_mm = (
             is_free * points.mean(axis=0) for points in (seen_mm, expected_mm)
@@ -108,7 +108,7 @@ def fit_chain(model: ChainModel, seen_mm: Array, rows: IntArray) -> ChainFit:
 
     Args:
         model: the model of all rows.
-        seen_mm: measured markers of all rows, (N, ends, 3).
+        seen_mm: measured markers of all rows, (N, ends, 3), NaN if not seen.
         rows: the rows to fit, in order.
     """
     fitted = _thinned(rows)
@@ -116,15 +116,16 @@ def fit_chain(model: ChainModel, seen_mm: Array, rows: IntArray) -> ChainFit:
     assumed_mm = _MODEL_SHARE * model.length_mm
     prior = np.eye(len(model.unknowns))
     rested = model.rest(model.nothing, fitted)
+    is_seen = np.isfinite(seen_mm[fitted])
 
     def residuals(score: Array) -> Array:
-        off_mm = model.predicted_mm(score, fitted, rested) - seen_mm[fitted]
-        return np.append(off_mm.ravel() / assumed_mm, score)
+        off_mm = (model.predicted_mm(score, fitted, rested) - seen_mm[fitted])[is_seen]
+        return np.append(off_mm / assumed_mm, score)
 
     def slope(score: Array) -> Array:
         nonlocal rested  # The next scores are near those at which slopes are asked for.
         rested = model.rest(score, fitted, rested)
-        by_score = model.slope(score, fitted, rested).reshape(-1, len(score))
+        by_score = model.slope(score, fitted, rested)[is_seen]
         return np.concatenate([by_score / assumed_mm, prior])
 
     found = least_squares(
@@ -138,9 +139,10 @@ def fit_chain(model: ChainModel, seen_mm: Array, rows: IntArray) -> ChainFit:
         max_nfev=_MOST_STEPS,
     )
     off_mm = seen_mm[fitted] - model.predicted_mm(found.x, fitted)
-    larger = max(1.0, float((off_mm**2).mean()) / assumed_mm**2)
+    larger = max(1.0, float((off_mm[is_seen] ** 2).mean()) / assumed_mm**2)
     by_score = slope(found.x)[: -len(prior)]
-    information = by_score.T @ by_score / (larger * _rows_alike(off_mm)) + prior
+    alike = _rows_alike(np.where(is_seen, off_mm, 0.0))
+    information = by_score.T @ by_score / (larger * alike) + prior
     return ChainFit(model, found.x, np.asarray(np.linalg.inv(information)))
 
 

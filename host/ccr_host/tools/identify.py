@@ -22,7 +22,7 @@ from ccr_host.core.arrays import Array, IntArray
 from ccr_host.core.errors import CcrError, ConfigError
 from ccr_host.description.file import Sections
 from ccr_host.description.schema import Description, Segment
-from ccr_host.robot.rest_model import tip_alone
+from ccr_host.robot.rest_model import Markers
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.tools.chain_fit import ChainFit, ChainModel, fit_chain
@@ -177,13 +177,12 @@ def _identify_two_motors(
     pulley_mm = description.robot.pulley_radius_mm
     q_rad = measured.command / (pulley_mm if measured.unit == "mm" else 1.0)
     train, held = _split(measured.time_s, np.arange(len(q_rad)), train_share)
-    model = make_model(description.control)
+    model, ends_mm = make_model(description.control), measured.ends_mm(2)
 
     def rests_at(rows: IntArray) -> Rests:
-        markers_mm = np.stack([measured.middle_mm[rows], measured.tip_mm[rows]], axis=1)
         before_rad = q_rad[np.maximum(rows - 1, 0)]
         time_s, count = measured.time_s[rows], np.ones(len(rows))
-        return Rests.of_vectors(before_rad, q_rad[rows], markers_mm, count, time_s)
+        return Rests.of_vectors(before_rad, q_rad[rows], ends_mm[rows], count, time_s)
 
     def fitted(rows: IntArray) -> StaticsFit[Parameters]:
         found = identification_of(Scaling.of(description), rests_at(rows), model)
@@ -203,7 +202,7 @@ def _identify_two_motors(
     if not np.isfinite(kept.vectors_mm).all():
         del section["middle_mm"]
     mean, ahead = (np.array(scaling.parameters(np.full(COUNT, s))) for s in (0.0, 1.0))
-    seen = bool(np.isfinite(measured.middle_mm).any())
+    seen = bool(np.isfinite(ends_mm[:, 0]).any())
     shown = [
         number
         for number, name in enumerate(Parameters._fields[:COUNT])
@@ -241,18 +240,21 @@ def _identify_chain(
 ) -> Identification:
     robot = description.robot
     travel_mm = measured.command * (1.0 if measured.unit == "mm" else robot.pulley_radius_mm)
-    tip = tip_alone(len(robot.segments), robot.marker_offset_mm)
-    model = ChainModel(robot.segments, travel_mm, tip)
+    ends_mm = measured.ends_mm(len(robot.segments))
+    seen = np.flatnonzero(np.isfinite(ends_mm).any(axis=(0, 2)))
+    offset_mm = np.array([0.0, robot.marker_offset_mm, 0.0])
+    markers = Markers(tuple(seen.tolist()), offset_mm, are_from_base=False)
+    model = ChainModel(robot.segments, travel_mm, markers)
     rows = np.arange(len(travel_mm))
     if one_plane:
         rows = rows[model.in_one_plane(rows)]
     if one_plane and len(rows) < FEWEST_ROWS:
         raise ConfigError(f"{len(rows)} rows in one plane, too few for a fit", "omit --one-plane")
     train, held = _split(measured.time_s, rows, train_share)
-    tip_mm = measured.tip_mm[:, None]
-    fit = fit_chain(model, tip_mm, train)
-    of_train = Residual.of(fit.predicted_mm(train) - tip_mm[train])
-    of_held = Residual.of(fit.predicted_mm(held) - tip_mm[held])
+    tip_mm, seen_mm = measured.tip_mm, ends_mm[:, seen]
+    fit = fit_chain(model, seen_mm, train)
+    of_train = Residual.of(fit.predicted_mm(train)[:, -1] - tip_mm[train])
+    of_held = Residual.of(fit.predicted_mm(held)[:, -1] - tip_mm[held])
     spread_mm = Residual.of(tip_mm[train] - tip_mm[train].mean(axis=0)).rmse_mm
     if of_train.rmse_mm > _EXPLAINED * spread_mm:
         raise WrongRobotError(
@@ -262,7 +264,7 @@ def _identify_chain(
         )
     if cause := _implausible(fit):
         raise WrongRobotError(f"the robot does not move as described, but as if {cause}", _CURE)
-    final = fit_chain(model, tip_mm, rows)
+    final = fit_chain(model, seen_mm, rows)
     return Identification(
         of_train,
         of_held,

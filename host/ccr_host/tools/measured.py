@@ -24,7 +24,9 @@ _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3}
 _COMMANDS = {"deg": math.radians(1.0), "rad": 1.0, **_MILLIMETRES}
 MIDDLE = "middle"
-"""M2 of a robot of two segments; of longer ones the markers below the tip are m2, m3 and so on."""
+"""Another name of m2. The markers below the tip are m2, m3 and so on."""
+_FIRST_BELOW = 2
+"""Number of the lowest of them."""
 _COLUMN = re.compile(rf"(t|q[1-9]\d*|(?:tip|{MIDDLE}|m[2-9]|m1\d)_[xyz]){UNIT}")
 _NOT_SEEN = ("", "nan")
 """In place of a coordinate of a marker below the tip."""
@@ -50,14 +52,31 @@ class Measured:
     unit: Literal["rad", "mm"]
     tip_mm: Array
     """(N, 3)."""
-    middle_mm: Array
-    """M2, (N, 3); NaN if it was not measured."""
+    below_mm: Array
+    """M2 and so on, the markers below the tip, (N, K, 3); NaN where they were not measured."""
     pattern: NDArray[np.str_]
     """Name of the excitation, (N,); empty if it was not given."""
 
     def kept(self, rows: BoolArray) -> Measured:
-        columns = ("time_s", "command", "tip_mm", "middle_mm", "pattern")
+        columns = ("time_s", "command", "tip_mm", "below_mm", "pattern")
         return replace(self, **{name: getattr(self, name)[rows] for name in columns})
+
+    def ends_mm(self, segments: int) -> Array:
+        """Ends of a robot's segments, (N, S, 3), of which the last one is the tip.
+
+        Raises:
+            ConfigError: the robot has fewer markers than were measured.
+        """
+        below = self.below_mm.shape[1]
+        if below >= segments:
+            raise ConfigError(
+                f"measurements of marker m{below + 1} below the tip, but the described robot has "
+                f"{segments} segment{'s' * (segments != 1)}",
+                "give the description of the measured robot with --robot",
+            )
+        ends_mm = np.full((len(self.tip_mm), segments, 3), math.nan)
+        ends_mm[:, :below], ends_mm[:, -1] = self.below_mm, self.tip_mm
+        return ends_mm
 
 
 @dataclass(frozen=True)
@@ -110,13 +129,16 @@ def read_measured(file: Path) -> Measured:
                 f"{table.name}: q{number} never changes, so nothing of that motor shows",
                 "record motions of every motor",
             )
-    nothing = np.full(rows, math.nan)
+    below = {int(name[1:-2]) for name in columns.names if name.startswith("m")}
+    below_mm = np.full((rows, max(below, default=1) + 1 - _FIRST_BELOW, 3), math.nan)
+    for number, (axis, letter) in itertools.product(below, enumerate("xyz")):
+        below_mm[:, number - _FIRST_BELOW, axis] = values.get(f"m{number}_{letter}", math.nan)
     return Measured(
         values["t"],
         command,
         columns.unit,
         np.stack([values[f"tip_{axis}"] for axis in "xyz"], axis=-1),
-        np.stack([values.get(f"{MIDDLE}_{axis}", nothing) for axis in "xyz"], axis=-1),
+        below_mm,
         np.array(patterns, dtype=np.str_),
     )
 
@@ -142,6 +164,7 @@ def _columns(cells: list[str]) -> _Columns | str:
             if unit not in known:
                 what = "no unit" if unit is None else f"the unit {shown(unit)}"
                 return f"column {shown(cell)} has {what}, not one of {', '.join(known)}"
+            name = name.replace(MIDDLE, f"m{_FIRST_BELOW}")
             units[name] = unit
         elif name not in _WORDS:
             return f"unknown column {shown(cell)}"

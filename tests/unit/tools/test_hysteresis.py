@@ -17,7 +17,7 @@ def measured(command: np.ndarray, tip: np.ndarray, names: list[str] | None = Non
         command,
         "mm",
         tip,
-        np.full((rows, 3), np.nan),
+        np.empty((rows, 0, 3)),
         np.array(names or [""] * rows),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,7 +16,7 @@ from ccr_host.core.errors import ConfigError
 from ccr_host.description import file as description_file
 from ccr_host.description import schema
 from ccr_host.description.schema import Description, Robot, Segment, Tendon, parse
-from ccr_host.robot.rest_model import tip_alone
+from ccr_host.robot.rest_model import Markers
 from ccr_host.robot.rests import Rests
 from ccr_host.tools.chain_fit import ChainModel
 from ccr_host.tools.identify import Identification, WrongRobotError
@@ -46,8 +47,8 @@ def described(*, motors_of_first: tuple[int, ...] = (1, 2, 3)) -> Description:
 
 def measured_of(command: np.ndarray, unit: str, tip_mm: np.ndarray) -> Measured:
     rows = len(command)
-    middle_mm, pattern = np.full((rows, 3), np.nan), np.array([""] * rows)
-    return Measured(np.arange(rows, dtype=float), command, unit, tip_mm, middle_mm, pattern)
+    time_s, pattern = np.arange(rows, dtype=float), np.array([""] * rows)
+    return Measured(time_s, command, unit, tip_mm, np.empty((rows, 0, 3)), pattern)
 
 
 def travel_mm(rows: int = 120) -> np.ndarray:
@@ -64,22 +65,27 @@ def truth_of(description: Description, seed: int) -> tuple[Measured, dict[str, f
     random = np.random.default_rng(seed)
     travel = travel_mm()
     robot = description.robot
-    tip = tip_alone(len(robot.segments), robot.marker_offset_mm)
-    model = ChainModel(robot.segments, travel, tip)
+    ends, offset_mm = range(len(robot.segments)), np.array([0.0, robot.marker_offset_mm, 0.0])
+    model = ChainModel(robot.segments, travel, Markers(tuple(ends), offset_mm, are_from_base=False))
     score = random.standard_normal(len(model.unknowns))
     for number, unknown in enumerate(model.unknowns):
         if unknown.kind in ("turn", "base", "weight"):
             score[number] *= 0.3
-    tip = model.predicted_mm(score, np.arange(len(travel)))[:, 0]
-    turned = tip @ np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]) + 40.0
+    ends_mm = model.predicted_mm(score, np.arange(len(travel)))
+    turned = ends_mm @ np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]) + 40.0
     truth = {u.name: v for u, v in zip(model.unknowns, model.values(score), strict=True)}
-    noise = NOISE_MM * random.standard_normal(tip.shape)
-    return measured_of(travel, "mm", turned + noise), truth
+    seen_mm = turned + NOISE_MM * random.standard_normal(turned.shape)
+    measured = measured_of(travel, "mm", seen_mm[:, -1])
+    return replace(measured, below_mm=seen_mm[:, :-1]), truth
 
 
 @pytest.fixture(scope="module")
 def identified() -> Identification:
-    return identify(described(), truth_of(described(), 1)[0])
+    return identify(described(), by_tip_alone(truth_of(described(), 1)[0]))
+
+
+def by_tip_alone(measured: Measured) -> Measured:
+    return replace(measured, below_mm=measured.below_mm[:, :0])
 
 
 def test_a_robot_of_the_models_kind_is_identified_down_to_the_noise(identified):
@@ -91,6 +97,17 @@ def test_a_robot_of_the_models_kind_is_identified_down_to_the_noise(identified):
         if not p.name.startswith(("turn", "base", "angle"))
     ]
     assert np.sqrt(np.mean(np.square(wrong))) < 1.5
+
+
+def test_markers_below_the_tip_tell_more_of_the_segments_below_it(identified):
+    measured, truth = truth_of(described(), 1)
+    measured.below_mm[::3] = np.nan
+    found = {p.name: p for p in identify(described(), measured).parameters}
+    for alone in identified.parameters:
+        if alone.name in ("length_1_mm", "tendon_radius_1_mm", "length_2_mm"):
+            assert found[alone.name].deviation < 0.7 * alone.deviation
+            off = found[alone.name].value - truth[alone.name]
+            assert abs(off) < 3.0 * found[alone.name].deviation
 
 
 def test_it_is_told_what_the_measurements_say_and_what_they_cannot_tell_apart(identified):

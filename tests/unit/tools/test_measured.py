@@ -39,11 +39,28 @@ def test_pattern_and_middle_are_read_and_may_be_missing(tmp_path):
     rows = [f"up,{row},1,2,{'nan' if n else '3'}" for n, row in enumerate(ROWS)]
     measured = read_measured(written(tmp_path, header, rows))
     assert measured.pattern.tolist() == ["up"] * 24
-    assert measured.middle_mm[0] == pytest.approx([1, 2, 3])
-    assert np.isnan(measured.middle_mm[1, 2])
+    assert measured.below_mm[0] == pytest.approx(np.array([[1, 2, 3]]))
+    assert np.isnan(measured.below_mm[1, 0, 2])
     plain = read_measured(written(tmp_path))
     assert set(plain.pattern.tolist()) == {""}
-    assert np.isnan(plain.middle_mm).all()
+    assert plain.below_mm.shape == (24, 0, 3)
+
+
+def test_markers_below_the_tip_are_the_ends_of_the_other_segments(tmp_path):
+    header = f"{HEADER},m3_x_mm,m3_y_mm,m3_z_mm"
+    measured = read_measured(written(tmp_path, header, [f"{row},1,2,3" for row in ROWS]))
+    ends_mm = measured.ends_mm(4)
+    assert ends_mm[:, 1] == pytest.approx(np.tile([1.0, 2.0, 3.0], (24, 1)))
+    assert ends_mm[:, 3] == pytest.approx(measured.tip_mm)
+    assert np.isnan(ends_mm[:, [0, 2]]).all()
+    with pytest.raises(ConfigError, match=r"marker m3 .* has 2 segments"):
+        measured.ends_mm(2)
+
+
+def test_middle_is_another_name_of_m2(tmp_path):
+    header = f"{HEADER},middle_x_mm,m2_x_mm"
+    with pytest.raises(ConfigError, match="m2_x is there twice"):
+        read_measured(written(tmp_path, header, [f"{row},1,2" for row in ROWS]))
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,8 @@ class LastState(RunObserver):
 def measured_at(stops: Stops) -> Measured:
     nowhere_mm = np.zeros((len(stops.q_rad), 3))
     time_s = np.arange(float(len(stops.q_rad)))
-    return Measured(time_s, stops.q_rad, "rad", nowhere_mm, nowhere_mm, np.array(stops.pattern))
+    below_mm, pattern = nowhere_mm[:, None], np.array(stops.pattern)
+    return Measured(time_s, stops.q_rad, "rad", nowhere_mm, below_mm, pattern)
 
 
 def recorded(options: RigOptions, stops: Stops, folder: Path) -> Measured:
@@ -131,7 +132,7 @@ def test_patterns_show_hysteresis_of_every_motor_and_repeatability_at_home() -> 
         measured.command,
         "rad",
         100.0 * np.pad(measured.command, ((0, 0), (0, 1))),
-        measured.middle_mm,
+        measured.below_mm,
         measured.pattern,
     )
     assert {sweep.motor for sweep in sweeps_of(tips)} == {1, 2}
@@ -232,8 +233,8 @@ def test_a_row_has_every_marker_as_seen_from_the_first(
     expected_mm = np.roll(mean_mm[1:] - mean_mm[0], 1, axis=0)
     np.testing.assert_allclose(np.array(first[start:-1], float), expected_mm.ravel(), atol=1e-4)
     measured = read_measured(file)
-    np.testing.assert_allclose(measured.tip_mm[0], expected_mm[0], atol=1e-4)
-    assert np.isfinite(measured.middle_mm).all() == ("middle" in marked)
+    ends_mm = measured.ends_mm(len(robot.chain))
+    np.testing.assert_allclose(ends_mm[0], mean_mm[1:] - mean_mm[0], atol=1e-4)
 
 
 @pytest.mark.parametrize(
