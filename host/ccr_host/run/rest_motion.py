@@ -35,6 +35,9 @@ _OUTLIER_MM = 3.0
 _REST_MM = 0.5
 """The means of both halves of the samples agree to this if the robot is at rest."""
 _ATTEMPTS_TO_REST = 4
+_MOST_RESTLESS = 3
+"""Poses in turn at which the robot does not come to rest: more than one that hangs on the brink of
+another, which it may take half a minute to fall into."""
 _ALIKE_POSES = 5
 """So many in one picture are of a tracker that repeats it."""
 
@@ -54,28 +57,34 @@ def visit(
 ) -> Rests:
     """Arm, measure at each stop, (K, n), return to the pose reached by arming, disarm.
 
-    Stops at which a marker was not seen are left out; vectors are in the tracker's frame. If only
-    some stops ``are_rests``, (K,), the robot passes the others, which do not count as poses.
+    Stops at which a marker was not seen, or the robot does not come to rest, are left out; vectors
+    are in the tracker's frame. If only some stops ``are_rests``, (K,), the robot passes the others,
+    which do not count as poses.
 
     An error or Ctrl-C ends the tour where it is; the rig disarms the robot on its way out.
 
     Raises:
         DeviceError: the board refused, was lost or latched a fault.
         TrackerError: the markers are not those of the robot, swapped, or seen in one picture.
-        RestError: the robot does not come to rest.
+        RestError: the robot does not come to rest in several poses in turn.
     """
     rig.client.arm()
     start_rad = np.array(rig.client.accepted_rad)
     q_rad, no_q_rad = start_rad, np.empty((0, len(start_rad)))
     rests = Rests(no_q_rad, no_q_rad, np.empty((0, len(check.names), 3)), np.empty(0), np.empty(0))
     to_rest = np.ones(len(stops_rad), dtype=np.bool_) if are_rests is None else are_rests
-    done, poses = 0, int(np.count_nonzero(to_rest))
+    done, poses, restless = 0, int(np.count_nonzero(to_rest)), 0
     for stop_rad, is_rest in zip(stops_rad, to_rest, strict=True):
         on_pose(done, poses)
         from_rad, q_rad = q_rad, move_to(rig, q_rad, stop_rad)
         if not is_rest:
             continue
-        seen_mm = _measured_at_rest(rig, check, q_rad)
+        try:
+            seen_mm, restless = _measured_at_rest(rig, check, q_rad), 0
+        except RestError:
+            seen_mm, restless = None, restless + 1
+            if restless == _MOST_RESTLESS:
+                raise
         if seen_mm is not None:
             on_rest(done, seen_mm)
             here = stop_rad[None], seen_mm.mean(axis=0)[None], np.array([float(len(seen_mm))])

@@ -5,10 +5,11 @@ import pytest
 
 from ccr_host.core.errors import TrackerError
 from ccr_host.link.messages import State, StateReport
+from ccr_host.robot.rests import Rests
 from ccr_host.run.observer import Observers, RunObserver
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
-from ccr_host.run.rest_motion import visit
+from ccr_host.run.rest_motion import RestError, visit
 from ccr_host.tracking.markers.check import MarkerCheck
 from ccr_host.tracking.tracker import Sample
 
@@ -60,6 +61,34 @@ def test_poses_without_markers_are_left_out_and_the_tour_goes_on(
         tour = visit(rig, check, STOPS_RAD, lambda done, _: blind.update(now=done == 0))
         assert rig.client.read_state().state is State.DISARMED
     np.testing.assert_allclose(tour.q_rad, STOPS_RAD[1:])
+
+
+@pytest.mark.parametrize(("moving", "measured"), [({0, 1, 3}, [2, 4]), ({1, 2, 3}, None)])
+def test_poses_in_which_the_robot_does_not_rest_are_left_out_but_not_three_in_turn(
+    monkeypatch, check: MarkerCheck, moving: set[int], measured: list[int] | None
+) -> None:
+    stops_rad = np.radians([(deg, 0.0) for deg in (10.0, 20.0, 30.0, 20.0, 10.0)])
+    with open_rig(OPTIONS, OPTIONS.description(), Observers()) as rig:
+        seen, pose = rig.tracker.newest, [0]
+
+        def drifting() -> Sample | None:
+            sample = seen()
+            if sample is None or pose[0] not in moving:
+                return sample
+            drift_mm = 1e-6 * (sample.exposed_us % 9_000_000) * np.eye(3)[2][:, None]
+            return Sample(sample.exposed_us, sample.markers_mm + drift_mm)
+
+        monkeypatch.setattr(rig.tracker, "newest", drifting)
+
+        def tour() -> Rests:
+            return visit(rig, check, stops_rad, lambda done, _: pose.__setitem__(0, done))
+
+        if measured is None:
+            with pytest.raises(RestError, match="does not come to rest"):
+                tour()
+            assert pose == [3]
+        else:
+            np.testing.assert_allclose(tour().q_rad, stops_rad[measured])
 
 
 def test_an_interrupted_tour_leaves_no_servo_powered(check: MarkerCheck) -> None:
