@@ -34,6 +34,7 @@ from ccr_host.control.registry import rate_note
 from ccr_host.control.shell import Law, Measurement, PathView, Shell, Stage, smooth_moves
 from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Description, Robot
+from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.setpoint_history import SetpointHistory
@@ -55,6 +56,9 @@ _MOST_BENT_RAD = 0.42
 by less before they take the tip too far away; a servo that slips by a tooth bends its own by more.
 Of robots that match the largest, kept for `_FOR_US`, is 0.08 rad in the median and exceeds this
 limit in one of 2000 if its logarithm is normal."""
+_MOST_TURNED_RAD = np.radians(8.6)
+"""The same as the turn of a motor, 1.9 mm of tendon with the paper's robot: what slack and friction
+leave is a length of tendon, which bends a thin segment further. A tooth is 14 deg."""
 _MOST_LEFT_SHARE = 4.0 / 102.0
 """What no bending explains, over the robot's length: a camera that was turned, a marker that slid.
 Of robots that match the largest is 0.011 in the median and exceeds this in one of 200 with few
@@ -227,6 +231,12 @@ class RobotCheck:
             self.probe.start(reference)
         self._fewest_rests = len(probe_stops(robot)) - 1
         self._length_mm = sum(segment.length_mm for segment in robot.chain)
+        radius_mm = [
+            robot.chain[number].tendon_radius_mm
+            for number in ConstantCurvature(robot).segment_of_freedom
+        ]
+        turned_rad = _MOST_TURNED_RAD * robot.pulley_radius_mm / np.array(radius_mm)
+        self._most_bent_rad = np.maximum(_MOST_BENT_RAD, turned_rad)
         self._noise_mm = _SIGMAS * description.tracker.noise_mm
         self._statics, _ = make_static_model(description)
         self._beliefs: list[_Belief] = []
@@ -287,8 +297,8 @@ class RobotCheck:
         off_mm[0, -3:], off_mm[1] = away_mm[-1], np.nan_to_num(found.left_mm).ravel()
         sizes_mm = np.linalg.norm(off_mm, axis=1)
         sizes = np.concatenate([sizes_mm, np.abs(found.theta_rad - theta_rad)])
-        limits = np.full_like(sizes, _MOST_BENT_RAD)
-        limits[:2] = _UNEXPLAINED_SHARE * self._length_mm, most_left_mm
+        of_tip_mm = _UNEXPLAINED_SHARE * self._length_mm
+        limits = np.concatenate([[of_tip_mm, most_left_mm], self._most_bent_rad])
         if (sizes < limits).all():
             return False
         directions = np.vstack([off_mm / np.maximum(sizes_mm, 1e-9)[:, None], found.by_markers])
