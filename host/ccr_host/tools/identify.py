@@ -26,7 +26,7 @@ from ccr_host.robot.rest_model import Markers
 from ccr_host.robot.rests import Rests
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.tools.chain_fit import ChainFit, ChainModel, fit_chain
-from ccr_host.tools.measured import FEWEST_ROWS, Measured
+from ccr_host.tools.measured import FEWEST_ROWS, Measured, home_of
 from ccr_host.tools.survey import IDENTIFIED, identified_section
 
 _LEARNT = 0.5
@@ -38,6 +38,9 @@ _MOST_RESTS = 60
 _RESTS_FOR_CAUSE = 30
 _EXPLAINED = 0.25
 """A model that leaves more than this share of the tip's motion is not that of this robot."""
+_SCATTERS = 2.0
+"""So many times what the robot scatters by at home a model may leave anyway: a robot that hangs in
+its slack comes to rest elsewhere each time."""
 _MOST_ASIDE_RAD = math.radians(40.0)
 """A third of the angle between three tendons: beyond it a description names the wrong one."""
 _MOST_RATIO = 1.5
@@ -45,7 +48,10 @@ _TIP_MOVES = (0.02, 2.5)
 """Shares of the robot's length between which the tip's motion lies, at most twice its length."""
 _MOTORS_TURN = (0.05, 8.0)
 """Shares of the motors' limits: degrees taken for radians, or the reverse, are 57 times off."""
-_CURE = "check robot.segments: which motor winds which tendon, its angle and its winding"
+_CURE = (
+    "check robot.segments: which motor winds which tendon, its angle and its winding; and that no "
+    "motors pulled against each other"
+)
 
 
 class WrongRobotError(CcrError):
@@ -256,15 +262,17 @@ def _identify_chain(
     of_train = Residual.of(fit.predicted_mm(train)[:, -1] - tip_mm[train])
     of_held = Residual.of(fit.predicted_mm(held)[:, -1] - tip_mm[held])
     spread_mm = Residual.of(tip_mm[train] - tip_mm[train].mean(axis=0)).rmse_mm
-    if of_train.rmse_mm > _EXPLAINED * spread_mm:
+    home = home_of(measured)
+    scatter_mm = 0.0 if home is None else home.rms_mm
+    if of_train.rmse_mm > max(_EXPLAINED * spread_mm, _SCATTERS * scatter_mm):
         raise WrongRobotError(
             f"the robot does not move as described: the model leaves {of_train.rmse_mm:.1f} mm "
             f"RMS of a motion of {spread_mm:.1f} mm",
             _CURE,
         )
-    if cause := _implausible(fit):
-        raise WrongRobotError(f"the robot does not move as described, but as if {cause}", _CURE)
     final = fit_chain(model, seen_mm, rows)
+    if cause := _implausible(fit) or _implausible(final):
+        raise WrongRobotError(f"the robot does not move as described, but as if {cause}", _CURE)
     return Identification(
         of_train,
         of_held,

@@ -1,8 +1,9 @@
 """``ccr-host record``: measure a robot at rest in many poses, as a table for ``identify``.
 
 Each pattern moves the motors within the range of the tour of controller `adaptive`, those of other
-robots than the paper's as far as a segment bends by a right angle. Rows are on disk as soon as they
-are measured, so whatever ends a recording leaves what was measured until then.
+robots than the paper's as far as a segment bends by a right angle. Where motors could wind tendons
+against each other, others pay out what the moved ones wind up. Rows are on disk as soon as they are
+measured, so whatever ends a recording leaves what was measured until then.
 """
 
 from __future__ import annotations
@@ -131,10 +132,27 @@ def stops_of(description: Description, names: Sequence[str], rests: int, seed: i
     shares = {name: stops(len(low), rests, rng) for name, stops in PATTERNS.items()}
     wanted = [name for name in PATTERNS if name in names or not names]
     share = np.concatenate([shares[name] for name in wanted])
+    q_rad = _balanced(description, np.where(share < 0.0, -low, high) * share)
     return Stops(
         [name for name in wanted for _ in shares[name]],
-        np.where(share < 0.0, -low, high) * share + 0.0,  # 0.0: no -0
+        q_rad + 0.0,  # no -0
     )
+
+
+def _balanced(description: Description, q_rad: Array) -> Array:
+    """The poses nearest to some, (K, M), that bend the robot alike without any pretension.
+
+    If one of ``three-spatial``'s motors turned by 30 deg alone, the three tendons of its segment
+    would pull with 15 to 18 N each, under which the backbone buckles. Poses out of the motors'
+    limits bend it less.
+    """
+    model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
+    by_motors = model.bending_rad(np.eye(model.motors))
+    if np.linalg.matrix_rank(by_motors) == model.motors:
+        return q_rad
+    balanced_rad = q_rad @ by_motors @ np.linalg.pinv(by_motors)
+    beyond = np.maximum(balanced_rad / limits.upper_rad, balanced_rad / limits.lower_rad)
+    return np.asarray(balanced_rad / np.maximum(beyond.max(axis=1, keepdims=True), 1.0))
 
 
 def _range_rad(description: Description) -> tuple[Array, Array]:

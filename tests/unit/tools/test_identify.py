@@ -205,6 +205,19 @@ def test_another_robot_is_told_so_and_not_identified():
         identify(described(), measured.kept(np.zeros(120, dtype=np.bool_)))
 
 
+def test_a_robot_that_goes_nowhere_twice_is_not_taken_for_another_one():
+    measured, _ = truth_of(described(), 1)
+    random = np.random.default_rng(1)
+    astray_mm = 18.0 * random.standard_normal(measured.tip_mm.shape)
+    restless = replace(by_tip_alone(measured), tip_mm=measured.tip_mm + astray_mm)
+    with pytest.raises(WrongRobotError, match="mm RMS of a motion of"):
+        identify(described(), restless)
+    at_home = np.arange(len(astray_mm)) % 12 == 0
+    tip_mm = np.where(at_home[:, None], restless.tip_mm.mean(axis=0) + astray_mm, restless.tip_mm)
+    command = np.where(at_home[:, None], 0.0, restless.command)
+    identify(described(), replace(restless, command=command, tip_mm=tip_mm))
+
+
 def rests_of(p: Parameters, q_rad: np.ndarray) -> np.ndarray:
     nothing = np.full((len(q_rad), 2, 3), np.nan)
     return predicted_mm(p, Rests.of_vectors(q_rad, q_rad, nothing, np.ones(len(q_rad))))[:, 1]

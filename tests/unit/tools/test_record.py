@@ -249,3 +249,13 @@ def test_patterns_keep_every_robot_within_its_limits(name: str, motors: int) -> 
     np.testing.assert_array_equal(limits.clip(stops.q_rad), stops.q_rad)
     assert (np.ptp(stops.q_rad, axis=0) > 0.1).all()
     assert stops.pattern.count("release") <= 32
+
+
+def test_no_pose_winds_tendons_against_each_other() -> None:
+    """Of three tendons of a segment with a motor each, the pulls add up to nothing."""
+    description = RigOptions(robot="three-spatial").description()
+    stops = stops_of(description, [], 24, seed=1)
+    of_segments = stops.q_rad.reshape(-1, 3, 3)
+    np.testing.assert_allclose(of_segments.sum(axis=2), 0.0, atol=1e-9)
+    alone = stops.q_rad[[name == "single" for name in stops.pattern]]
+    assert np.degrees(np.abs(alone).max(axis=0)).min() > 40.0
