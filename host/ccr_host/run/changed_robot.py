@@ -23,13 +23,19 @@ from ccr_host.robot.workspace import MotorLimits
 
 Predict = Callable[[Array], Array]
 """Ends of the segments relative to M1, mm, (N, S, 3), at motor angles, (N, n)."""
+Weigh = Callable[[Array], Array]
+"""Differences of these ends, (N, S, 3), weighed."""
 
 _MODEL_MM = 2.0
 """What the model leaves unexplained anyway; differences below it tell nothing."""
+_BENT_RAD = 0.1
+"""Angle by which it may have a segment bent otherwise anyway, so that differences which a bending
+explains tell less than others."""
 _PRICE = 4.0
 """What each unknown adds to minus twice the log likelihood."""
 _EXPLAINED, _BETTER = 0.3, 0.6
-"""Shares of the deviation, RMS, that the likely cause, or a possible one, may leave."""
+"""Shares of the deviation, RMS, as it is or weighed, that the likely cause, or a possible one, may
+leave."""
 _MOVED_RAD = math.radians(5.0)
 """Travel of a motor without which it is not known whether markers that rest should move, and two
 poses are one."""
@@ -49,15 +55,15 @@ class _Explained:
     """What it leaves unexplained, (N, S, 3)."""
     unknowns: int
 
-    def cost(self, poses: int) -> float:
+    def cost(self, poses: int, weigh: Weigh) -> float:
         """Minus twice the log likelihood of looks at so many poses."""
         coordinates = poses * np.count_nonzero(np.isfinite(self.left_mm)) / len(self.left_mm)
-        spread_mm2 = _MODEL_MM**2 + float(np.nanmean(self.left_mm**2))
+        spread_mm2 = _MODEL_MM**2 + float(np.nanmean(weigh(self.left_mm) ** 2))
         return coordinates * math.log(spread_mm2) + _PRICE * self.unknowns
 
 
 def likely_change(
-    predict: Predict, limits: MotorLimits, q_rad: Array, seen_mm: Array
+    predict: Predict, limits: MotorLimits, q_rad: Array, seen_mm: Array, by_bending: Array
 ) -> tuple[str, str] | None:
     """Cause and cure of poses that the model does not explain, or None if nothing usual does.
 
@@ -68,24 +74,44 @@ def likely_change(
         limits: of the motors.
         q_rad: commanded motor angles, (N, n).
         seen_mm: ends of the segments relative to M1, (N, S, 3); NaN where not seen.
+        by_bending: their derivatives by the bending, mm/rad, (N, S, 3, D).
     """
-    expected_mm = predict(q_rad)
+    expected_mm, weigh = predict(q_rad), _weighing(by_bending, seen_mm)
     found = [*_of_camera(expected_mm, seen_mm), *_of_motors(predict, limits, q_rad, seen_mm)]
     if np.ptp(q_rad, axis=0).max() > _MOVED_RAD:
         found.append(_standing(seen_mm))
-    poses = _poses(q_rad)
-    best, *others = sorted(found, key=lambda one: one.cost(poses))
-    share = _rms(best.left_mm) / _rms(seen_mm - expected_mm)
+    poses, off_mm = _poses(q_rad), seen_mm - expected_mm
+    best, *others = sorted(found, key=lambda one: one.cost(poses, weigh))
+    share = min(_rms(best.left_mm) / _rms(off_mm), _rms(weigh(best.left_mm)) / _rms(weigh(off_mm)))
     if share > _BETTER:
         return None
     likely = "most likely" if share < _EXPLAINED else "no usual cause explains it; perhaps"
     rivals = (one for one in others if one.cure != best.cure)
+    most = best.cost(poses, weigh) + RIVAL
     named = [
         best,
-        *(one for one in islice(rivals, 1) if one.cost(poses) < best.cost(poses) + RIVAL),
+        *(one for one in islice(rivals, 1) if one.cost(poses, weigh) < most),
     ]
     cause, cure = ", or ".join(o.cause for o in named), "; or ".join(o.cure for o in named)
     return f"{likely} {cause}", cure
+
+
+def _weighing(by_bending: Array, seen_mm: Array) -> Weigh:
+    """What multiplies differences of markers by `_MODEL_MM` over their deviation.
+
+    Those which no bending explains stay as they are.
+    """
+    known = np.isfinite(seen_mm)
+    slopes = np.where(known[..., None], by_bending, 0.0).reshape(len(known), known[0].size, -1)
+    variances_mm2, axes = np.linalg.eigh(_BENT_RAD**2 * slopes @ np.swapaxes(slopes, 1, 2))
+    shares = _MODEL_MM / np.sqrt(_MODEL_MM**2 + np.maximum(variances_mm2, 0.0))
+    weights = (axes * shares[:, None]) @ np.swapaxes(axes, 1, 2)
+
+    def weigh(off_mm: Array) -> Array:
+        rows = np.where(known, off_mm, 0.0).reshape(len(off_mm), -1, 1)
+        return np.where(known, (weights @ rows).reshape(off_mm.shape), np.nan)
+
+    return weigh
 
 
 def _poses(q_rad: Array) -> int:

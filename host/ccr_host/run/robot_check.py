@@ -231,9 +231,9 @@ class RobotCheck:
             self.probe.start(reference)
         self._fewest_rests = len(probe_stops(robot)) - 1
         self._length_mm = sum(segment.length_mm for segment in robot.chain)
+        self._nominal = ConstantCurvature(robot)
         radius_mm = [
-            robot.chain[number].tendon_radius_mm
-            for number in ConstantCurvature(robot).segment_of_freedom
+            robot.chain[number].tendon_radius_mm for number in self._nominal.segment_of_freedom
         ]
         turned_rad = _MOST_TURNED_RAD * robot.pulley_radius_mm / np.array(radius_mm)
         self._most_bent_rad = np.maximum(_MOST_BENT_RAD, turned_rad)
@@ -337,8 +337,9 @@ class RobotCheck:
             led = Rests.in_turn(q_rad[0], q_rad, odd.markers_mm, odd.count)
             return self._statics.predicted_mm(self._beliefs[0].p, led)
 
-        limits = MotorLimits.of(self._description.servo)
-        return likely_change(predict, limits, odd.q_rad, odd.vectors_mm)
+        limits, model = MotorLimits.of(self._description.servo), self._nominal
+        _, by_bending = model.markers_mm(model.bending_rad(odd.q_rad))
+        return likely_change(predict, limits, odd.q_rad, odd.vectors_mm, by_bending)
 
     def _judge(self, rests: Rests, fits: list[StaticsFit[Any]]) -> Rests | None:
         if len(rests.count) < self._fewest_rests:
