@@ -344,7 +344,7 @@ def _at_rest(news: list[Measurement]) -> Measurement:
 
 
 def all_ends_mm(segments: int, ends_mm: Array, tip_mm: Array) -> Array:
-    """The ends of all segments, (S, 3), if no more than some were reported and the tip, (3,)."""
+    """The ends of all segments, (S, 3), from those of the first ones and the tip, (3,)."""
     all_mm = np.full((segments, 3), np.nan)
     all_mm[: len(ends_mm)] = ends_mm
     all_mm[-1] = tip_mm

@@ -126,8 +126,7 @@ class RestModel:
         up: Array | None = None,
     ) -> None:
         self._segments = segments
-        tip_alone = Markers((len(segments) - 1,), np.zeros(3), are_from_base=False)
-        self._markers = markers or tip_alone
+        self._markers = markers or Markers((len(segments) - 1,), np.zeros(3), are_from_base=False)
         tendons = [(j, tendon) for j, s in enumerate(segments) for tendon in s.tendons]
         self.segment_of = np.array([j for j, _ in tendons])
         """Number of each tendon's segment, from 0, (T,)."""

@@ -88,10 +88,7 @@ def likely_change(
     likely = "most likely" if share < _EXPLAINED else "no usual cause explains it; perhaps"
     rivals = (one for one in others if one.cure != best.cure)
     most = best.cost(poses, weigh) + RIVAL
-    named = [
-        best,
-        *(one for one in islice(rivals, 1) if one.cost(poses, weigh) < most),
-    ]
+    named = [best, *(one for one in islice(rivals, 1) if one.cost(poses, weigh) < most)]
     cause, cure = ", or ".join(o.cause for o in named), "; or ".join(o.cure for o in named)
     return f"{likely} {cause}", cure
 

@@ -251,6 +251,14 @@ def test_patterns_keep_every_robot_within_its_limits(name: str, motors: int) -> 
     assert stops.pattern.count("release") <= 32
 
 
+def test_motors_that_cannot_pay_out_stay_at_home_while_others_wind_up() -> None:
+    one_way = RigOptions(robot="three-spatial", overrides=("servo.angle_min_deg=0",))
+    q_rad = stops_of(one_way.description(), [], 24, seed=1).q_rad
+    assert np.isfinite(q_rad).all()
+    assert (q_rad >= 0.0).all()
+    assert (np.ptp(q_rad, axis=0) > 0.1).all()
+
+
 def test_no_pose_winds_tendons_against_each_other() -> None:
     """Of three tendons of a segment with a motor each, the pulls add up to nothing."""
     description = RigOptions(robot="three-spatial").description()
