@@ -94,6 +94,7 @@ class PathRun:
             DeviceError: the board refused, was lost or latched a fault.
             TrackerError: the markers were lost for longer than coasting and holding allow.
             MisfitError: the robot is not the described one; it has been disarmed.
+            LedAwayError: the controller leads the robot away from the path; likewise.
         """
         rig, clock = self.rig, self.rig.clock
         self._begin("planning")
@@ -153,12 +154,12 @@ class PathRun:
             now_us = self._send_until(end_us, command)
             self._judge(step, now_us, end_us, command, solve_us, late)
 
-    def _end_if_odd(self, odd: Rests | None) -> None:
+    def _end_if_odd(self, odd: Rests | CcrError | None) -> None:
         """Disarm before the cause is computed, and raise it."""
         if odd is not None and self.motion is not None:
             self._begin("disarming")
             self.rig.client.disarm()
-            raise self.motion.cause_of(odd)
+            raise odd if isinstance(odd, CcrError) else self.motion.cause_of(odd)
 
     def _skip_missed_steps(self, held: Command) -> None:
         """Skip the steps whose time has passed.
@@ -316,7 +317,7 @@ class PathRun:
             self._keep(step, end_us, command, solve_us, late, None, None)
         if self.motion is not None and sample is not None:
             q_rad = self.rig.client.accepted_rad
-            odd = self.motion.judge_step(now_us, q_rad, sample.ends_mm)
+            odd = self.motion.judge_step(step, now_us, q_rad, sample.ends_mm)
             self._end_if_odd(odd)
 
     def _keep(

@@ -1,6 +1,7 @@
-"""Tells any robot's motors, their directions and a turned camera apart by what each motor does.
+"""Small moves that show if a robot is the described one, and what each motor does in them.
 
-The robot rests, then each motor makes a small move. How far the markers follow depends on slack,
+The robot rests, then each motor makes a small move, which tells motors, their directions and a
+turned camera apart. How far the markers follow depends on slack,
 stretch and weight, but not where to: constant curvature says that well enough at the pose that the
 markers show.
 """
@@ -8,18 +9,34 @@ markers show.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Generator, Iterator
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares, linear_sum_assignment
 
-from ccr_host.control.adaptive.misfit import LEFT_HANDED, SWAP_CURE
+from ccr_host.control.adaptive.identification import RestSurvey, StaticsFit
+from ccr_host.control.adaptive.misfit import (
+    LEFT_HANDED,
+    RIVAL,
+    SWAP_CURE,
+    is_doubtful,
+    is_misfit,
+)
+from ccr_host.control.adaptive.model import make_static_model
+from ccr_host.control.shell import Law, Measurement, PathView, Stage, smooth_moves
 from ccr_host.core.arrays import Array, IntArray
-from ccr_host.description.schema import Description
+from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.rests import Motors, Rests, numbered
+from ccr_host.robot.setpoint_history import SetpointHistory
+from ccr_host.robot.workspace import MotorLimits
 
+_REACHES_RAD = np.radians((20.0, 35.0, 50.0))
+"""Travel of each motor: beyond slack and a wrong zero, and half of what paths need; then, of a
+robot that may be the described one or not, more, at which slack differs from scale."""
+_REST_S = 0.8
 _SAG_RAD = 0.35
 """Standard deviation of the bending that load and slack add to the commanded one."""
 _MEASURED_SHARE = 0.02
@@ -212,3 +229,101 @@ class MotorResponses:
     def _ends_mm(self, bending_rad: Array) -> Array:
         """Ends of the segments, (N, S, 3)."""
         return self._model.markers_mm(bending_rad)[0]
+
+
+def probe_stops(robot: Robot) -> Array:
+    """Moves in units of the reach, (N, n): rest, then each motor to where it pulls a tendon.
+
+    The first motor is last, as falling through its slack sets the robot swinging.
+    """
+    stops = [np.zeros(robot.motors)]
+    for motor in reversed(range(robot.motors)):
+        windings = {t.winding for _, t in robot.tendons if t.motor == motor + 1}
+        stops.extend(side * np.eye(robot.motors)[motor] for side in sorted(windings, reverse=True))
+    return np.array(stops)
+
+
+class ProbeLaw(Law):
+    """A few small moves that show whether the robot is the described one."""
+
+    name = "checking that the robot moves as described"
+    feedback_s = 0.0
+
+    def __init__(self, description: Description) -> None:
+        self._model, space = make_static_model(description)
+        self._space = space.of_few_rests()
+        self._description = description
+        self._limits = MotorLimits.of(description.servo)
+        self._stops = probe_stops(description.robot)
+
+    def start(self, path: PathView, history: SetpointHistory) -> None:
+        super().start(path, history)
+        self._survey = RestSurvey(np.zeros_like(self._limits.lower_rad))
+        self.fits: list[StaticsFit[Any]] = []
+        """Fits that explain the rests so far, the likeliest first; before that none."""
+        self.explanation: Explanation | None = None
+        """Which motors or camera explain the rests better than the description, if others do."""
+        self._is_undecided = False
+        """Whether it is as likely as not that others do."""
+
+    @property
+    def rests(self) -> Rests:
+        """The rests at which the robot was seen."""
+        return self._survey.rests()
+
+    def stages(self) -> Iterator[Stage]:
+        """Moves, then a fit, during which the robot stays where it is; more moves if in doubt."""
+        here_rad = self.history.at(math.inf)
+        self._survey = RestSurvey(here_rad)
+        for reach_rad in _REACHES_RAD:
+            stops_rad = self._limits.clip(here_rad + reach_rad * self._stops)
+            self._survey.visit(stops_rad)
+            yield Stage(self.name, smooth_moves(self.history.at(math.inf), stops_rad, _REST_S))
+            if not len(self.rests.count):
+                return
+            waiting = Stage(self.name, stops_rad[-1:], is_motion=False)
+            for _ in self._judging(self.rests):
+                yield waiting
+            if not self._is_doubtful():
+                return
+
+    def _judging(self, rests: Rests) -> Iterator[None]:
+        """Fit the rests, then as other motors or another camera would have made them, if likely."""
+        self.fits = yield from self._fitting(rests)
+        self.explanation, self._is_undecided = None, False
+        was_led = len(rests.q_rad) > 1 and np.array_equal(rests.q_rad[0], rests.from_rad[0])
+        if not (self._description.robot.segments and was_led):
+            return
+        likely = MotorResponses(self._description, rests).explanation()
+        if likely is not None:
+            described = self._space.parameters(np.zeros(self._space.count))
+            supposed = likely.supposed(rests, partial(self._model.predicted_mm, described))
+            others = yield from self._fitting(supposed)
+            gain = self.fits[0].result().cost - others[0].result().cost
+            self.explanation = likely if gain > likely.price else None
+            self._is_undecided = abs(gain) <= likely.price
+
+    def _fitting(self, rests: Rests) -> Generator[None, None, list[StaticsFit[Any]]]:
+        """Fit rests, one step at a time; start again elsewhere if that may be better."""
+        fits: list[StaticsFit[Any]] = []
+        for start in self._space.few_starts():
+            fit = StaticsFit(self._space, rests, self._model, start)
+            yield
+            while fit.improve():
+                yield
+            fits.append(fit)
+            fits.sort(key=lambda one: one.result().cost)
+            if not (self._space.has_modes or is_doubtful(fits[0].result(), self._space)):
+                break
+        best = fits[0].result().cost
+        return [fit for fit in fits if fit.result().cost < best + RIVAL]
+
+    def _is_doubtful(self) -> bool:
+        """Whether farther moves, which take up more slack, should decide."""
+        found = self.fits[0].result()
+        if self.explanation is not None or is_misfit(found, self.fits[0].rests, self._space):
+            return False
+        return self._is_undecided or is_doubtful(found, self._space)
+
+    def observe(self, measurement: Measurement) -> None:
+        self._survey.add(self.history, measurement)

@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Generator, Iterator
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ccr_host.control.adaptive.identification import RestSurvey, StaticsFit
+from ccr_host.control.adaptive.identification import StaticsFit
 from ccr_host.control.adaptive.law import AdaptiveLaw
 from ccr_host.control.adaptive.misfit import (
     REPEATED,
-    RIVAL,
     MisfitError,
-    is_doubtful,
     is_misfit,
     misfit,
     misfit_of,
@@ -31,22 +28,18 @@ from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.adaptive.static_model import Resting, StaticModel
 from ccr_host.control.base import Controller
 from ccr_host.control.registry import rate_note
-from ccr_host.control.shell import Law, Measurement, PathView, Shell, Stage, smooth_moves
+from ccr_host.control.shell import Shell
 from ccr_host.core.arrays import Array
-from ccr_host.description.schema import Description, Robot
+from ccr_host.core.errors import CcrError
+from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Rests
-from ccr_host.robot.setpoint_history import SetpointHistory
 from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.changed_robot import likely_change
-from ccr_host.run.motor_responses import Explanation, MotorResponses
+from ccr_host.run.motor_responses import ProbeLaw, probe_stops
 from ccr_host.run.options import RunOptions
 
-_REACHES_RAD = np.radians((20.0, 35.0, 50.0))
-"""Travel of each motor: beyond slack and a wrong zero, and half of what paths need; then, of a
-robot that may be the described one or not, more, at which slack differs from scale."""
-_REST_S = 0.8
 _LOOK_PERIOD_US = 250_000
 _UNEXPLAINED_SHARE = 25.0 / 102.0
 """Distance of tip and model over the robot's length: twice what loads, friction and a fit to few
@@ -75,6 +68,9 @@ _MOST_COUNTED_US = 1_000_000
 """Time that a look counts for, at most: what happened while the markers were hidden is unknown."""
 _STIRS_RAD = math.radians(2.0)
 """Travel of a motor beyond backlash and deadband: along the path few degrees pass in `_FOR_US`."""
+_LED_AWAY_SHARE = 0.2
+"""Distance over the robot's length by which a controller may leave the tip further from the path
+than the open loop would."""
 _KEPT = 12
 """Number of looks from which the cause is determined."""
 _ALONG_PATH = (
@@ -82,6 +78,8 @@ _ALONG_PATH = (
     "check that nothing holds it, and [[robot.segments]] with its tendons; a controller that winds "
     "tendons against each other leads there, too",
 )
+_OTHER_CONTROLLER = "take another controller or rate, see ccr-host track --help"
+_UNCHECKED = "; --unchecked goes on all the same"
 _UNKNOWN = (
     "no usual cause explains it",
     "check that nothing holds it, [[robot.segments]] with its tendons, and which marker is which "
@@ -89,106 +87,8 @@ _UNKNOWN = (
 )
 
 
-def probe_stops(robot: Robot) -> Array:
-    """Moves in units of the reach, (N, n): rest, then each motor to where it pulls a tendon.
-
-    The first motor is last, as falling through its slack sets the robot swinging.
-    """
-    stops = [np.zeros(robot.motors)]
-    for motor in reversed(range(robot.motors)):
-        windings = {t.winding for _, t in robot.tendons if t.motor == motor + 1}
-        stops.extend(side * np.eye(robot.motors)[motor] for side in sorted(windings, reverse=True))
-    return np.array(stops)
-
-
-class ProbeLaw(Law):
-    """A few small moves that show whether the robot is the described one."""
-
-    name = "checking that the robot moves as described"
-    feedback_s = 0.0
-
-    def __init__(self, description: Description) -> None:
-        self._model, space = make_static_model(description)
-        self._space = space.of_few_rests()
-        self._description = description
-        self._limits = MotorLimits.of(description.servo)
-        self._stops = probe_stops(description.robot)
-
-    def start(self, path: PathView, history: SetpointHistory) -> None:
-        super().start(path, history)
-        self._survey = RestSurvey(np.zeros_like(self._limits.lower_rad))
-        self.fits: list[StaticsFit[Any]] = []
-        """Fits that explain the rests so far, the likeliest first; before that none."""
-        self.explanation: Explanation | None = None
-        """Which motors or camera explain the rests better than the description, if others do."""
-        self._is_undecided = False
-        """Whether it is as likely as not that others do."""
-
-    @property
-    def rests(self) -> Rests:
-        """The rests at which the robot was seen."""
-        return self._survey.rests()
-
-    def stages(self) -> Iterator[Stage]:
-        """Moves, then a fit, during which the robot stays where it is; more moves if in doubt."""
-        here_rad = self.history.at(math.inf)
-        self._survey = RestSurvey(here_rad)
-        for reach_rad in _REACHES_RAD:
-            stops_rad = self._limits.clip(here_rad + reach_rad * self._stops)
-            self._survey.visit(stops_rad)
-            yield Stage(self.name, smooth_moves(self.history.at(math.inf), stops_rad, _REST_S))
-            if not len(self.rests.count):
-                return
-            waiting = Stage(self.name, stops_rad[-1:], is_motion=False)
-            for _ in self._judging(self.rests):
-                yield waiting
-            if not self._is_doubtful():
-                return
-
-    def _judging(self, rests: Rests) -> Iterator[None]:
-        """Fit the rests, then as other motors or another camera would have made them, if likely."""
-        self.fits = yield from self._fitting(rests)
-        self.explanation, self._is_undecided = None, False
-        was_led = len(rests.q_rad) > 1 and np.array_equal(rests.q_rad[0], rests.from_rad[0])
-        if not (self._description.robot.segments and was_led):
-            return
-        likely = MotorResponses(self._description, rests).explanation()
-        if likely is not None:
-            described = self._space.parameters(np.zeros(self._space.count))
-            supposed = likely.supposed(rests, partial(self._model.predicted_mm, described))
-            others = yield from self._fitting(supposed)
-            gain = self.fits[0].result().cost - others[0].result().cost
-            self.explanation = likely if gain > likely.price else None
-            self._is_undecided = abs(gain) <= likely.price
-
-    def _fitting(self, rests: Rests) -> Generator[None, None, list[StaticsFit[Any]]]:
-        """Fit rests, one step at a time; start again elsewhere if that may be better."""
-        fits: list[StaticsFit[Any]] = []
-        for start in self._space.few_starts():
-            fit = StaticsFit(self._space, rests, self._model, start)
-            yield
-            while fit.improve():
-                yield
-            fits.append(fit)
-            fits.sort(key=lambda one: one.result().cost)
-            if not (self._space.has_modes or is_doubtful(fits[0].result(), self._space)):
-                break
-        best = fits[0].result().cost
-        return [fit for fit in fits if fit.result().cost < best + RIVAL]
-
-    def _is_doubtful(self) -> bool:
-        """Whether farther moves, which take up more slack, should decide."""
-        found = self.fits[0].result()
-        if self.explanation is not None or is_misfit(found, self.fits[0].rests, self._space):
-            return False
-        return self._is_undecided or is_doubtful(found, self._space)
-
-    def observe(self, measurement: Measurement) -> None:
-        self._survey.add(self.history, measurement)
-
-
 class _Belief:
-    """A fit that explains the rests, and the pose of its robot along the path."""
+    """A fit that explains the rests, and the pose of its robot as motors lead it."""
 
     def __init__(self, statics: StaticModel[Any, Any], fit: StaticsFit[Any]) -> None:
         self._statics, self.fit = statics, fit
@@ -201,6 +101,32 @@ class _Belief:
             self._pose = self._statics.first_pose(self.p, q_rad)
         self._pose = self._statics.moved(self.p, self._pose, math.inf, q_rad)
         return self._pose.theta_rad
+
+    def tip_mm(self, q_rad: Array) -> Array:
+        """Tip, (3,), after that."""
+        return self._statics.tip_mm(self.p, self.theta_rad(q_rad))
+
+
+@dataclass
+class _Spell:
+    """Time for which something has been the case, less a share of that for which not."""
+
+    is_on: bool = False
+    lasted_us: float = 0.0
+
+    def has_lasted(self, passed_us: int, *, is_so: bool) -> bool:
+        """Count the time since the last look; tell whether `_FOR_US` is reached."""
+        if is_so:
+            self.lasted_us += passed_us if self.is_on else 0.0
+            self.is_on = True
+        else:
+            self.lasted_us = max(0.0, self.lasted_us - _FORGIVEN * passed_us)
+            self.is_on = self.lasted_us > 0.0
+        return self.lasted_us >= _FOR_US
+
+
+class LedAwayError(CcrError):
+    """The controller leads the robot away from its path (exit status 3)."""
 
 
 class RobotCheck:
@@ -218,6 +144,7 @@ class RobotCheck:
         rate_note: str,
     ) -> None:
         self._description = description
+        self._reference = reference
         self._rate_note = rate_note
         robot = description.robot
         law = controller.law if isinstance(controller, Shell) else None
@@ -245,8 +172,8 @@ class RobotCheck:
         self.told = "the markers were seen at too few rests: the robot's motion is not checked"
         """The result of the rests before the path, for the log."""
         self._looked_us = 0
-        self._odd_us = 0.0
-        """Time for which the poses have been unexplained, less a share of that for which not."""
+        self._unexplained, self._led_away = _Spell(), _Spell()
+        self._open_loop: _Belief | None = None
         self._seen: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)
         """Motor angles, (n,), and ends, (S, 3), of the last looks that were unexplained."""
 
@@ -264,26 +191,51 @@ class RobotCheck:
             return None
         return self._judge(adaptive.rests, [] if adaptive.fit is None else [adaptive.fit])
 
-    def judge_step(self, time_us: int, q_rad: Array, ends_mm: Array) -> Rests | None:
-        """The poses along the path, once they have been unexplained for some seconds, else None."""
+    def judge_step(
+        self, step: int, time_us: int, q_rad: Array, ends_mm: Array
+    ) -> Rests | LedAwayError | None:
+        """What has been wrong at the ends of steps for some seconds, None if nothing has.
+
+        Poses that the model does not explain; or that it does, but that are further from the path
+        than without feedback.
+        """
         passed_us = time_us - self._looked_us
         if not self._beliefs or passed_us < _LOOK_PERIOD_US:
             return None
         passed_us = min(passed_us, _MOST_COUNTED_US)
         self._looked_us = time_us
-        odd = [self._is_odd(belief, q_rad, ends_mm) for belief in self._beliefs]
-        if not all(odd):
-            self._odd_us -= _FORGIVEN * passed_us
-            if self._odd_us <= 0.0:
-                self._odd_us = 0.0
-                self._seen.clear()
+        is_odd = all(self._is_odd(belief, q_rad, ends_mm) for belief in self._beliefs)
+        is_unexplained = self._unexplained.has_lasted(passed_us, is_so=is_odd)
+        if is_odd:
+            self._seen.append((q_rad, ends_mm))
+        elif not self._unexplained.is_on:
+            self._seen.clear()
+        if is_unexplained:
+            setpoints_rad, seen_mm = (np.array(column) for column in zip(*self._seen, strict=True))
+            count = np.ones(len(seen_mm))
+            return Rests.of_vectors(setpoints_rad, setpoints_rad, seen_mm, count)
+        off_mm, open_mm = self._distances_mm(step, ends_mm[-1])
+        is_away = not is_odd and off_mm > open_mm + _LED_AWAY_SHARE * self._length_mm
+        if not self._led_away.has_lasted(passed_us, is_so=is_away):
             return None
-        self._odd_us += passed_us if self._seen else 0.0
-        self._seen.append((q_rad, ends_mm))
-        if self._odd_us < _FOR_US:
-            return None
-        setpoints_rad, seen_mm = (np.array(column) for column in zip(*self._seen, strict=True))
-        return Rests.of_vectors(setpoints_rad, setpoints_rad, seen_mm, np.ones(len(seen_mm)))
+        return LedAwayError(
+            f"the controller leads the robot, which moves as described, away from its path: the "
+            f"tip is {off_mm:.0f} mm off, {open_mm:.0f} mm without feedback",
+            f"{self._rate_note or _OTHER_CONTROLLER}{_UNCHECKED}",
+        )
+
+    def _distances_mm(self, step: int, tip_mm: Array) -> tuple[float, float]:
+        """Distances of a tip from the path, and of that to which the open loop leads by the model.
+
+        The latter is 0 where it does not matter.
+        """
+        target_mm = self._reference.target_mm[step]
+        off_mm = float(np.linalg.norm(tip_mm - target_mm))
+        if not off_mm > _LED_AWAY_SHARE * self._length_mm:
+            return off_mm, 0.0
+        self._open_loop = self._open_loop or _Belief(self._statics, self._beliefs[0].fit)
+        open_mm = self._open_loop.tip_mm(self._reference.q_rad[step]) - target_mm
+        return off_mm, float(np.linalg.norm(open_mm))
 
     def _is_odd(self, belief: _Belief, q_rad: Array, seen_mm: Array) -> bool:
         """Whether markers, (S, 3), are not where a robot at these motor angles has them."""
@@ -312,7 +264,7 @@ class RobotCheck:
         cure = found.cure
         if self._seen and self._rate_note:
             cure += f"; or it is the controller: {self._rate_note}"
-        return MisfitError(found.cause, f"{cure}; --unchecked goes on all the same")
+        return MisfitError(found.cause, f"{cure}{_UNCHECKED}")
 
     def _cause_of(self, odd: Rests) -> MisfitError:
         if self._seen:

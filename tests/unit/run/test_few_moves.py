@@ -7,10 +7,10 @@ from ccr_host.control.adaptive.model import make_static_model
 from ccr_host.control.open_loop import OpenLoop
 from ccr_host.description.schema import Description, Robot, Segment, Tendon
 from ccr_host.robot.kinematics import ConstantCurvature
-from ccr_host.robot.paths import load_path
+from ccr_host.robot.reference import Reference
 from ccr_host.robot.rests import Motors, Rests
-from ccr_host.robot.workspace import MotorLimits, Workspace
-from ccr_host.run.robot_check import ProbeLaw, RobotCheck, probe_stops
+from ccr_host.run.motor_responses import ProbeLaw, probe_stops
+from ccr_host.run.robot_check import LedAwayError, RobotCheck
 
 REACH_RAD = np.radians(20.0)
 
@@ -47,6 +47,14 @@ def rests_of(described: Description, slack_mm: float, motors: Motors | None = No
     return Rests.of_vectors(q_rad, q_rad, vectors_mm, count)
 
 
+def along(described: Description, q_rad: np.ndarray) -> Reference:
+    """The path on which constant curvature has the robot at these motor angles."""
+    constant = ConstantCurvature(described.robot)
+    targets_mm = constant.markers_mm(constant.bending_rad(q_rad))[0][:, -1]
+    steps = np.arange(float(len(q_rad)))
+    return Reference("path", 1.0, steps, targets_mm, q_rad, 0.0 * steps)
+
+
 def judged(described: Description, rests: Rests) -> ProbeLaw:
     law = ProbeLaw(described)
     for _ in law._judging(rests):
@@ -61,18 +69,42 @@ def test_slack_is_no_misfit_and_where_it_leads_is_not_odd_along_the_path(
 ) -> None:
     described = description(tendons, pairs=pairs)
     model, space, score = robot(described, slack_mm)
-    surface = Workspace(ConstantCurvature(described.robot), MotorLimits.of(described.servo))
-    path = load_path("circle", 1.0, surface)
-    check = RobotCheck(described, OpenLoop(described), path, "")
+    second = np.arange(40)[:, None]
+    q_rad = 0.6 * np.sin(0.15 * second + np.arange(described.robot.motors))
+    check = RobotCheck(described, OpenLoop(described), along(described, q_rad), "")
     rests = rests_of(described, slack_mm)
     check._probe = judged(described, rests)
     monkeypatch.setattr(ProbeLaw, "rests", rests)
     assert check.judge_probe() is None
-    for second in range(40):
-        q_rad = 0.6 * np.sin(0.15 * second + np.arange(described.robot.motors))
-        pose = model.first_pose(space.parameters(score), q_rad)
+    for step, led_rad in enumerate(q_rad):
+        pose = model.first_pose(space.parameters(score), led_rad)
         seen_mm = model.markers_mm(space.parameters(score), pose.theta_rad[None])[0]
-        assert check.judge_step(1_000_000 * second, q_rad, seen_mm) is None
+        assert check.judge_step(step, 1_000_000 * step, led_rad, seen_mm) is None
+
+
+@pytest.mark.parametrize("away", [1.0, -1.0])
+def test_a_controller_that_does_worse_than_the_open_loop_is_told_from_a_robot_that_fails(
+    away, monkeypatch
+) -> None:
+    described = description(3)
+    model, space, score = robot(described, 0.3)
+    q_rad = np.tile([0.6, -0.3, -0.3], (8, 1))
+    check = RobotCheck(described, OpenLoop(described), along(described, q_rad), "")
+    rests = rests_of(described, 0.3)
+    check._probe = judged(described, rests)
+    monkeypatch.setattr(ProbeLaw, "rests", rests)
+    assert check.judge_probe() is None
+    found = []
+    for step, led_rad in enumerate(away * q_rad):
+        pose = model.first_pose(space.parameters(score), led_rad)
+        seen_mm = model.markers_mm(space.parameters(score), pose.theta_rad[None])[0]
+        found.append(check.judge_step(step, 1_000_000 * (step + 1), led_rad, seen_mm))
+    if away > 0.0:
+        assert found == [None] * 8
+    else:
+        assert found[:3] == [None] * 3
+        assert isinstance(found[3], LedAwayError)
+        assert "mm off" in found[3].cause
 
 
 def test_slack_that_hides_a_move_is_no_idle_motor_and_asks_for_farther_ones() -> None:
