@@ -137,17 +137,22 @@ class Rests:
     def hysteresis_mm(self) -> Array:
         """Half the distance between the tips of a pose that a motor approached from both sides.
 
-        (n,), one mean per motor, while the other motors came from the same side both times; NaN if
-        there was no such pose.
+        (n,), one mean per motor, while the other motors came from the same side both times; if they
+        never did, of the poses in which the motor is turned furthest; NaN if there was no such
+        pose.
         """
         ways, tip_mm = self.ways(), self.tip_mm
         first, second = np.triu_indices(len(ways), k=1)
         same = np.abs(self.q_rad[first] - self.q_rad[second]).max(axis=1) < _SAME_RAD
+        apart = same & (ways[first] != ways[second]).any(axis=1)
+        turned_rad = np.abs(self.q_rad[first])
+        is_furthest = turned_rad > turned_rad.max(axis=1, keepdims=True) - _SAME_RAD
         found = np.full(ways.shape[1], np.nan)
         for motor in range(len(found)):
             opposite = ways[first, motor] * ways[second, motor] < 0.0
             others_alike = np.delete(ways[first] == ways[second], motor, axis=1).all(axis=1)
             pairs = same & opposite & others_alike
+            pairs = pairs if pairs.any() else apart & is_furthest[:, motor]
             if pairs.any():
                 apart_mm = tip_mm[first[pairs]] - tip_mm[second[pairs]]
                 found[motor] = 0.5 * np.linalg.norm(apart_mm, axis=1).mean()
@@ -156,7 +161,7 @@ class Rests:
     def moved_mm(self) -> Array:
         """By how much each motor moved the tip, linearly, (n,)."""
         design = np.column_stack([self.q_rad, np.ones(len(self.q_rad))])
-        by_motor = np.linalg.lstsq(design, self.tip_mm, rcond=None)[0][:-1]
+        by_motor = np.linalg.lstsq(design, self.tip_mm, rcond=_SAME_RAD)[0][:-1]
         moved_mm: Array = np.linalg.norm(by_motor, axis=1) * np.ptp(self.q_rad, axis=0)
         return moved_mm
 

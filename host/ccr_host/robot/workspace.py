@@ -35,6 +35,9 @@ from ccr_host.robot.reference import is_closed
 LATERAL = [0, 2]
 """The coordinates of f that a path gives."""
 
+_DIGITS = 12
+"""Of motor angles in rad, so that motors which stay where they are do so exactly."""
+
 _STAGES = 16
 """Parts of the way of a target; a step of one can be followed by Newton's steps."""
 _STAGE_STEPS, _STAGE_RAD = 6, 1e-2
@@ -82,6 +85,21 @@ class MotorLimits:
     def clip(self, q_rad: ArrayLike) -> Array:
         """Motor angles clipped to the limits, rad; shape of ``q_rad``."""
         return np.minimum(np.maximum(q_rad, self.lower_rad), self.upper_rad)
+
+    def without_pretension(self, model: ConstantCurvature, q_rad: Array) -> Array:
+        """The poses nearest to some, (K, n), that bend a robot alike without any pretension.
+
+        If one of ``three-spatial``'s motors turned by 30 deg alone, the three tendons of its
+        segment would pull with 15 to 18 N each, under which the backbone buckles. Poses out of the
+        limits bend it less; a motor that cannot pay out stays at its limit.
+        """
+        by_motors = model.bending_rad(np.eye(model.motors))
+        if np.linalg.matrix_rank(by_motors) == model.motors:
+            return q_rad
+        found_rad = (q_rad @ by_motors @ np.linalg.pinv(by_motors)).round(_DIGITS)
+        reach_rad = np.where(found_rad < 0.0, self.lower_rad, self.upper_rad)
+        beyond = np.divide(found_rad, reach_rad, np.zeros_like(reach_rad), where=reach_rad != 0.0)
+        return self.clip(found_rad / np.maximum(beyond.max(axis=1, keepdims=True), 1.0))
 
 
 @dataclass(frozen=True)

@@ -132,25 +132,9 @@ def stops_of(description: Description, names: Sequence[str], rests: int, seed: i
     shares = {name: stops(len(low), rests, rng) for name, stops in PATTERNS.items()}
     wanted = [name for name in PATTERNS if name in names or not names]
     share = np.concatenate([shares[name] for name in wanted])
-    q_rad = _balanced(description, np.where(share < 0.0, -low, high) * share)
-    return Stops([name for name in wanted for _ in shares[name]], q_rad + 0.0)  # 0.0: no -0
-
-
-def _balanced(description: Description, q_rad: Array) -> Array:
-    """The poses nearest to some, (K, M), that bend the robot alike without any pretension.
-
-    If one of ``three-spatial``'s motors turned by 30 deg alone, the three tendons of its segment
-    would pull with 15 to 18 N each, under which the backbone buckles. Poses out of the motors'
-    limits bend it less; a motor that cannot pay out stays at its limit.
-    """
     model, limits = ConstantCurvature(description.robot), MotorLimits.of(description.servo)
-    by_motors = model.bending_rad(np.eye(model.motors))
-    if np.linalg.matrix_rank(by_motors) == model.motors:
-        return q_rad
-    balanced_rad = q_rad @ by_motors @ np.linalg.pinv(by_motors)
-    reach_rad = np.where(balanced_rad < 0.0, limits.lower_rad, limits.upper_rad)
-    beyond = np.divide(balanced_rad, reach_rad, np.zeros_like(reach_rad), where=reach_rad != 0.0)
-    return limits.clip(balanced_rad / np.maximum(beyond.max(axis=1, keepdims=True), 1.0))
+    q_rad = limits.without_pretension(model, np.where(share < 0.0, -low, high) * share)
+    return Stops([name for name in wanted for _ in shares[name]], q_rad + 0.0)  # 0.0: no -0
 
 
 def _range_rad(description: Description) -> tuple[Array, Array]:

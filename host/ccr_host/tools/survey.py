@@ -31,7 +31,12 @@ from ccr_host.robot.workspace import MotorLimits
 from ccr_host.run.rest_motion import OnPose, visit
 from ccr_host.run.rig import Rig
 from ccr_host.tools.survey_fit import Survey, fit_survey, require_motion_so_far
-from ccr_host.tools.survey_starts import likeliest_motors
+from ccr_host.tools.survey_starts import (
+    guessed_directions,
+    likeliest_motors,
+    require_pull,
+    safe_poses_rad,
+)
 from ccr_host.tracking.markers.check import MarkerCheck
 
 REGISTRATION, IDENTIFIED = "registration", "identified"
@@ -39,42 +44,12 @@ REGISTRATION, IDENTIFIED = "registration", "identified"
 _ANGLE_DECIMALS, _LENGTH_DECIMALS, _TIME_DECIMALS = 6, 4, 2
 _SERVO_KEYS = ("neutral_pulse_us", "pulse_per_90_deg_us", "angle_min_deg", "angle_max_deg")
 
-_SWING_DEG = 50.0
-"""Amplitude of motor 1, as far as the tour of controller `adaptive` goes."""
-_SIDEWAYS_DEG = 20.0
-"""Amplitude of motor 2."""
-_SHARE_OF_LIMITS = 0.6
-"""Each motor uses at most this fraction of its range."""
-_SWINGS: tuple[float, ...] = tuple(
-    third / 3 for third in (0, 1, 2, 3, 2, 1, 0, -1, -2, -3, -2, -1, 0)
-)
-"""Poses of motor 1, all but the extremes approached from both sides, as friction bends the robot
-otherwise on each."""
-_SIDES: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0)
-"""Poses of motor 2."""
 _TOUR_SHARE, _TOUR_SHARE_OF_ONE = 0.5, 1.25
 """Part of the controller's tour that another robot of several segments makes: markers at its
 extremes cannot be told apart with certainty before the camera is registered. One segment goes
 further, as only a wide bend tells its zero from the camera's turn."""
-_ALONE_DEG = 30.0
-_ALONE: tuple[float, ...] = (0.5, 1.0, 0.5, -1.0)
-"""Poses of each motor of another robot, none of them slack but the first of all: what has a slack
-robot rest is friction, which its model leaves out."""
-
-
-def safe_poses_rad(description: Description) -> Array:
-    """Motor angles to visit, (K, n): small, of one motor after the other."""
-    limits = MotorLimits.of(description.servo)
-    reach_rad = np.maximum(_SHARE_OF_LIMITS * np.minimum(-limits.lower_rad, limits.upper_rad), 0.0)
-    count = len(reach_rad)
-    if description.robot.segments:
-        amplitudes_deg = [_ALONE_DEG] * count
-        shares = [(0.0, *_ALONE), *[_ALONE] * (count - 1)]
-    else:
-        amplitudes_deg, shares = [_SWING_DEG, _SIDEWAYS_DEG], [_SWINGS, _SIDES]
-    alone_rad = np.diag(np.minimum(np.radians(amplitudes_deg), reach_rad))
-    stops = np.vstack([np.outer(own, row) for own, row in zip(shares, alone_rad, strict=True)])
-    return stops + 0.0  # No negative zeros in files.
+_LED = 3
+"""Times that the small moves are made at most, each in the directions found before."""
 
 
 def identification_stops_rad(description: Description) -> Array:
@@ -103,7 +78,8 @@ def survey_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
     """The rests to which `survey` fits.
 
     The large poses of a robot whose motors may wind tendons against each other are led by what its
-    motors did in the small ones.
+    motors did in the small ones. Reversed motors make these pull as well, so that they are made
+    again, in the directions found, until these stay the same.
 
     Raises:
         DeviceError, TrackerError, RestError, SurveyError, MisfitError: as `survey`.
@@ -116,12 +92,29 @@ def survey_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
 
     if not description.robot.segments:  # Its motors cannot pull against each other.
         return visit(rig, check, np.concatenate([safe_rad, tour_rad]), on_pose, judge=judge)
-    total = len(safe_rad) + len(tour_rad)
-    rests = visit(rig, check, safe_rad, lambda done, _: on_pose(done, total), judge=judge)
+
+    def telling(before: int, poses: int) -> OnPose:
+        return lambda done, _: on_pose(before + done, before + poses)
+
+    to_come = len(safe_rad) + len(tour_rad)
+    may_hinder = bool((np.count_nonzero(safe_rad, axis=1) > 1).any())
+    directions = np.ones(safe_rad.shape[1])
+    for time in range(_LED):
+        before = time * len(safe_rad)
+        rests = visit(rig, check, directions * safe_rad, telling(before, to_come), judge=judge)
+        if not may_hinder:
+            break
+        found = guessed_directions(rests, description)
+        if np.array_equal(found, directions):
+            break
+        directions = found
+    if may_hinder:
+        require_pull(rests, description, directions)
+    before += len(safe_rad)
     share = _TOUR_SHARE if len(description.robot.segments) > 1 else _TOUR_SHARE_OF_ONE
     led_rad = share * tour_rad * likeliest_motors(rests, description).signs
     led_rad = MotorLimits.of(description.servo).clip(led_rad)
-    later = visit(rig, check, led_rad, lambda done, _: on_pose(len(safe_rad) + done, total))
+    later = visit(rig, check, led_rad, telling(before, len(tour_rad)))
     return rests.then(later)
 
 

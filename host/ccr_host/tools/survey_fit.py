@@ -32,8 +32,8 @@ from ccr_host.robot.rests import Rests
 from ccr_host.tools.survey_starts import (
     SurveyError,
     fitted,
+    likeliest_motors,
     model_of_new,
-    nearest_motors,
     starts_of,
     where_tendons_pull,
 )
@@ -125,7 +125,7 @@ def fit_survey(rests: Rests, description: Description) -> Survey:
     _require_motion(rests, description)
     hysteresis_mm = rests.hysteresis_mm()
     model, space = model_of_new(description)
-    predict, motors = model.predicted_mm, nearest_motors(rests, space, model)
+    predict, motors = model.predicted_mm, likeliest_motors(rests, description)
     if description.robot.segments:
         rests = where_tendons_pull(rests)
     seen = rests
@@ -199,8 +199,8 @@ def require_motion_so_far(
 ) -> None:
     """End a tour of which no fit could tell anything.
 
-    ``alone_rad`` are the first poses of the tour, of one motor after the other, (K, n); ``done`` is
-    the number of poses so far.
+    ``alone_rad`` are the first poses of the tour, of one motor after the other, with others that
+    pay out, (K, n); ``done`` is the number of poses so far.
 
     Raises:
         SurveyError: the markers were not seen yet, or a motor that was led through its own poses
@@ -211,8 +211,8 @@ def require_motion_so_far(
     _require_rests(rests, 1)
     is_led = np.ptp(rests.q_rad, axis=0) > BEYOND_SLACK_RAD
     for motor in np.flatnonzero(is_led & ~alone_rad[done:].any(axis=0)):
-        others_rad = np.delete(rests.q_rad, motor, axis=1)
-        alone = rests.chosen(np.count_nonzero(others_rad, axis=1) == 0)
+        led_with_it = alone_rad[alone_rad[:, motor] != 0.0].any(axis=0)
+        alone = rests.chosen(np.count_nonzero(rests.q_rad[:, ~led_with_it], axis=1) == 0)
         _require_moves(alone, description, STILL_MM * np.eye(len(is_led))[motor])
 
 

@@ -2,21 +2,20 @@
 
 Under a hypothesis on the motors the prior predicts the markers, and a rotation turns those seen
 onto them. The nearest hypothesis counts, or of several as near the one whose fit is likeliest. Of
-more than two motors, the moves of single ones are compared: in frames all around the backbone, an
-assignment tells which motor each acts as.
+more than two motors, small moves are compared, and hypotheses are corrected one motor or one
+exchange at a time.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
-from dataclasses import replace
-from itertools import combinations_with_replacement, permutations, product
+from collections.abc import Callable, Collection
+from functools import cache, partial
+from itertools import combinations, permutations, product
 from operator import attrgetter
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from ccr_host.control.adaptive.identification import Fit, StaticsFit
@@ -27,26 +26,34 @@ from ccr_host.control.adaptive.static_model import StaticModel
 from ccr_host.core.arrays import Array
 from ccr_host.core.errors import CcrError
 from ccr_host.description.schema import Description
-from ccr_host.robot.rests import Motors, Rests
+from ccr_host.robot.kinematics import ConstantCurvature
+from ccr_host.robot.rests import Motors, Rests, numbered
+from ccr_host.robot.workspace import MotorLimits
 
 P = TypeVar("P")
 Predict = Callable[[P, Rests], Array]
 """See ``StaticModel.predicted_mm``."""
 
+_ALIKE_STARTS = 3
+"""The search begins where each of so many motors in turn is reversed or not, alike in all."""
+_SAME_RAD = 1e-6
+_SCALINGS, _SHARES = 4, (0.3, 1.5)
+"""How often scales and the turn are found from each other, and the shares of the expected way that
+a move may lead: slack takes some, and weight may add to it."""
 _MOST_HYPOTHESES = 8
 """On the motors; of more, only likely ones are tried."""
-_ROLLS, _TURNS = 12, 10
-"""Frames from which likely ones are searched, and how often each is corrected."""
 _EXCHANGED = 1.06
-"""Factor of the distance for each motor that is exchanged: rarer than a reversed one."""
+"""Factor of the distance for each motor that is exchanged or moves nothing: rarer than a reversed
+one."""
 _ALIKE_TRACE = 1.0 + math.sqrt(2.0)
 """Of the turn between two frames that are the same: 45 deg."""
-_ALONG = np.array([0.0, 1.0, 0.0])
-"""Along the backbone of the straight robot, in the frame of (10)."""
 _DISTINCT = 1.03
 """Least ratio of the distances from the predictions of two hypotheses on the motors; 1.08 and more
 on robots with one thing wrong, 1.001 with markers on the backbone of a robot without weight. If it
 is less, up to `_MOST_FITTED` are fitted."""
+_LEAST_SHARE, _SHOWS_MM = 0.1, 2.0
+"""Share of the expected way below which a motor takes no tendon along, and that way at least: 0.00
+of loose tendons, and of those that a zero 10 deg off leaves slack all along."""
 _MOST_FITTED = 4
 _TOLD = 2.0
 """Least difference of twice the log odds of two fits, with variances inflated as everywhere, where
@@ -73,6 +80,50 @@ class Start(NamedTuple):
 
 _OFF_MM = attrgetter("off_mm")
 
+_SWING_DEG = 50.0
+"""Amplitude of motor 1, as far as the tour of controller `adaptive` goes."""
+_SIDEWAYS_DEG = 20.0
+"""Amplitude of motor 2."""
+_SHARE_OF_LIMITS = 0.6
+"""Each motor uses at most this fraction of its range."""
+_SWINGS: tuple[float, ...] = tuple(
+    third / 3 for third in (0, 1, 2, 3, 2, 1, 0, -1, -2, -3, -2, -1, 0)
+)
+"""Poses of motor 1, all but the extremes approached from both sides, as friction bends the robot
+otherwise on each."""
+_SIDES: tuple[float, ...] = (1.0, 0.0, -1.0, 0.0)
+"""Poses of motor 2."""
+_ALONE_DEG = 30.0
+_ALONE: tuple[float, ...] = (0.5, 1.0, 0.5, -1.0)
+"""Poses of each motor of another robot, none of them slack but the first of all: what has a slack
+robot rest is friction, which its model leaves out."""
+
+
+def safe_poses_rad(description: Description) -> Array:
+    """Motor angles to visit, (K, n): small, of one motor after the other, without pretension."""
+    limits = MotorLimits.of(description.servo)
+    reach_rad = np.maximum(_SHARE_OF_LIMITS * np.minimum(-limits.lower_rad, limits.upper_rad), 0.0)
+    count = len(reach_rad)
+    if description.robot.segments:
+        amplitudes_deg = [_ALONE_DEG] * count
+        shares = [(0.0, *_ALONE), *[_ALONE] * (count - 1)]
+    else:
+        amplitudes_deg, shares = [_SWING_DEG, _SIDEWAYS_DEG], [_SWINGS, _SIDES]
+    sides = np.where(_pulls(description) < 0.0, -1.0, 1.0)
+    alone_rad = np.diag(sides * np.minimum(np.radians(amplitudes_deg), reach_rad))
+    stops = np.vstack([np.outer(own, row) for own, row in zip(shares, alone_rad, strict=True)])
+    model = ConstantCurvature(description.robot)
+    return limits.without_pretension(model, stops) + 0.0  # No negative zeros in files.
+
+
+def _pulls(description: Description) -> Array:
+    """Direction in which each motor winds tendons, (n,): 1, -1, or 0 if it does in both."""
+    robot = description.robot
+    windings = [set[float]() for _ in range(robot.motors)]
+    for _, tendon in robot.tendons:
+        windings[tendon.motor - 1].add(tendon.winding)
+    return np.array([sum(own) for own in windings])
+
 
 def likeliest_motors(rests: Rests, description: Description) -> Motors:
     """The hypothesis on the motors that is likeliest, whatever frame the rests are in.
@@ -81,8 +132,11 @@ def likeliest_motors(rests: Rests, description: Description) -> Motors:
         SurveyError: another hypothesis is about as likely.
         MisfitError: motors are exchanged.
     """
-    model, space = model_of_new(description)
-    return nearest_motors(rests, space, model)
+    near = nearest_starts(rests, description)
+    best = near[0].motors if len(near) == 1 else _likeliest(near, rests, description)
+    if best.exchanged:
+        raise motors_exchanged(best)
+    return best
 
 
 def model_of_new(description: Description) -> tuple[StaticModel[Any, Any], ParameterSpace[Any]]:
@@ -113,55 +167,114 @@ def _start(motors: Motors, expected_mm: Array, score: Array, seen_mm: Array) -> 
     return Start(float(off_mm), motors, turn.as_matrix(), score)
 
 
-def _neighbours(motors: Motors) -> Iterator[Motors]:
-    """Another motor reversed, or two others exchanged, reversed or not."""
-    for one, other in combinations_with_replacement(range(len(motors.order)), 2):
+def nearest_starts(
+    rests: Rests, description: Description, *, in_order: bool = False
+) -> list[Start]:
+    """The nearest hypothesis on the motors, and those that are about as near.
+
+    ``in_order``: of those by which no motors are exchanged, if there are more than two.
+    """
+    count = rests.q_rad.shape[1]
+    model, space = model_of_new(description)
+    supposed = _all_hypotheses(count)
+    if supposed:
+        start = cache(lambda motors: starts_of(motors, rests, space, model.predicted_mm)[0])
+    else:
+        moves = _SmallMoves(model, space, rests, safe_poses_rad(description))
+        start = cache(moves.start)
+
+    def off_mm(motors: Motors) -> float:
+        return start(motors).off_mm * _EXCHANGED ** len(motors.exchanged)
+
+    supposed = supposed or _searched(off_mm, count, in_order=in_order)
+    near = sorted(supposed, key=off_mm)[:_MOST_FITTED]
+    return [start(motors) for motors in near if off_mm(motors) <= _DISTINCT * off_mm(near[0])]
+
+
+def _searched(off_mm: Callable[[Motors], float], count: int, *, in_order: bool) -> set[Motors]:
+    """Hypotheses on the way to the nearest ones, by one change at a time."""
+    described, tried = Motors.as_described(count), set[Motors]()
+
+    def improved(here: Motors, near: Callable[[Motors], list[Motors]]) -> Motors:
+        while True:
+            tried.update(others := near(here))
+            best = min(others, key=off_mm)
+            if off_mm(best) >= off_mm(here):
+                return here
+            here = best
+
+    signs = product((1.0, -1.0), repeat=_ALIKE_STARTS)
+    alike = [described._replace(signs=(each * count)[:count]) for each in signs]
+    best = min((improved(start, _reversed) for start in alike), key=off_mm)
+    if not in_order:
+        improved(best, lambda here: _exchanged(here) + _reversed(here))
+    return tried | {best}
+
+
+def _reversed(motors: Motors) -> list[Motors]:
+    """One motor reversed."""
+    signs = motors.signs
+    return [
+        motors._replace(signs=(*signs[:at], -sign, *signs[at + 1 :]))
+        for at, sign in enumerate(signs)
+    ]
+
+
+def _exchanged(motors: Motors) -> list[Motors]:
+    """Two motors exchanged, reversed or not."""
+    found = []
+    for one, other in combinations(range(len(motors.order)), 2):
         order = list(motors.order)
         order[one], order[other] = order[other], order[one]
         for sign, other_sign in product((1.0, -1.0), repeat=2):
             signs = list(motors.signs)
-            signs[order[one]] *= sign
-            signs[order[other]] *= other_sign
-            yield Motors(tuple(signs), tuple(order))
+            signs[order[one]], signs[order[other]] = sign, other_sign
+            found.append(Motors(tuple(signs), tuple(order)))
+    return found
 
 
-def nearest_motors(
-    rests: Rests, space: ParameterSpace[Any], model: StaticModel[Any, Any]
-) -> Motors:
-    """The hypothesis on the motors that is nearest; of those as near, the one that fits best.
+def require_pull(rests: Rests, description: Description, directions: Array) -> None:
+    """Refuse small moves in which a motor, led in its direction, (n,), takes no tendon along.
 
     Raises:
-        SurveyError: neither distances nor fits tell it from another one.
-        MisfitError: motors are exchanged.
+        SurveyError: it names the motors.
     """
-    count = rests.q_rad.shape[1]
-    judge: Predict[Any] = model.predicted_mm
-    judged, supposed, doubt = rests, _all_hypotheses(count), 1.0
-    if not supposed:
-        judge = moves = _SmallMoves(judge, rests)
-        judged, supposed, doubt = moves.rests, moves.hypotheses(space), _EXCHANGED
-    trials = {motors: starts_of(motors, judged, space, judge)[0] for motors in supposed}
-    off_mm = {m: start.off_mm * doubt ** len(m.exchanged) for m, start in trials.items()}
-    best, *rivals = sorted(off_mm, key=off_mm.__getitem__)[:_MOST_FITTED]
-    rivals = [rival for rival in rivals if off_mm[rival] < _DISTINCT * off_mm[best]]
-    if rivals:
-        best = _likeliest([trials[motors] for motors in (best, *rivals)], rests, space, model)
-    if best.exchanged:
-        raise motors_exchanged(best)
-    return best
+    moves = _SmallMoves(*model_of_new(description), rests, safe_poses_rad(description))
+    described = Motors.as_described(len(directions))
+    shares = moves.shares(described._replace(signs=tuple(directions)), _pulls(description))
+    if len(idle := np.flatnonzero(shares < _LEAST_SHARE)):
+        raise SurveyError(
+            f"motor {numbered(idle)} hardly move{'s' * (len(idle) == 1)} the robot",
+            "check its supply, and that its tendons are on its pulley, and wound in the described "
+            "direction; tighten them",
+        )
 
 
-def _likeliest(
-    starts: list[Start], rests: Rests, space: ParameterSpace[Any], model: StaticModel[Any, Any]
-) -> Motors:
+def guessed_directions(rests: Rests, description: Description) -> Array:
+    """The likeliest directions of the motors, (n,), if none is exchanged, however unlikely."""
+    near = nearest_starts(rests, description, in_order=True)
+    best = near[0] if len(near) == 1 else _by_evidence(near, rests, description)[0][0]
+    return np.array(best.motors.signs)
+
+
+def _by_evidence(
+    starts: list[Start], rests: Rests, description: Description
+) -> list[tuple[Start, Fit]]:
+    """The starts and the fits from them, the likeliest first."""
+    model, space = model_of_new(description)
+    pulling = where_tendons_pull(rests)
+    fits = [(start, fitted(start, pulling, space, model)) for start in starts]
+    return sorted(fits, key=lambda pair: -pair[1].evidence)
+
+
+def _likeliest(starts: list[Start], rests: Rests, description: Description) -> Motors:
     """The hypothesis on the motors under which the fitted rests are likeliest.
 
     Raises:
         SurveyError: another hypothesis is about as likely, or none explains the rests.
     """
-    pulling = where_tendons_pull(rests)
-    fits = [(start, fitted(start, pulling, space, model)) for start in starts]
-    (best, fit), (rival, other), *_ = sorted(fits, key=lambda pair: -pair[1].evidence)
+    (best, fit), (rival, other), *_ = _by_evidence(starts, rests, description)
+    _, space = model_of_new(description)
     least = _TOLD * space.inflation * max(1.0, fit.surprise**2)
     if fit.explains and fit.evidence - other.evidence >= least:
         return best.motors
@@ -180,12 +293,12 @@ def _likeliest(
 
 
 def where_tendons_pull(rests: Rests) -> Rests:
-    """The rests in which several motors bend the robot, all if there are none.
+    """The rests in which most of the motors that are led at a time bend the robot.
 
-    Where one motor moves, slack segments rest anywhere within their friction.
+    Segments whose motors stay where they are rest, if slack, anywhere within their friction.
     """
-    several = np.count_nonzero(rests.q_rad, axis=1) > 1
-    return rests.chosen(several) if several.any() else rests
+    moved = np.count_nonzero(rests.q_rad, axis=1)
+    return rests.chosen(moved > 0.5 * moved.max())
 
 
 def fitted(
@@ -207,86 +320,72 @@ def _all_hypotheses(count: int) -> Collection[Motors]:
     ]
 
 
-class _SmallMoves(Generic[P]):
-    """What each motor alone does to the markers, seen and predicted by the prior.
+class _SmallMoves:
+    """What small moves do to the markers, seen and predicted by the prior.
 
-    Zeros move all poses of a motor alike, so that their differences are compared, and one mean.
+    Zeros move all poses of a motor's move alike, so that their differences are compared, and one
+    mean. How far a move leads depends on slack, which zeros change, but not where to: it is scaled.
     The prior has hardly a memory of its motion: each pose is predicted once.
     """
 
-    def __init__(self, predict: Predict[P], rests: Rests) -> None:
-        self._predict = predict
+    def __init__(
+        self,
+        model: StaticModel[Any, Any],
+        space: ParameterSpace[Any],
+        rests: Rests,
+        poses_rad: Array,
+    ) -> None:
+        """``poses_rad`` are those of ``safe_poses_rad``, which were visited in any directions."""
+        self._score = np.zeros(space.count)
+        self._predicted_mm = partial(model.predicted_mm, space.parameters(self._score))
         self._known: dict[tuple[float, ...], Array] = {}
-        moves = rests.chosen(np.count_nonzero(rests.q_rad, axis=1) <= 1)
-        motors = np.abs(moves.q_rad).argmax(axis=1)
-        self._is_of = np.equal.outer(motors, np.arange(moves.q_rad.shape[1])) * 1.0
-        alike = self._is_of @ self._is_of.T
-        self._differences = np.vstack(
-            [np.eye(len(motors)) - alike / alike.sum(axis=1), np.ones(len(motors)) / len(motors)]
-        )
-        more = moves.then(moves.chosen([0]))
-        self.rests = Rests.of_vectors(
-            more.from_rad, more.q_rad, self._differed(moves.vectors_mm), more.count
-        )
+        apart_rad = np.abs(rests.q_rad[:, None]) - np.abs(poses_rad)
+        self._moves = rests.chosen(np.abs(apart_rad).max(axis=2).min(axis=1) < _SAME_RAD)
+        motors = np.abs(self._moves.q_rad).argmax(axis=1)
+        self._rows = [np.flatnonzero(motors == motor) for motor in np.unique(motors)]
+        self._seen_mm = self._differed(self._moves.vectors_mm)
 
-    def __call__(self, p: P, rests: Rests) -> Array:
-        poses = [tuple(row) for row in rests.q_rad[:-1].round(6).tolist()]
+    def shares(self, motors: Motors, pulls: Array) -> Array:
+        """How far each motor leads the robot while it pulls, over the expected way, (n,).
+
+        1 if that is not known; ``pulls`` as of `_pulls`.
+        """
+        to_frame, q_rad = self.start(motors).to_frame, motors.drive(self._moves).q_rad
+        expected_mm = np.stack([self._known[tuple(row)] for row in q_rad.round(6).tolist()])
+        seen_mm = self._moves.vectors_mm @ to_frame.T
+        shares = np.ones(len(pulls))
+        turned_rad = np.abs(q_rad)
+        furthest = turned_rad > turned_rad.max(axis=1, keepdims=True) - _SAME_RAD
+        for motor, rows in enumerate((furthest & (pulls * q_rad >= 0.0) & (turned_rad > 0.0)).T):
+            own, seen = (mm[rows] - mm[rows].mean(axis=0) for mm in (expected_mm, seen_mm))
+            if (most_mm2 := float((own**2).sum())) > _SHOWS_MM**2:
+                shares[motor] = (own * seen).sum() / most_mm2
+        return shares
+
+    def start(self, motors: Motors) -> Start:
+        """Where a fit under this hypothesis starts, and how near it is."""
+        led = motors.drive(self._moves)
+        poses = [tuple(row) for row in led.q_rad.round(6).tolist()]
         new = {pose: row for row, pose in enumerate(poses) if pose not in self._known}
         if new:
-            expected_mm = self._predict(p, rests.chosen(list(new.values())))
-            self._known |= zip(new, expected_mm, strict=True)
-        return self._differed(np.stack([self._known[pose] for pose in poses]))
-
-    def hypotheses(self, space: ParameterSpace[P]) -> set[Motors]:
-        """The likeliest ones in frames all around the backbone, and those that differ little."""
-        p, seen = space.parameters(np.zeros(space.count)), self.rests
-        expected_mm = self._each_alone(p)
-        mean_mm = self(p, seen)[-1]
-        upright, _ = Rotation.align_vectors(mean_mm[-1], seen.tip_mm[-1])
-        found = set()
-        for share in range(_ROLLS):
-            roll = Rotation.from_rotvec(_ALONG * 2.0 * math.pi * share / _ROLLS)
-            motors = self._nearest((roll * upright).as_matrix(), expected_mm, 0.0)
-            for _ in range(_TURNS):
-                (start,) = starts_of(motors, seen, space, self)
-                again = self._nearest(start.to_frame, expected_mm, start.off_mm)
-                if again == motors:
-                    break
-                motors = again
-            found.add(motors)
-        return found | {near for motors in found for near in _neighbours(motors)}
-
-    def _nearest(self, to_frame: Array, expected_mm: Array, off_mm: float) -> Motors:
-        """The hypothesis that is nearest in a frame, where exchanged motors cost as elsewhere.
-
-        ``to_frame`` is from that of the camera, (3, 3); ``expected_mm`` is of ``_each_alone``. The
-        cost is relative to ``off_mm``, the distance so far.
-        """
-        seen_mm = self.rests.turned(to_frame).vectors_mm[:-1]
-        off = ((expected_mm - seen_mm) ** 2).sum(axis=(-1, -2)) @ self._is_of
-        count = off.shape[1]
-        doubt = (_EXCHANGED**2 - 1.0) * off_mm**2 * (1.0 - np.eye(count))
-        motors, acting = linear_sum_assignment(off.min(axis=0) + doubt)
-        signs = np.ones(count)
-        signs[acting] = np.where(off[0, motors, acting] <= off[1, motors, acting], 1.0, -1.0)
-        return Motors(tuple(signs.tolist()), tuple(acting.tolist()))
-
-    def _each_alone(self, p: P) -> Array:
-        """Differences by each described motor if it makes all moves, (2, n, K, V, 3), and reversed.
-
-        ``_is_of`` tells which motor made a move, (K, n).
-        """
-        rests, count = self.rests, self._is_of.shape[1]
-        moved_rad = rests.q_rad.sum(axis=1)
-        return np.stack(
-            [
-                [
-                    self(p, replace(rests, q_rad=sign * np.outer(moved_rad, motor)))[:-1]
-                    for motor in np.eye(count)
-                ]
-                for sign in (1.0, -1.0)
-            ]
-        )
+            self._known |= zip(new, self._predicted_mm(led.chosen([*new.values()])), strict=True)
+        expected_mm = self._differed(np.stack([self._known[pose] for pose in poses]))
+        scaled_mm = expected_mm.copy()
+        for _ in range(_SCALINGS):
+            turn, off_mm = Rotation.align_vectors(
+                scaled_mm.reshape(-1, 3), self._seen_mm.reshape(-1, 3)
+            )
+            to_frame = turn.as_matrix()
+            seen_mm = self._seen_mm @ to_frame.T
+            for rows in self._rows:
+                own, most = expected_mm[rows], max(float((expected_mm[rows] ** 2).sum()), 1e-9)
+                share = np.clip((own * seen_mm[rows]).sum() / most, *_SHARES)
+                scaled_mm[rows] = share * own
+        return Start(float(off_mm), motors, to_frame, self._score)
 
     def _differed(self, vectors_mm: Array) -> Array:
-        return np.tensordot(self._differences, vectors_mm, axes=1)
+        """Each move's poses without their mean, then the mean of all, (K + 1, S, 3)."""
+        found = np.concatenate([vectors_mm, vectors_mm.mean(axis=0)[None]])
+        for rows in self._rows:
+            found[rows] -= vectors_mm[rows].mean(axis=0)
+        return found

@@ -8,9 +8,9 @@ from ccr_host.description.schema import Description, Servo
 from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RunOptions
-from ccr_host.tools.survey import safe_poses_rad, survey
+from ccr_host.tools.survey import survey
 from ccr_host.tools.survey_fit import Survey
-from ccr_host.tools.survey_starts import SurveyError
+from ccr_host.tools.survey_starts import SurveyError, safe_poses_rad
 
 ASKEW_DEG = (69.0, -40.0, 115.0)
 

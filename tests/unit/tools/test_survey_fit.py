@@ -21,10 +21,9 @@ from ccr_host.tools.survey import (
     corrected,
     identification_stops_rad,
     recalibrated,
-    safe_poses_rad,
 )
 from ccr_host.tools.survey_fit import Survey, fit_survey, require_motion_so_far
-from ccr_host.tools.survey_starts import SurveyError
+from ccr_host.tools.survey_starts import SurveyError, safe_poses_rad
 
 DESCRIPTION = schema.load(None, ["control.solver=compiled"])
 ROBOT = Robot()

@@ -18,9 +18,9 @@ from ccr_host.run.observer import Observers
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.options import RigOptions
 from ccr_host.tools import survey_starts
-from ccr_host.tools.survey import identification_stops_rad, safe_poses_rad, survey
+from ccr_host.tools.survey import identification_stops_rad, survey, survey_rests
 from ccr_host.tools.survey_fit import Survey, fit_survey, require_motion_so_far
-from ccr_host.tools.survey_starts import SurveyError, likeliest_motors
+from ccr_host.tools.survey_starts import SurveyError, likeliest_motors, safe_poses_rad
 
 NAMES = "single", "two-spatial", "three-spatial"
 NOISE_MM = 0.05
@@ -41,8 +41,8 @@ def rests_of(
     model, space = make_static_model(description, is_new=True)
     motors = motors or Motors.as_described(description.robot.motors)
     safe_rad = safe_poses_rad(description)
-    tour_rad = identification_stops_rad(description) * motors.signs
-    q_rad = safe_rad if only_moves else np.concatenate([safe_rad, tour_rad])
+    tour_rad = identification_stops_rad(description)
+    q_rad = safe_rad if only_moves else np.concatenate([safe_rad, tour_rad]) * motors.signs
     nothing = np.zeros((len(q_rad), len(description.robot.markers), 3))
     rests = Rests.in_turn(np.zeros(q_rad.shape[1]), q_rad, nothing, np.full(len(q_rad), 30.0))
     seen_mm = model.predicted_mm(
@@ -110,11 +110,11 @@ def test_small_moves_tell_which_motors_are_reversed(name: str, wrong) -> None:
 def test_reversed_motors_of_single_tendons_are_not_taken_for_exchanged_ones() -> None:
     description = description_of("three-spatial")
     seen_mm = np.loadtxt(Path(__file__).parent / "moves_of_three_spatial.csv", delimiter=",")
-    q_rad = safe_poses_rad(description)
+    motors = reversed_in("three-spatial", 3, 4, 5, 6)
+    q_rad = safe_poses_rad(description) * motors.signs
     markers_mm = seen_mm.reshape(len(q_rad), -1, 3)
     rests = Rests.in_turn(np.zeros(9), q_rad, markers_mm, np.full(len(q_rad), 30.0))
-    found = likeliest_motors(rests, description)
-    assert found == reversed_in("three-spatial", 1, 2, 4, 7, 9)
+    assert likeliest_motors(rests, description) == motors
 
 
 def test_fits_tell_which_motors_are_reversed_where_distances_do_not(
@@ -145,14 +145,64 @@ def test_small_moves_tell_exchanged_motors() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_poses_stay_within_the_limits_and_move_each_motor_alone_to_both_sides(name: str) -> None:
+def test_poses_stay_within_the_limits_and_move_each_motor_to_both_sides_without_pretension(
+    name: str,
+) -> None:
     limits = MotorLimits.of(description_of(name).servo)
     poses_rad = safe_poses_rad(description_of(name))
     assert (poses_rad >= limits.lower_rad).all()
     assert (poses_rad <= limits.upper_rad).all()
-    assert (np.count_nonzero(poses_rad, axis=1) <= 1).all()
-    assert (poses_rad.max(axis=0) > 0.4).all()
-    assert (poses_rad.min(axis=0) < -0.4).all()
+    assert (poses_rad.max(axis=0) > 0.3).all()
+    assert (poses_rad.min(axis=0) < -0.3).all()
+    bending = ConstantCurvature(description_of(name).robot).bending_rad(np.eye(poses_rad.shape[1]))
+    np.testing.assert_allclose(poses_rad, poses_rad @ bending @ np.linalg.pinv(bending), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_small_moves_tell_the_hysteresis_of_each_motor(name: str) -> None:
+    assert np.isfinite(rests_of(name, 1, only_moves=True).hysteresis_mm()).all()
+
+
+def led_by_the_model(motors: Motors, monkeypatch) -> list[np.ndarray]:
+    """The stops that a survey visits on ``three-spatial``, whose prior answers from now on."""
+    model, space = make_static_model(description_of("three-spatial"), is_new=True)
+    p, visited = space.parameters(np.zeros(space.count)), []
+
+    def visit(_, __, stops_rad, on_pose, **___) -> Rests:
+        visited.append(stops_rad)
+        on_pose(len(stops_rad), len(stops_rad))
+        nothing = np.zeros((len(stops_rad), 4, 3))
+        count = np.full(len(stops_rad), 30.0)
+        led = motors.drive(Rests.in_turn(stops_rad[0], stops_rad, nothing, count))
+        return Rests.of_vectors(stops_rad, stops_rad, model.predicted_mm(p, led), count)
+
+    monkeypatch.setattr("ccr_host.tools.survey.visit", visit)
+    return visited
+
+
+@pytest.mark.parametrize("idle", [1, 9])
+def test_a_motor_that_pulls_nothing_is_named_though_others_move_the_robot(
+    idle: int, monkeypatch
+) -> None:
+    motors = reversed_in("three-spatial", 2)
+    signs = tuple(sign * (number + 1 != idle) for number, sign in enumerate(motors.signs))
+    led_by_the_model(motors._replace(signs=signs), monkeypatch)
+    with pytest.raises(SurveyError, match=f"motor {idle} hardly moves the robot"):
+        survey_rests(None, description_of("three-spatial"), lambda *_: None)
+
+
+def test_small_moves_are_repeated_in_the_directions_found_until_these_stay(monkeypatch) -> None:
+    motors, told = reversed_in("three-spatial", 2, 9), []
+    visited = led_by_the_model(motors, monkeypatch)
+    description = description_of("three-spatial")
+    rests = survey_rests(None, description, lambda *progress: told.append(progress))
+    safe_rad, tour_rad = safe_poses_rad(description), identification_stops_rad(description)
+    first, again, tour = visited
+    np.testing.assert_array_equal(first, safe_rad)
+    np.testing.assert_array_equal(again, safe_rad * motors.signs)
+    np.testing.assert_allclose(tour, 0.5 * tour_rad * motors.signs)
+    assert told == [(37, 73), (74, 110), (110, 110)]
+    np.testing.assert_array_equal(rests.q_rad, np.concatenate([again, tour]))
 
 
 def test_a_robot_that_is_held_is_refused() -> None:
