@@ -99,8 +99,8 @@ def survey_rests(rig: Rig, description: Description, on_pose: OnPose) -> Rests:
     to_come = len(safe_rad) + len(tour_rad)
     may_hinder = bool((np.count_nonzero(safe_rad, axis=1) > 1).any())
     directions = np.ones(safe_rad.shape[1])
-    for time in range(_LED):
-        before = time * len(safe_rad)
+    for repeat in range(_LED):
+        before = repeat * len(safe_rad)
         rests = visit(rig, check, directions * safe_rad, telling(before, to_come), judge=judge)
         if not may_hinder:
             break

@@ -356,7 +356,9 @@ class _SmallMoves:
         shares = np.ones(len(pulls))
         turned_rad = np.abs(q_rad)
         furthest = turned_rad > turned_rad.max(axis=1, keepdims=True) - _SAME_RAD
-        for motor, rows in enumerate((furthest & (pulls * q_rad >= 0.0) & (turned_rad > 0.0)).T):
+        is_pulling = furthest & (pulls * q_rad >= 0.0) & (turned_rad > 0.0)
+        for motor in np.flatnonzero(is_pulling.any(axis=0)):
+            rows = is_pulling[:, motor]
             own, seen = (mm[rows] - mm[rows].mean(axis=0) for mm in (expected_mm, seen_mm))
             if (most_mm2 := float((own**2).sum())) > _SHOWS_MM**2:
                 shares[motor] = (own * seen).sum() / most_mm2
