@@ -22,6 +22,8 @@ _SHOWS_RAD = np.radians(15.0)
 _ONE_PICTURE_MM = 1e-6
 """Rounding of means; no camera repeats a place that well."""
 _VERY_LONG_S = 1e9
+_ROUNDING = 1e-9
+"""Of motor angles, over the largest one: motors that always turn together move the tip together."""
 _PULSE_KEYS = {"neutral_pulse_us", "pulse_per_90_deg_us"}
 """The servo keys that define a commanded angle; limits may change."""
 _DIGITS = 12
@@ -161,7 +163,7 @@ class Rests:
     def moved_mm(self) -> Array:
         """By how much each motor moved the tip, linearly, (n,)."""
         design = np.column_stack([self.q_rad, np.ones(len(self.q_rad))])
-        by_motor = np.linalg.lstsq(design, self.tip_mm, rcond=_SAME_RAD)[0][:-1]
+        by_motor = np.linalg.lstsq(design, self.tip_mm, rcond=_ROUNDING)[0][:-1]
         moved_mm: Array = np.linalg.norm(by_motor, axis=1) * np.ptp(self.q_rad, axis=0)
         return moved_mm
 

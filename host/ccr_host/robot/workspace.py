@@ -90,7 +90,7 @@ class MotorLimits:
         """The poses nearest to some, (K, n), that bend a robot alike without any pretension.
 
         If one of ``three-spatial``'s motors turned by 30 deg alone, the three tendons of its
-        segment would pull with 15 to 18 N each, under which the backbone buckles. Poses out of the
+        segment would pull with 14 to 19 N each, under which the backbone buckles. Poses out of the
         limits bend it less; a motor that cannot pay out stays at its limit.
         """
         by_motors = model.bending_rad(np.eye(model.motors))

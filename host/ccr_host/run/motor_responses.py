@@ -1,9 +1,8 @@
 """Small moves that show if a robot is the described one, and what each motor does in them.
 
 The robot rests, then each motor makes a small move, which tells motors, their directions and a
-turned camera apart. How far the markers follow depends on slack,
-stretch and weight, but not where to: constant curvature says that well enough at the pose that the
-markers show.
+turned camera apart. How far the markers follow depends on slack, stretch and weight, but not where
+to: constant curvature says that well enough at the pose that the markers show.
 """
 
 from __future__ import annotations

@@ -174,6 +174,7 @@ class RobotCheck:
         self._looked_us = 0
         self._unexplained, self._led_away = _Spell(), _Spell()
         self._open_loop: _Belief | None = None
+        """The likeliest robot without feedback; None until it is asked for."""
         self._seen: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)
         """Motor angles, (n,), and ends, (S, 3), of the last looks that were unexplained."""
 

@@ -43,8 +43,7 @@ a move may lead: slack takes some, and weight may add to it."""
 _MOST_HYPOTHESES = 8
 """On the motors; of more, only likely ones are tried."""
 _EXCHANGED = 1.06
-"""Factor of the distance for each motor that is exchanged or moves nothing: rarer than a reversed
-one."""
+"""Factor of the distance for each motor that is exchanged: rarer than a reversed one."""
 _ALIKE_TRACE = 1.0 + math.sqrt(2.0)
 """Of the turn between two frames that are the same: 45 deg."""
 _DISTINCT = 1.03

@@ -290,8 +290,12 @@ def test_random_robots_that_match_raise_no_alarm(path: str, index: int, controll
     rng = np.random.default_rng([7, index])
     drawn = as_overrides(draw_twin(rng, schema.load(), 10.0, faults=controller == "mpc"))
     result, _ = checked(path, *drawn, controller=controller)
-    is_led_away = controller == "mpc" and isinstance(result.failure, LedAwayError)
-    assert result.failure is None or is_led_away
+    if controller == "mpc" and isinstance(result.failure, LedAwayError):
+        last = result.records[-1]
+        assert last.true_mm is not None
+        assert np.linalg.norm(last.true_mm - last.target_mm) > 20.0
+    else:
+        assert result.failure is None
 
 
 def test_a_robot_of_cheap_parts_is_not_refused(path: str) -> None:
