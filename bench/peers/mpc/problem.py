@@ -63,8 +63,7 @@ class Formulation:
 
     def __init__(self, description: Description, reference: Reference) -> None:
         self.robot, self.control = description.robot, description.control
-        given = self.control.position_weight, self.control.effort_weight
-        self.weights = Weights.of(self.robot, *given)
+        self.weights = Weights.of(description)
         self.limits = MotorLimits.of(description.servo)
         self.reference = reference
         self.model = ConstantCurvature(description.robot)
@@ -142,7 +141,7 @@ def record(description: Description, reference: Reference, seed: int) -> list[Re
     controller = ModelPredictive(description)
     q_rad = controller.start(reference).q_rad
     model = ConstantCurvature(description.robot)
-    estimate = pose_estimate(description.robot)
+    estimate = pose_estimate(description)
     twin = None if description.robot.segments else TwinRobot(description.twin)
     time_us = SETTLE_US
     observations = []

@@ -255,8 +255,8 @@ def print_notes(runs: Sequence[RunOptions]) -> None:
     from ccr_host.control.registry import rate_note
     from ccr_host.run.open_rig import mismatch_of
 
-    robot = runs[0].description().robot
-    notes = [mismatch_of(runs[0]), *(rate_note(r.controller, r.rate_hz, robot) for r in runs)]
+    described = runs[0].description()
+    notes = [mismatch_of(runs[0]), *(rate_note(r.controller, r.rate_hz, described) for r in runs)]
     for note in dict.fromkeys(filter(None, notes)):
         console(on_stderr=True).print(f"note: {note}", soft_wrap=True)
 

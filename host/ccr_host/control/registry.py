@@ -11,7 +11,7 @@ from ccr_host.control.mpc.controller import ModelPredictive
 from ccr_host.control.open_loop import OpenLoop
 from ccr_host.control.shell import Law, Shell
 from ccr_host.core.plugins import is_plugin, make_plugin, unknown_plugin
-from ccr_host.description.schema import Description, Robot
+from ccr_host.description.schema import Description
 
 _MAKERS: dict[str, Callable[[Description], Controller]] = {
     OpenLoop.name: OpenLoop,
@@ -41,15 +41,16 @@ def baseline_names() -> list[str]:
     return list(_BASELINES)
 
 
-def rate_note(name: str, rate_hz: float, robot: Robot) -> str:
+def rate_note(name: str, rate_hz: float, description: Description) -> str:
     """What happens to a controller at a rate that it was not made for; empty if it was."""
-    shortest_s: float = getattr(_MAKERS.get(name), "shortest_period_s", 0.0)
-    if robot.segments or not (shortest_s > 0.0 and rate_hz * shortest_s > 1.0):
+    is_printed = name == ModelPredictive.name and description.control.bending == "commanded"
+    shortest_s = ModelPredictive.shortest_printed_s
+    if not is_printed or rate_hz * shortest_s <= 1.0:
         return ""
-    others = ["mpc-offset", "pid-ik", DEFAULT_CONTROLLER]
     return (
-        f"{name} leaves out the delays of camera and servos: above {1.0 / shortest_s:g} Hz it may "
-        f"swing, or leave the path by tens of mm; take {' or '.join(others)}"
+        f"{name} as printed (control.bending = commanded) leaves out the delays of camera and "
+        f"servos: above {1.0 / shortest_s:g} Hz it may swing, or leave the path by tens of mm; "
+        f"take --set control.bending=estimated, or {DEFAULT_CONTROLLER}"
     )
 
 

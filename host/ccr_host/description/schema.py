@@ -150,10 +150,12 @@ class Control(Section):
     """N of (14), steps."""
     position_weight: Annotated[float, within(1e-6, 1e6)] = 1.0
     """Q of (15), per mm^2."""
+    bending: Literal["estimated", "commanded"] = "estimated"
+    """The bending at which `mpc` takes J: `estimated` from all markers, so that slack and load do
+    not lead it astray, or that of the `commanded` angles, Algorithm 1 as printed."""
     effort_weight: Annotated[float, within(0, 1e6)] | None = None
-    """R of (15), per rad^2; unless given 0.5, or (0.4 J)^2 Q with `mpc` and a robot of
-    `[[robot.segments]]`, whose tip moves by J with a radian. Moves along the path are no effort
-    then."""
+    """R of (15), per rad^2. Unless given, (0.2 J)^2 Q for a tip that moves by J with a radian, and
+    moves along the path are no effort; 0.5 with `bending = "commanded"` and `mpc-offset`."""
     step_bound_rad: Annotated[float, within(0.001, 10)] = 2.0
     """|u| of (15), per control step."""
     solver: Literal["daqp", "compiled"] = "daqp"

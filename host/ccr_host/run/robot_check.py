@@ -311,5 +311,5 @@ def motion_check(
     """The check of the motion, None if the run does not ask for it."""
     if options.effective_checks != "motion":
         return None
-    note = rate_note(options.controller, options.rate_hz, description.robot)
+    note = rate_note(options.controller, options.rate_hz, description)
     return RobotCheck(description, controller, reference, note)

@@ -251,7 +251,7 @@ class Robot:
             checks="none" if unchecked else "motion",
             surface=surface,
         )
-        if note := rate_note(name, options.rate_hz, options.description().robot):
+        if note := rate_note(name, options.rate_hz, options.description()):
             warnings.warn(note, stacklevel=2)
         wanted_folder = None if out is None else _path(out, "out", "a folder for the results")
         reference = reference_of(options)

@@ -18,7 +18,7 @@ from ccr_host.control.mpc.problem import Constants, Weights
 from ccr_host.control.mpc.sqp import Bounds
 from ccr_host.control.shell import COMMAND_DELAY_S, all_ends_mm, believable
 from ccr_host.core.arrays import Array
-from ccr_host.description.schema import Description, Robot
+from ccr_host.description.schema import Description
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.reference import Reference
 from ccr_host.robot.setpoint_history import SetpointHistory
@@ -45,19 +45,19 @@ class ModelPredictive:
     """
 
     name = "mpc"
-    shortest_period_s = 0.2
-    """At shorter ones the delays of camera and servos, which (14) leaves out, let the paper's robot
-    swing or run away, see docs/control-baselines.md."""
+    shortest_printed_s = 0.2
+    """Shortest period with Algorithm 1 as printed: at shorter ones the delays of camera and servos,
+    which (14) leaves out, let the robot swing or run away, see docs/control-baselines.md."""
 
     def __init__(self, description: Description) -> None:
         control, model = description.control, ConstantCurvature(description.robot)
         self._model, self._limits = model, MotorLimits.of(description.servo)
         bounds = Bounds.of(self._limits, control.step_bound_rad)
         self._live_steps = control.horizon - 1
-        weights = Weights.of(description.robot, control.position_weight, control.effort_weight)
-        settings = Settings(Constants.of(description.robot, weights), bounds)
+        constants = Constants.of(description.robot, Weights.of(description))
+        settings = Settings(constants, bounds)
         self._planner = Planner(settings, control.solver)
-        self._robot = description.robot
+        self._description = description
 
     def start(self, reference: Reference) -> Command:
         """Return the nearest reachable configuration of the first sample."""
@@ -68,7 +68,7 @@ class ModelPredictive:
         self._planner.interrupt(self._last_rad)
         self.plan_rad = self._last_rad[None, :]
         """The angles planned by the last step, (M, n)."""
-        self._estimate = pose_estimate(self._robot)
+        self._estimate = pose_estimate(self._description)
         predicted_mm = self._model.tip_mm(self._last_rad)[None, :]
         return Command(self._last_rad.copy(), predicted_mm, Outcome.SOLVED)
 
@@ -236,7 +236,8 @@ class BendingFilter:
         return places_mm[0], slopes[0]
 
 
-def pose_estimate(robot: Robot) -> PoseEstimate:
-    """As the paper does, or for robots of ``[[robot.segments]]`` the filter."""
-    model = ConstantCurvature(robot)
-    return BendingFilter(model) if robot.segments else AsMeasured(model)
+def pose_estimate(description: Description) -> PoseEstimate:
+    """As ``control.bending`` says."""
+    model = ConstantCurvature(description.robot)
+    is_printed = description.control.bending == "commanded"
+    return AsMeasured(model) if is_printed else BendingFilter(model)

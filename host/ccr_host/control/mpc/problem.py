@@ -6,17 +6,17 @@ errors are
 
     e_k = f_m - f_k + sum over j <= k of J(q_(j-1)) u_j,        k = 1..M,
 
-and the cost is Q sum |e_k|^2 + R sum |u_j - v_j|^2, where v is 0 with the paper's robot. J is
+and the cost is Q sum |e_k|^2 + R sum |u_j - v_j|^2, where v is 0 in the paper. J is
 evaluated at the pose where its increment begins, so the first one refers to the measured pose, as
 in (12); (13) and (14) print the same index for the pose before and after a move. (15) counts N
 terms from k = 0; the one at k = 0 contains only the measurement, so M = N - 1 increments are free
 and the last is zero.
 
-Any other robot may have motors that the tip does not need, and folds within its path. There (15)
+A robot may have motors that the tip does not need, and folds within its path. There (15)
 lets the angles drift where they do not move the tip, and winds them up where they hardly do, until
 J no longer is that of the robot. So v is the motion of the path's nearest reachable configurations
 and part of the way back to them, and J is that of the bending that the robot shows, see
-``controller.py``.
+``controller.py``. ``control.bending = "commanded"`` leaves (15) as printed.
 
 ``by_model`` is the same problem with e_k = f(q_k) + d - f_k, for a controller that estimates a
 disturbance d against the model, which must not include the linearisation error of (14)'s sums.
@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccr_host.core.arrays import Array, IntArray
-from ccr_host.description.schema import Robot
+from ccr_host.description.schema import Description, Robot
 from ccr_host.robot.kinematics import (
     Chain,
     ConstantCurvature,
@@ -42,7 +42,7 @@ from ccr_host.robot.kinematics import (
 
 _PAPERS_EFFORT = 0.5
 _STIFFNESS = 0.2
-"""Square root of R / Q for other robots, in shares of the tip's motion by a radian: where the tip
+"""Square root of R / Q, in shares of the tip's motion by a radian: where the tip
 moves less than this, motors follow the path rather than the tip."""
 _RETURN = 0.2
 """Share of the way back to the path's configurations in one increment. 0.1 to 0.4 above, and 0.2 to
@@ -64,12 +64,14 @@ class Weights(NamedTuple):
         return cls(position, _PAPERS_EFFORT if effort is None else effort)
 
     @classmethod
-    def of(cls, robot: Robot, position: float, effort: float | None) -> Weights:
-        """Those for a robot: the paper's, or some that suit the robot's size."""
-        if not robot.segments:
+    def of(cls, description: Description) -> Weights:
+        """Those of a description: the paper's, or some that suit the robot's size."""
+        control = description.control
+        position, effort = control.position_weight, control.effort_weight
+        if control.bending == "commanded":
             return cls.papers(position, effort)
         if effort is None:
-            model = ConstantCurvature(robot)
+            model = ConstantCurvature(description.robot)
             lateral = model.jacobian_mm_rad(np.zeros(model.motors))
             effort = position * _STIFFNESS**2 * squared(lateral) / 2.0
         return cls(position, effort, _RETURN)

@@ -13,8 +13,8 @@ from ccr_host.control.mpc.controller import (
     AsMeasured,
     BendingFilter,
     ModelPredictive,
-    pose_estimate,
 )
+from ccr_host.control.mpc.problem import Weights
 from ccr_host.control.registry import rate_note
 from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
@@ -41,8 +41,8 @@ def swings(model, count, rng):
 @pytest.mark.parametrize("seed", range(6))
 def test_filter_finds_how_a_robot_bends_from_the_ends_of_its_segments(segments, seed):
     rng = np.random.default_rng(seed)
-    robot = random_robot(rng, segments, lengths_mm=(50.0, 100.0))
-    model, estimate = ConstantCurvature(robot), pose_estimate(robot)
+    model = ConstantCurvature(random_robot(rng, segments, lengths_mm=(50.0, 100.0)))
+    estimate = BendingFilter(model)
     more_rad = rng.uniform(-0.3, 0.3, len(model.segment_of_freedom))
     for step, q_rad in enumerate(swings(model, 30, rng), 1):
         bending_rad = model.bending_rad(q_rad) + more_rad
@@ -54,8 +54,8 @@ def test_filter_finds_how_a_robot_bends_from_the_ends_of_its_segments(segments, 
 
 
 def test_filter_predicts_the_tip_at_the_last_command_from_a_picture_of_an_earlier_one():
-    robot = schema.load("two-spatial").robot
-    model, estimate = ConstantCurvature(robot), pose_estimate(robot)
+    model = ConstantCurvature(schema.load("two-spatial").robot)
+    estimate = BendingFilter(model)
     angles = swings(model, 40, np.random.default_rng(1))
     for step in range(1, len(angles)):
         age_s = 0.04  # The last command was given 50 ms ago and took effect 13 ms later.
@@ -115,7 +115,18 @@ def test_mpc_follows_at_20_hz_a_robot_that_is_late_and_bends_otherwise(gain):
     assert np.max(off_mm[100:]) < 1.5
 
 
-def test_the_paper_s_robot_alone_is_warned_of_short_periods():
-    assert "leaves out the delays" in rate_note("mpc", 20.0, schema.load().robot)
-    assert not rate_note("mpc", 20.0, schema.load("two-spatial").robot)
-    assert not rate_note("mpc", 5.0, schema.load().robot)
+AS_PRINTED = ["control.bending=commanded"]
+
+
+@pytest.mark.parametrize("robot", ["default", "two-spatial"])
+def test_the_mpc_as_printed_alone_is_warned_of_short_periods(robot):
+    printed = schema.load(robot, overrides=AS_PRINTED)
+    assert "leaves out the delays" in rate_note("mpc", 20.0, printed)
+    assert not rate_note("mpc", 5.0, printed)
+    assert not rate_note("mpc", 20.0, schema.load(robot))
+    assert not rate_note("mpc-offset", 20.0, printed)
+
+
+def test_the_description_of_the_paper_s_robot_has_the_mpc_as_printed():
+    assert schema.load("paper").control.bending == "commanded"
+    assert Weights.of(schema.load("paper")) == Weights(1.0, 0.5)

@@ -21,6 +21,7 @@ from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits, Workspace
 
 DEFAULT = schema.load()
+PRINTED = schema.load(overrides=["control.bending=commanded"])
 MODEL = ConstantCurvature(DEFAULT.robot)
 LIMITS = MotorLimits.of(DEFAULT.servo)
 
@@ -97,7 +98,7 @@ def test_horizon_shrinks_at_the_end_of_the_path(mpc):
 
 def test_prediction_starts_with_the_end_of_the_commanded_period(mpc):
     path = reference("8shape")
-    controller = mpc()
+    controller = mpc(PRINTED)
     start = controller.start(path).q_rad
     tip = MODEL.tip_mm(start) + np.array([0.0, 0.0, -3.0])
     command = controller.step(observation(1, tip, start))
@@ -146,7 +147,7 @@ def test_other_rates_and_horizons_follow_too(rate_hz, horizon, mpc):
 
 def test_without_measurements_it_coasts_on_the_model_and_the_error_seen_last(mpc):
     path = reference("8shape")
-    seeing, blind = mpc(), mpc()
+    seeing, blind = mpc(PRINTED), mpc(PRINTED)
     q_rad = seeing.start(path).q_rad
     blind.start(path)
     constant_mm = np.array([0.5, -1.0, -6.0])
@@ -168,13 +169,18 @@ def test_blind_from_the_start_it_follows_the_model(mpc):
         assert np.linalg.norm(MODEL.tip_mm(q_rad) - path.target_mm[step]) < 4.0
 
 
-BAD_TIPS = [[math.nan, 0, 0], [0, math.inf, 0], [1e200, 0, 0]]
+BAD_TIPS = [
+    ([math.nan, 0, 0], DEFAULT),
+    ([0, math.inf, 0], DEFAULT),
+    ([0, math.inf, 0], PRINTED),
+    ([1e200, 0, 0], PRINTED),
+]
 
 
-@pytest.mark.parametrize("tip", BAD_TIPS)
-def test_unusable_measurement_holds_the_last_command_and_recovers(tip, mpc):
+@pytest.mark.parametrize(("tip", "description"), BAD_TIPS)
+def test_unusable_measurement_holds_the_last_command_and_recovers(tip, description, mpc):
     path = reference("8shape")
-    controller = mpc()
+    controller = mpc(description)
     q_rad = controller.start(path).q_rad
     for step in range(1, 20):
         measured = tip if step in (7, 8) else sagging(q_rad)
