@@ -89,7 +89,10 @@ def main() -> None:
     for motors, horizon in itertools.product(chosen.motors, chosen.horizons):
         with tempfile.TemporaryDirectory() as folder:
             robot = robot_of(motors, Path(folder))
-            description = schema.load(robot, [f"control.horizon={horizon}"])
+            words = [f"control.horizon={horizon}"]
+            if motors == 2:  # Algorithm 1 as printed, without the estimate of the bending.
+                words.append("control.bending=commanded")
+            description = schema.load(robot, words)
             scores = compare(
                 description, chosen.steps, chosen.seed, Path(folder), console, alone=chosen.alone
             )

@@ -173,6 +173,7 @@ class BendingFilter:
         self._noise_mm = self._NOISE * np.cumsum(model.lengths_mm)
         self._motors_of = np.linalg.pinv(model.bending_rad(np.eye(model.motors)))
         self._freedoms = len(model.segment_of_freedom)
+        self._each = np.eye(self._freedoms)
         deviations = self._DEVIATION_RAD * np.array([1.0, self._PER_S])
         self._prior = np.diag(np.repeat(deviations**2, self._freedoms))
         self._covariance = self._prior
@@ -226,8 +227,8 @@ class BendingFilter:
         """What an interval makes of the bending and its rate, (2 D, 2 D)."""
         share = self._PER_S * elapsed_s
         change = np.array([[1.0 + share, elapsed_s], [-self._PER_S * share, 1.0 - share]])
-        both = np.kron(math.exp(-share) * change, np.eye(self._freedoms))
-        return np.asarray(both, dtype=np.float64)
+        both = math.exp(-share) * change[:, None, :, None] * self._each[:, None, :]
+        return both.reshape(2 * self._freedoms, -1)
 
     def _ends(self, q_rad: Array, beyond_rad: Array) -> tuple[Array, Array]:
         """Ends of the segments, mm, (S, 3), and their slopes by the bending, mm/rad, (S, 3, D)."""
