@@ -13,19 +13,20 @@ def noted(capsys: pytest.CaptureFixture[str], *runs: RunOptions) -> list[str]:
     return shown.err.splitlines()
 
 
-def run(controller: str, rate_hz: float) -> RunOptions:
-    return RunOptions(path="8shape", controller=controller, rate_hz=rate_hz)
+def run(controller: str, rate_hz: float, robot: str = "default") -> RunOptions:
+    return RunOptions(path="8shape", robot=robot, controller=controller, rate_hz=rate_hz)
 
 
-def test_mpc_faster_than_its_delays_allow_is_told_with_what_to_take(
+def test_mpc_as_printed_faster_than_its_delays_allow_is_told_with_what_to_take(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    (line,) = noted(capsys, run("mpc", 20.0), run("mpc", 20.0), run("pid-ik", 20.0))
-    assert line.startswith("note: mpc leaves out the delays")
-    assert line.endswith("take mpc-offset or pid-ik or adaptive")
+    fast = [run(name, 20.0, "paper") for name in ("mpc", "mpc", "pid-ik")]
+    (line,) = noted(capsys, *fast)
+    assert line.startswith("note: mpc as printed (control.bending = commanded) leaves out")
+    assert line.endswith("take --set control.bending=estimated, or adaptive")
 
 
-@pytest.mark.parametrize("controller", ["adaptive", "pid-ik", "mpc-offset", "open-loop"])
+@pytest.mark.parametrize("controller", ["adaptive", "pid-ik", "mpc-offset", "open-loop", "mpc"])
 def test_other_controllers_suit_any_rate(
     capsys: pytest.CaptureFixture[str], controller: str
 ) -> None:
