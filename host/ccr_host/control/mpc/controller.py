@@ -166,7 +166,7 @@ class BendingFilter:
     constant curvature leaves, more than a camera's noise."""
     _ALIKE_S = 0.5
     """Time for which those errors stay alike: of measurements T apart, each has 1 + this / T times
-    the variance. At 20 Hz 0.1 instead lets ``hard`` swing (5.2 mm instead of 4.3 on the 8shape)."""
+    the variance. At 20 Hz 0.1 instead lets ``hard`` swing, see docs/control.md."""
     _SWING_S = 0.1
     """Time for which the structure swings: the tip's error seen T after the previous measurement
     counts by T / (T + this)."""
