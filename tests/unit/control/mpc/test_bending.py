@@ -59,7 +59,7 @@ def test_filter_predicts_the_tip_at_the_last_command_from_a_picture_of_an_earlie
     angles = swings(model, 40, np.random.default_rng(1))
     for step in range(1, len(angles)):
         age_s = 0.04  # The last command was given 50 ms ago and took effect 13 ms later.
-        tip_mm = model.tip_mm(angles[step - 1] if step > 1 else angles[0])
+        tip_mm = model.tip_mm(angles[max(step - 1, 1)])  # It has stood at the first command.
         now = seen(step, tip_mm, angles[step], period_s=0.05, age_s=age_s)
         pose = estimate.pose(now, angles[step])
     assert pose.tip_mm == pytest.approx(model.tip_mm(angles[-1]), abs=0.1)
