@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from ccr_host.control.open_loop import OpenLoop
 from ccr_host.core.arrays import Array
 from ccr_host.description.schema import Control, Description, load
 from ccr_host.run.observer import StepRecord, measured_errors_mm, true_errors_mm
@@ -18,7 +19,6 @@ from ccr_host.tracking.uri import parse_tracker_uri
 PAPERS_ROBOT = "paper"
 """Shipped description of the robot that the paper measured."""
 _PAPER_RATE_HZ = 1.0
-_OF_THE_ROBOT = {"robot", "control"}
 _OF_THE_TWIN = {"servo", "twin", "tracker", "polaris_faults"}
 
 
@@ -41,22 +41,25 @@ def paper_mean_mm(options: RunOptions) -> float | None:
     """Mean error of the same experiment in the paper, in mm.
 
     Returns:
-        None unless path, surface, controller, rate and robot are the paper's. Of a real robot only
-        the geometry is known.
+        None unless path, surface, controller, rate and robot are the paper's; the MPC is that of
+        `control.bending = "commanded"`. Of a real robot only the geometry is known.
     """
     paper = PAPER_RESULTS.get(options.path)
     is_path = options.surface == "model" and options.laps == 1
     if paper is None or options.rate_hz != _PAPER_RATE_HZ or not is_path:
         return None
-    figures = {"open-loop": paper.open_loop_mm, "mpc": paper.mpc_mm}
+    figures = {OpenLoop.name: paper.open_loop_mm, "mpc": paper.mpc_mm}
     return figures.get(options.controller) if _is_papers_robot(options) else None
 
 
 def _is_papers_robot(options: RunOptions) -> bool:
     if options.plant != TWIN:
         return False
-    is_simulated = parse_tracker_uri(options.tracker).is_simulated
-    sections = _OF_THE_ROBOT | (_OF_THE_TWIN if is_simulated else set())
+    sections = {"robot"}
+    if options.controller != OpenLoop.name:
+        sections.add("control")
+    if parse_tracker_uri(options.tracker).is_simulated:
+        sections |= _OF_THE_TWIN
     given, papers = options.description(), load(PAPERS_ROBOT)
     return _kept(given, sections) == _kept(papers, sections)
 

@@ -46,6 +46,9 @@ def test_a_real_robot_of_the_papers_geometry_is_compared_with_it(tmp_path: Path)
     description = tmp_path / "mine.toml"
     description.write_text('name = "mine"\n[servo]\nneutral_pulse_us = [1480, 1522]\n')
     real = replace(PAPERS, robot=str(description), tracker="ndi:/dev/ttyUSB0")
-    assert paper_mean_mm(real) == 7.5
+    as_printed = replace(real, overrides=("control.bending=commanded",))
+    assert paper_mean_mm(as_printed) == 7.5
+    assert paper_mean_mm(real) is None, "the paper's MPC does not estimate the bending"
+    assert paper_mean_mm(replace(real, controller="open-loop")) == 21.3
     description.write_text("[robot]\nsegment_lengths_mm = [80, 60]\n")
-    assert paper_mean_mm(real) is None
+    assert paper_mean_mm(as_printed) is None

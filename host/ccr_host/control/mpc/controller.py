@@ -153,8 +153,8 @@ class BendingFilter:
 
     The constants were chosen on ``three-spatial`` and four random robots at 1 and 20 Hz, when the
     filter saw M2 and the tip alone: l from 0.15 to 0.3 and half or twice s or the noise, of which
-    only the ratio counts, changed the error by up to a sixth, ``_SWING_S`` by a third (robot 7 at
-    20 Hz).
+    only the ratio counts, changed the error by up to a sixth, ``_SWING_S``, which stood for
+    ``_ALIKE_S`` too, by a third (robot 7 at 20 Hz).
     """
 
     _DEVIATION_RAD = 0.3

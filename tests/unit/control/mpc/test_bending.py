@@ -20,6 +20,9 @@ from ccr_host.description import schema
 from ccr_host.robot.kinematics import ConstantCurvature
 from ccr_host.robot.paths import load_path
 from ccr_host.robot.workspace import MotorLimits, Workspace
+from ccr_host.run.execute import execute_quietly
+from ccr_host.run.observer import true_errors_mm
+from ccr_host.run.options import RunOptions
 
 UNSEEN = np.full((1, 3), np.nan)
 
@@ -116,6 +119,21 @@ def test_mpc_follows_at_20_hz_a_robot_that_is_late_and_bends_otherwise(gain):
 
 
 AS_PRINTED = ["control.bending=commanded"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("path", ["ellipse", "star"])
+def test_a_robot_past_its_model_s_fold_is_not_lost_as_by_the_mpc_as_printed(path):
+    """Between both folds J of the commanded angles has the wrong sign, see docs/twin.md."""
+
+    def mean_mm(*overrides):
+        options = RunOptions(path, "mpc", robot="dirty", overrides=overrides, checks="none")
+        errors_mm = true_errors_mm(execute_quietly(options).records)
+        assert errors_mm is not None
+        return np.linalg.norm(errors_mm, axis=1).mean()
+
+    assert mean_mm() < 5.0
+    assert mean_mm(*AS_PRINTED) > 20.0
 
 
 @pytest.mark.parametrize("robot", ["default", "two-spatial"])
