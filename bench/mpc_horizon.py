@@ -1,10 +1,10 @@
 """Time of one whole MPC step over horizon and motors, compared with peers that pip installs.
 
-``python -m bench.mpc_horizon`` follows the 8-shape on the twin with the controller ``mpc``, or with
-``--motors`` a path with another robot, which is then the model but for a constant error. It records
-the measurements, and gives every recorded step to each solver in turn, in one process: other load
-on the machine affects all of them alike, and none has the caches to itself. Each starts from its
-previous solution. Times are those of the calling thread, by its CPU clock and by the wall clock;
+``python -m bench.mpc_horizon`` follows the 8-shape on the twin with Algorithm 1 as printed, or with
+``--motors`` a path with ``mpc`` and another robot, which is then the model but for a constant
+error. It records the measurements, and gives every recorded step to each solver in turn, in one
+process: other load on the machine affects all of them alike, and none has the caches to itself.
+Each starts from its previous solution. Times are those of the calling thread, by its CPU clock and by the wall clock;
 the ratio is that of the CPU medians. ``excess`` is the cost of a plan above that of the cheapest
 plan found by any solver for the same step: its median, and the mean with anything above twice the
 cost counted as that; ``beyond`` is the largest violation of the bounds by any plan.
@@ -90,7 +90,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             robot = robot_of(motors, Path(folder))
             words = [f"control.horizon={horizon}"]
-            if motors == 2:  # Algorithm 1 as printed, without the estimate of the bending.
+            if motors == 2:  # The paper's robot.
                 words.append("control.bending=commanded")
             description = schema.load(robot, words)
             scores = compare(

@@ -36,6 +36,9 @@ _LONG_AGO_S = 1e6
 class ModelPredictive:
     """The paper's MPC: the horizon shrinks at the end of the path, the first increment is applied.
 
+    As printed with ``control.bending = "commanded"``; otherwise J is that of the robot as it is
+    bent, and moves along the path are no effort.
+
     In addition to (15)'s bound on each increment, every planned angle respects the motor limits.
     Without a measurement it predicts from the model and the last error between model and
     measurement. Without a solution it repeats the last command.

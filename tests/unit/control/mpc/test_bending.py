@@ -9,11 +9,7 @@ import pytest
 
 from bench.any_robot import random_robot
 from ccr_host.control.base import Observation
-from ccr_host.control.mpc.controller import (
-    AsMeasured,
-    BendingFilter,
-    ModelPredictive,
-)
+from ccr_host.control.mpc.controller import AsMeasured, BendingFilter, ModelPredictive
 from ccr_host.control.mpc.problem import Weights
 from ccr_host.control.registry import rate_note
 from ccr_host.description import schema
