@@ -4,10 +4,10 @@
 ``--motors`` a path with ``mpc`` and another robot, which is then the model but for a constant
 error. It records the measurements, and gives every recorded step to each solver in turn, in one
 process: other load on the machine affects all of them alike, and none has the caches to itself.
-Each starts from its previous solution. Times are those of the calling thread, by its CPU clock and by the wall clock;
-the ratio is that of the CPU medians. ``excess`` is the cost of a plan above that of the cheapest
-plan found by any solver for the same step: its median, and the mean with anything above twice the
-cost counted as that; ``beyond`` is the largest violation of the bounds by any plan.
+Each starts from its previous solution. Times are those of the calling thread, by its CPU clock and
+by the wall clock; the ratio is that of the CPU medians. ``excess`` is the cost of a plan above that
+of the cheapest plan found by any solver for the same step: its median, and the mean with anything
+above twice the cost counted as that; ``beyond`` is the largest violation of the bounds by any plan.
 
 Robots of other than two motors are compared with CasADi's IPOPT only. Solvers whose package or
 compiler is missing are skipped with a notice. Needs the extras ``test``
