@@ -1,4 +1,14 @@
+"""``compare`` and ``workspace``, and the tables that the README has from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
 from tests.system.conftest import CcrHost
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_compare_puts_every_controller_beside_the_open_loop(
@@ -32,3 +42,38 @@ def test_workspace_shows_what_is_out_of_reach(ccr_host: CcrHost) -> None:
     assert (ccr_host.folder / "kept" / "figure.png").exists()
     within = ccr_host("workspace", "8shape", "--json").summary
     assert within["unreachable_steps"] == 0
+
+
+COLUMNS = {
+    "open loop": ("open-loop", "mean_error_mm"),
+    "MPC": ("mpc", "mean_error_mm"),
+    "`adaptive`": ("adaptive", "mean_error_mm"),
+    "its true error": ("adaptive", "true_mean_error_mm"),
+    "floor": ("adaptive", "twin_floor_mean_error_mm"),
+}
+PATHS = {"ellipse": "ellipse", "figure-8": "8shape", "star": "star"}
+
+
+def tables_of_readme() -> dict[str, list[list[str]]]:
+    """The cells of each table of results, heads first, by the words that follow `ccr-host`."""
+    tables = {}
+    for part in (ROOT / "README.md").read_text().split("\n`ccr-host compare")[1:]:
+        rows = [line.strip("| ").split(" | ") for line in part.splitlines() if line[:1] == "|"]
+        tables["compare" + part.split("`")[0]] = [rows[0], *rows[2 : 2 + len(PATHS)]]
+    return tables
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", ["compare", "compare --robot paper"])
+def test_the_readmes_tables_are_what_their_commands_print(ccr_host: CcrHost, words: str) -> None:
+    heads, *rows = tables_of_readme()[words]
+    ended = ccr_host(*words.split(), "--json")
+    runs = {(run["path"], run["controller"]): run for run in ended.summary["runs"]}
+    for path, *cells in rows:
+        for head, cell in zip(heads[1:], cells, strict=True):
+            if head in COLUMNS:
+                controller, key = COLUMNS[head]
+                last_digit = 10.0 ** -len(cell.partition(".")[2])
+                assert float(cell) == pytest.approx(
+                    runs[PATHS[path], controller][key], abs=1.5 * last_digit
+                ), f"{path}, {head}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import Any, NoReturn, TypeVar
@@ -173,7 +174,7 @@ class _Replay:
                 motors=description.robot.motors,
                 on_frame=self._compare,
             )
-            with client, played_end(tape):
+            with client, self._difference_kept(), played_end(tape):
                 clock.attach(client)
                 meet_board(client, description, device)
                 clock.idle()  # until the camera was tracking
@@ -192,6 +193,15 @@ class _Replay:
                     ).execute()
         except (CcrError, KeyboardInterrupt):
             return  # as the recorded run ended
+
+    @contextmanager
+    def _difference_kept(self) -> Iterator[None]:
+        """Keep the cause of a difference before the client, which disarms, shows its effect."""
+        try:
+            yield
+        except Diverged as divergence:
+            self._differ(str(divergence))
+            raise
 
     def _compare(self, direction: str, time_us: int, data: bytes) -> None:
         if direction != "sent":

@@ -339,8 +339,9 @@ class RecordedTracker(RunTracker):
         if sample is None or (before is not None and before.exposed_us == sample.exposed_us):
             return
         self._take(sample)
-        self._tape.at(Token.SAMPLE, sample.exposed_us)
+        # First, as the token may complete a piece: the log must have what its tape tells of.
         self._observer.tracker_sample(time_us, sample)
+        self._tape.at(Token.SAMPLE, sample.exposed_us)
 
     @property
     def next_turn_us(self) -> int:

@@ -9,9 +9,8 @@ import pytest
 from tests.firmware.native_core.conftest import SANITIZERS, TESTS, Build, core_sources, run
 
 CORPUS = TESTS / "fuzz" / "corpus"
-SECONDS = 5
-LONG_SECONDS = 1800
-
+RUNS = 5_000
+MANY_RUNS = 300_000
 
 _MANY_AXES = [pytest.param(axes, marks=pytest.mark.slow) for axes in (6, 12)]
 
@@ -22,29 +21,27 @@ def fuzzer(build: Build, request: pytest.FixtureRequest) -> Path:
     return build("clang++", flags, [TESTS / "fuzz" / "fuzz_board.cpp", *core_sources()])
 
 
-def test_the_corpus_and_some_seconds_of_new_inputs_break_no_rule(
-    fuzzer: Path, tmp_path: Path
-) -> None:
-    assert _fuzz(fuzzer, tmp_path, SECONDS) > 1000
+def test_the_corpus_and_some_new_inputs_break_no_rule(fuzzer: Path, tmp_path: Path) -> None:
+    _fuzz(fuzzer, tmp_path, RUNS)
 
 
 @pytest.mark.slow
-def test_half_an_hour_of_new_inputs_breaks_no_rule(fuzzer: Path, tmp_path: Path) -> None:
-    assert _fuzz(fuzzer, tmp_path, LONG_SECONDS) > 100_000
+def test_many_new_inputs_break_no_rule(fuzzer: Path, tmp_path: Path) -> None:
+    _fuzz(fuzzer, tmp_path, MANY_RUNS)
 
 
-def _fuzz(fuzzer: Path, tmp_path: Path, seconds: int) -> int:
-    """Fuzz with a copy of the corpus; return the number of inputs run."""
+def _fuzz(fuzzer: Path, tmp_path: Path, runs: int) -> None:
+    """Fuzz with a copy of the corpus."""
     corpus = tmp_path / "corpus"
     shutil.copytree(CORPUS, corpus)
     assert len(list(corpus.iterdir())) > 30
     report = run(
         fuzzer,
-        f"-max_total_time={seconds}",
+        f"-runs={runs}",
         "-max_len=512",
         f"-artifact_prefix={tmp_path}/",
         corpus,
     )
     done = re.search(r"Done (\d+) runs", report)
     assert done is not None, report
-    return int(done[1])
+    assert int(done[1]) >= runs
