@@ -25,7 +25,9 @@ def _run(*command: str | Path) -> str:
     return result.stdout
 
 
-@pytest.mark.parametrize("axes", [1, 2, 4, 6, 12])
+@pytest.mark.parametrize(
+    "axes", [1, 2, *(pytest.param(axes, marks=pytest.mark.slow) for axes in (4, 6)), 12]
+)
 def test_every_vector_and_property_passes(doctest_main: Path, axes: int, tmp_path: Path) -> None:
     report = _report(doctest_main, axes, tmp_path)
     document = json.loads(VECTORS.read_text(encoding="utf-8"))

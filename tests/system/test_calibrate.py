@@ -103,6 +103,8 @@ def test_a_shipped_description_is_not_written_to(ccr_host: CcrHost) -> None:
 def test_an_identified_robot_is_followed_without_a_tour(
     ccr_host: CcrHost, robot: Path, short_path: str
 ) -> None:
+    loop = robot.with_name("loop.csv")
+    loop.write_text("t_s,y_mm,z_mm\n0,0,50\n8,15,50\n16,0,35\n24,-15,50\n32,0,50\n")
     registered = {"camera_to_robot_deg": [0, 0, 0], "uncertainty_deg": [0.28, 0.07, 0.14]}
     lines = ["[registration]", *(f"{key} = {value}" for key, value in registered.items())]
     robot.write_text(robot.read_text() + "\n".join(lines) + "\n")
@@ -123,8 +125,8 @@ def test_an_identified_robot_is_followed_without_a_tour(
 
     keys = [f"registration.{key}={value}" for key, value in registered.items()]
     words = [word for key in keys for word in ("--set", key)]
-    tour_s, toured_mm = track("toured", "8shape", *words)
-    _, identified_mm = track("identified", "8shape", "--robot", robot.name)
+    tour_s, toured_mm = track("toured", str(loop), *words)
+    _, identified_mm = track("identified", str(loop), "--robot", robot.name)
     approach_s, _ = track("unchecked", short_path, "--robot", robot.name, "--unchecked")
     assert approach_s < 5.0
     assert tour_s > 20.0

@@ -89,7 +89,7 @@ def test_every_call_on_a_samples_way_to_a_pulse_is_made(tmp_path: Path) -> None:
     path = tmp_path / "short.csv"
     path.write_text("t_s,y_mm,z_mm\n0,0,30\n1,0,32\n")
     made = set()
-    runs = ("mpc", "twin:", ()), ("adaptive", "ndi-emulator:", ("control.solver=compiled",))
+    runs = ("mpc", "ndi-emulator:", ()), ("adaptive", "twin:", ("control.solver=compiled",))
     for controller, tracker, overrides in runs:
         run = RunOptions(
             path=str(path), controller=controller, tracker=tracker, rate_hz=2.0, overrides=overrides

@@ -54,6 +54,6 @@ def _error_mm(direction: str) -> float:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("direction", [UPSIDE_DOWN, HANGING])
+@pytest.mark.parametrize("direction", [UPSIDE_DOWN, pytest.param(HANGING, marks=pytest.mark.slow)])
 def test_a_robot_mounted_in_another_way_follows_as_well(direction: str) -> None:
     assert _error_mm(direction) < 1.2 * _error_mm(USUAL)

@@ -1,5 +1,7 @@
 """A servo whose horn sits some degrees off is found, and costs the path next to nothing."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,7 @@ REGISTERED = (
 )
 
 
+@cache
 def error_mm(path: str, *overrides: str) -> float:
     result = execute_quietly(RunOptions(path=path, overrides=(*overrides, FAST)))
     errors_mm = true_errors_mm(result.records)

@@ -118,7 +118,7 @@ AS_PRINTED = ["control.bending=commanded"]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("path", ["ellipse", "star"])
+@pytest.mark.parametrize("path", ["ellipse", pytest.param("star", marks=pytest.mark.slow)])
 def test_a_robot_past_its_model_s_fold_is_not_lost_as_by_the_mpc_as_printed(path):
     """Between both folds J of the commanded angles has the wrong sign, see docs/twin.md."""
 
