@@ -32,7 +32,7 @@ from ccr_host.run.twin_floor import twin_floor_mm
 from ccr_host.tools.sweep.job import LOST_MM
 
 MOST_BENDING_RAD = 1.2
-"""Of each segment on the path."""
+"""Greatest bending of each segment on the path."""
 DURATION_S = 60.0
 RESULTS = "runs.jsonl"
 CONTROLLERS = ["mpc", "mpc-offset", "pid-ik", "adaptive"]

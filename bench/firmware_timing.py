@@ -48,7 +48,7 @@ AIMS = {
     "static RAM": "1024 bytes",
     "least free stack": "512 bytes",
 }
-"""For an UNO."""
+"""Limits for an UNO."""
 GAPS_US = np.random.default_rng(2).integers(0, 4, 100_000)
 """Pause between bursts, so that bytes arrive at every phase of the pulses; 0.2 % of the time."""
 

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 _STEP_US = 10_000
 _MODES = 7
-"""Of a segment: three of bending in its plane, two across it, one of twist, one of stretch."""
+"""Modes of a segment: three of bending in its plane, two across it, a twist and a stretch."""
 _FREE_MM = 80.0
 """Tendon between pulley and base plate, which stretches but does not rub."""
 _RELAXATION_S = 0.03

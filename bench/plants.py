@@ -65,19 +65,19 @@ class Ahead0(KnowingFeedforward):
 
 
 class Ahead1(Ahead0):
-    """With a preview of one step."""
+    """Feedforward with a preview of one step."""
 
     preview = 1
 
 
 class Ahead3(Ahead0):
-    """With a preview of three steps."""
+    """Feedforward with a preview of three steps."""
 
     preview = 3
 
 
 class Ahead6(Ahead0):
-    """With a preview of six steps."""
+    """Feedforward with a preview of six steps."""
 
     preview = 6
 

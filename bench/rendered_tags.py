@@ -34,7 +34,7 @@ NOISE_GREY = 2.0
 _MATRIX = np.array([(FOCAL_PX, 0.0, 639.5), (0.0, FOCAL_PX, 479.5), (0.0, 0.0, 1.0)])
 _CELL_PX = 24
 _EDGE_PX = 10 * _CELL_PX
-"""Of a tag's texture: 8 cells and a white margin."""
+"""Edge of a tag's texture: 8 cells and a white margin."""
 _FINER = 3
 """Rendered that much finer than the image, whose pixels are means."""
 _HALF_MM = 0.5 * 10 / 8 * TAG_MM
@@ -43,7 +43,7 @@ _ACROSS = Rotation.from_matrix([(0, 0, -1), (0, -1, 0), (-1, 0, 0)])
 _TO_CAMERA = Rotation.from_rotvec((0.02, -0.05, 0.1)) * _ACROSS
 _FACING = Rotation.from_rotvec((np.pi, 0, 0)) * Rotation.from_rotvec((0.25, 0.2, 0.0))
 _NUMBERS = (0, 2, 1)
-"""Of the tags at M1, M2 and M3."""
+"""Numbers of the tags at M1, M2 and M3."""
 
 
 class RenderedTags:

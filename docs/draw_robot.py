@@ -25,7 +25,7 @@ SCALE = 4.2
 TIE_PX = 1e-6
 """So that rounding errors do not decide which way a tie is rounded."""
 RIM_MM = 2.0
-"""From the tendon holes to the edge of a disk."""
+"""Distance from the tendon holes to the edge of a disk."""
 SHOWN_MM = 26.0
 """How far the motor that moves the tip most has moved it in the bent poses."""
 INK, PALE, SHADE, MARKER = "#222222", "#999999", "#e6e6e6", "#e0c200"
@@ -36,7 +36,7 @@ _Z = 2
 """Number of the paths' z among the coordinates of a backbone."""
 _SAME_MM = 1e-6
 _APART_MM = 4.0
-"""Between the names of motors, upwards."""
+"""Distance between the names of motors, upwards."""
 _ARROW_MM = 6.0
 """Shortest arrow that starts beside the robot, not at its middle."""
 

@@ -15,7 +15,7 @@ from ccr_host.description.schema import Description
 
 PICTURE = Path(__file__).parent / "images" / "wiring.svg"
 LIVE = "#c0392b"
-"""Of the servos' supply."""
+"""Colour of the servos' supply."""
 SERVO_A, LEAST_A = 2.5, 5.0
 """A stalled servo, and the supply of two."""
 ROW = 64.0
@@ -68,7 +68,7 @@ def wiring_svg(description: Description) -> str:
 
 
 def _supply(view: View, motors: int) -> None:
-    """From the supply to the rails, and the one ground."""
+    """Draw the wires from the supply to the rails, and the one ground."""
     needed_a = max(LEAST_A, SERVO_A * motors)
     bottom = TOP + 70
     _box(view, (20, TOP - 22), (130, bottom + 22), "")

@@ -20,7 +20,7 @@ AXES = 2
 PULSES_OVER_US = 3_000
 """Into a frame, when every pulse of an UNO has ended."""
 FIRST_START_US, STAGGER_US = 2_000, 3_500
-"""From the start of a frame to the first pulses of a Mega, and between those of its timers."""
+"""Delay from a frame's start to the first pulses of a Mega, and between those of its timers."""
 
 _ANSWER_TIMEOUT_US = 15_000
 """Response time of TIM-5."""
@@ -31,7 +31,7 @@ Pulses = tuple[int, ...]
 
 
 def pulse_start_us(board: str, axis: int) -> int:
-    """From the start of a frame to that of the axis's pulse (docs/firmware.md)."""
+    """Delay from the start of a frame to that of the axis's pulse (docs/firmware.md)."""
     if board == "uno":
         return 0
     return FIRST_START_US + STAGGER_US * ((axis if axis < 8 else axis + 1) % 4)

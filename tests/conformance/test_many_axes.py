@@ -64,7 +64,7 @@ class Robot:
         self.device.advance_to(self.device.since_reset_us() + ticks * m.TICK_US)
 
     def pulses(self) -> tuple[int, ...]:
-        """In the next whole frame."""
+        """Read the pulses in the next whole frame."""
         return self.device.pulses_in_frame(self.device.since_reset_us() // m.TICK_US + 1)
 
     def begin(self) -> None:

@@ -25,9 +25,9 @@ from tests.system.warm_start import PipedProgram, run_program
 PAPERS = ("--controller", "mpc")
 """The fastest closed loop: it starts the path at once."""
 PATIENT_BOARD = ("--set", "link.relax_after_ms=60000")
-"""For what is not about the watchdog: a busy machine may stop any host for seconds."""
+"""Options of tests not about the watchdog: a busy machine may stop any host for seconds."""
 AT_ONCE = ("--unchecked", "--set", "control.settle_s=0.5")
-"""For runs that are about other things than how a path begins: a fifth of a short one's CPU."""
+"""Options of runs that are not about how a path begins; they save a fifth of a short one's CPU."""
 IN_REAL_TIME = (*PATIENT_BOARD, *AT_ONCE)
 COMMAND = str(Path(sys.executable).with_name("ccr-host"))
 

@@ -9,7 +9,8 @@ from tests.system.conftest import IN_REAL_TIME, PAPERS, CcrHost
 from tests.system.warm_start import PipedProgram
 
 LATE = 2
-"""Of 6 steps. A board that is slow to serve makes nearly all of them late, a busy machine a few."""
+"""Missed deadlines, of 6 steps, that a busy machine may cause; a board that is slow to serve makes
+nearly all of them late."""
 
 
 def served_uri(process: PipedProgram) -> str:

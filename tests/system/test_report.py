@@ -23,7 +23,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def with_run(ccr_host: CcrHost, recorded: Path) -> CcrHost:
-    """With the run in the folder "kept"."""
+    """A program whose run is in the folder "kept"."""
     shutil.copytree(recorded, ccr_host.folder / "kept")
     return ccr_host
 

@@ -89,6 +89,19 @@ def test_every_seeded_fault_and_what_notices_it_is_in_the_table() -> None:
         assert re.search(rf"^\| {mutant.name} \| (oracle: )?{told} \|$", page, re.M), mutant.name
 
 
+@pytest.mark.parametrize("folder", ["host", "bench", "docs", "examples", "tests"])
+def test_docstrings_are_statements_and_not_the_end_of_one(folder: str) -> None:
+    """`Of each marker` says nothing without the name above it; messages quote the spec."""
+    dangling = []
+    for file in set((ROOT / folder).rglob("*.py")) - {ROOT / "host/ccr_host/link/messages.py"}:
+        for node in ast.walk(ast.parse(file.read_text())):
+            match node:
+                case ast.Expr(value=ast.Constant(value=str(text))):
+                    if text.split(" ")[0] in {"Of", "By", "From", "As", "With"}:
+                        dangling.append(f"{file.relative_to(ROOT)}:{node.lineno}: {text}")
+    assert not dangling
+
+
 def quoted_messages() -> list[str]:
     """Messages quoted in the first column of the troubleshooting tables."""
     lines = (ROOT / "docs" / "troubleshooting.md").read_text().splitlines()

@@ -209,7 +209,7 @@ _OF_RIG: dict[str, Any] = {
 
 
 class Without:
-    """In ``rig: Annotated[RigOptions, Without(...)]``: what a command has no option for.
+    """What a command has no option for, in ``rig: Annotated[RigOptions, Without(...)]``.
 
     These fields keep their defaults.
     """

@@ -54,7 +54,7 @@ _CANNOT_OPEN: Final[Mapping[int, Trouble]] = {
     ),
 }
 _WINDOWS_NUMBERS: Final = {"FileNotFoundError": errno.ENOENT, "PermissionError": errno.EBUSY}
-"""On Windows, pyserial gives the name of the system's error but not its number."""
+"""Numbers by name, as pyserial gives only the name of the system's error on Windows."""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def keep_streams_writable() -> None:
 
 
 def keep_output_for_summary() -> None:
-    """From now on send what is printed, by plug-ins too, to standard error, but for `output`.
+    """Send what is printed from now on, by plug-ins too, to standard error, except `output`.
 
     Their C libraries, and processes started later, write to file descriptor 1 itself.
     """

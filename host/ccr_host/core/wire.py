@@ -1,4 +1,4 @@
-"""On the wire: angles in 0.01 deg, bytes of ten bits (8N1), and the checksums of messages."""
+"""Units and checksums on the wire: angles in 0.01 deg, bytes of ten bits (8N1), CRCs."""
 
 from __future__ import annotations
 

@@ -79,9 +79,9 @@ class Segment(Section):
     length_mm: SegmentLength
     """Length of its backbone."""
     tendon_radius_mm: TendonRadius
-    """From the tendon holes to the backbone."""
+    """Distance of the tendon holes from the backbone."""
     bends: Literal["plane", "space"] = "space"
-    """In one plane, or in any direction."""
+    """Whether it bends in one plane or in any direction."""
     direction_deg: Turn = 0.0
     """Direction in which a segment bends that bends in a plane, measured as tendons' angles."""
     clocking_deg: Annotated[float, within(-45, 45)] = 0.0

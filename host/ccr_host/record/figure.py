@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _LABELS = {"x": "x, along the robot (mm)", "y": "y (mm)", "z": "z (mm)"}
 _MOST_MARKERS = 200
-"""With more points than this, lines are drawn without markers."""
+"""Lines with more points than this are drawn without markers."""
 _SHADE = 0.3
 _DASHES = ("-", "--", ":", "-.")
 """Line styles of several runs of one controller."""

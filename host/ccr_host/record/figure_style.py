@@ -24,7 +24,7 @@ MOTORS = (
     *("#0072b2", "#cc79a7", "#009e73", "#e69f00", "#56b4e9", "#332288"),
     *("#882255", "#117733", "#999933", "#661100", "#6699cc", "#888888"),
 )
-"""As many as a board drives."""
+"""A colour for each motor that a board can drive."""
 
 _CONTROLLERS = {
     "open-loop": "#332288",

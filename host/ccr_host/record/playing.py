@@ -98,7 +98,7 @@ class TapePlayer:
         return self._errors[0]
 
     def interrupt(self) -> None:
-        """Between two waits: raise what has interrupted the recorded run here, if that was so."""
+        """Raise what interrupted the recorded run here, between two waits, if anything did."""
         if self.head is Token.RAISED and self.error.kind == KeyboardInterrupt.__name__:
             raise KeyboardInterrupt
 

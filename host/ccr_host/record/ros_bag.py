@@ -35,7 +35,7 @@ Json = dict[str, Any]
 NAMESPACE = "/ccr"
 BAG_FILE, METADATA_FILE = "run_0.mcap", "metadata.yaml"
 _VERSION = 5
-"""Of the metadata: that of ROS 2 Humble; later ones read it."""
+"""Version of the metadata: that of ROS 2 Humble, which later ones read."""
 
 _DEFINITIONS = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",

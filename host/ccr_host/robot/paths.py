@@ -65,7 +65,7 @@ def _star(t: Array, _: float) -> _Line:
 
 
 def _swing(t: Array, length_mm: float) -> _Line:
-    """To and fro in the plane of one segment."""
+    """Swings to and fro in the plane of one segment."""
     return np.zeros_like(t), 0.3 * length_mm * np.sin(math.pi * t / 20.0), None
 
 

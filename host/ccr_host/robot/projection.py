@@ -24,7 +24,7 @@ _SHARE_OF_MOTORS = 0.5
 """Share of the motor angles in the effort; the rest is energy. On a helix of `three-spatial` at
 2 Hz no motor then moves by more than 0.06 rad a sample; by 0.68 with the motor angles alone."""
 _LEAST_CURVATURE = 1e-3
-"""Of the cost over the effort's weight; keeps Newton's steps finite."""
+"""Least curvature of the cost over the effort's weight; keeps Newton's steps finite."""
 _ROUNDING = 1e-15
 _EVENED_LENGTHS = 0.5
 """Way of the tip, in lengths of the robot, over which a change costs as much as where it leads."""

@@ -50,7 +50,7 @@ class Unknown:
 
     @property
     def name(self) -> str:
-        """As in ``length_2_mm``."""
+        """Its name in tables, such as ``length_2_mm``."""
         return "_".join(filter(None, (self.kind, self.of, self.unit)))
 
 
@@ -69,13 +69,13 @@ class Slopes(NamedTuple):
     """Derivatives at N rests; P are the scores by which they are taken."""
 
     markers: Array
-    """By the scores, (N, ends, 3, P)."""
+    """Derivatives of the markers by the scores, (N, ends, 3, P)."""
     yielding: Array
-    """Of the degrees of freedom by the scores, (N, D, P)."""
+    """Derivatives of the degrees of freedom by the scores, (N, D, P)."""
     by_freedom: Array
-    """Of the markers at bending, (N, ends, 3, D)."""
+    """Derivatives of the markers by the degrees of freedom, (N, ends, 3, D)."""
     compliance: Array
-    """Of the degrees of freedom by moments, (N, D, D)."""
+    """Derivatives of the degrees of freedom by moments, (N, D, D)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +83,11 @@ class MarkedRobot(TendonRobot):
     """A robot, or several, and where its markers are."""
 
     ends: tuple[int, ...]
-    """As in ``Markers``."""
+    """Segments that end with a marker, see ``Markers``."""
     places_mm: Array
     """Each marker seen from the backbone, in the frame of its disk, (..., ends, 3)."""
     turn: Array
-    """From the robot's frame to that of the measurement, (..., 3, 3)."""
+    """Rotation from the robot's frame to that of the measurement, (..., 3, 3)."""
     origin_mm: Array
     """Place of the base in the frame of the measurement, (..., 3)."""
 

@@ -23,7 +23,8 @@ _ONE_PICTURE_MM = 1e-6
 """Rounding of means; no camera repeats a place that well."""
 _VERY_LONG_S = 1e9
 _ROUNDING = 1e-9
-"""Of motor angles, over the largest one: motors that always turn together move the tip together."""
+"""Singular values of the motor angles below this share of the largest one are rounding: motors that
+always turn together move the tip together."""
 _PULSE_KEYS = {"neutral_pulse_us", "pulse_per_90_deg_us"}
 """The servo keys that define a commanded angle; limits may change."""
 _DIGITS = 12
@@ -161,7 +162,7 @@ class Rests:
         return found
 
     def moved_mm(self) -> Array:
-        """By how much each motor moved the tip, linearly, (n,)."""
+        """Linear motion of the tip by each motor, (n,)."""
         design = np.column_stack([self.q_rad, np.ones(len(self.q_rad))])
         by_motor = np.linalg.lstsq(design, self.tip_mm, rcond=_ROUNDING)[0][:-1]
         moved_mm: Array = np.linalg.norm(by_motor, axis=1) * np.ptp(self.q_rad, axis=0)
@@ -204,7 +205,7 @@ class Motors(NamedTuple):
 
     @classmethod
     def as_described(cls, count: int) -> Self:
-        """As many motors, all as described."""
+        """Return the hypothesis that all ``count`` motors are as described."""
         return cls((1.0,) * count, tuple(range(count)))
 
     @property

@@ -69,7 +69,7 @@ class TendonRobot:
     sag_mm: Array
     """r_i e_j for the segments that tendon i passes, zero for the others, (T, S)."""
     shorter_mm: Array
-    """By how much a bending of 1 rad shortens each segment, growing with its square, (S,)."""
+    """Shortening of each segment by a bending of 1 rad; it grows with the square, (S,)."""
     softening: Array
     """What the moment of segment k takes off the stiffness of segment j through tendons that sag
     there, in row k and column j, (S, S)."""

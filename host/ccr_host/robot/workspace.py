@@ -36,7 +36,8 @@ LATERAL = [0, 2]
 """The coordinates of f that a path gives."""
 
 _DIGITS = 12
-"""Of motor angles in rad, so that motors which stay where they are do so exactly."""
+"""Motor angles are rounded to these decimals of a radian, so that motors which stay where they are
+do so exactly."""
 
 _STAGES = 16
 """Parts of the way of a target; a step of one can be followed by Newton's steps."""

@@ -35,7 +35,7 @@ from ccr_host.tracking.tracker import Sample
 FORM = "igtl://[HOST]:PORT"
 DEFAULT_HOST = "127.0.0.1"
 PERIOD_S = 0.05
-"""Between two pictures; cameras take 20 to 60 a second."""
+"""Time between two pictures; cameras take 20 to 60 a second."""
 MOST_CLIENTS = 8
 _PATIENCE = 200
 """Pictures that a client may miss in a row, ten seconds, before it is dropped."""

@@ -123,7 +123,7 @@ class Explanation(NamedTuple):
 
 
 def _best_rests(rests: Rests) -> list[int]:
-    """For each motor that was moved, the rest at which the robot was furthest from the first."""
+    """The rest furthest from the first one, for each motor that was moved."""
     moved = np.abs(rests.q_rad - rests.q_rad[0]).argmax(axis=1)[1:]
     seen_mm = rests.vectors_mm - rests.vectors_mm[0]
     far_mm = np.linalg.norm(np.nan_to_num(seen_mm), axis=(1, 2))[1:]

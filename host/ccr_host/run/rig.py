@@ -93,7 +93,7 @@ class Operator(Protocol):
 
 
 class NoOperator:
-    """In place of an operator."""
+    """An operator who never wants anything."""
 
     wants_stop = False
     wants_pause = False

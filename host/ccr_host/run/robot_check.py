@@ -61,7 +61,8 @@ _UNTOLD = 3.5
 further off in one look of 2000. Of 11 random robots of the paper's kind that match (few moves,
 `pid-ik`, 1 Hz) the farthest in 80 s is 2.4, with 0.05 rad for the model's own errors."""
 _SIGMAS = 2.0
-"""Of a distance of markers by the described noise, for each of several looks in a row."""
+"""Deviations, by the described noise, that a distance of markers may be off in each of several
+looks in a row."""
 _FOR_US, _FORGIVEN = 3_000_000, 0.5
 """Time for which poses may be unexplained, and how fast explained ones make up for it."""
 _MOST_COUNTED_US = 1_000_000

@@ -26,14 +26,14 @@ _STRAIGHT_DEG = 3.0
 """Largest distance of a mark from the line: nonlinearity of the servo and error of the eye."""
 _LEAST_SPAN_US = 100.0
 _MARKS = len(ANGLES_DEG) + 2
-"""Of each motor: its angles, then its limits."""
+"""Marks of each motor: its angles, then its limits."""
 _DIRECTIONS = {
     0.0: "to +x",
     90.0: "towards the markers' side",
     180.0: "to -x",
     270.0: "away from the markers",
 }
-"""By the angle about the backbone, deg."""
+"""Directions by their angle about the backbone, deg."""
 _USUAL_RATIO = 1.25
 """Usual ratio of the scales of two servos, or of a servo and its description, at most."""
 _USUAL_NEUTRAL_DEG = 20.0

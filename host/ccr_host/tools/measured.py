@@ -29,7 +29,7 @@ _FIRST_BELOW = 2
 """Number of the lowest of them."""
 _COLUMN = re.compile(rf"(t|q[1-9]\d*|(?:tip|{MIDDLE}|m[2-9]|m1\d)_[xyz]){UNIT}")
 _NOT_SEEN = ("", "nan")
-"""In place of a coordinate of a marker below the tip."""
+"""What stands for a coordinate of a marker below the tip that was not seen."""
 _UNITS = {"t": _SECONDS, "q": _COMMANDS, **dict.fromkeys(("tip", MIDDLE, "m"), _MILLIMETRES)}
 _MOST = {"t": 1e10, "q": 1e3, "tip": 1e5, MIDDLE: 1e5, "m": 1e5}
 """Plausible values in s (since 1970, too), rad or mm, to either side: beyond, it is a slip or
@@ -84,7 +84,7 @@ class _Columns:
     names: list[str]
     """``t``, ``q1``, ``tip_x`` and so on, or a word, for each column."""
     factors: list[float]
-    """From each column's unit to s, rad or mm; 0 for words."""
+    """Factor from each column's unit to s, rad or mm; 0 for words."""
     unit: Literal["rad", "mm"]
     """Unit of the commands."""
 

@@ -47,7 +47,7 @@ _AGREEMENT_RAD = math.radians(0.5)
 _FEWEST_RESTS = 12
 _MAX_BASE_MOTION_MM = 1.0
 _MIN_MOTION_MM = 5.0
-"""By which each motor must move the tip, linearly."""
+"""Linear motion of the tip that each motor must cause."""
 _FIRST_POSES = 5
 """The tour ends if none of these was seen."""
 _NOTABLE_MM = 5.0

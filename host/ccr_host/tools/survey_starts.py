@@ -41,11 +41,11 @@ _SCALINGS, _SHARES = 4, (0.3, 1.5)
 """How often scales and the turn are found from each other, and the shares of the expected way that
 a move may lead: slack takes some, and weight may add to it."""
 _MOST_HYPOTHESES = 8
-"""On the motors; of more, only likely ones are tried."""
+"""Hypotheses on the motors that are all tried; of more, only likely ones are."""
 _EXCHANGED = 1.06
 """Factor of the distance for each motor that is exchanged: rarer than a reversed one."""
 _ALIKE_TRACE = 1.0 + math.sqrt(2.0)
-"""Of the turn between two frames that are the same: 45 deg."""
+"""Least trace of the turn between two frames that count as the same: 45 deg."""
 _DISTINCT = 1.03
 """Least ratio of the distances from the predictions of two hypotheses on the motors; 1.08 and more
 on robots with one thing wrong, 1.001 with markers on the backbone of a robot without weight. If it
@@ -58,8 +58,8 @@ _TOLD = 2.0
 """Least difference of twice the log odds of two fits, with variances inflated as everywhere, where
 Kass and Raftery (1995) call evidence positive."""
 _SHAFT_FACTOR = 1.5
-"""By which an unexplained shaft angle is larger than in `adaptive`: zeros and directions that are
-not yet calibrated move the robot further. Chosen on 40 random robots, as ``Scaling.inflation``."""
+"""Factor by which an unexplained shaft angle is larger than in `adaptive`: zeros and directions not
+yet calibrated move the robot further. Chosen on 40 random robots, as ``Scaling.inflation``."""
 
 
 class SurveyError(CcrError):

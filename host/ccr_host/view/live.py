@@ -29,8 +29,8 @@ _ROOM_BATCHES = 64
 """Two and a half seconds of a run in real time."""
 _START_TIMEOUT_S = 30.0
 _SILENT_S = 60.0
-"""Without a word for this long a page hangs: it says one each second, but for drawings that take
-long, and takes 20 s to start on a machine under load."""
+"""A page that is silent for this long hangs: it reports each second, except during long drawings,
+and takes 20 s to start on a machine under load."""
 _END_TIMEOUT_S = 2.0
 _MOST_STARTS = 10
 _TOKEN_BYTES = 16

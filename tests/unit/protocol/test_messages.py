@@ -34,7 +34,7 @@ def _field_values(
 
 AXES = st.integers(1, messages.MAX_AXES)
 few = settings(max_examples=30)
-"""Of each of the messages, which share their kinds of fields: 1,400 of each property."""
+"""Examples of each message; as messages share kinds of fields, 1,400 of each property."""
 
 
 def payloads(cls: type[Payload], axes: int, *, in_range: bool) -> st.SearchStrategy[Any]:

@@ -20,7 +20,7 @@ ANGLE = st.floats(-0.8, 0.8)
 
 
 def markers_mm(q_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """As the model has them, from its own backbone and nothing of the module under test."""
+    """The model's own backbone, without the module under test."""
     length_1, length_2 = MODEL.lengths_mm
     without_second = Robot().model_copy(update={"segment_lengths_mm": (length_1, 1e-9)})
     only_first = ConstantCurvature(without_second)

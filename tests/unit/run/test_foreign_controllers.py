@@ -19,8 +19,8 @@ from ccr_host.run.options import RunOptions
 from ccr_host.run.summary import summarise
 
 LONGER_THAN_THE_BOARD_WAITS_S = 3.5
-"""With the descriptions below: 2 s of validity at 10 Hz, as a busy computer may stop any host for a
-second; 0.5 s of holding."""
+"""A busy computer may stop any host for a second: the descriptions below have 2 s of validity at
+10 Hz, and 0.5 s of holding."""
 QUICK = (
     "control.settle_s=0.1",
     "link.relax_after_ms=500",

@@ -22,7 +22,7 @@ from ccr_host.tools.measured import FEWEST_ROWS, Measured, home_of, read_measure
 from ccr_host.tools.record import PATTERNS, Stops, new_table, record_rests, stops_of
 
 SLACK_MM = (0.9, 1.4, 0.9, 1.4)
-"""Of both tendons on one side of the robot, then of both on the other."""
+"""Motors of both tendons on one side of the robot, then of both on the other."""
 OPTIONS = RigOptions(
     robot="ideal", overrides=(f"twin.slack_mm={[*SLACK_MM]}", "control.solver=compiled")
 )
@@ -260,7 +260,7 @@ def test_motors_that_cannot_pay_out_stay_at_home_while_others_wind_up() -> None:
 
 
 def test_no_pose_winds_tendons_against_each_other() -> None:
-    """Of three tendons of a segment with a motor each, the pulls add up to nothing."""
+    """The pulls of three tendons of a segment with a motor each add up to nothing."""
     description = RigOptions(robot="three-spatial").description()
     stops = stops_of(description, [], 24, seed=1)
     of_segments = stops.q_rad.reshape(-1, 3, 3)

@@ -24,7 +24,7 @@ from ccr_host.tools.survey_starts import SurveyError, likeliest_motors, safe_pos
 
 NAMES = "single", "two-spatial", "three-spatial"
 NOISE_MM = 0.05
-"""Of a mean of thirty exposures."""
+"""Noise of a mean of thirty exposures."""
 
 
 @cache

@@ -179,7 +179,7 @@ def test_what_is_no_request_is_printed_about_neither(
 def test_all_of_the_page_is_sent_from_the_servers_thread(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """From any other, viser's event may fail with "deque mutated during iteration"."""
+    """In any other thread, viser's event may fail with "deque mutated during iteration"."""
     (tmp_path / "short.csv").write_text("t_s,y_mm,z_mm\n0,0,30\n2,10,35\n")
     history, threads = RunHistory(), set()
     execute(RunOptions(str(tmp_path / "short.csv"), "mpc"), history, lambda *_: None)

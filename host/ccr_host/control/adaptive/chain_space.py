@@ -38,9 +38,9 @@ _DRIFTING = ("log_compliance", "slack", "weight")
 """Threads creep and tools change, while the geometry stays constant."""
 _LOADS = ("weight", "tip_share")
 _MOST_OF_FEW, _SURPRISE_OF_FEW = 3.5, 1.6
-"""For few rests. Before uneven bending was in the model, parameters of 34 random robots that match
-were up to 3.4 deviations off and the surprise up to 1.0, as there are more unknowns than rests; of
-a robot with wrong lengths or scales one of both is beyond."""
+"""Limits of a fit to few rests. Before uneven bending was in the model, parameters of 34 random
+robots that match were up to 3.4 deviations off and the surprise up to 1.0, as there are more
+unknowns than rests; a robot with wrong lengths or scales exceeds one of both."""
 _VARYING_BY_IN_FEW = 2.0
 """Tendons that were strung alike have slack alike: 2 mm in all are as likely as in one. By the
 prior each varies by 1 mm alone, and fits to few rests of such robots, which tell a fortieth of a
@@ -70,12 +70,12 @@ class ChainParameters:
     """One robot, and others close to it."""
 
     score: Array
-    """Of ``RestModel``, zeros in the slack, (P,)."""
+    """Scores of ``RestModel``, with zeros counted as slack, (P,)."""
     rest: MarkedRobot
     half_dead_mm: Array
     """Half the travel that each tendon loses after a reversal, (T,)."""
     turn: Array = field(default_factory=partial(np.eye, 3))
-    """From the robot's frame to that of the camera, (3, 3)."""
+    """Rotation from the robot's frame to that of the camera, (3, 3)."""
     near: Near | None = None
     """Robots whose parameters are slightly different, see ``ChainSpace.perturbed``."""
 
@@ -141,7 +141,7 @@ class ChainSpace(ParameterSpace[ChainParameters]):
 
     @property
     def zero_rad(self) -> Array:
-        """From the slack of the tendons: as much as the tendons of a segment differ in it.
+        """Zeros follow from the slack of the tendons, as far as those of a segment differ in it.
 
         Zeros by which all motors of a segment only tighten its tendons cannot be told from slack.
         """
@@ -185,7 +185,7 @@ class ChainSpace(ParameterSpace[ChainParameters]):
         return Mounting(robot.lengths_mm, slack_mm @ share, 1.0 / (radius_mm @ share))
 
     def each(self, scores: Array) -> ChainParameters:
-        """Of one set alone, to which ``starts`` is limited."""
+        """The parameters of the single set of scores to which ``starts`` is limited."""
         (score,) = scores
         return self.parameters(score)
 

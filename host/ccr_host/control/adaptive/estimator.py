@@ -33,7 +33,7 @@ _SWING_MM_PER_RAD = 60.0
 """Increase of this deviation by a jump of the servos."""
 _DELAY_DEVIATION_S = 0.015
 _OFFSET_DEVIATION_MM = 1.0
-"""At least; of a robot that the fit explains less well, what that leaves."""
+"""Least deviation of the offset; it is larger for a robot of which the fit leaves more."""
 _OFFSET_MEMORY_S = 10.0
 _DRIFT_PER_SQRT_S = 0.02
 """Drift of the parameters, in prior deviations."""
@@ -73,7 +73,7 @@ class Estimator(Generic[P, S]):
         self._space = space
         roles = space.roles
         self._score = np.zeros(space.count) if fit is None else fit.score
-        """Of all parameters, before the path."""
+        """Scores of all parameters before the path, (COUNT,)."""
         uncertain = set(range(space.count)) if fit is None else _unsettled(fit, roles)
         uncertain.difference_update(roles.pushes)
         self._numbers = sorted({*uncertain, *roles.loads, *roles.warming})
@@ -202,7 +202,7 @@ class Estimator(Generic[P, S]):
             self._state += excess[beyond] @ np.linalg.pinv(covariance[:, beyond]) @ covariance
 
     def _score_of(self, state: Array) -> Array:
-        """Of all parameters, (COUNT,)."""
+        """Scores of all parameters at a state of the filter, (COUNT,)."""
         score = self._score.copy()
         score[self._numbers] = state[: self._count]
         return score

@@ -254,7 +254,7 @@ def _sizes(standardised: Array) -> Array:
 
 
 def _huber_weight(standardised: Array) -> Array:
-    """Of each marker, (N, S)."""
+    """Huber's weight of each marker, (N, S)."""
     return _HUBER_DEVIATIONS / np.maximum(_sizes(standardised), _HUBER_DEVIATIONS)
 
 

@@ -23,7 +23,7 @@ from ccr_host.core.arrays import Number, Three, Two, sign
 from ccr_host.robot.arc import arc_at, doubled
 
 _VARIANCE = 0.05
-"""Of u, if u - u^2 is taken for its density."""
+"""Variance of u if its density is proportional to u - u^2."""
 
 
 class Lifts(NamedTuple):
@@ -179,7 +179,7 @@ def _push_of(p: Parameters) -> tuple[Number, Number]:
 
 
 _NODES = 0.5 - 3.0**-0.5 / 2.0, 0.5 + 3.0**-0.5 / 2.0
-"""Of Gauss's rule with two points, weighted equally: shares of segment 1 before its end."""
+"""Nodes of Gauss's rule with two equally weighted points: shares of segment 1 before its end."""
 
 
 class Beyond(NamedTuple):
@@ -190,7 +190,7 @@ class Beyond(NamedTuple):
 
     tip: Number
     tip_2: Number
-    """By theta_2."""
+    """Derivative by theta_2."""
     aside: Number
     """Distance of the tip from the bending plane."""
     aside_2: Number

@@ -125,7 +125,7 @@ def _certain_zeros_rad(fit: Fit, space: ParameterSpace[Any]) -> Array:
 
 
 def _contradicted(fit: Fit, space: ParameterSpace[Any]) -> Array:
-    """By how many deviations the rests contradict the prior of each parameter, (COUNT,).
+    """Number of deviations by which the rests contradict the prior of each parameter, (COUNT,).
 
     Rests that take the share T = 1 - C of the prior's variance leave a score of covariance T, if
     robots scatter as the prior. What scatters more adds to it through T, for its own score and for

@@ -320,7 +320,7 @@ class Scaling(ParameterSpace[Parameters]):
         return scores
 
     def mountings(self) -> Mapping[Gravity, Scaling]:
-        """Under gravity along each axis of the frame of (10), but for the described direction."""
+        """The prior under gravity along each axis of (10)'s frame but the described direction."""
         up = self._known[:3]
         return {way: self.mounted(way) for way in _MOUNTINGS if -(up @ way) < _SAME_DIRECTION}
 
@@ -354,7 +354,7 @@ class Scaling(ParameterSpace[Parameters]):
         return self, self.narrow()
 
     def aligned(self) -> Scaling | None:
-        """For a camera that was never registered, but stands as the description has it."""
+        """The prior for a camera that was never registered but stands as described."""
         if self._is_turn_known:
             return None
         other = self.freed(TURNS, _ALIGNED)
@@ -362,11 +362,11 @@ class Scaling(ParameterSpace[Parameters]):
         return other
 
     def narrow(self) -> Scaling:
-        """For a robot without the faults of cheap parts."""
+        """The prior for a robot without the faults of cheap parts."""
         return self.freed(numbers_of(*_USUALLY_SMALL), _NARROW)
 
     def strict(self) -> Scaling:
-        """For a robot that is the described one, but for what every robot leaves open."""
+        """The prior for the described robot, except for what every robot leaves open."""
         other = self.narrow()
         other.shaft_rad = 0.0
         return other

@@ -74,7 +74,7 @@ def _turn_of(p: Parameters, sense: float) -> Three:
 
 
 def _turned(turn: Three, point: Three) -> Three:
-    """By w = 2 tan(angle / 2) axis, Cayley: v + (w x v + w x (w x v) / 2) / (1 + w^2 / 4)."""
+    """Turn v by w = 2 tan(angle/2) axis (Cayley): v + (w x v + w x (w x v)/2) / (1 + w^2/4)."""
     once = _cross(turn, point)
     twice = _cross(turn, once)
     share = 1.0 / (1.0 + 0.25 * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]))
@@ -176,10 +176,10 @@ class _Pulls(NamedTuple):
 
     pull_1: Number
     pull_1_slope: Number
-    """By theta_1."""
+    """Derivative by theta_1."""
     pull_2: Number
     pull_2_slope: Number
-    """By theta_2."""
+    """Derivative by theta_2."""
 
 
 def _pulls_of(p: Parameters, theta_1: Number, theta_2: Number, raised: Number, hung: Two) -> _Pulls:

@@ -245,7 +245,7 @@ class BendingFilter:
 
 
 def pose_estimate(description: Description) -> PoseEstimate:
-    """As ``control.bending`` says."""
+    """The estimate that ``control.bending`` selects."""
     model = ConstantCurvature(description.robot)
     is_printed = description.control.bending == "commanded"
     return AsMeasured(model) if is_printed else BendingFilter(model)

@@ -21,7 +21,7 @@ StepResult = tuple[int, int, Array]
 (mm) of each step."""
 
 _LEAST_DAMPING = 1e-10
-"""Over the trace of J'J; decides if R is 0 and there are more motors than J has rank."""
+"""Least damping over the trace of J'J; decides if R is 0 and J has less rank than motors."""
 
 
 class Settings(NamedTuple):

@@ -206,7 +206,8 @@ class Expansion(NamedTuple):
     """Derivatives of sqrt(2 Q) (e_j - e_(j-1)), or ``by_model`` sqrt(2 Q) e_j, by q_j and by
     q_(j-1), (M, 2n, 3)."""
     curvature: Array
-    """By q_j twice, by q_j and q_(j-1), by q_(j-1) and q_j, and by q_(j-1) twice, (M, 4, n, n)."""
+    """Second derivatives of the cost by q_j twice, by q_j and q_(j-1), by q_(j-1) and q_j, and by
+    q_(j-1) twice, (M, 4, n, n)."""
 
 
 def roll_out(problem: Tracking, angles: Array) -> Rollout:

@@ -161,7 +161,7 @@ NEVER_SET: Final = (
 _GROUPS: Final[tuple[type[ConfigGroup], ...]] = (
     Limits, Slew, Watchdog, Calibration, Equipment, Acceleration,
 )  # fmt: skip
-"""In their order in the EEPROM."""
+"""The groups in their order in the EEPROM."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ _MM = 1e-3
 _MS = 1e-3
 _G = 1e-3
 _DISK_RIM_MM = 1.5
-"""From the centre of the tendon hole to the edge of the disk; affects only the disk's inertia."""
+"""Distance from a hole's centre to the edge of the disk; affects only the disk's inertia."""
 _DISK_THICKNESS_MM = 2.0
 _MARKER_RADIUS_MM = 5.75
 """NDI's passive spheres have a diameter of 11.5 mm."""

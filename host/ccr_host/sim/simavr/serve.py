@@ -25,7 +25,7 @@ _COMPILE = (
     *("-mshort-calls", "-nostartfiles", "-nostdlib", "-Wl,--relax"),
     *("-Wl,--section-start=.text=0x7c00", "-Wl,--section-start=.version=0x7ffe"),
 )
-"""As in optiboot's Makefile except for the start address: that of a boot section of 1 KB."""
+"""The flags of optiboot's Makefile, but with the start address of a boot section of 1 KB."""
 _CURE = "sudo apt install arduino-core-avr gcc-avr avr-libc"
 
 

@@ -54,7 +54,7 @@ AXIAL_MM_N = 1 / 16
 """Greatest shortening of a segment per force: 16 kN/m."""
 MARKER_MM = 1.0
 STALL_NM = (0.6, 1.1)
-"""From clones of the MG996R to the data sheet of a stronger one."""
+"""Stall torques from clones of the MG996R to the data sheet of a stronger servo."""
 DROOP_DEG_NM = 13.0
 BACKLASH_DEG = 1.0
 LAG_MS = 40.0

@@ -107,7 +107,7 @@ class MarkerCheck:
         self._held: Array | None = None
         """(S + 1, 3): markers that have jumped and are not confirmed."""
         self._jumps: deque[bool] = deque(maxlen=_WATCHED)
-        """For each of the last pictures, whether markers had jumped for the one before alone."""
+        """Whether markers had jumped for one picture alone, for each of the last pictures."""
         self.jumped = 0
         """Number of pictures left out since a marker had jumped for that picture alone."""
         self._base_mm: Array | None = None
@@ -258,7 +258,7 @@ class MarkerCheck:
         return best
 
     def _gain_mm(self, markers_mm: Array, order: Order) -> float:
-        """By how much a swap brings the segments closer to their lengths; NaN if unknown."""
+        """Amount by which a swap brings the segments closer to their lengths; NaN if unknown."""
         named, exchanged = (
             seen_lengths_mm(markers_mm[list(one)], self._robot) - self._robot.segment_lengths_mm
             for one in (self._as_named, order)

@@ -86,7 +86,7 @@ class ChainModel:
     """
 
     _FLOOR_RAD = 0.003, 0.006
-    """Of all segments but the last, whose end shows its bending less, and of the last."""
+    """Floors of all segments but the last, and of the last, whose end shows its bending less."""
     _OFFSET_WALK_MM = 0.12, 0.06
     _OFFSET_PER_RAD = 2.5, 2.0
     """Change of the offsets with the bending angles, mm/rad."""
@@ -165,7 +165,7 @@ class FreeModel:
     """
 
     _FLOOR_MM = 0.1, 0.15
-    """Of M2 and of the tip; between them in equal steps."""
+    """Floors of M2 and of the tip; those between them follow in equal steps."""
     _START_MM = 1.5
     _NOISE_MM = 0.2
     """Size of the corrections caused by the camera's noise alone."""

@@ -143,7 +143,7 @@ class Shapes:
         self._freedom = freedom_of(geometry.chain)
         offset_mm = np.array([0.0, geometry.marker_offset_mm, 0.0])
         self._starts: list[tuple[Array, Array]] = []
-        """Of each segment, degrees of freedom, (G, d), and its marker seen from its base, (G, 3),
+        """Degrees of freedom of each segment, (G, d), and its marker seen from its base, (G, 3),
         relative to where the marker would be there."""
         for number, segment in enumerate(geometry.chain):
             free = _starts_rad(segment.bends == "space")

@@ -203,7 +203,7 @@ def test_a_tour_of_another_robot_is_fitted_to_the_noise(robot, true_score):
 
 @pytest.mark.long
 def test_a_fit_is_also_started_elsewhere_and_the_likelier_one_counts(tmp_path):
-    """From the prior, the fit to this robot of one segment ends in a kink."""
+    """The fit to this robot of one segment ends in a kink if it starts from the prior."""
     file = tmp_path / "robot.toml"
     file.write_text(description_text(built(np.random.default_rng(102), 1)))
     description = schema.load(str(file))

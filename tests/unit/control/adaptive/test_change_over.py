@@ -33,7 +33,7 @@ def test_a_pair_changes_over_once_on_the_way_to_the_other_side() -> None:
 
 
 def test_an_estimate_that_is_noisy_after_the_jump_does_not_cause_the_next_one() -> None:
-    """By 1.2 deg, six times the least hysteresis."""
+    """The noise of 1.2 deg is six times the least hysteresis."""
     noisy = np.concatenate([[0.2], 0.02 * (-1.0) ** np.arange(1, 20)])
     change_over, sides = ChangeOver(2), (0.0, 0.0)
     _sides(change_over, noisy)

@@ -248,7 +248,7 @@ def test_a_sudden_offset_is_found_within_two_seconds_and_the_filter_stays_sound(
 
 
 def test_what_a_fit_leaves_is_taken_for_the_models_error_rather_than_for_a_load():
-    """Of a robot that the model explained to 2.6 mm, freed loads sent the tip 90 mm off."""
+    """Freed loads sent the tip of a robot that the model explained to 2.6 mm 90 mm off."""
     loads = []
     for rms_mm in (0.3, 2.6):
         estimator = Estimator(PLAIN, SCALING, replace(_fit_to_the_prior(), rms_mm=rms_mm))

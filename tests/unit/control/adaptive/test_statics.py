@@ -203,7 +203,7 @@ def test_known_parameters_predict_a_weightless_twin_within_a_tenth_of_a_millimet
 
 
 def test_a_backbone_that_its_tendons_shorten_is_predicted_as_well():
-    """At 8 kN/m by 1 mm and more, which slackens the tendons of both motors."""
+    """A backbone of 8 kN/m shortens by 1 mm and more, which slackens the tendons of both motors."""
     axial_n_m = 8000.0, 8000.0 * 58.5 / 43.5
     rigid, soft = Twin(gravity_m_s2=0.0), Twin(gravity_m_s2=0.0, axial_stiffness_n_m=axial_n_m)
     compliance = 20.0 / (4.0 * 4.5**2)

@@ -19,7 +19,7 @@ from ccr_host.run.observer import true_errors_mm
 from ccr_host.run.options import RunOptions
 
 OFF = "twin.servo_neutral_us=[1533,1467]"
-"""By 3 deg, one each way."""
+"""Zeros that are 3 deg off, one each way."""
 FAST = "control.solver=compiled"
 """The same commands for three quarters of the CPU."""
 UNEQUAL = "twin.slack_mm=[1.6,0.9,0.8,1.5]"

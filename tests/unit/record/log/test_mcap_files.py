@@ -96,7 +96,7 @@ def as_read(recording: RunRecording) -> list[tuple[str, int, str]]:
 
 
 def record_starts(data: bytes) -> list[int]:
-    """Of all that a killed run leaves behind."""
+    """Where each record of all that a killed run leaves behind begins."""
     starts, at = [], len(MCAP0_MAGIC)
     while data[at] != Opcode.METADATA:
         starts.append(at)

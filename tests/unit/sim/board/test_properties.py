@@ -315,7 +315,7 @@ class AnyHost(RuleBasedStateMachine):
 
     @rule()
     def silence(self):
-        """Within hold and the way to rest the pulses are at rest and then gone."""
+        """After hold and the way to rest, the pulses are at rest and then gone."""
         watched = self.watched
         if not watched.report().flags & m.StatusFlags.CONFIGURED:
             return

@@ -1,4 +1,4 @@
-"""From frames to samples."""
+"""How frames become samples."""
 
 import numpy as np
 import pytest

@@ -18,7 +18,7 @@ MARKERS = ("M1", "M2", "M3")
 
 @dataclass
 class Message:
-    """As pyigtl delivers it."""
+    """A message as pyigtl delivers it."""
 
     device_name: str
     timestamp: float
