@@ -47,7 +47,7 @@ static_assert(pulse_timers::kLastStartUs * uint32_t{kCountsPerUs} + ccr::kPulseC
 static_assert(ccr::kAxes <= kMostAxes, "more axes than the board has pins for");
 
 pulse_timers::Settings prepared;
-/// Of Timer1's period.
+/// Time at which Timer1's present period began.
 volatile uint32_t frame_start_us = CCR_TIME_AT_RESET_US - kBeforeFrameUs;
 volatile uint8_t ticks_due = 0;
 volatile bool has_overrun = false;

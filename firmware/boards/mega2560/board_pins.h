@@ -27,8 +27,8 @@ namespace pulse_timers {
 
 constexpr uint8_t kTimers = 4;
 constexpr uint16_t kStaggerUs = 3500;
-/// From the start of the frame to those of the first and the last pulse. A tick of 12 axes takes up
-/// to 1.9 ms, and has time until the first one.
+/// Delay from the start of the frame to that of the first and of the last pulse. A tick of 12 axes
+/// takes up to 1.9 ms, and has time until the first one.
 constexpr uint16_t kFirstStartUs = 2000;
 constexpr uint16_t kLastStartUs = kFirstStartUs + (kTimers - 1) * kStaggerUs;
 
@@ -103,7 +103,7 @@ inline void stop_and_clear(uint16_t frame_counts) {
   TIFR1 = 0xFF;
 }
 
-/// With half a microsecond a count, once the prescaler is let go.
+/// Starts the timers at half a microsecond a count, once the prescaler is released.
 inline void start() {
   TCCR1B = kFastPwmToIcrB | _BV(CS11);
   TCCR3B = kFastPwmToIcrB | _BV(CS11);

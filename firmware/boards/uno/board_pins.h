@@ -54,7 +54,7 @@ inline void set_led(bool is_on) {
 
 namespace pulse_timers {
 
-/// From the start of the frame to those of the first and the last pulse.
+/// Delay from the start of the frame to that of the first and of the last pulse.
 constexpr uint16_t kFirstStartUs = 0;
 constexpr uint16_t kLastStartUs = 0;
 
@@ -96,7 +96,7 @@ inline void stop_and_clear(uint16_t frame_counts) {
   TIFR1 = 0xFF;
 }
 
-/// With half a microsecond a count, once the prescaler is let go.
+/// Starts the timer at half a microsecond a count, once the prescaler is released.
 inline void start() { TCCR1B = kFastPwmToIcrB | _BV(CS11); }
 
 }  // namespace pulse_timers

@@ -124,7 +124,7 @@ TEST_CASE("ARM-1: the axes get pulses one after another at their last setpoint, 
   bench.make_ready();
   const Limits elsewhere = {{2000, 2000}, {6000, 9000}, {2500, 2100}};
   bench.acknowledged(SetLimits{kSession, elsewhere});
-  REQUIRE(bench.report().setpoint_cdeg[0] == 0);  // As of the last tick.
+  REQUIRE(bench.report().setpoint_cdeg[0] == 0);  // that of the last tick
   bench.tick();
   REQUIRE(bench.report().setpoint_cdeg[0] == 2000);
 

@@ -1,4 +1,4 @@
-// From targets to pulses.
+// How targets become pulses.
 #include <pulses.h>
 #include <setpoint.h>
 

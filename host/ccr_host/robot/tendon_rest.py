@@ -155,7 +155,7 @@ class TendonRobot:
         stiffness = np.maximum(self.stiffness - softer, LEAST_SOFTENED * self.stiffness)
         uneven = -0.5 * (first - second) / stiffness[..., None]
         along = uneven.reshape(*uneven.shape[:-2], -1) @ self._flat_freedom.T
-        # Of several robots at one y, only the uneven part is that of each.
+        # Several robots at one y differ in the uneven part only.
         halves = np.broadcast_to(halves, load_by.shape).copy()
         halves[..., 0::2, :] += 0.5 * self.bend_rad(along)
         halves[..., 1::2, :] -= 0.5 * self.bend_rad(along)

@@ -318,7 +318,7 @@ class ChainStatics(StaticModel[ChainParameters, ChainPose]):
                 break
             taut = winding_mm @ shafts_rad - taken_mm > _LEAST_DEAD_MM
             idle = ~(taut[:, None] & (winding_mm != 0.0)).any(axis=0)
-            # Of a motor that pulls no tendon, either side is taken to be taut, whichever it needs.
+            # A motor that pulls no tendon is taken to pull on either side, whichever it needs.
             pulls = (taut[:, None] | idle) * winding_mm * stiffness_mm2[:, None]
             step_rad = np.linalg.lstsq(balance.levers_mm.T @ pulls, moments, _SLACK_RANK)[0]
             there_rad = self._taken_up(shafts_rad, step_rad * idle, taken_mm) + share * step_rad

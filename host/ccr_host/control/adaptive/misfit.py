@@ -171,7 +171,7 @@ def misfit(
     ``before_setup`` is the prior for a robot whose camera and zeros are not known yet, so that they
     are no cause; by default it is that of the description.
     """
-    rests = rests.merged()  # As telling, and each hypothesis is fitted in half the time.
+    rests = rests.merged()  # Means tell as much, and each hypothesis is fitted in half the time.
     scaling = (before_setup or Scaling.of(description)).strict()
     model = make_model(description.control)
     if before_setup is None:
