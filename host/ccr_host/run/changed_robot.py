@@ -135,7 +135,8 @@ def _of_motors(
             return seen_mm - predict(led_rad)
 
         name = f"motor {motor + 1}"
-        yield _Explained(f"{name} turns the other way than before", _SERVO, acting(-own_rad), 0)
+        # It has no unknown, but pays for one, as leads are rarely exchanged under way.
+        yield _Explained(f"{name} turns the other way than before", _SERVO, acting(-own_rad), 1)
         for change, least_rad, most_rad, cause in (
             (
                 np.full_like,
