@@ -208,9 +208,10 @@ def _of_camera(expected_mm: Array, seen_mm: Array) -> Iterator[_Explained]:
 def _standing(seen_mm: Array) -> _Explained:
     known = np.isfinite(seen_mm)
     return _Explained(
-        "the tracker repeats its picture, or no servo turns any more: the markers stand still",
+        "the markers stand still: the tracker repeats its picture, no servo turns any more, or the "
+        "robot is held, as by tendons that pull against each other",
         "see with ccr-host monitor whether the tracker follows a marker moved by hand; check the "
-        "supply of the servos",
+        "supply of the servos, and that nothing holds the robot",
         seen_mm - np.where(known, seen_mm, 0.0).sum(axis=0) / known.sum(axis=0).clip(1),
         6,
     )
