@@ -39,6 +39,12 @@ DRAW_EVERY_S = 0.05
 _LONGEST_MESSAGE_BYTES = 4096
 _HANGS_AFTER_S = 30.0
 _TELL_EVERY_US = 1_000_000
+_PATIENCE = b"""<script>
+const repeated = window.setInterval;
+window.setInterval = (run, ms, ...more) => repeated(run, ms === 1000 ? 6000 : ms, ...more);
+</script>"""
+"""The page drops an attempt to connect that has not succeeded within a second. After some thirty
+Chrome delays each by 1 to 5 s, and none succeeds any more."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -105,7 +111,10 @@ class _Guarded:
             if not _is_admitted(request, token):
                 return visitor.respond(HTTPStatus.FORBIDDEN, "Open the address that was printed.\n")
             behind = request.path.removeprefix(f"/{token}")
-            return process_request(visitor, replace(request, path=behind))
+            headers = request.headers.copy()
+            headers.pop("Accept-Encoding", None)  # what comes packed cannot be changed
+            asked = replace(request, path=behind, headers=headers)
+            return _patient(process_request(visitor, asked))
 
         ours: dict[str, Any] = {
             **options,
@@ -118,6 +127,15 @@ class _Guarded:
         serving = serve(handler, **ours)
         self.server = serving.server
         return serving
+
+
+def _patient(answer: Response | None) -> Response | None:
+    """The answer, with ``_PATIENCE`` if it is the page itself."""
+    if answer is not None and answer.body.startswith(b"<!doctype html>"):
+        answer.body = answer.body.replace(b"<head>", b"<head>" + _PATIENCE, 1)
+        del answer.headers["Content-Length"]
+        answer.headers["Content-Length"] = str(len(answer.body))
+    return answer
 
 
 def _is_admitted(request: Request, token: str) -> bool:

@@ -67,6 +67,16 @@ def status_of(url: str, **headers: str) -> int:
         return error.code
 
 
+def test_a_page_whose_server_is_slow_to_start_waits_for_it_instead_of_trying_each_second() -> None:
+    """Chrome puts off the attempts of a page that has tried in vain for half a minute."""
+    with served() as (door, _):
+        packed = urllib.request.Request(door.url, headers={"Accept-Encoding": "gzip"})
+        with urllib.request.urlopen(packed) as answer:
+            page, length = answer.read().decode(), int(answer.headers["Content-Length"])
+    assert length == len(page.encode())
+    assert page.index("ms === 1000 ? 6000") < page.index("<script data-p")
+
+
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1", "0.0.0.0"])
 def test_only_the_address_with_its_token_opens_the_page(host: str) -> None:
     with served(host) as (door, server):
