@@ -115,7 +115,7 @@ def compare(
             failures.insert(0, interruption)
         if content:
             screen.print(terminal.comparison_table(content["runs"], [run.options for run in done]))
-            for line in terminal.true_error_lines([result.records for result in done]):
+            for line in terminal.remarks(done):
                 screen.print(line)
             tell_kept(screen, folder)
             if as_json:

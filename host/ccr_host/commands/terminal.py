@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,7 +26,7 @@ from ccr_host.control.base import Phase
 from ccr_host.record.comparisons import paper_mean_mm, why_measured_differs
 from ccr_host.run.observer import RunObserver, StepRecord
 from ccr_host.run.options import RunOptions
-from ccr_host.run.summary import ratio_to_twin_floor
+from ccr_host.run.summary import RunResult, ratio_to_twin_floor
 
 _TERMS = {
     "tip error": "distance between measured and desired tip at the end of each step",
@@ -157,9 +158,10 @@ def _explained(table: Table, *terms: str) -> Group:
     return Group(table, meanings)
 
 
-def true_error_lines(runs: Sequence[Sequence[StepRecord]]) -> Iterator[str]:
-    """Reasons why measured and true error of simulated robots differ, if they differ by much."""
-    causes = Counter(why_measured_differs(records) for records in runs)
+def remarks(runs: Sequence[RunResult]) -> Iterator[str]:
+    """What is odd about the robot, and why its measured and true errors differ much, if they do."""
+    yield from islice((run.remark for run in runs if run.remark), 1)
+    causes = Counter(why_measured_differs(run.records) for run in runs)
     for cause, count in causes.items():
         if cause is not None:
             where = f" in {count} of {len(runs)} runs" if len(runs) > 1 else ""

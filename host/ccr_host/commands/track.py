@@ -133,7 +133,7 @@ def _show(result: RunResult, summary: Mapping[str, Any], screen: Console) -> Non
 
     if result.records:
         screen.print(terminal.run_table(summary, result.options))
-        for line in terminal.true_error_lines([result.records]):
+        for line in terminal.remarks([result]):
             screen.print(line)
         for line in terminal.health_lines(summary):
             screen.print(line)

@@ -109,6 +109,7 @@ def execute(
         failure=failure,
         wall_s=(wall_ns() - start_ns) * 1e-9,
         jumped_pictures=0 if markers is None else markers.jumped,
+        remark="" if motion is None else motion.remark,
     )
 
 

@@ -121,7 +121,8 @@ class PathRun:
             command = self._approach(leads, command, _APPROACH)
         if self.motion is not None:
             self._end_if_odd(self.motion.judge_approach())
-            self.observer.event(clock.now_us(), self.motion.told)
+            for text in filter(None, (self.motion.told, self.motion.remark)):
+                self.observer.event(clock.now_us(), text)
         self._wait_for_whole_beat()
         self._start_us = clock.now_us()
         rig.start_path_clock(self._start_us)

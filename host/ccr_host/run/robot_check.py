@@ -72,6 +72,10 @@ _STIRS_RAD = math.radians(2.0)
 _LED_AWAY_SHARE = 0.2
 """Distance over the robot's length by which a controller may leave the tip further from the path
 than the open loop would."""
+_NOTED_LENGTH = 2.5, 0.025
+"""Error of a segment's length, or of their sum, that is remarked upon, mm and over the robot's
+length: what lies on the surface of the described robot is then as far out of reach. Few moves tell
+each length to 0.8 mm, the tour of `adaptive` to 0.4 (standard deviations)."""
 _KEPT = 12
 """Number of looks from which the cause is determined."""
 _ALONG_PATH = (
@@ -172,6 +176,8 @@ class RobotCheck:
         were seen."""
         self.told = "the markers were seen at too few rests: the robot's motion is not checked"
         """The result of the rests before the path, for the log."""
+        self.remark = ""
+        """What is odd about a robot that is the described one all the same; empty if nothing is."""
         self._looked_us = 0
         self._unexplained, self._led_away = _Spell(), _Spell()
         self._open_loop: _Belief | None = None
@@ -303,7 +309,27 @@ class RobotCheck:
             return rests
         found = fits[0].result()
         self.told = f"the robot was seen at {len(rests.count)} rests; {found.residual}"
-        return rests if is_misfit(found, rests, fits[0].scaling) else None
+        if is_misfit(found, rests, fits[0].scaling):
+            return rests
+        self.remark = self._remark_on(fits[0].scaling.mounting(found.score).lengths_mm)
+        return None
+
+    def _remark_on(self, found_mm: Array) -> str:
+        """What to say about lengths of the segments, (S,)."""
+        robot = self._description.robot
+        described_mm = np.array([segment.length_mm for segment in robot.chain])
+        off_mm = found_mm - described_mm
+        least_mm, share = _NOTED_LENGTH
+        if np.abs([*off_mm, off_mm.sum()]).max() < max(least_mm, share * self._length_mm):
+            return ""
+        found, described = (
+            " and ".join(f"{mm:.3g}" for mm in one) for one in (found_mm, described_mm)
+        )
+        key = "length_mm in [[robot.segments]]" if robot.segments else "robot.segment_lengths_mm"
+        return (
+            f"segment lengths of {found} mm were found where {described} are described: the tip "
+            f"cannot reach a path on the described robot's surface; measure {key}"
+        )
 
 
 def motion_check(

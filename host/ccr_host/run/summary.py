@@ -75,6 +75,8 @@ class RunResult:
     """Pictures left out since a marker had jumped for that picture alone."""
     started: bool = True
     """Whether the robot was armed."""
+    remark: str = ""
+    """What the moves before the path say about the robot, if that is odd."""
     log_trouble: str = ""
     """What is missing from the log, and why; empty if nothing is."""
 

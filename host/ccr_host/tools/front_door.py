@@ -269,7 +269,8 @@ class Robot:
             kept = keep_result(
                 folder, result, (lambda: execute_quietly(open_loop)) if compared else None
             )
-        for trouble in filter(None, (folder.trouble, result.log_trouble, kept.no_open_loop)):
+        troubles = result.remark, folder.trouble, result.log_trouble, kept.no_open_loop
+        for trouble in filter(None, troubles):
             warnings.warn(f"{folder.path}: {trouble}", stacklevel=2)
         if kept.failure is not None:
             if folder.kept:

@@ -1,5 +1,6 @@
 """A robot that is not the one described is noticed after a few small moves, or along the path."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -89,6 +90,23 @@ def test_a_misfit_is_noticed_before_the_path_and_its_cause_is_named(
     assert witness.travel_mm() < travel_mm
     assert witness.last is not None
     assert witness.last.state is State.DISARMED
+
+
+def found_lengths_mm(result: RunResult) -> list[float]:
+    """Those of a remark on them; none if there is none."""
+    assert result.failure is None
+    found, _, _ = result.remark.partition(" mm were found")
+    return [float(word) for word in re.findall(r"[\d.]+", found)]
+
+
+@pytest.mark.parametrize("lengths_mm", [(56.3, 34.1), (58.5, 47.0), (55.1, 40.9)])
+def test_lengths_off_by_millimetres_are_told_though_the_robot_can_be_the_described_one(
+    path: str, lengths_mm: tuple[float, float]
+) -> None:
+    result, _ = checked(path, f"twin.segment_lengths_mm={list(lengths_mm)}", controller="open-loop")
+    assert found_lengths_mm(result) == pytest.approx(lengths_mm, abs=1.5)
+    assert "measure robot.segment_lengths_mm" in result.remark
+    assert not found_lengths_mm(checked(path, controller="open-loop")[0])
 
 
 def test_what_few_moves_leave_open_the_tour_of_adaptive_shows(path: str) -> None:
