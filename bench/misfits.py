@@ -97,6 +97,7 @@ MISFITS: dict[str, tuple[str, tuple[str, ...]]] = {
     "segment 2 of 60 mm": ("lengths", ("twin.segment_lengths_mm=[58.5,60]",)),
     "segments exchanged": ("lengths", ("twin.segment_lengths_mm=[43.5,58.5]",)),
     "half the lengths": ("lengths", ("twin.segment_lengths_mm=[30,22]",)),
+    "markers 32 mm beside the backbone": ("marker_offset_mm", ("twin.marker_offset_mm=32",)),
     "tendon 1 loose": ("tendon of motor 1", (_slack(10, 1.2, 1.2, 1.2),)),
     "tendon 2 loose": ("tendon of motor 2", (_slack(1.2, 10, 1.2, 1.2),)),
     "tendon 4 loose": ("tendon of motor 2", (_slack(1.2, 1.2, 1.2, 10),)),

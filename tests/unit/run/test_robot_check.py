@@ -62,6 +62,7 @@ def checked(path: str, *overrides: str, controller: str = "mpc") -> tuple[RunRes
         (("twin.servo_us_per_90_deg=[-1000,1000]",), "motor 1 reversed", 70),
         (("twin.servo_us_per_90_deg=[1000,-1000]",), "motor 2 reversed", 70),
         (("twin.servo_us_per_90_deg=[2000,1000]",), "times as far as their motors turn", 70),
+        (("twin.marker_offset_mm=32",), "measure robot.marker_offset_mm", 70),
         (("twin.gravity_m_s2=-9.81",), "set robot.gravity_direction = [0, 0, 1]", 75),
         (
             (ZEROS.format(1589, 1500),),

@@ -317,7 +317,12 @@ def _hypotheses(description: Description) -> Iterator[_Hypothesis]:
     yield _Hypothesis(
         "its segments are {length_1_mm:.0f} and {length_2_mm:.0f} mm long",
         "measure robot.segment_lengths_mm",
-        freed=("length_1_mm", "length_2_mm", "marker_offset_mm"),
+        freed=("length_1_mm", "length_2_mm"),
+    )
+    yield _Hypothesis(
+        "the markers are {marker_offset_mm:.0f} mm beside the backbone",
+        "measure robot.marker_offset_mm",
+        freed=("marker_offset_mm",),
     )
     yield _Hypothesis(
         "its segments bend {gain_1:.1f} and {gain_2:.1f} times as far as their motors turn",

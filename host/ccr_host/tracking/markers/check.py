@@ -174,6 +174,7 @@ class MarkerCheck:
         cure += "tracker.tag_size_mm"
         if self._last is not None:
             cure = "see with ccr-host monitor which one came off, stands still, or is another body"
+            cure += "; check robot.marker_offset_mm"
         return strange, cure
 
     def trouble(self, markers_mm: Array) -> tuple[str, str] | None:
