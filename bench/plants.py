@@ -10,7 +10,9 @@ All runs of a plant share its draw and seed, so the wins are paired. Beside the 
 - floor: the smallest error that the statics of the plant allow;
 - feedforward: knows these statics, the servos and the delay (bench/limits.py), and has the better
   of two previews; it neglects friction and creep, and sees nothing;
-- repeatability: RMS distance of the tip from its mean over visits to home, from all sides.
+- repeatability: RMS distance of the tip from its mean over visits to home, from all sides;
+- change-overs of `adaptive`, servos that jump through their slack, and how many follow another one
+  of the same servo within 2 s.
 
 DIR holds a folder for each description; the same command continues a campaign that was interrupted.
 """
@@ -20,16 +22,20 @@ from __future__ import annotations
 import argparse
 import datetime
 import json
+import multiprocessing
 import os
 import subprocess
 import sys
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bench.limits import KnowingFeedforward
+from ccr_host.control.adaptive.law import AGAIN, CHANGES_OVER
 from ccr_host.control.registry import baseline_names, controller_names
 from ccr_host.core import __version__
 from ccr_host.core.errors import CcrError
@@ -38,7 +44,8 @@ from ccr_host.description.schema import Description
 from ccr_host.description.source import shipped_descriptions
 from ccr_host.record.folder import ResultFolder
 from ccr_host.robot.paths import PAPER_PATHS
-from ccr_host.run.observer import Observers
+from ccr_host.run.execute import execute
+from ccr_host.run.observer import Observers, RunObserver, StepRecord
 from ccr_host.run.open_rig import open_rig
 from ccr_host.run.rest_motion import visit
 from ccr_host.tools.measured import Measured, home_of
@@ -51,7 +58,7 @@ RANDOM = "random"
 """Name of the folder of random plants, and of their tables."""
 JUDGED = "adaptive"
 """Compared with all others, run by run."""
-REPEATABILITY = "repeatability.json"
+REPEATABILITY, JUMPS = "repeatability.json", "change_overs.json"
 HOME_PATTERNS = ("single", "pairs", "release")
 
 
@@ -119,10 +126,53 @@ def repeatability_mm(job: TwinJob) -> float | None:
     return None if home is None else home.rms_mm
 
 
-def run_all(
-    plan: SweepPlan, jobs: Sequence[TwinJob], out: Path, workers: int | None
-) -> tuple[list[Row], dict[int, float | None]]:
-    """Rows of the runs and repeatability of the plants, as far as they are not in the folder.
+class _Details(RunObserver):
+    """Collects what is told of commands along the path."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def step(self, record: StepRecord) -> None:
+        self.told.append(record.detail)
+
+
+def change_overs(job: TwinJob) -> dict[str, tuple[int, int]]:
+    """Change-overs of `adaptive`, and those soon after another one, by rate."""
+    counts = {}
+    for rate_hz in {rate_hz for rate_hz, _ in job.drives}:
+        seen = _Details()
+        execute(job.options((rate_hz, JUDGED)), seen, lambda *_: None)
+        told = ", ".join(seen.told)
+        counts[f"{rate_hz:g}"] = told.count(CHANGES_OVER), told.count(CHANGES_OVER + AGAIN)
+    return counts
+
+
+def of_plants(
+    file: Path, jobs: Sequence[TwinJob], find: Callable[[TwinJob], Any], workers: int | None
+) -> dict[int, Any]:
+    """What is found about plants, by their number; kept in a file, and not found again."""
+    known = json.loads(file.read_text()) if file.exists() else {}
+    unknown = [job for job in jobs if str(job.index) not in known]
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        for job, found in zip(unknown, pool.map(find, unknown), strict=True):
+            known[str(job.index)] = found
+            with replacing(file) as draft:
+                draft.write_text(json.dumps(known))
+    return {job.index: known[str(job.index)] for job in jobs}
+
+
+class Results(NamedTuple):
+    """What is known of some plants."""
+
+    rows: list[Row]
+    """One for each run."""
+    repeatability_mm: dict[int, float | None]
+    """Keys are the numbers of the plants, here and below."""
+    change_overs: dict[int, dict[str, tuple[int, int]]]
+
+
+def run_all(plan: SweepPlan, jobs: Sequence[TwinJob], out: Path, workers: int | None) -> Results:
+    """Run what is not in the folder.
 
     Raises:
         CcrError: workers cannot run, or the folder is not of this campaign.
@@ -139,16 +189,11 @@ def run_all(
             print(f"{out.name}: {done[0]} of {runs} runs", file=sys.stderr, flush=True)
 
         run_missing(store, jobs, workers, None, count)
-        file = folder.path / REPEATABILITY
-        known = json.loads(file.read_text()) if file.exists() else {}
-        for job in jobs:
-            if str(job.index) not in known:
-                known[str(job.index)] = repeatability_mm(job)
-                with replacing(file) as draft:
-                    draft.write_text(json.dumps(known))
+        repeatability = of_plants(folder.path / REPEATABILITY, jobs, repeatability_mm, workers)
+        jumps = of_plants(folder.path / JUMPS, jobs, change_overs, workers)
         wanted = {(job.index, *drive) for job in jobs for drive in job.drives}
         rows = [r for r in store.rows() if (r["index"], r["rate_hz"], r["controller"]) in wanted]
-    return rows, {job.index: known[str(job.index)] for job in jobs}
+    return Results(rows, repeatability, jumps)
 
 
 def errors_of(rows: Sequence[Row], repeatability: dict[int, float | None]) -> dict[str, dict]:
@@ -244,10 +289,16 @@ def main() -> None:
         print(f"{datetime.date.today()}, {version}; seed {arguments.seed}; mean true error, mm")
         for title, plan, count in campaigns:
             jobs = plan.jobs(range(count), drives)
-            rows, repeats = run_all(plan, jobs, arguments.out / title, arguments.workers)
+            found = run_all(plan, jobs, arguments.out / title, arguments.workers)
             for rate_hz in arguments.rate:
-                of_rate = [row for row in rows if row["rate_hz"] == rate_hz]
-                print_table(f"{title}, {rate_hz:g} Hz", of_rate, repeats, names)
+                of_rate = [row for row in found.rows if row["rate_hz"] == rate_hz]
+                print_table(f"{title}, {rate_hz:g} Hz", of_rate, found.repeatability_mm, names)
+                jumps, again = np.array([n[f"{rate_hz:g}"] for n in found.change_overs.values()]).T
+                print(
+                    f"\nChange-overs of {JUDGED}: {np.median(jumps):g} a run in the median, "
+                    f"{jumps.max()} at most; within 2 s of another: {again.sum()} in "
+                    f"{len(again)} runs, {again.max()} at most"
+                )
     except CcrError as error:
         raise SystemExit(f"bench.plants: {error}") from None
 

@@ -99,6 +99,8 @@ class Plan:
 
     q_rad: Array
     predicted_mm: Array
+    detail: str = ""
+    """A remark for the log."""
 
 
 @dataclass(frozen=True)
@@ -296,7 +298,7 @@ class Shell:
         ramp_s = _ramp_s(period_s)
         self._note(observation, index, ramp_s)
         outcome = Outcome.SOLVED if seen else Outcome.COASTED
-        return Command(self._last_rad, plan.predicted_mm, outcome, ramp_s=ramp_s)
+        return Command(self._last_rad, plan.predicted_mm, outcome, plan.detail, ramp_s)
 
     def _note(self, observation: Observation, index: float | None, ramp_s: float) -> None:
         self._history.command(_seconds(observation.time_us), self._last_rad, ramp_s, index)

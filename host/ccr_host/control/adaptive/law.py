@@ -37,6 +37,10 @@ _DWELL_CHANGE_OVER = 0.04
 which the segment hangs in the slack if it was right to change back."""
 
 
+CHANGES_OVER, AGAIN = "changes over to its other tendon", " again"
+"""What a command's detail says of a motor."""
+
+
 class ChangeOver:
     """Holds poses with the tendon that has pulled so far, until the other one has to.
 
@@ -47,10 +51,9 @@ class ChangeOver:
     def __init__(self, motors: int) -> None:
         self.sides: Sides = (0.0,) * motors
         """The tendon of each pair that pulls: 1 or -1, 0 before the first pose."""
-        self.changes = [0] * motors
-        """Jumps of each servo through its slack."""
-        self.reversals = 0
-        """Jumps soon after another one of the same servo: it was sent through its slack in vain."""
+        self.told = ""
+        """Which servos jump through their slack with the last pose. Again is soon after another
+        jump, which was in vain."""
         self._changed_s = [-math.inf] * motors
 
     def hold(self, hold_of: Callable[[Sides, Sides], Hold], time_s: float) -> Hold:
@@ -62,12 +65,12 @@ class ChangeOver:
         dwells = [time_s - changed_s < _DWELL_S for changed_s in self._changed_s]
         most = tuple(_DWELL_CHANGE_OVER if it else LEAST_CHANGE_OVER for it in dwells)
         hold = hold_of(self.sides, most)
+        jumps = []
         for motor, (side, before) in enumerate(zip(hold.sides, self.sides, strict=True)):
             if before not in (0.0, side):
-                self.changes[motor] += 1
-                self.reversals += dwells[motor]
+                jumps.append(f"motor {motor + 1} {CHANGES_OVER}{AGAIN * dwells[motor]}")
                 self._changed_s[motor] = time_s
-        self.sides = hold.sides
+        self.sides, self.told = hold.sides, ", ".join(jumps)
         return hold
 
 
@@ -132,7 +135,7 @@ class AdaptiveLaw(Law):
         self._plan = self._plan_path()
         self._shift_rad = np.zeros_like(self._plan.theta_rad[0])
         self.change_over = ChangeOver(self._motors)
-        """Which tendons pull, and how often that changed."""
+        """Which tendons pull, and whether that changes."""
 
     def stages(self) -> Iterator[Stage]:
         """Tour the rests unless they are known, fit the model, move to the first point."""
@@ -192,7 +195,8 @@ class AdaptiveLaw(Law):
         pose = follower.ahead(estimator.parameters)
         hold = self.change_over.hold(partial(model.hold, p, pose, theta_rad), time_s)
         setpoint_rad = self._limits.clip(hold.setpoint_rad)
-        return Plan(setpoint_rad, (model.tip_mm(p, theta_rad) + expected_mm)[None])
+        predicted_mm = model.tip_mm(p, theta_rad) + expected_mm
+        return Plan(setpoint_rad, predicted_mm[None], self.change_over.told)
 
     def _learn(self, measurement: Measurement) -> None:
         """Correct the estimate by a measurement."""

@@ -103,7 +103,7 @@ _TIME = Group(
 )
 _OUTCOME = (
     _value("outcome", str, "of the controller: " + ", ".join(outcome.value for outcome in Outcome)),
-    _value("detail", str, "why, where it is not `solved`"),
+    _value("detail", str, "why, where it is not `solved`, or another remark"),
 )
 
 

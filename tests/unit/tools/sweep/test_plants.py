@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bench.plants import FEEDFORWARD, errors_of, print_table, repeatability_mm
+from bench.plants import FEEDFORWARD, change_overs, errors_of, print_table, repeatability_mm
 from ccr_host.tools.sweep.job import Row
 from ccr_host.tools.sweep.plan import GivenTwin, SweepPlan
 
@@ -67,3 +67,15 @@ def test_friction_costs_repeatability(monkeypatch: pytest.MonkeyPatch) -> None:
         return found_mm
 
     assert repeats_to("twin.friction=0.4") > 3.0 * repeats_to()
+
+
+@pytest.mark.long
+def test_change_overs_of_adaptive_are_counted_on_a_path_to_both_sides() -> None:
+    compiled = ("control.solver=compiled",)
+    plan = SweepPlan(1, ("8shape",), "ideal", compiled, twins=(GivenTwin({}),))
+    (job,) = plan.jobs([0], [(1.0, "mpc")])
+    counts = change_overs(job)
+    assert list(counts) == ["1"]
+    jumps, again = counts["1"]
+    assert 2 <= jumps <= 12
+    assert again == 0
