@@ -32,9 +32,10 @@ _DWELL_S = 2.0
 """Time after a change-over in which the pair changes back only if it clearly has to: the segment
 swings for 0.3 s, commands take 0.3 s to follow the estimate, and a load that was freed by mistake
 settles within a second."""
-_DWELL_CHANGE_OVER = 0.04
-"""Moment, in k_1 per radian, by which the other tendon then must have to pull: 2 deg of bending, by
-which the segment hangs in the slack if it was right to change back."""
+_DWELL_CHANGE_OVER = 0.08
+"""Moment, in k_1 per radian, by which the other tendon then must have to pull: 5 deg of bending, by
+which the segment hangs in the slack if it was right to change back. With half of it, ten random
+twins with all effects have nearly twice as many jumps in vain at 20 Hz (bench/results.md)."""
 
 
 CHANGES_OVER, AGAIN = "changes over to its other tendon", " again"
