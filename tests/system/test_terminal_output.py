@@ -82,6 +82,14 @@ def test_a_measured_error_far_from_the_true_one_is_explained(
     assert "ccr-host register" in told
 
 
+@pytest.mark.parametrize("command", [("track",), ("compare", "--path")])
+def test_a_robot_that_is_shorter_than_described_is_told_once(
+    ccr_host: CcrHost, short_path: str, command: tuple[str, ...]
+) -> None:
+    told = " ".join(ccr_host(*command, short_path, "--robot", "paper", *PAPERS).out.split())
+    assert told.count("where 58.5 and 43.5 are described") == 1
+
+
 def test_colours_are_for_terminals_and_left_out_on_request(tmp_path: Path) -> None:
     assert COLOUR in on_a_terminal(tmp_path, "doctor")
     assert COLOUR not in on_a_terminal(tmp_path, "doctor", NO_COLOR="1")
