@@ -107,6 +107,9 @@ def test_lengths_off_by_millimetres_are_told_though_the_robot_can_be_the_describ
     result, _ = checked(path, f"twin.segment_lengths_mm={list(lengths_mm)}", controller="open-loop")
     assert found_lengths_mm(result) == pytest.approx(lengths_mm, abs=1.5)
     assert "measure robot.segment_lengths_mm" in result.remark
+
+
+def test_lengths_that_are_right_are_not_told(path: str) -> None:
     assert not found_lengths_mm(checked(path, controller="open-loop")[0])
 
 
