@@ -137,7 +137,10 @@ class _Details(RunObserver):
 
 
 def change_overs(job: TwinJob) -> dict[str, tuple[int, int]]:
-    """Change-overs of `adaptive`, and those soon after another one, by rate."""
+    """Change-overs of `adaptive`, and those soon after another one, by rate.
+
+    It is run once more for that: a new column would make folders of earlier sweeps unreadable.
+    """
     counts = {}
     for rate_hz in {rate_hz for rate_hz, _ in job.drives}:
         seen = _Details()
